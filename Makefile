@@ -1,0 +1,18 @@
+# Short names for what CONTRIBUTING.md says. Using the program needs none of them.
+bin := .venv/bin
+
+.PHONY: test lint man sample
+
+test:
+	$(bin)/pytest -n auto
+
+lint:
+	$(bin)/ruff check .
+	$(bin)/ruff format --check .
+	$(bin)/mypy
+
+man:
+	$(bin)/python man/generate.py
+
+sample:
+	$(bin)/python sample_data/make.py

@@ -1,0 +1,35 @@
+"""Files to named columns in batches, and tables to files.
+
+Knows nothing of soil. What each kind of file needs is imported when one is opened or written.
+"""
+
+from __future__ import annotations
+
+from formats.errors import CannotWriteError, DamagedError, FormatError, NotFoundError
+from formats.inputs import expand
+from formats.output import check_crs, output_kind, replacing, write_table
+from formats.source import open_source
+from formats.table import BATCH_ROWS, LOG_TIME, STAMP, Batch, Column, Field, Kind, Labels, Source, Stream
+
+__all__ = [
+    "BATCH_ROWS",
+    "LOG_TIME",
+    "STAMP",
+    "Batch",
+    "CannotWriteError",
+    "Column",
+    "DamagedError",
+    "Field",
+    "FormatError",
+    "Kind",
+    "Labels",
+    "NotFoundError",
+    "Source",
+    "Stream",
+    "check_crs",
+    "expand",
+    "open_source",
+    "output_kind",
+    "replacing",
+    "write_table",
+]

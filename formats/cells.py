@@ -1,0 +1,214 @@
+"""Text of cells to numbers, times and labels, in bulk."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from formats.table import Labels
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from formats.table import Kind
+
+#: What stands for "no value", in lower case.
+MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "<na>", "nat"})
+#: The same as commonly written, for the parser's own fast comparison.
+MISSING_SPELLINGS = ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "<NA>", "NaT")
+
+#: Integers beyond this lose digits as float64.
+_EXACT = 2.0**53
+
+_NUMBER = r"^[+-]?(\d+{point}?\d*|{point}\d+)([eE][+-]?\d+)?$|^[+-]?inf(inity)?$"
+_TIME = re.compile(
+    r"(\d{4}-\d\d-\d\d)(?:[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d+))?\s*(?:Z|([+-])(\d\d):?(\d\d)?)?)?",
+    re.IGNORECASE | re.ASCII,
+)
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_NS_LIMIT = 2**63
+
+
+def number_pattern(decimal: str) -> str:
+    """Return the regular expression of a number with this decimal sign.
+
+    Parameters
+    ----------
+    decimal : str
+        "." or ",".
+
+    Returns
+    -------
+    str
+    """
+    return _NUMBER.replace("{point}", re.escape(decimal))
+
+
+def kind_of(cells: Sequence[str], decimal: str) -> Kind | None:
+    """Tell what the cells of a column are, by majority.
+
+    Parameters
+    ----------
+    cells : sequence of str
+    decimal : str
+        "." or ",".
+
+    Returns
+    -------
+    {"number", "text", "time"} or None
+        None where every cell is empty.
+    """
+    pattern = re.compile(number_pattern(decimal), re.IGNORECASE | re.ASCII)
+    filled = [cell for cell in map(str.strip, cells) if cell.lower() not in MISSING]
+    if not filled:
+        # A column of NaN is one of numbers; one of empty cells could still be anything.
+        return "number" if any(cell.strip().lower() == "nan" for cell in cells) else None
+    if 2 * sum(bool(pattern.match(cell)) for cell in filled) >= len(filled):
+        return "number"
+    if 2 * sum(bool(_TIME.fullmatch(cell)) for cell in filled) >= len(filled):
+        return "time"
+    return "text"
+
+
+def numbers(cells: pa.Array, decimal: str) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+    """Read cells as numbers.
+
+    Parameters
+    ----------
+    cells : pyarrow.Array of string, shape (n,)
+    decimal : str
+        "." or ",".
+
+    Returns
+    -------
+    values : ndarray, shape (n,)
+        float64, NaN where there is no number; int64 where float64 would lose digits.
+    bad : ndarray of bool, shape (n,)
+        True where there is something that is not a number.
+    """
+    bad = np.zeros(len(cells), dtype=bool)
+    # A point in a number with decimal comma may be one of thousands: never read as a decimal point.
+    if decimal == "," and not pc.any(pc.match_substring(cells, ".")).as_py():
+        cells, decimal = pc.replace_substring(cells, ",", "."), "."
+    try:
+        if decimal == ",":
+            raise pa.ArrowInvalid
+        values = pc.cast(cells, pa.float64())
+    except pa.ArrowInvalid:
+        cells = pc.utf8_trim_whitespace(cells)
+        good = pc.match_substring_regex(cells, number_pattern(decimal), ignore_case=True)
+        bad = _filled(cells) & ~_mask(good)
+        cells = pc.replace_substring(pc.if_else(good, cells, None), ",", ".")
+        values = pc.cast(cells, pa.float64())
+    return exact(values, cells), bad
+
+
+def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:
+    """Return numbers without loss of digits.
+
+    Parameters
+    ----------
+    values : pyarrow.Array of float64, shape (n,)
+    origin : pyarrow.Array of string or integer, shape (n,)
+        What they were made of.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        float64, NaN where null; int64 where all are integers, of which float64 loses digits.
+    """
+    floats = values.to_numpy(zero_copy_only=False)
+    if not values.null_count and (np.abs(floats) >= _EXACT).any():
+        with contextlib.suppress(pa.ArrowInvalid):
+            return np.asarray(pc.cast(origin, pa.int64()))
+    return np.asarray(floats)
+
+
+def times(cells: pa.Array) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
+    """Read cells as ISO 8601 times; those without a zone are taken as UTC.
+
+    Parameters
+    ----------
+    cells : pyarrow.Array of string, shape (n,)
+
+    Returns
+    -------
+    values : ndarray of datetime64[ns], shape (n,)
+        NaT where there is no time.
+    bad : ndarray of bool, shape (n,)
+        True where there is something that is not a time.
+    """
+    for zone in ("UTC", None):
+        try:
+            values = pc.cast(cells, pa.timestamp("ns", zone))
+        except pa.ArrowInvalid:
+            continue
+        ns = values.cast(pa.timestamp("ns")).to_numpy(zero_copy_only=False)
+        return ns.astype("datetime64[ns]", copy=False), np.zeros(len(cells), dtype=bool)
+    ns = np.array([_nanoseconds(cell) for cell in cells.to_pylist()], dtype="datetime64[ns]")
+    return ns, _filled(pc.utf8_trim_whitespace(cells)) & np.isnat(ns)
+
+
+class Names:
+    """The texts of one column so far: a text has the same code in every batch."""
+
+    def __init__(self) -> None:
+        self._codes: dict[str, int] = {}
+        self._names: tuple[str, ...] = ()
+
+    def labels(self, cells: pa.Array) -> Labels:
+        """Turn cells into labels, without the spaces around them.
+
+        Parameters
+        ----------
+        cells : pyarrow.Array of string or of dictionary, shape (n,)
+
+        Returns
+        -------
+        Labels
+        """
+        if not pa.types.is_dictionary(cells.type):
+            cells = cells.dictionary_encode()
+        codes = [self._code(text) for text in cells.dictionary.to_pylist()]
+        lookup = np.array([*codes, -1], dtype=np.int32)
+        indices = pc.fill_null(cells.indices.cast(pa.int64()), len(codes)).to_numpy(zero_copy_only=False)
+        if len(self._codes) > len(self._names):
+            self._names = tuple(self._codes)
+        return Labels(lookup[indices], self._names)
+
+    def _code(self, text: str | None) -> int:
+        text = (text or "").strip()
+        return -1 if text.lower() in MISSING else self._codes.setdefault(text, len(self._codes))
+
+
+def _mask(array: pa.Array) -> NDArray[np.bool_]:
+    return np.asarray(pc.fill_null(array, False).to_numpy(zero_copy_only=False), dtype=bool)
+
+
+def _filled(trimmed: pa.Array) -> NDArray[np.bool_]:
+    missing = pc.is_in(pc.utf8_lower(trimmed), value_set=pa.array([*MISSING, None], pa.string()))
+    return ~_mask(missing)
+
+
+def _nanoseconds(cell: str | None) -> Any:
+    match = _TIME.fullmatch((cell or "").strip())
+    if match is None:
+        return np.datetime64("NaT", "ns")
+    day, clock, fraction, sign, hours, minutes = match.groups()
+    try:
+        whole = datetime.fromisoformat(f"{day}T{clock or '00:00'}").replace(tzinfo=UTC) - _EPOCH
+    except ValueError:
+        return np.datetime64("NaT", "ns")
+    if sign:
+        offset = timedelta(hours=int(hours), minutes=int(minutes or 0))
+        whole -= offset if sign == "+" else -offset
+    ns = (whole.days * 86_400 + whole.seconds) * 1_000_000_000 + int((fraction or "0").ljust(9, "0")[:9])
+    return np.datetime64(ns, "ns") if -_NS_LIMIT < ns < _NS_LIMIT else np.datetime64("NaT", "ns")

@@ -1,0 +1,118 @@
+"""Tables to files: CSV, Parquet, JSON, GeoJSON and GeoPackage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from formats.errors import CannotWriteError
+from formats.output.atomic import explained, replacing
+from formats.output.crs import check_crs
+from formats.output.table import normalise
+from formats.output.text import write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from formats.output.table import Values
+
+__all__ = ["check_crs", "output_kind", "replacing", "write_table"]
+
+_TEXT_KINDS = ("csv", "json", "geojson")
+_KINDS = {f".{kind}": kind for kind in ("csv", "parquet", "json", "geojson", "gpkg")}
+
+
+def output_kind(destination: str) -> str:
+    """Tell from its name how a file is to be written.
+
+    Parameters
+    ----------
+    destination : str
+        "-" is the standard output; that, pipes and devices take CSV.
+
+    Returns
+    -------
+    {"csv", "parquet", "json", "geojson", "gpkg"}
+
+    Raises
+    ------
+    CannotWriteError
+        An ending that is not known.
+    """
+    path = Path(destination)
+    kind = _KINDS.get(path.suffix.lower())
+    with explained(destination):
+        if kind is None and (destination == "-" or path.is_fifo() or path.is_char_device()):
+            return "csv"
+    if kind is None:
+        raise CannotWriteError(
+            destination, f"the ending {path.suffix!r} is not known", hint=f"known are {', '.join(_KINDS)}"
+        )
+    return kind
+
+
+def write_table(
+    columns: Mapping[str, Values],
+    destination: str | TextIO,
+    *,
+    kind: str | None = None,
+    crs: str | None = None,
+    geometry: str = "WKT",
+) -> None:
+    """Write a table, whole or not at all.
+
+    Numbers keep every digit (the shortest text that gives the same float64 back); NaN is an
+    empty cell, or null. A GeoPackage and GeoJSON hold the geometry in place of its column.
+
+    Parameters
+    ----------
+    columns : mapping of str to sequence
+        Of one length: arrays of numbers, `Labels`, or sequences of str or of numbers, None where empty.
+    destination : str or text stream
+        A path, or "-" for the standard output.
+    kind : {"csv", "parquet", "json", "geojson", "gpkg"}, optional
+        By the ending of the path, or CSV to a stream, if not given.
+    crs : str, optional
+        Reference system of the geometry as GDAL takes it, such as "EPSG:4326" or
+        "IAU_2015:49900", x before y and longitude before latitude; a site frame in metres if
+        not given.
+    geometry : str
+        The column that holds WKT (POINT or LINESTRING), if there is one.
+
+    Raises
+    ------
+    CannotWriteError
+        No space, no permission, no such folder, an unknown ending, a kind that no stream takes.
+    FormatError
+        GDAL does not know the reference system.
+    BrokenPipeError
+        Whoever read the standard output has gone.
+    """
+    table = normalise(columns)
+    if destination == "-":
+        import sys
+
+        destination = sys.stdout
+    if not isinstance(destination, str):
+        kind = kind or "csv"
+        if kind not in _TEXT_KINDS:
+            raise CannotWriteError("standard output", f"{kind} needs a file", hint="give -o FILE")
+        with explained("standard output"):
+            write_text(table, destination, kind, crs, geometry)
+            destination.flush()
+        return
+    kind = kind or output_kind(destination)
+    if kind not in _TEXT_KINDS and Path(destination).is_fifo():
+        raise CannotWriteError(destination, f"{kind} needs a file of its own, not a pipe")
+    with replacing(destination) as temporary:
+        if kind in _TEXT_KINDS:
+            with Path(temporary).open("w", encoding="utf-8", newline="") as stream:
+                write_text(table, stream, kind, crs, geometry)
+        elif kind == "parquet":
+            from formats.output.parquet import write_parquet
+
+            write_parquet(table, temporary)
+        else:
+            from formats.output.geopackage import write_geopackage
+
+            write_geopackage(table, destination, temporary, crs, geometry)

@@ -1,0 +1,102 @@
+"""Files that are there whole, or as they were before."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import stat
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from formats.errors import CannotWriteError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_REASONS = {
+    errno.ENOSPC: "no space left on the device",
+    errno.EDQUOT: "the disk quota is used up",
+    errno.EFBIG: "larger than a file may be here",
+    errno.EACCES: "no permission to write it",
+    errno.EPERM: "no permission to write it",
+    errno.EROFS: "the file system is read-only",
+    errno.ENOENT: "no such folder",
+    errno.ENOTDIR: "no such folder",
+}
+
+
+@contextmanager
+def replacing(path: str) -> Iterator[str]:
+    """Write a file beside its place, and put it there when it is complete.
+
+    If anything fails, the old file is as it was and nothing new remains.
+
+    Parameters
+    ----------
+    path : str
+        The place. A link is followed; a pipe or device is written as it is.
+
+    Yields
+    ------
+    str
+        The path to write to; it ends as `path` does.
+
+    Raises
+    ------
+    CannotWriteError
+        No space, no permission, no such folder.
+    """
+    with explained(path):
+        target = Path(path).resolve() if Path(path).is_symlink() else Path(path)
+        mode = target.stat().st_mode if target.exists() else None
+        if mode is not None and stat.S_ISDIR(mode):
+            raise CannotWriteError(path, "is a folder")
+        if mode is not None and not stat.S_ISREG(mode):
+            yield str(target)
+            return
+        effective = os.access in os.supports_effective_ids
+        if mode is not None and not os.access(target, os.W_OK, effective_ids=effective):
+            raise CannotWriteError(path, "is write-protected")
+        temporary = target.with_name(f".{target.stem[:100]}-{secrets.token_hex(4)}{target.suffix}")
+        try:
+            temporary.touch(exist_ok=False)
+            yield str(temporary)
+            if mode is not None:
+                temporary.chmod(stat.S_IMODE(mode))
+            with temporary.open("rb") as written:
+                # Some file systems find only now that they are full.
+                os.fsync(written.fileno())
+            temporary.replace(target)
+        finally:
+            # SQLite may leave a journal beside its file.
+            for rest in (temporary, temporary.with_name(f"{temporary.name}-journal")):
+                rest.unlink(missing_ok=True)
+
+
+@contextmanager
+def explained(path: str) -> Iterator[None]:
+    """Turn what the system says about a failed write into a `CannotWriteError`.
+
+    Parameters
+    ----------
+    path : str
+        For the message.
+
+    Yields
+    ------
+    None
+
+    Raises
+    ------
+    CannotWriteError
+    BrokenPipeError
+        Passed on: whoever read has gone, and that is no failure.
+    """
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise CannotWriteError(path, _REASONS.get(error.errno or 0, error.strerror or str(error))) from error

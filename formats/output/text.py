@@ -1,0 +1,83 @@
+"""CSV, JSON and GeoJSON."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from typing import TYPE_CHECKING, Any, TextIO
+
+from formats.output.crs import SITE_FRAME, check_crs, is_wgs84, urn
+from formats.output.wkt import LAYER, parse
+from formats.table import BATCH_ROWS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from formats.output.table import Table
+
+
+def write_text(table: Table, stream: TextIO, kind: str, crs: str | None, geometry: str) -> None:
+    """Write a table as text.
+
+    Parameters
+    ----------
+    table : dict of str to Cells
+    stream : text stream
+    kind : {"csv", "json", "geojson"}
+    crs : str or None
+        Only GeoJSON says it.
+    geometry : str
+        The column of WKT; only GeoJSON takes it apart.
+    """
+    if kind == "csv":
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(table)
+        writer.writerows(_rows(table))
+    elif kind == "json":
+        _write_list(stream, (_strict(dict(zip(table, row, strict=True))) for row in _rows(table)))
+        stream.write("\n")
+    else:
+        _write_geojson(table, stream, crs, geometry)
+
+
+def _write_geojson(table: Table, stream: TextIO, crs: str | None, geometry: str) -> None:
+    # A reader that does not know the name of a reference system takes the Earth's.
+    check_crs(crs)
+    stream.write(f'{{"type": "FeatureCollection", "name": "{LAYER}", ')
+    if crs is None or not is_wgs84(crs):
+        name = SITE_FRAME if crs is None else urn(crs)
+        stream.write(f'"crs": {json.dumps({"type": "name", "properties": {"name": name}})}, ')
+    stream.write('"features": ')
+    _write_list(stream, (_feature(dict(zip(table, row, strict=True)), geometry) for row in _rows(table)))
+    stream.write("}\n")
+
+
+def _rows(table: Table) -> Iterator[tuple[Any, ...]]:
+    count = max((len(cells.values) for cells in table.values()), default=0)
+    for begin in range(0, count, BATCH_ROWS):
+        yield from zip(
+            *(cells.objects(slice(begin, begin + BATCH_ROWS)) for cells in table.values()), strict=True
+        )
+
+
+def _write_list(stream: TextIO, items: Iterator[dict[str, Any]]) -> None:
+    before = "["
+    for item in items:
+        stream.write(f"{before}\n{json.dumps(item, ensure_ascii=False, allow_nan=False)}")
+        before = ","
+    stream.write("[]" if before == "[" else "\n]")
+
+
+def _strict(properties: dict[str, Any]) -> dict[str, Any]:
+    """Replace infinities, which JSON cannot hold."""
+    return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in properties.items()}
+
+
+def _feature(properties: dict[str, Any], geometry: str) -> dict[str, Any]:
+    shape = parse(properties.pop(geometry, None))
+    described = None
+    if shape is not None:
+        points = [list(point) for point in shape.points]
+        described = {"type": shape.kind, "coordinates": points[0] if shape.kind == "Point" else points}
+    return {"type": "Feature", "properties": _strict(properties), "geometry": described}

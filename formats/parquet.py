@@ -1,0 +1,203 @@
+"""Parquet: a file, a folder of parts, or partitions; only the columns asked for are read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from formats.cells import MISSING, Names, exact, kind_of, numbers
+from formats.errors import DamagedError, FormatError, NotFoundError
+from formats.streams import STANDARD_INPUT
+from formats.table import BATCH_ROWS, Field, Labels, Source, Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from formats.table import Batch, Column, Kind
+
+#: What Hive writes for a partition without a value.
+_NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
+
+
+class ParquetSource(Source):
+    """A Parquet file, or the parts of a folder in their natural order.
+
+    Columns of lists, structures and bytes are passed over; durations are read in seconds.
+
+    Parameters
+    ----------
+    path : str
+        As the user named it.
+    files : sequence of str
+        The parts; folders named ``key=value`` below `path` become columns.
+
+    Raises
+    ------
+    FormatError
+        No rows, or parts whose columns differ in kind.
+    DamagedError
+        Cut off or corrupt.
+    """
+
+    def __init__(self, path: str, files: Sequence[str]) -> None:
+        super().__init__(path, "parquet")
+        self._label = STANDARD_INPUT if path == "-" else path
+        self._parts = {file: _partition(Path(file), Path(path)) for file in files}
+        self._kinds: dict[str, Kind] = {}
+        self._rows = 0
+        passed_over: dict[str, None] = {}
+        for file in files:
+            with self._open(file) as part:
+                self._rows += part.metadata.num_rows
+                for field in part.schema_arrow:
+                    kind = _kind(field.type)
+                    if kind is None:
+                        passed_over[field.name] = None
+                    elif self._kinds.setdefault(field.name, kind) != kind:
+                        raise FormatError(
+                            self._name(file), f"{field.name} is {kind}, but not in the parts before it"
+                        )
+                if len(set(part.schema_arrow.names)) < len(part.schema_arrow.names):
+                    raise FormatError(self._name(file), "two columns have the same name")
+        if not self._rows:
+            raise FormatError(self._label, "has columns but no rows")
+        self._partitions = {key for values in self._parts.values() for key in values}
+        for key in sorted(self._partitions):
+            texts = [values.get(key, "") for values in self._parts.values()]
+            self._kinds[key] = kind_of(texts, ".") or "text"
+        if passed_over:
+            self.remarks.append(
+                f"columns passed over, being neither numbers, texts nor times: {', '.join(passed_over)}"
+            )
+
+    def streams(self) -> tuple[Stream, ...]:
+        """Return the one table.
+
+        Returns
+        -------
+        tuple of Stream
+        """
+        fields = tuple(Field(name, kind) for name, kind in self._kinds.items())
+        return (Stream("", "table", fields, count=self._rows),)
+
+    def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
+        """Read the named columns, in the order of the parts.
+
+        Parameters
+        ----------
+        topic : str
+            Always "".
+        fields : sequence of str
+        batch_rows : int
+            Largest number of rows in one batch.
+
+        Yields
+        ------
+        dict of str to ndarray or Labels
+
+        Raises
+        ------
+        FormatError
+            No such column.
+        DamagedError
+            Cut off or corrupt.
+        """
+        for name in fields:
+            if topic or name not in self._kinds:
+                raise FormatError(self._label, f"has no column {name!r}")
+        names = {field: Names() for field in fields}
+        for file, partition in self._parts.items():
+            with self._open(file) as part:
+                stored = [f for f in fields if f not in self._partitions and f in part.schema_arrow.names]
+                batches = part.iter_batches(batch_rows, columns=stored)
+                while (batch := self._next(file, batches)) is not None:
+                    yield {
+                        field: _column(batch.column(field), self._kinds[field], names[field])
+                        if field in stored
+                        else _constant(partition.get(field), len(batch), self._kinds[field], names[field])
+                        for field in fields
+                    }
+
+    def _name(self, file: str) -> str:
+        return file if len(self._parts) > 1 else self._label
+
+    def _open(self, file: str) -> Any:
+        try:
+            # The default reads ahead without bound: gigabytes on a long log.
+            return pq.ParquetFile(file, pre_buffer=False, buffer_size=1 << 20)
+        except PermissionError as error:
+            raise NotFoundError(self._name(file), "no permission to read it") from error
+        except (OSError, pa.ArrowException) as error:
+            raise DamagedError(
+                self._name(file),
+                "is not a whole Parquet file: its footer is missing or corrupt",
+                hint="Parquet keeps its index at the end: copy the file again, or write it anew",
+            ) from error
+
+    def _next(self, file: str, batches: Iterator[Any]) -> Any:
+        try:
+            return next(batches, None)
+        except (OSError, pa.ArrowException) as error:
+            raise DamagedError(self._name(file), f"is corrupt: {str(error).splitlines()[0]}") from error
+
+
+def _partition(file: Path, folder: Path) -> dict[str, str]:
+    """Return the values that the folders between `folder` and `file` stand for."""
+    between = file.parent.relative_to(folder).parts if file.is_relative_to(folder) and file != folder else ()
+    pairs = [part.split("=", 1) for part in between if "=" in part]
+    return {unquote(key): "" if value == _NO_VALUE else unquote(value) for key, value in pairs}
+
+
+def _kind(kind: pa.DataType) -> Kind | None:
+    types = pa.types
+    if types.is_dictionary(kind):
+        kind = kind.value_type
+    if types.is_timestamp(kind) or types.is_date(kind):
+        return "time"
+    if types.is_string(kind) or types.is_large_string(kind):
+        return "text"
+    numeric = (
+        types.is_integer,
+        types.is_floating,
+        types.is_boolean,
+        types.is_decimal,
+        types.is_duration,
+        types.is_null,
+    )
+    return "number" if any(is_kind(kind) for is_kind in numeric) else None
+
+
+def _column(array: pa.Array, kind: Kind, names: Names) -> Column:
+    if kind == "text":
+        return names.labels(array)
+    if pa.types.is_dictionary(array.type):
+        array = array.dictionary_decode()
+    if kind == "time":
+        zone = getattr(array.type, "tz", None)
+        ns = pc.cast(array, pa.timestamp("ns", zone)).to_numpy(zero_copy_only=False)
+        return np.asarray(ns, dtype="datetime64[ns]")
+    if pa.types.is_duration(array.type):
+        seconds = pc.cast(array, pa.duration("ns")).to_numpy(zero_copy_only=False)
+        return np.asarray(seconds / np.timedelta64(1, "s"))
+    floats = pc.cast(array, pa.float64(), safe=False)
+    if pa.types.is_integer(array.type):
+        return exact(floats, array)
+    return np.asarray(floats.to_numpy(zero_copy_only=False))
+
+
+def _constant(value: str | None, rows: int, kind: Kind, names: Names) -> Column:
+    """Repeat the value of a partition, or nothing for a column this part does not have."""
+    cell = None if value is None or value.lower() in MISSING else value
+    if kind == "time":
+        return np.full(rows, np.datetime64(cell or "NaT", "ns"))
+    cells = pa.array([cell], pa.string())
+    if kind == "text":
+        labels = names.labels(cells)
+        return Labels(np.repeat(labels.codes, rows), labels.names)
+    return np.repeat(numbers(cells, ".")[0], rows)

@@ -1,0 +1,7 @@
+"""ROS bags: topics to named columns, batch by batch."""
+
+from __future__ import annotations
+
+from formats.rosbag.source import BagSource, open_bag
+
+__all__ = ["BagSource", "open_bag"]

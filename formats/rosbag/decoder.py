@@ -1,0 +1,89 @@
+"""Payloads of one connection to columns: the fast way where it holds, else message by message."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from formats.rosbag.columns import extract
+from formats.rosbag.cursor import UnevenError, gather
+from formats.table import STAMP
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from formats.rosbag.columns import Request, Values
+    from formats.rosbag.definitions import Definition, Leaf
+
+
+class UndecodableError(Exception):
+    """A message does not follow its definition.
+
+    Parameters
+    ----------
+    row : int
+        Its place among the payloads.
+    reason : str
+    """
+
+    def __init__(self, row: int, reason: str) -> None:
+        super().__init__(reason)
+        self.row = row
+
+
+class Decoder:
+    """Columns out of the payloads of one connection.
+
+    Parameters
+    ----------
+    definition : Definition
+    """
+
+    def __init__(self, definition: Definition) -> None:
+        self.definition = definition
+
+    def columns(self, payloads: Sequence[bytes], requests: Sequence[Request]) -> list[tuple[Values, bool]]:
+        """Take one value per request from each message.
+
+        Parameters
+        ----------
+        payloads : sequence of bytes
+        requests : sequence of Request
+
+        Returns
+        -------
+        list of (ndarray, bool)
+            For each request the values, and whether any message has them.
+
+        Raises
+        ------
+        UndecodableError
+        """
+        leaves = [self._leaf(request) for request in requests]
+        wanted = [(leaf, request) for leaf, request in zip(leaves, requests, strict=True) if leaf is not None]
+        try:
+            found = iter(gather(self.definition, payloads, wanted))
+        except UnevenError:
+            messages = [self.message(payload, row) for row, payload in enumerate(payloads)]
+            found = iter([extract(messages, leaf, request) for leaf, request in wanted])
+        return [
+            (request.blank(len(payloads)), False) if leaf is None else next(found)
+            for leaf, request in zip(leaves, requests, strict=True)
+        ]
+
+    def message(self, payload: bytes, row: int = 0) -> object:
+        """Decode one message with rosbags."""
+        store = self.definition.store
+        try:
+            if self.definition.ros1:
+                return store.deserialize_ros1(payload, self.definition.type)
+            return store.deserialize_cdr(payload, self.definition.type)
+        except Exception as error:  # rosbags answers damaged bytes with any exception there is
+            raise UndecodableError(row, " ".join(str(error).split())[:160] or type(error).__name__) from error
+
+    def _leaf(self, request: Request) -> Leaf | None:
+        """Find the field in this definition, which need not be the one it was listed by."""
+        if request.asked == STAMP and not self.definition.stamped:
+            return None
+        leaf = self.definition.leaves.get(request.field)
+        plural = "" if request.key is None else "s"
+        return leaf if leaf is not None and leaf.kind == request.kind + plural else None

@@ -1,0 +1,116 @@
+"""Opens an input by what it holds."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import stat
+import sys
+import tempfile
+import weakref
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from formats.errors import CannotWriteError, FormatError
+from formats.inputs import parquet_parts, promised_kind
+from formats.streams import COMPRESSED, STANDARD_INPUT, content, failure, first_bytes
+
+if TYPE_CHECKING:
+    from formats.table import Source
+
+_NAMES = {"csv": "a text table", "parquet": "Parquet", "ros1": "a ROS 1 bag", "mcap": "MCAP", "db3": "SQLite"}
+
+
+def open_source(path: str) -> Source:
+    """Open one input by what it holds, whatever its name ends with.
+
+    Parameters
+    ----------
+    path : str
+        A file, a rosbag2 folder, a folder of Parquet, or "-" for CSV or Parquet on the
+        standard input.
+
+    Returns
+    -------
+    Source
+
+    Raises
+    ------
+    NotFoundError
+        No such file, or no permission to read it.
+    FormatError
+        Empty, of a kind that is not read, or not what it promises.
+    """
+    if path == "-":
+        return _open_copy(path, sys.stdin.buffer)
+    try:
+        mode = os.stat(path).st_mode  # noqa: PTH116 (follows /dev/fd/63 as open does)
+        if stat.S_ISDIR(mode):
+            return _open_folder(path)
+        if not stat.S_ISREG(mode):
+            # A pipe, such as the shell's <(…), can be read only once.
+            with Path(path).open("rb") as stream:
+                return _open_copy(path, stream)
+    except OSError as error:
+        raise failure(path, error) from error
+    return _open_file(path, path)
+
+
+def _open_file(path: str, file: str) -> Source:
+    label = STANDARD_INPUT if path == "-" else path
+    kind = content(label, first_bytes(label, file))
+    source: Source
+    if kind == "parquet":
+        from formats.parquet import ParquetSource
+
+        source = ParquetSource(path, [file])
+    elif kind == "csv" or kind in COMPRESSED:
+        from formats.delimited import DelimitedSource
+
+        source = DelimitedSource(path, file)
+    elif path != file:
+        raise FormatError(label, "a bag cannot be read from a pipe", hint="give the path of its file")
+    else:
+        from formats.rosbag import open_bag
+
+        source = open_bag(path, kind)
+    if promised_kind(path) not in (None, source.kind):
+        source.remarks.append(f"holds {_NAMES[source.kind]}, whatever its name says")
+    return source
+
+
+def _open_copy(path: str, stream: BinaryIO) -> Source:
+    """Open what can be read only once, from a copy that is gone with the source."""
+    copy = ""
+    try:
+        handle, copy = tempfile.mkstemp(prefix="terrain-est-")
+        with os.fdopen(handle, "wb") as target:
+            shutil.copyfileobj(stream, target, 1 << 20)
+        source = _open_file(path, copy)
+    except BaseException as error:
+        Path(copy).unlink(missing_ok=True) if copy else None
+        if isinstance(error, OSError):
+            message = f"no copy of the input can be kept here: {error.strerror or error}"
+            raise CannotWriteError(
+                tempfile.gettempdir(), message, hint="set TMPDIR to a larger disk"
+            ) from error
+        raise
+    weakref.finalize(source, Path(copy).unlink, missing_ok=True)
+    return source
+
+
+def _open_folder(path: str) -> Source:
+    metadata = Path(path) / "metadata.yaml"
+    if metadata.is_file():
+        from formats.rosbag import open_bag
+
+        text = metadata.read_text(encoding="utf-8", errors="replace")
+        storage = re.search(r"storage_identifier:\s*[\"']?(\w+)", text)
+        return open_bag(path, "mcap" if storage and storage[1] == "mcap" else "db3")
+    parts = parquet_parts(Path(path))
+    if not parts:
+        raise FormatError(path, "is a folder, but neither a rosbag2 log nor one of Parquet files alone")
+    from formats.parquet import ParquetSource
+
+    return ParquetSource(path, parts)

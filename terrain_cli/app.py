@@ -1,0 +1,148 @@
+"""The command `terrain-est`: its verbs, and what an error ends with."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from terrain_cli import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+#: Each verb with the line that stands for it in the help: a verb's module is imported only when it runs.
+VERBS = {
+    "inspect": "Say what a log holds, and what would be used of it.",
+    "estimate": "Estimate cohesion and friction angle, segment by segment.",
+    "completion": "Print the completion script of a shell.",
+}
+
+EPILOG = """\b
+Examples:
+  terrain-est inspect run.bag
+  terrain-est estimate run.bag > soil.csv
+  terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900
+  zcat run.csv.gz | terrain-est estimate - --rover rover.toml --summary soil.json
+
+\b
+Exit codes:
+  0 done  1 unexpected  2 wrong use  65 bad data  66 no such input
+  73 cannot write  78 bad rover file
+"""
+
+
+class ReaderGoneError(Exception):
+    """Whoever read the standard output (| head) has what it wanted."""
+
+
+class Verbs(click.Group):
+    """Commands that are imported when they are called."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a verb; click would end with 1 for a broken pipe, which is no failure."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError as error:
+            raise ReaderGoneError from error
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
+        """Return the names of the verbs."""
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Import a verb."""
+        if cmd_name not in VERBS:
+            return None
+        command: click.Command = importlib.import_module(f"terrain_cli.commands.{cmd_name}").command
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find a verb, or name the nearest; a shell that asks what may follow is told nothing."""
+        if args and args[0] not in VERBS and not ctx.resilient_parsing:
+            import difflib
+
+            near = difflib.get_close_matches(args[0], VERBS, n=1)
+            ctx.fail(f"no such command: {args[0]}" + (f"; did you mean {near[0]}?" if near else ""))
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """List the verbs without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(VERBS.items()))
+
+
+@click.group(
+    cls=Verbs,
+    epilog=EPILOG,
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 100,
+    },
+)
+@click.version_option(__version__, "-V", "--version", prog_name="terrain-est")
+def cli() -> None:
+    """Estimate the soil under a wheel from rover telemetry.
+
+    Reads load, torque, sinkage and slip from CSV, Parquet and ROS 1 and ROS 2 bags, cuts them into
+    windows of homogeneous terrain, and gives cohesion c and internal friction angle φ of each with
+    their uncertainty.
+    """
+
+
+def fail(message: str, hint: str, code: int) -> NoReturn:
+    """Say what went wrong in one line, what to do in the next, and end."""
+    click.echo(f"terrain-est: {message}", err=True)
+    if hint:
+        click.echo(f"  {hint}".replace("\n", "\n  "), err=True)
+    sys.exit(code)
+
+
+def main(args: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line and end the process.
+
+    Parameters
+    ----------
+    args : sequence of str, optional
+        ``sys.argv[1:]`` if not given.
+    """
+    try:
+        code: Any = cli.main(args=args, prog_name="terrain-est", standalone_mode=False)
+        sys.stdout.flush()
+    except click.ClickException as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        fail("interrupted; nothing was written", "", 130)
+    except (ReaderGoneError, BrokenPipeError):
+        # Python would complain again when it closes stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+    except Exception as error:  # noqa: BLE001 - the last place where an error can become one clear line
+        _fail_with(error)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail_with(error: Exception) -> NoReturn:
+    from formats.errors import FormatError
+    from terrain_cli.errors import TerrainError
+
+    if isinstance(error, TerrainError | FormatError):
+        fail(str(error), error.hint, error.exit_code)
+    if os.environ.get("TERRAIN_EST_TRACEBACK"):
+        raise error
+    if isinstance(error, MemoryError):
+        fail("out of memory", "cut the input into smaller files", 1)
+    if isinstance(error, OSError) and error.filename is None:
+        # Only the standard output has no name of its own.
+        fail(f"standard output: {error.strerror or error}", "", 73)
+    fail(
+        f"unexpected {type(error).__name__}: {error}",
+        "this is a fault of the program: please report it; TERRAIN_EST_TRACEBACK=1 shows where",
+        1,
+    )

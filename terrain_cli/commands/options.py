@@ -1,0 +1,87 @@
+"""Options that several verbs share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from terrain_cli.rover import Rover
+
+F = TypeVar("F", bound="Callable[..., Any]")
+
+#: TERRAIN_EST_METHOD=ridge stands for --method ridge, in every verb that has the option.
+CONTEXT = {"auto_envvar_prefix": "TERRAIN_EST"}
+
+#: Lets shells complete names of files; what is wrong with one is told by whoever opens it.
+FILE = click.Path(readable=False, allow_dash=True)
+
+inputs = click.argument("inputs", nargs=-1, required=True, type=FILE, metavar="INPUT…")
+rover = click.option(
+    "--rover",
+    type=FILE,
+    metavar="FILE",
+    help="Rover file. Otherwise rover.toml beside the first input, or in the current folder.",
+)
+wheel = click.option(
+    "--wheel",
+    "wheels",
+    multiple=True,
+    envvar="TERRAIN_EST_WHEEL",
+    metavar="NAME",
+    help="Only this wheel (repeatable).",
+)
+where = click.option(
+    "--where",
+    metavar="CONDITION",
+    help='Keep only the samples that satisfy it: "slip_angle_deg == 0 and load > 50".',
+)
+quiet = click.option("-q", "--quiet", is_flag=True, help="Say nothing on stderr but errors.")
+verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr where each channel comes from.")
+
+
+def load_rover(path: str | None, inputs: Sequence[str]) -> Rover:
+    """Find and read the rover file of some inputs.
+
+    Parameters
+    ----------
+    path : str or None
+        What ``--rover`` names.
+    inputs : sequence of str
+
+    Returns
+    -------
+    Rover
+    """
+    from terrain_cli import rover as rovers
+
+    return rovers.load(rovers.find(path, inputs[0] if inputs else None))
+
+
+def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
+    """Let rover.toml give what neither the command line nor the environment gives.
+
+    Parameters
+    ----------
+    context : click.Context
+    settings : mapping of str to value
+        Long options without dashes, from the table of the verb in rover.toml.
+
+    Raises
+    ------
+    click.BadParameter
+        A value that the option does not take.
+    """
+    parameters = {option.lstrip("-"): p for p in context.command.params for option in p.opts}
+    for name, value in settings.items():
+        parameter = parameters[name]
+        if (
+            parameter.name is None
+            or context.get_parameter_source(parameter.name) is not click.core.ParameterSource.DEFAULT
+        ):
+            continue
+        given = [value] if parameter.multiple and not isinstance(value, list) else value
+        context.params[parameter.name] = parameter.type_cast_value(context, given)

@@ -1,0 +1,89 @@
+"""A progress bar on stderr, for a person who has waited for a second."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, Self
+
+import click
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+#: Seconds of work before anything is shown.
+PATIENCE = 1.0
+WIDTH = 24
+
+
+class Progress:
+    """Shows how many inputs are done and what is being done now.
+
+    Drawn only on a terminal, only after a second, and wiped when the work ends.
+
+    Parameters
+    ----------
+    total : int
+        Number of inputs.
+    enabled : bool
+    """
+
+    def __init__(self, total: int, *, enabled: bool = True) -> None:
+        self._total = total
+        self._done = 0
+        self._text = ""
+        self._drawn = False
+        self._started = time.monotonic()
+        self._stop = threading.Event()
+        shown = enabled and sys.stderr.isatty()
+        # A thread, so that a single long step is shown too.
+        self._thread = threading.Thread(target=self._run, daemon=True) if shown else None
+
+    def __enter__(self) -> Self:
+        """Start to wait for the first second."""
+        if self._thread:
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Wipe the bar."""
+        self._stop.set()
+        if self._thread:
+            self._thread.join()
+        if self._drawn:
+            _draw("")
+            click.echo("\r", err=True, nl=False)
+
+    def say(self, path: str, step: str) -> None:
+        """Set what is being done.
+
+        Parameters
+        ----------
+        path, step : str
+        """
+        self._text = f"{path}  {step}"
+
+    def advance(self) -> None:
+        """Count one input as done."""
+        self._done += 1
+
+    def _run(self) -> None:
+        if self._stop.wait(PATIENCE):
+            return
+        while not self._stop.wait(0.1):
+            elapsed = time.monotonic() - self._started
+            filled = WIDTH * self._done // self._total
+            bar = "█" * filled + "░" * (WIDTH - filled)
+            line = f"{bar} {self._done}/{self._total}  {elapsed:.0f} s  {self._text}"
+            _draw(line)
+            self._drawn = True
+
+
+def _draw(line: str) -> None:
+    """Write over the line on the terminal, with spaces in place of escape codes."""
+    width = shutil.get_terminal_size().columns - 1
+    click.echo("\r" + line[:width].ljust(width), err=True, nl=False)

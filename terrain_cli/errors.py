@@ -1,0 +1,47 @@
+"""Every error a user can cause, and the exit code it ends with.
+
+TerrainError             1
+├── InputError          65   the data cannot give what was asked
+├── ConfigurationError  78   rover.toml, a model or an effect file is wrong
+└── UsageError           2   options that contradict each other
+
+`formats.errors` draws the tree of what can go wrong with a file (66, 65, 73).
+"""
+
+from __future__ import annotations
+
+
+class TerrainError(Exception):
+    """An error told to a person in one line.
+
+    Parameters
+    ----------
+    message : str
+        Where, and what is wrong.
+    hint : str, optional
+        What to do about it.
+    """
+
+    exit_code = 1
+
+    def __init__(self, message: str, *, hint: str = "") -> None:
+        super().__init__(message)
+        self.hint = hint
+
+
+class InputError(TerrainError):
+    """The data cannot give what was asked."""
+
+    exit_code = 65
+
+
+class ConfigurationError(TerrainError):
+    """A rover, model or effect file is wrong."""
+
+    exit_code = 78
+
+
+class UsageError(TerrainError):
+    """Options that contradict each other or the data."""
+
+    exit_code = 2

@@ -1,0 +1,171 @@
+"""Ridge regression of the line, equation [27], with δ chosen by cross-validation.
+
+The paper penalises c² + tan²φ, a sum of unlike units: δ would change with the unit of stress.
+Here the columns 1 and x of the design are first scaled to unit root mean square, so that both
+parameters, c and rms(x) tan φ, are stresses, and
+
+    Σ (y − c − x tan φ)² + n δ (c² + (rms(x) tan φ)²)
+
+is minimised. δ has no unit and does not depend on n. The scaled design has the eigenvalues
+1 ± m, m = mean(x)/rms(x), so a δ well below 1 leaves the strength at the mean stress as it is
+and acts on the split of it between c and φ alone, which is what a window of almost constant
+stress leaves open: δ draws both parts towards equal shares, c = x tan φ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation.moments import X, Y, segment_sum
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.moments import Bounds, Moments
+
+    Array = NDArray[np.float64]
+
+#: Values of δ tried: two per decade.
+DELTAS = np.logspace(-8.0, 0.0, 17)
+
+
+@dataclass(frozen=True)
+class Ridge:
+    """Ridge estimates of windows.
+
+    Parameters
+    ----------
+    cohesion, tan_phi : ndarray, shape (w,)
+        c in Pa.
+    delta : ndarray, shape (w,)
+        The δ of `DELTAS` with the smallest error of prediction; the least of them if equal.
+    gain : ndarray, shape (2, 2, w)
+        Derivatives of (stress at the mean x, tan φ) by those of the least-squares line.
+    """
+
+    cohesion: Array
+    tan_phi: Array
+    delta: Array
+    gain: Array
+
+
+def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: int | None) -> Ridge:
+    """Fit each window by ridge regression.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        In Pa.
+    bounds : ndarray of int, shape (w + 1,)
+    moments : Moments
+        Of these windows.
+    folds : int or None
+        Leave one of so many contiguous blocks out, at least 2; None leaves one sample out, by
+        the exact identity residual/(1 − leverage).
+
+    Returns
+    -------
+    Ridge
+    """
+    design = _scaled(moments)
+    if folds is None:
+        loss = _leave_one_out(design, x, y, bounds)
+    else:
+        loss = _leave_block_out(design, x, y, bounds, folds)
+    delta = DELTAS[np.argmin(loss, axis=0)]
+    cohesion, slope, (cohesion_mean, cohesion_shared, slope_mean, slope_shared) = _solve(design, delta)
+    gain = np.array(
+        [
+            [
+                cohesion_mean + design.mean_x * slope_mean,
+                (cohesion_shared + design.mean_x * slope_shared) * design.variance * design.scale,
+            ],
+            [slope_mean / design.scale, slope_shared * design.variance],
+        ]
+    )
+    return Ridge(cohesion, slope / design.scale, delta, gain)
+
+
+@dataclass(frozen=True)
+class _Design:
+    """Windows with the columns 1 and x / scale; sums are divided by n."""
+
+    count: Array
+    scale: Array
+    mean_x: Array
+    mean_y: Array
+    variance: Array
+    covariance: Array
+    plus: Array
+    minus: Array
+
+
+def _scaled(moments: Moments) -> _Design:
+    count, varies = np.maximum(moments.count, 1.0), moments.varies(X)
+    variance = np.where(varies, moments[0, X, X], 0.0) / count
+    scale = np.sqrt(moments.mean[X] ** 2 + variance)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    mean_x, variance = moments.mean[X] / scale, variance / scale**2
+    # The eigenvalues 1 ± m; their product is the variance, and the smaller one would cancel.
+    larger = 1.0 + np.abs(mean_x)
+    smaller = variance / larger
+    return _Design(
+        count,
+        scale,
+        mean_x,
+        moments.mean[Y],
+        variance,
+        np.where(varies, moments[0, X, Y], 0.0) / (count * scale),
+        np.where(mean_x < 0.0, smaller, larger),
+        np.where(mean_x < 0.0, larger, smaller),
+    )
+
+
+def _solve(design: _Design, delta: Array | float) -> tuple[Array, Array, tuple[Array, Array, Array, Array]]:
+    """Return c, rms(x) tan φ and the derivatives of both by the mean of y and the covariance of x and y."""
+    plus, minus = 0.5 / (design.plus + delta), 0.5 / (design.minus + delta)
+    even, odd = plus * design.plus, minus * design.minus
+    gains = (even + odd, plus - minus, even - odd, plus + minus)
+    cohesion = gains[0] * design.mean_y + gains[1] * design.covariance
+    slope = gains[2] * design.mean_y + gains[3] * design.covariance
+    return cohesion, slope, gains
+
+
+def _leave_one_out(design: _Design, x: Array, y: Array, bounds: Bounds) -> Array:
+    """Sum the squared residuals of samples left out, shape (deltas, w)."""
+    window = np.repeat(np.arange(len(design.count)), np.diff(bounds))
+    scaled = x / design.scale[window]
+    even, odd = (1.0 + scaled) ** 2, (1.0 - scaled) ** 2
+    loss = np.empty((len(DELTAS), len(design.count)))
+    for row, delta in enumerate(DELTAS):
+        cohesion, slope, _ = _solve(design, delta)
+        kept = 1.0 - (0.5 / (design.count * (design.plus + delta)))[window] * even
+        kept -= (0.5 / (design.count * (design.minus + delta)))[window] * odd
+        residual = (y - cohesion[window] - slope[window] * scaled) / np.maximum(kept, 1e-12)
+        loss[row] = segment_sum(residual * residual, bounds)
+    return loss
+
+
+def _leave_block_out(design: _Design, x: Array, y: Array, bounds: Bounds, folds: int) -> Array:
+    """Sum the squared residuals of blocks left out, shape (deltas, w)."""
+    count = np.diff(bounds)
+    starts = bounds[:-1, None] + count[:, None] * np.arange(folds) // folds
+    edges = np.append(starts.ravel(), bounds[-1])
+    block = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
+    scaled = x / design.scale[block // folds]
+    held = segment_sum(np.array([np.ones_like(x), scaled, scaled * scaled, y, scaled * y]), edges)
+    held = held.reshape(5, len(count), folds)
+    ones, x1, x2, y1, xy = held.sum(axis=2, keepdims=True) - held
+    loss = np.empty((len(DELTAS), len(count)))
+    for row, delta in enumerate(DELTAS):
+        # The penalty n δ is that of the whole window, whose fit is being judged.
+        penalty = design.count[:, None] * delta
+        determinant = (ones + penalty) * (x2 + penalty) - x1 * x1
+        cohesion = ((x2 + penalty) * y1 - x1 * xy) / determinant
+        slope = ((ones + penalty) * xy - x1 * y1) / determinant
+        residual = y - cohesion.ravel()[block] - slope.ravel()[block] * scaled
+        loss[row] = segment_sum(residual * residual, bounds)
+    return loss

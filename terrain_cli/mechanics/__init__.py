@@ -1,0 +1,1 @@
+"""Wheel–soil models: pure functions of arrays, in SI units."""

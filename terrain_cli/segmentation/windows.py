@@ -1,0 +1,133 @@
+"""Windows that need no search: everything, by a label, by length."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Breaks = Sequence[int] | NDArray[np.integer]
+    Bounds = NDArray[np.intp]
+
+
+def whole_windows(n: int, *, breaks: Breaks = ()) -> Bounds:
+    """Return one window for each stretch between breaks.
+
+    Parameters
+    ----------
+    n : int
+        Number of samples.
+    breaks : sequence of int
+        Samples before which the series is interrupted: a new run, or a gap.
+
+    Returns
+    -------
+    ndarray of int, shape (windows + 1,)
+        Window j is ``[bounds[j], bounds[j + 1])``. The first bound is 0, the last is n.
+
+    Raises
+    ------
+    ValueError
+        A break lies outside 0 to n.
+    """
+    at = np.asarray(breaks, dtype=np.intp)
+    if at.size and (at.min() < 0 or at.max() > n):
+        raise ValueError(f"breaks lie between 0 and {n}, not from {at.min()} to {at.max()}")
+    return np.unique(np.concatenate([np.array([0, n], dtype=np.intp), at]))
+
+
+def label_windows(codes: ArrayLike, *, breaks: Breaks = ()) -> Bounds:
+    """Return a window for each run of samples with the same label.
+
+    Parameters
+    ----------
+    codes : array_like of int, shape (n,)
+        Label of each sample; samples without one share a code of their own.
+    breaks : sequence of int
+        As for `whole_windows`.
+
+    Returns
+    -------
+    ndarray of int, shape (windows + 1,)
+        As from `whole_windows`.
+    """
+    labels = np.asarray(codes)
+    changes = np.flatnonzero(labels[1:] != labels[:-1]) + 1
+    return whole_windows(len(labels), breaks=np.concatenate([changes, np.asarray(breaks, dtype=np.intp)]))
+
+
+def fixed_windows(
+    n: int,
+    *,
+    samples: int | None = None,
+    metres: float | None = None,
+    distance: ArrayLike | None = None,
+    breaks: Breaks = (),
+) -> Bounds:
+    """Return windows of one length; what is left at the end of a stretch is a window of its own.
+
+    Parameters
+    ----------
+    n : int
+        Number of samples.
+    samples : int, optional
+        Length in samples.
+    metres : float, optional
+        Length in m; give this or `samples`.
+    distance : array_like, shape (n,), optional
+        Metres driven up to each sample, never falling; needed for `metres`.
+    breaks : sequence of int
+        As for `whole_windows`. Lengths are counted anew from each.
+
+    Returns
+    -------
+    ndarray of int, shape (windows + 1,)
+        As from `whole_windows`.
+
+    Raises
+    ------
+    ValueError
+        Not exactly one of `samples` and `metres`, one that is not positive, `metres` without
+        `distance`, or a distance that is not finite or falls.
+    """
+    bounds = whole_windows(n, breaks=breaks)
+    if (samples is None) == (metres is None):
+        raise ValueError("give either samples or metres")
+    if samples is not None:
+        if samples < 1:
+            raise ValueError(f"a window of {samples} samples holds nothing")
+        starts = [np.arange(a, b, samples) for a, b in pairwise(bounds)]
+        return np.unique(np.concatenate([bounds, *starts]))
+    if distance is None:
+        raise ValueError("windows in metres need the distance")
+    if not float(metres or 0.0) > 0.0:
+        raise ValueError(f"a window of {metres} m holds nothing")
+    driven = checked_distance(distance, n)
+    inner = []
+    for a, b in pairwise(bounds):
+        # A hair before the mark: 0.3 m are three windows of 0.1 m whatever the rounding.
+        window = np.floor((driven[a:b] - driven[a]) / metres + 1e-9)
+        inner.append(a + 1 + np.flatnonzero(window[1:] != window[:-1]))
+    return np.unique(np.concatenate([bounds, *inner])).astype(np.intp)
+
+
+def checked_distance(distance: ArrayLike, n: int) -> NDArray[np.float64]:
+    """Return the distance as floats.
+
+    Raises
+    ------
+    ValueError
+        It has not n values, or is not finite, or falls.
+    """
+    driven = np.asarray(distance, dtype=float)
+    if driven.shape != (n,):
+        raise ValueError(f"distance has shape {driven.shape}, there are {n} samples")
+    if not np.isfinite(driven).all() or (np.diff(driven) < 0.0).any():
+        raise ValueError("distance must be finite and never fall")
+    return driven

@@ -1,0 +1,47 @@
+"""What `terrain-est estimate` can be asked for: one place for the choices and their defaults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+Method = Literal["auto", "least-squares", "ridge", "recursive"]
+METHODS: tuple[Method, ...] = get_args(Method)
+Segments = Literal["auto", "fixed", "terrain", "none"]
+SEGMENTS: tuple[Segments, ...] = get_args(Segments)
+#: Fewest samples of a window that is cut where the soil's line changes.
+CUT_SAMPLES = 10
+#: Fewest samples that say something of a line and of the scatter about it.
+FIT_SAMPLES = 5
+#: In m. A window of soil shorter than this is no terrain of its own (Iagnemma et al. 2004, section II).
+MIN_DISTANCE = 0.10
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How one input is turned into a table.
+
+    Parameters
+    ----------
+    method : {"auto", "least-squares", "ridge", "recursive"}
+    segments : {"auto", "fixed", "terrain", "none"}
+    min_samples : int, optional
+        Fewest samples of a window; `CUT_SAMPLES` to cut and `FIT_SAMPLES` to estimate if not given.
+    window_samples : int, optional
+    window_distance : float, optional
+        In m.
+    folds : int, optional
+        Contiguous blocks for the cross-validation of δ; leave-one-out if not given.
+    wheels : tuple of str
+        Only these; all if empty.
+    where : str, optional
+    """
+
+    method: Method = "auto"
+    segments: Segments = "auto"
+    min_samples: int | None = None
+    window_samples: int | None = None
+    window_distance: float | None = None
+    folds: int | None = None
+    wheels: tuple[str, ...] = ()
+    where: str | None = None

@@ -1,0 +1,286 @@
+"""Channels derived from others, as section II-B of Iagnemma et al. 2004 describes.
+
+The paper (doi 10.1109/TRO.2004.829462) takes the load from a quasi-static analysis of the
+forces on the rover, the torque from the motor current with its thermal effect, and the slip
+from wheel speed and travel. Axes are those of the body: x forward, y left, z up. Pitch is
+positive nose up and roll is positive left side up; the body is taken as parallel to the ground.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from terrain_cli.rover import Vehicle
+
+    Array = NDArray[np.float64]
+
+#: rad/s. Below it a wheel stands, whatever its encoder's last digit does.
+STANDING = 1e-3
+_BLOCK = 8192
+
+
+def slip(
+    angular_velocity: ArrayLike, velocity: ArrayLike, radius: float, *, standing: float = STANDING
+) -> Array:
+    """Slip of a wheel: i = 1 − V/(rω) driving, rω/V − 1 skidding.
+
+    Wong, *Theory of Ground Vehicles*, chapter 1. The same in reverse, where both ω and V are
+    negative. Above 1 where the wheel rolls back against its rotation.
+
+    Parameters
+    ----------
+    angular_velocity, velocity : array_like, shape (n,)
+        ω in rad/s, V of the wheel centre in m/s.
+    radius : float
+        r in m.
+    standing : float
+        abs(ω) in rad/s up to which slip is undefined.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        NaN where the wheel stands.
+    """
+    omega = np.asarray(angular_velocity, dtype=float)
+    turning = np.where(np.abs(omega) > standing, omega, np.nan)
+    ratio = np.asarray(velocity, dtype=float) / (radius * turning)
+    return np.where(ratio > 1.0, 1.0 / np.maximum(ratio, 1.0) - 1.0, 1.0 - ratio)
+
+
+def torque_from_current(
+    current: ArrayLike,
+    temperature: ArrayLike | None = None,
+    *,
+    torque_constant: float,
+    gear_ratio: float = 1.0,
+    efficiency: float = 1.0,
+    temperature_coefficient: float = 0.0,
+    reference_temperature: float = 25.0,
+    no_load_current: float = 0.0,
+    angular_velocity: ArrayLike | None = None,
+) -> Array:
+    """Torque at the wheel, T = η N Kt (1 + α (Tm − T0)) (I − I0).
+
+    The no-load current I0 acts against the rotation. Without ω it is taken against the
+    current, which then gives no torque until it exceeds I0. The efficiency η is that of a
+    motor which drives.
+
+    Parameters
+    ----------
+    current : array_like, shape (n,)
+        I in A.
+    temperature : array_like, shape (n,), optional
+        Tm of the motor in °C; without it the motor is at T0.
+    torque_constant : float
+        Kt in N m/A at T0.
+    gear_ratio, efficiency : float
+        N and η.
+    temperature_coefficient : float
+        α in 1/K.
+    reference_temperature : float
+        T0 in °C.
+    no_load_current : float
+        I0 in A.
+    angular_velocity : array_like, shape (n,), optional
+        ω in rad/s.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        T in N m.
+    """
+    current = np.asarray(current, dtype=float)
+    if angular_velocity is None:
+        useful = np.sign(current) * np.maximum(np.abs(current) - no_load_current, 0.0)
+    else:
+        useful = current - no_load_current * np.sign(np.asarray(angular_velocity, dtype=float))
+    torque = efficiency * gear_ratio * torque_constant * useful
+    if temperature is not None:
+        warming = np.asarray(temperature, dtype=float) - reference_temperature
+        torque = torque * (1.0 + temperature_coefficient * warming)
+    return np.asarray(torque)
+
+
+def wheel_velocity(velocity: ArrayLike, yaw_rate: ArrayLike, lateral_position: float) -> Array:
+    """Forward velocity of a wheel centre on a turning body, V = v − y dψ/dt.
+
+    Parameters
+    ----------
+    velocity, yaw_rate : array_like, shape (n,)
+        v of the body's origin in m/s, dψ/dt in rad/s, positive to the left.
+    lateral_position : float
+        y of the wheel in m, positive to the left.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        V in m/s.
+    """
+    turning = lateral_position * np.asarray(yaw_rate, dtype=float)
+    return np.asarray(np.asarray(velocity, dtype=float) - turning)
+
+
+def distance_from_velocity(time: ArrayLike, velocity: ArrayLike, *, max_gap: float = np.inf) -> Array:
+    """Distance travelled since the first sample, ∫ abs(V) dt by the trapezoidal rule.
+
+    Parameters
+    ----------
+    time, velocity : array_like, shape (n,)
+        In s and m/s.
+    max_gap : float
+        Longest interval in s that counts as travelled.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In m. A sample without time or velocity is passed over.
+    """
+    time, speed = np.asarray(time, dtype=float), np.abs(np.asarray(velocity, dtype=float))
+    known = np.isfinite(time) & np.isfinite(speed)
+    interval = np.diff(time[known])
+    mean_speed = (speed[known][1:] + speed[known][:-1]) / 2.0
+    steps = np.where((interval > 0.0) & (interval <= max_gap), interval * mean_speed, 0.0)
+    return _accumulate(steps, known)
+
+
+def distance_from_track(x: ArrayLike, y: ArrayLike) -> Array:
+    """Distance travelled since the first sample along the chords of a track.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (n,)
+        In m.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In m. A sample without position is passed over.
+    """
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    known = np.isfinite(x) & np.isfinite(y)
+    return _accumulate(np.hypot(np.diff(x[known]), np.diff(y[known])), known)
+
+
+def _accumulate(steps: Array, known: NDArray[np.bool_]) -> Array:
+    """Sum the steps between known samples; the others stay where the last known one was."""
+    distance = np.zeros(len(known))
+    distance[np.flatnonzero(known)[1:]] = np.cumsum(steps)
+    return np.maximum.accumulate(distance)
+
+
+def wheel_loads(pitch: ArrayLike, roll: ArrayLike, vehicle: Vehicle, positions: ArrayLike) -> Array:
+    """Load of each wheel normal to the ground, from the balance of a standing rover.
+
+    On a slope gravity is m g (−sin θ, −cos θ sin ρ, −cos θ cos ρ) in body axes, and each wheel
+    pulls in proportion to its load, so that every contact force points against gravity:
+    N (a, b, 1) with a = tan θ / cos ρ and b = tan ρ. Its moment about any lateral axis is then
+    that of N alone at ξ = x − a z, and about any longitudinal axis at η = y − b z. The equations
+    ΣN = G, ΣN ξ = G ξc and ΣN η = G ηc with G = m g cos θ cos ρ hold for every rover; the
+    suspension adds the others:
+
+    - rigid: springs of equal stiffness, loads vary linearly over x and y;
+    - rocker, 4 wheels: the differential gives both rockers the same moment about their pivot;
+    - rocker-bogie, 6 wheels: besides, the two wheels of each bogie balance about its pivot.
+      The bogie has the two wheels of its side between which its pivot lies.
+
+    Parameters
+    ----------
+    pitch, roll : array_like, shape (n,)
+        θ, positive nose up, and ρ, positive left side up, in rad.
+    vehicle : Vehicle
+    positions : array_like, shape (wheels, 3)
+        Where each wheel touches the ground: x, y, z in m.
+
+    Returns
+    -------
+    ndarray, shape (n, wheels)
+        N; negative where only a pull would keep the wheel down, which is to be set aside.
+
+    Raises
+    ------
+    ConfigurationError
+        The suspension does not fit the number or the places of the wheels.
+    """
+    positions = np.asarray(positions, dtype=float).reshape(-1, 3)
+    pitch, roll = (np.atleast_1d(np.asarray(angle, dtype=float)) for angle in (pitch, roll))
+    pitch, roll = np.broadcast_arrays(pitch, roll)
+    if len(positions) < 3:
+        raise ConfigurationError(f"vehicle: {len(positions)} wheels are too few for a balance of loads")
+    rigid = vehicle.suspension == "rigid"
+    # Springs leave three unknowns, the plane of their compressions; a mechanism leaves each load.
+    basis = np.column_stack([np.ones(len(positions)), positions[:, :2]]) if rigid else np.eye(len(positions))
+    arms, heights = _equations(vehicle, positions)
+    if np.linalg.matrix_rank(arms @ basis) < basis.shape[1]:
+        raise ConfigurationError(
+            f"vehicle: wheels at these positions do not carry a {vehicle.suspension} suspension",
+            hint="correct their positions in rover.toml: not all in one line, none twice",
+        )
+    loads = np.empty((len(pitch), len(positions)))
+    for start in range(0, len(pitch), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        loads[block] = _shares(pitch[block], roll[block], arms, heights, basis)
+    return loads * (vehicle.mass * vehicle.gravity)
+
+
+def _shares(pitch: Array, roll: Array, arms: Array, heights: Array, basis: Array) -> Array:
+    """Load of each wheel as a share of the weight m g, at each attitude."""
+    known = np.isfinite(pitch + roll)
+    pitch, roll = np.where(known, pitch, 0.0), np.where(known, roll, 0.0)
+    tilt = np.empty((len(pitch), len(arms), 1))
+    tilt[:, :, 0] = (np.tan(pitch) / np.cos(roll))[:, None]
+    tilt[:, 2, 0] = np.tan(roll)
+    right = np.zeros((len(pitch), len(arms), 1))
+    right[:, 0, 0] = np.where(known, np.cos(pitch) * np.cos(roll), np.nan)
+    return np.asarray(np.linalg.solve((arms - tilt * heights) @ basis, right)[..., 0] @ basis.T)
+
+
+def _equations(vehicle: Vehicle, positions: Array) -> tuple[Array, Array]:
+    """Return the arms and heights of the rows Σ N (arm − tilt · height) = (G, 0, 0, …).
+
+    The first row is the sum of the loads, the second and third are the moments about the
+    centre of mass, lateral and longitudinal; those of the suspension follow.
+    """
+    x, y, z = positions.T
+    centre_x, centre_y, centre_z = vehicle.centre_of_mass
+    arms = [np.ones_like(x), x - centre_x, y - centre_y]
+    heights = [np.zeros_like(x), z - centre_z, z - centre_z]
+    if vehicle.rocker_pivot is None:
+        return np.array(arms), np.array(heights)
+    left = y > (y.max() + y.min()) / 2.0
+    on_each = 3 if vehicle.bogie_pivot else 2
+    if not left.sum() == (~left).sum() == on_each:
+        raise ConfigurationError(
+            f"vehicle: a {vehicle.suspension} suspension has {on_each} wheels on each side, "
+            f"not {left.sum()} on the left and {(~left).sum()} on the right"
+        )
+    pivot_x, pivot_z = vehicle.rocker_pivot
+    sign = np.where(left, 1.0, -1.0)
+    arms.append(sign * (x - pivot_x))
+    heights.append(sign * (z - pivot_z))
+    if vehicle.bogie_pivot:
+        pivot_x, pivot_z = vehicle.bogie_pivot
+        for side in (left, ~left):
+            bogie = side & _on_bogie(x, side, pivot_x)
+            arms.append(bogie * (x - pivot_x))
+            heights.append(bogie * (z - pivot_z))
+    return np.array(arms), np.array(heights)
+
+
+def _on_bogie(x: Array, side: NDArray[np.bool_], pivot: float) -> NDArray[np.bool_]:
+    """Tell the two of a side's three wheels that stand before and behind the pivot."""
+    rear, middle, front = np.sort(x[side])
+    if rear < pivot < middle:
+        return np.asarray(x <= middle)
+    if middle < pivot < front:
+        return np.asarray(x >= middle)
+    raise ConfigurationError(
+        f"vehicle: bogie_pivot at x = {pivot} m is not between two wheels of a side, "
+        f"which are at {rear}, {middle} and {front} m"
+    )

@@ -1,0 +1,165 @@
+"""Which samples the estimators cannot use, and why; where a drive is interrupted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from formats import Labels
+from terrain_cli.telemetry.align import RESOLUTION, split_clock
+from terrain_cli.telemetry.derive import STANDING
+from terrain_cli.telemetry.samples import NEEDED
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+BACKWARDS = "time runs backwards"
+STANDS = "wheel stands (ω = 0, slip undefined)"
+
+
+def set_aside(
+    channels: Mapping[str, Array], time: Array | None, radius: float
+) -> tuple[Labels, NDArray[np.intp]]:
+    """Give each sample the first reason for which it cannot be used.
+
+    Parameters
+    ----------
+    channels : mapping of str to ndarray, shape (n,)
+        SI units; load, torque, sinkage and slip are needed, angular_velocity and velocity are used
+        where they are there.
+    time : ndarray, shape (n,), or None
+        In s.
+    radius : float
+        Wheel radius in m.
+
+    Returns
+    -------
+    reasons : Labels, shape (n,)
+        Code −1 where the sample can be used.
+    restarts : ndarray of int
+        Indices at which the clock begins anew.
+    """
+    n = len(channels["torque"])
+    names: list[str] = []
+    codes = np.full(n, -1, dtype=np.int32)
+
+    def because(reason: str, where: NDArray[np.bool_]) -> None:
+        first = where & (codes < 0)
+        if np.any(first):
+            codes[first] = len(names)
+            names.append(reason)
+
+    restarts = np.array([], dtype=np.intp)
+    if time is not None:
+        because("no time", ~np.isfinite(time))
+        restarts, backwards, repeated = split_clock(time)
+        because(BACKWARDS, backwards)
+        because("time repeated", repeated)
+    omega = channels.get("angular_velocity")
+    for name in NEEDED:
+        # A standing wheel has no slip, and is better told as that.
+        if name == "slip" and omega is not None:
+            because(STANDS, np.abs(omega) <= STANDING)
+        because(f"no {name}", np.isnan(channels[name]))
+        because(f"{name} is infinite", np.isinf(channels[name]))
+    for name in ("angular_velocity", "velocity"):
+        if name in channels:
+            because(f"{name} is infinite", np.isinf(channels[name]))
+    slip, sinkage, load = (channels[name] for name in ("slip", "sinkage", "load"))
+    with np.errstate(invalid="ignore"):
+        because("wheel skids (slip < 0)", slip < 0.0)
+        because("wheel rolls against its drive (slip > 1)", slip > 1.0)
+        because("sinkage not positive", sinkage <= 0.0)
+        because("sinkage beyond the wheel radius", sinkage >= radius)
+        because("load not positive", load <= 0.0)
+    return Labels(codes, tuple(names)), restarts
+
+
+def doubts(channels: Mapping[str, Array], reasons: Labels) -> list[str]:
+    """Say what is hardly true of the samples that can be used.
+
+    Parameters
+    ----------
+    channels : mapping of str to ndarray, shape (n,)
+    reasons : Labels, shape (n,)
+        From `set_aside`.
+
+    Returns
+    -------
+    list of str
+    """
+    torque = channels["torque"][reasons.codes < 0]
+    if len(torque) and np.median(torque) < 0.0:
+        return [
+            (
+                "torque is negative although the wheel drives: if the sensor's sign is the other way round, "
+                "torque = { …, scale = -1 } in rover.toml"
+            )
+        ]
+    return []
+
+
+def stretches(
+    time: Array | None,
+    reasons: Labels,
+    *,
+    runs: Labels | None = None,
+    restarts: NDArray[np.intp] | None = None,
+    max_gap: float,
+) -> NDArray[np.intp]:
+    """Give each sample the number of its continuous stretch of the drive.
+
+    A new one begins with another run, a restart of the clock, and after a gap: nothing recorded, or
+    nothing usable, for longer than `max_gap`. A wheel that stands does not interrupt the ground
+    under it.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,), or None
+        In s; without a clock only runs count.
+    reasons : Labels, shape (n,)
+        From `set_aside`.
+    runs : Labels, shape (n,), optional
+    restarts : ndarray of int, optional
+        From `set_aside`.
+    max_gap : float
+        In s.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        Increasing from 0. A gap is counted at the first usable sample behind it.
+    """
+    n = len(reasons)
+    begins = np.zeros(n, dtype=bool)
+    if runs is not None:
+        begins[1:] |= runs.codes[1:] != runs.codes[:-1]
+    if restarts is not None:
+        begins[restarts] = True
+    if time is not None and n:
+        standing, astray = (_is(reasons, reason) for reason in (STANDS, BACKWARDS))
+        known = np.isfinite(time) & ~astray
+        clock = time
+        if not known.all():
+            clock = (
+                np.interp(np.arange(n), np.flatnonzero(known), time[known]) if known.any() else np.zeros(n)
+            )
+        step = np.diff(clock, prepend=clock[0])
+        allowed = max_gap + RESOLUTION
+        recorded_gap = step > allowed
+        # The clock stops while the wheel stands, so that only lost driving counts as a gap.
+        step[standing & ~recorded_gap] = 0.0
+        driven = np.cumsum(np.maximum(step, 0.0))
+        usable = np.flatnonzero(reasons.codes < 0)
+        begins[usable[1:][np.diff(driven[usable]) > allowed]] = True
+    return np.cumsum(begins)
+
+
+def _is(reasons: Labels, reason: str) -> NDArray[np.bool_]:
+    code = reasons.names.index(reason) if reason in reasons.names else -2
+    return np.asarray(reasons.codes == code)

@@ -1,0 +1,188 @@
+"""What the standard ROS messages say without being asked: units, and channels that have one meaning.
+
+Units and axes (x forward, y left, z up) are those of REP 103. What a message leaves open is not
+guessed: the `effort` of a JointState may be a torque or a current, the velocity of a TwistStamped
+may be commanded.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+_STANDARD = re.compile(
+    r"(std|sensor|geometry|nav|diagnostic|tf2|rosgraph|rcl_interfaces|visualization)_msgs/msg/"
+)
+
+#: Fields of standard messages whose unit the message's definition fixes.
+_UNITS = (
+    (r"JointState", r"velocity", "rad/s"),
+    (r"JointState", r"position", "rad"),
+    (r"(Wrench|WrenchStamped)", r"(wrench\.)?force\.[xyz]", "N"),
+    (r"(Wrench|WrenchStamped)", r"(wrench\.)?torque\.[xyz]", "N m"),
+    (r"(Odometry|Pose.*|Point.*)", r"(.*\.)?(position|point)\.[xyz]", "m"),
+    (r"Point", r"[xyz]", "m"),
+    (r"(Odometry|Twist.*)", r"(.*\.)?linear\.[xyz]", "m/s"),
+    (r"(Odometry|Twist.*)", r"(.*\.)?angular\.[xyz]", "rad/s"),
+    (r"(Imu|Accel.*)", r"(.*\.)?(linear_acceleration|linear)\.[xyz]", "m/s²"),
+    (r"Imu", r"angular_velocity\.[xyz]", "rad/s"),
+    (r"NavSatFix", r"(longitude|latitude)", "deg"),
+    (r"NavSatFix", r"altitude", "m"),
+    (r"Temperature", r"temperature", "°C"),
+)
+
+
+def pitch(x: Array, y: Array, z: Array, w: Array) -> Array:
+    """Pitch of an orientation, positive nose up (REP 103's rotation about y is positive nose down).
+
+    Parameters
+    ----------
+    x, y, z, w : ndarray, shape (n,)
+        A unit quaternion.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In rad.
+    """
+    return -np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+
+
+def roll(x: Array, y: Array, z: Array, w: Array) -> Array:
+    """Roll of an orientation, positive left side up.
+
+    Parameters
+    ----------
+    x, y, z, w : ndarray, shape (n,)
+        A unit quaternion.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In rad.
+    """
+    return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x**2 + y**2))
+
+
+@dataclass(frozen=True, slots=True)
+class Meaning:
+    """A channel that a standard message carries.
+
+    Parameters
+    ----------
+    channel : str
+    fields : tuple of str
+        What it is read from.
+    combine : callable, optional
+        Function of those fields; without it there is one, taken as it is.
+    note : str
+        What was taken for granted.
+    rank : int
+        Of two messages with one channel the lower rank is used.
+    of_body : bool
+        Of the origin of the body, not of each wheel.
+    """
+
+    channel: str
+    fields: tuple[str, ...]
+    combine: Callable[..., Array] | None = None
+    note: str = ""
+    rank: int = 0
+    of_body: bool = False
+
+
+def _attitude(prefix: str, rank: int) -> tuple[Meaning, ...]:
+    quaternion = tuple(f"{prefix}orientation.{axis}" for axis in "xyzw")
+    return (
+        Meaning("pitch", quaternion, pitch, "nose up, from the orientation", rank),
+        Meaning("roll", quaternion, roll, "left side up, from the orientation", rank),
+    )
+
+
+_AXES = "the sensor's axes taken as x forward, z up"
+_MEANINGS = {
+    "nav_msgs/msg/Odometry": (
+        Meaning(
+            "velocity",
+            ("twist.twist.linear.x",),
+            note="odometry taken as the true speed, not the wheels' own",
+            of_body=True,
+        ),
+        Meaning("yaw_rate", ("twist.twist.angular.z",), rank=1),
+        Meaning("x", ("pose.pose.position.x",)),
+        Meaning("y", ("pose.pose.position.y",)),
+        Meaning("elevation", ("pose.pose.position.z",)),
+        *_attitude("pose.pose.", 1),
+    ),
+    "sensor_msgs/msg/Imu": (Meaning("yaw_rate", ("angular_velocity.z",)), *_attitude("", 0)),
+    "sensor_msgs/msg/NavSatFix": (Meaning("longitude", ("longitude",)), Meaning("latitude", ("latitude",))),
+    "geometry_msgs/msg/WrenchStamped": (
+        Meaning("load", ("wrench.force.z",), note=_AXES),
+        Meaning("drawbar_pull", ("wrench.force.x",), note=_AXES),
+    ),
+    "geometry_msgs/msg/Wrench": (
+        Meaning("load", ("force.z",), note=_AXES),
+        Meaning("drawbar_pull", ("force.x",), note=_AXES),
+    ),
+}
+
+
+def is_standard(message_type: str) -> bool:
+    """Tell whether a type belongs to the packages that come with ROS.
+
+    Parameters
+    ----------
+    message_type : str
+
+    Returns
+    -------
+    bool
+    """
+    return _STANDARD.match(message_type) is not None
+
+
+def unit_symbol(message_type: str, field: str) -> str | None:
+    """Return the unit that a standard message fixes for a field.
+
+    Parameters
+    ----------
+    message_type, field : str
+
+    Returns
+    -------
+    str or None
+        None where the definition leaves it open, or the type is not a standard one.
+    """
+    if not is_standard(message_type):
+        return None
+    name = message_type.rpartition("/")[2]
+    bare = field.partition("[")[0]
+    for types, fields, symbol in _UNITS:
+        if re.fullmatch(types, name) and re.fullmatch(fields, bare):
+            return symbol
+    return None
+
+
+def meanings(message_type: str) -> tuple[Meaning, ...]:
+    """Return the channels that a standard message carries.
+
+    Parameters
+    ----------
+    message_type : str
+
+    Returns
+    -------
+    tuple of Meaning
+    """
+    return _MEANINGS.get(message_type, ())

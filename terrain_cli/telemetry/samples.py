@@ -1,0 +1,147 @@
+"""The samples of one wheel: every channel on the clock of its torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from formats import Labels
+from terrain_cli.telemetry.columns import take
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from formats import Column
+    from terrain_cli.telemetry.feeds import Feed
+
+#: What the line y = c + x tan φ is computed from.
+NEEDED = ("load", "torque", "sinkage", "slip")
+
+
+class Geometry(NamedTuple):
+    """Of a wheel, and the shear modulus assumed of its soil.
+
+    Parameters
+    ----------
+    radius, width, shear_modulus : float
+        r, b and k in m.
+    """
+
+    radius: float
+    width: float
+    shear_modulus: float
+
+
+@dataclass
+class Raw:
+    """The channels of one wheel on one clock, before anything is derived or judged.
+
+    Parameters
+    ----------
+    wheel : str
+    origin : float
+        Whole seconds taken off the clock.
+    time : ndarray, shape (n,), or None
+        In s.
+    channels : dict of str to ndarray, shape (n,)
+        In SI units.
+    labels : dict of str to Labels
+    extras : dict of str to ndarray or Labels, shape (n,)
+        Further columns that were asked for, as read.
+    feeds : dict of str to Feed
+    remarks : list of str
+    """
+
+    wheel: str
+    origin: float
+    time: NDArray[np.float64] | None
+    channels: dict[str, NDArray[np.float64]]
+    labels: dict[str, Labels]
+    extras: dict[str, Column]
+    feeds: dict[str, Feed]
+    remarks: list[str] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        columns = (*self.channels.values(), *self.labels.values(), *self.extras.values())
+        return len(self.time) if self.time is not None else max(map(len, columns), default=0)
+
+    def select(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> None:
+        """Keep some samples only.
+
+        Parameters
+        ----------
+        rows : ndarray
+            Indices, or a mask.
+        """
+        self.time = None if self.time is None else self.time[rows]
+        self.channels = {name: values[rows] for name, values in self.channels.items()}
+        self.labels = {name: Labels(column.codes[rows], column.names) for name, column in self.labels.items()}
+        self.extras = {name: take(column, rows) for name, column in self.extras.items()}
+
+
+@dataclass
+class Samples:
+    """One wheel of one input.
+
+    Parameters
+    ----------
+    source : str
+        The input, as the user named it.
+    wheel : str
+    geometry : Geometry
+    origin : float
+        Whole seconds that were taken off the clock.
+    time : ndarray, shape (n,), or None
+        s since `origin`; None for a table of steady test points.
+    channels : dict of str to ndarray, shape (n,)
+        By the names of the contract, in SI units; NaN where not known.
+    labels : dict of str to Labels
+        "run" and "terrain", where the input has them.
+    stretch : ndarray of int, shape (n,)
+        Number of the continuous stretch: a new one begins with every run, gap or restart of the clock.
+    distance : ndarray, shape (n,), or None
+        Metres driven since the first sample; None where no channel tells.
+    set_aside : Labels
+        Why a sample is not used; code −1 for those that are.
+    origins : dict of str to str
+        Where each channel comes from, in words.
+    remarks : list of str
+        What a person should know about the input.
+    """
+
+    source: str
+    wheel: str
+    geometry: Geometry
+    origin: float
+    time: NDArray[np.float64] | None
+    channels: dict[str, NDArray[np.float64]]
+    labels: dict[str, Labels]
+    stretch: NDArray[np.intp]
+    distance: NDArray[np.float64] | None
+    set_aside: Labels
+    origins: dict[str, str] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.set_aside)
+
+    @property
+    def usable(self) -> NDArray[np.intp]:
+        """Indices of the samples that are not set aside."""
+        return np.flatnonzero(self.set_aside.codes < 0)
+
+    def reasons(self) -> dict[str, int]:
+        """Count the samples set aside by reason.
+
+        Returns
+        -------
+        dict of str to int
+            Only reasons that occur, the most frequent first.
+        """
+        codes = self.set_aside.codes
+        counts = np.bincount(codes[codes >= 0], minlength=len(self.set_aside.names))
+        return {
+            self.set_aside.names[j]: int(counts[j]) for j in np.argsort(-counts, kind="stable") if counts[j]
+        }

@@ -1,0 +1,165 @@
+"""Windows of homogeneous terrain: which usable samples belong together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypedDict
+
+import numpy as np
+
+from terrain_cli import segmentation
+from terrain_cli.errors import InputError, UsageError
+from terrain_cli.mechanics import linear
+from terrain_cli.settings import CUT_SAMPLES, MIN_DISTANCE
+from terrain_cli.telemetry.samples import NEEDED
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.settings import Segments
+    from terrain_cli.telemetry.samples import Samples
+
+
+class Measured(TypedDict):
+    """What the estimators take, of the usable samples: shape (n,), SI units."""
+
+    load: NDArray[np.float64]
+    torque: NDArray[np.float64]
+    sinkage: NDArray[np.float64]
+    slip: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """The windows of one wheel.
+
+    Parameters
+    ----------
+    samples : Samples
+    rows : ndarray of int, shape (n,)
+        The usable samples, as indices into `samples`.
+    bounds : ndarray of int, shape (windows + 1,)
+        Window j is ``rows[bounds[j]:bounds[j + 1]]``.
+    x, y : ndarray, shape (n,)
+        Coordinates in Pa of the line y = c + x tan φ of each usable sample.
+    """
+
+    samples: Samples
+    rows: NDArray[np.intp]
+    bounds: NDArray[np.intp]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.bounds) - 1
+
+    def measured(self) -> Measured:
+        """Return load, torque, sinkage and slip of the usable samples, in SI units.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        return _measured(self.samples, self.rows)
+
+
+def _measured(samples: Samples, rows: NDArray[np.intp]) -> Measured:
+    load, torque, sinkage, slip = (samples.channels[name][rows] for name in NEEDED)
+    return Measured(load=load, torque=torque, sinkage=sinkage, slip=slip)
+
+
+def line(samples: Samples, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the coordinates x and y of samples on the soil's line.
+
+    Parameters
+    ----------
+    samples : Samples
+    rows : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    x, y : ndarray, shape (n,)
+        In Pa.
+    """
+    return linear.line_coordinates(**_measured(samples, rows), **samples.geometry._asdict())
+
+
+def cut(
+    samples: Samples,
+    method: Segments = "auto",
+    *,
+    min_samples: int | None = None,
+    window_samples: int | None = None,
+    window_distance: float | None = None,
+) -> Windows:
+    """Cut the usable samples of a wheel into windows.
+
+    Parameters
+    ----------
+    samples : Samples
+    method : {"auto", "fixed", "terrain", "none"}
+        Where the soil's line changes; every so many samples or metres; where the terrain label
+        changes; one window for each continuous stretch. Of a table of steady test points "auto"
+        makes one window for each terrain label, or one of all.
+    min_samples : int, optional
+        Least number of samples of a window that "auto" makes; 10 if not given.
+    window_samples : int, optional
+        Length of the windows of "fixed".
+    window_distance : float, optional
+        The same in m; for "auto" the least length of a window.
+
+    Returns
+    -------
+    Windows
+
+    Raises
+    ------
+    UsageError
+        "fixed" without a length.
+    InputError
+        "terrain" without terrain labels; a length in metres where no channel gives the distance.
+    """
+    rows = samples.usable
+    labels = samples.labels.get("terrain")
+    if samples.time is None and method == "auto":
+        # Steady test points have no order in which the soil could change.
+        method = "none" if labels is None else "terrain"
+    if samples.time is None and labels is not None and method == "terrain":
+        rows = rows[np.argsort(labels.codes[rows], kind="stable")]
+    x, y = line(samples, rows)
+    stretch = samples.stretch[rows]
+    breaks = np.flatnonzero(np.diff(stretch)) + 1
+    distance = samples.distance[rows] if samples.distance is not None else None
+    if method == "terrain":
+        if labels is None:
+            raise InputError(
+                f"{samples.source}: wheel {samples.wheel}: there is no terrain label to cut by",
+                hint='add terrain = { column = "…" } under [channels] of rover.toml, or use --segments auto',
+            )
+        bounds = segmentation.label_windows(labels.codes[rows], breaks=breaks)
+    elif method == "fixed":
+        if (window_samples is None) == (window_distance is None):
+            raise UsageError(
+                "--segments fixed needs the length of a window",
+                hint="give --window-samples N or --window-distance M",
+            )
+        if window_distance is not None and distance is None:
+            raise InputError(
+                f"{samples.source}: wheel {samples.wheel}: nothing gives the distance (velocity, or x and y)",
+                hint="use --window-samples N",
+            )
+        bounds = segmentation.fixed_windows(
+            len(rows), samples=window_samples, metres=window_distance, distance=distance, breaks=breaks
+        )
+    elif method == "auto":
+        bounds = segmentation.change_points(
+            x,
+            y,
+            breaks=breaks,
+            distance=distance,
+            min_samples=CUT_SAMPLES if min_samples is None else min_samples,
+            min_distance=MIN_DISTANCE if window_distance is None else window_distance,
+        )
+    else:
+        bounds = segmentation.whole_windows(len(rows), breaks=breaks)
+    return Windows(samples, rows, bounds, x, y)

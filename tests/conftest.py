@@ -1,0 +1,63 @@
+"""What all tests share: the command as users run it, and the rule for tests of real programs."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test marked ``real("program", …)`` where one of the programs is not installed."""
+    for mark in item.iter_markers("real"):
+        for program in mark.args:
+            if shutil.which(program) is None:
+                pytest.skip(f"{program} is not installed")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Where CI is set, turn the skip of a test of a real program into a failure: it proves nothing."""
+    report = yield
+    skipped = report.skipped and not hasattr(report, "wasxfail")
+    if skipped and os.environ.get("CI") and item.get_closest_marker("real"):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
+        report.outcome = "failed"
+        report.longrepr = f"{item.nodeid} needs a real program and was skipped: {reason}"
+    return report
+
+
+@pytest.fixture(scope="session")
+def bin_folder(tmp_path_factory):
+    """Return a folder with the command `terrain-est`, for shells to find: this source, this Python."""
+    folder = tmp_path_factory.mktemp("bin")
+    command = folder / "terrain-est"
+    path, python = shlex.quote(str(ROOT)), shlex.quote(sys.executable)
+    command.write_text(f'#!/bin/sh\nPYTHONPATH={path} exec {python} -m terrain_cli "$@"\n')
+    command.chmod(0o755)
+    return folder
+
+
+@pytest.fixture
+def terrain_est(bin_folder):
+    """Return a function that runs the command in a process of its own."""
+
+    def run(*args, env=None, **options):
+        options = {"capture_output": True, "text": True, **options}
+        command = [bin_folder / "terrain-est", *map(str, args)]
+        return subprocess.run(command, env={**os.environ, **(env or {})}, check=False, **options)
+
+    return run

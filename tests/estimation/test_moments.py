@@ -1,0 +1,63 @@
+"""Sums over windows against plain loops."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from terrain_cli.estimation.moments import X, of_windows, running, segment_sum
+
+lengths = st.lists(st.integers(0, 12), min_size=1, max_size=6).filter(lambda counts: sum(counts) > 0)
+
+
+def block(size, seed):
+    """Return six rows of numbers far from zero."""
+    rng = np.random.default_rng(seed)
+    return 1e4 + 100.0 * rng.standard_normal((6, size))
+
+
+def plain(a, b, lag):
+    a, b = a - a.mean(), b - b.mean()
+    return sum(0.5 * (a[t] * b[t - lag] + b[t] * a[t - lag]) for t in range(lag, len(a)))
+
+
+def test_empty_windows_sum_to_zero():
+    total = segment_sum(np.array([1.0, 2.0, 4.0]), np.array([0, 0, 2, 2, 3, 3]))
+    np.testing.assert_array_equal(total, [0.0, 3.0, 0.0, 4.0, 0.0])
+
+
+@given(lengths, st.integers(0, 99))
+def test_moments_of_windows_are_those_of_plain_loops(counts, seed):
+    columns, bounds = block(sum(counts), seed), np.cumsum([0, *counts])
+    moments = of_windows(columns, bounds)
+    for j, (start, stop) in enumerate(pairwise(bounds)):
+        window = columns[:, start:stop]
+        if stop > start:
+            np.testing.assert_allclose(moments.mean[:, j], window.mean(axis=1), rtol=1e-14)
+        for (lag, a, b), values in moments.products.items():
+            expected = plain(window[a], window[b], lag) if stop > start else 0.0
+            assert values[j] == pytest.approx(expected, abs=1e-6)
+
+
+@given(st.integers(1, 25), st.integers(0, 99))
+def test_running_moments_are_those_of_the_samples_so_far(size, seed):
+    columns = block(size, seed)
+    moments = running(columns)
+    for k in range(1, size + 1):
+        so_far = of_windows(columns[:, :k], np.array([0, k]))
+        assert moments.count[k - 1] == k
+        np.testing.assert_allclose(moments.mean[:, k - 1], so_far.mean[:, 0], rtol=1e-13)
+        for key, values in moments.products.items():
+            assert values[k - 1] == pytest.approx(so_far[key][0], rel=1e-9, abs=1e-6)
+
+
+def test_rounding_is_not_variation():
+    columns = np.full((6, 8), 12345.678)
+    columns[X, ::2] *= 1.0 + 1e-15
+    assert not of_windows(columns, np.array([0, 8])).varies(X)[0]
+    columns[X, 0] *= 1.0 + 1e-6
+    assert of_windows(columns, np.array([0, 8])).varies(X)[0]

@@ -1,0 +1,138 @@
+"""Pooling of windows."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from drives import GEOMETRY, drive
+
+from terrain_cli.estimation import estimate_windows, pool
+from terrain_cli.mechanics.linear import line_coordinates
+
+STRESS = 1e4
+
+
+def windows(strength, strength_se, tan_phi, tan_se, tan_bias=0.0, stress=STRESS):
+    """Return estimates of windows that know their strength at a stress."""
+    strength, strength_se, tan_phi, tan_se, tan_bias, stress = np.broadcast_arrays(
+        *(
+            np.atleast_1d(np.asarray(v, dtype=float))
+            for v in (strength, strength_se, tan_phi, tan_se, tan_bias, stress)
+        )
+    )
+    c_se = np.hypot(strength_se, stress * tan_se)
+    by_phi = 1.0 + tan_phi**2
+    return SimpleNamespace(
+        c=strength - stress * tan_phi,
+        c_se=c_se,
+        phi=np.arctan(tan_phi),
+        phi_se=tan_se / by_phi,
+        corr=-stress * tan_se / c_se,
+        phi_bias=tan_bias / by_phi,
+        status=np.full(len(c_se), "ok", dtype="<U15"),
+    )
+
+
+def test_one_window_is_its_own_pool():
+    given = windows(6500.0, 80.0, 0.55, 0.04, tan_bias=0.03)
+    pooled = pool(given)
+    assert pooled.windows == 1
+    for name in ("c", "c_se", "phi", "phi_se", "corr"):
+        assert getattr(pooled, name) == pytest.approx(getattr(given, name)[0], rel=1e-6)
+    assert pooled.sigma_star == pytest.approx(STRESS)
+    assert pooled.strength == pytest.approx(6500.0)
+    assert pooled.strength_se == pytest.approx(80.0)
+    assert pooled.strength_between == 0.0
+
+
+def test_weights_are_inverse_variances():
+    # Weights 1 and 1/4 of variances 100² and 200²: (6000 + 6200/4)/1.25 = 6040, 100/√1.25.
+    pooled = pool(windows([6000.0, 6200.0], [100.0, 200.0], [0.5, 0.52], [0.04, 0.04]))
+    assert pooled.strength == pytest.approx(6040.0, rel=1e-6)
+    assert pooled.strength_se == pytest.approx(100.0 / np.sqrt(1.25), rel=1e-6)
+    assert np.tan(pooled.phi) == pytest.approx(0.51, rel=1e-6)
+    assert pooled.phi_se * (1.0 + 0.51**2) == pytest.approx(0.04 / np.sqrt(2.0), rel=1e-6)
+
+
+def test_soil_that_differs_between_windows():
+    rng = np.random.default_rng(1)
+    size = 4000
+    strength = 6000.0 + rng.normal(0.0, 300.0, size) + rng.normal(0.0, 100.0, size)
+    pooled = pool(windows(strength, 100.0, 0.5 + rng.normal(0.0, 0.05, size), 0.05))
+    assert pooled.strength_between == pytest.approx(300.0, rel=0.05)
+    assert pooled.phi_between < 0.01
+    assert pooled.strength_se == pytest.approx(np.hypot(300.0, 100.0) / np.sqrt(size), rel=0.05)
+    assert abs(pooled.strength - 6000.0) < 3.0 * pooled.strength_se
+
+
+def test_what_the_sensors_do_is_not_averaged_out():
+    pooled = pool(windows(np.full(100, 6000.0), 50.0, 0.5, 0.05, tan_bias=0.04))
+    own = 0.03 / 10.0
+    assert pooled.phi_se * 1.25 == pytest.approx(np.hypot(own, 0.04), rel=1e-3)
+    assert pooled.strength_se == pytest.approx(5.0, rel=1e-3)
+
+
+def test_strengths_at_two_stresses_make_a_line():
+    stress = np.repeat([8e3, 1.6e4], 5)
+    pooled = pool(windows(500.0 + 0.6 * stress, 20.0, 0.05, np.hypot(0.6, 0.05), tan_bias=0.6, stress=stress))
+    assert np.tan(pooled.phi) == pytest.approx(0.6, abs=0.01)
+    assert pooled.c == pytest.approx(500.0, abs=100.0)
+    assert np.degrees(pooled.phi_se) < 1.0
+
+
+def test_windows_that_cannot_be_pooled_are_passed_over():
+    given = windows([6000.0, 1.0, 2.0], 50.0, 0.5, 0.05)
+    given.phi_se[1] = np.nan
+    given.status[2] = "too-few-samples"
+    pooled = pool(given)
+    assert pooled.windows == 1
+    assert pooled.strength == pytest.approx(6000.0)
+    nothing = pool(given, [1, 2])
+    assert nothing.windows == 0
+    assert np.isnan(nothing.c)
+
+
+@pytest.mark.parametrize("select", [[0, 2], [True, False, True]])
+def test_select_is_by_index_or_mask(select):
+    pooled = pool(windows([6000.0, 1.0, 6000.0], 50.0, 0.5, 0.05), select)
+    assert pooled.windows == 2
+    assert pooled.strength == pytest.approx(6000.0)
+
+
+def test_plain_mean_is_over_separable_windows():
+    given = windows([6000.0, 6200.0, 9000.0], 50.0, [0.5, 0.5, 0.0], 0.05)
+    given.status = np.array(["ok", "out-of-range", "not-separable"])
+    pooled = pool(given)
+    assert (pooled.windows, pooled.separable) == (3, 2)
+    assert pooled.c_mean == pytest.approx(1100.0)
+    assert pooled.c_spread == pytest.approx(np.sqrt(2.0) * 100.0)
+    assert pooled.phi_mean == pytest.approx(np.arctan(0.5))
+    assert pooled.phi_spread == pytest.approx(0.0, abs=1e-12)
+
+
+def test_exact_windows_can_be_pooled():
+    given = windows([6000.0, 6000.0], 1.0, 0.5, 0.0)
+    given.c_se, given.corr = np.zeros(2), np.full(2, np.nan)
+    pooled = pool(given)
+    assert pooled.windows == 2
+    assert pooled.c == pytest.approx(1e3)
+    assert pooled.phi == pytest.approx(np.arctan(0.5))
+
+
+def test_windows_of_one_soil_hold_the_truth():
+    inside = []
+    for seed in range(40):
+        run = drive(12, 60, seed, kind="scatter", share=0.2, noises=0.03)
+        x, y = line_coordinates(**run.channels, **GEOMETRY)
+        estimates = estimate_windows(x, y, run.bounds, **run.channels, **GEOMETRY)
+        pooled = pool(estimates)
+        assert pooled.phi_se < estimates.phi_se.mean()
+        inside.append(
+            (
+                abs(pooled.phi - run.phi) < 1.96 * pooled.phi_se,
+                abs(pooled.c - run.cohesion) < 1.96 * pooled.c_se,
+            )
+        )
+    assert np.mean(inside, axis=0).min() >= 0.9

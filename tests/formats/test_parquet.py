@@ -1,0 +1,200 @@
+"""Parquet: types, parts and partitions, and damaged files."""
+
+from __future__ import annotations
+
+import datetime as dt
+import decimal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from formats import DamagedError, FormatError, Labels, open_source
+
+
+@pytest.fixture
+def make(tmp_path):
+    def write(columns, name="log.parquet", **options):
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(pa.table(columns), path, **options)
+        return str(path)
+
+    return write
+
+
+def kinds(source):
+    return {field.name: field.kind for field in source.streams()[0].fields}
+
+
+def one(source, *fields):
+    (batch,) = source.read("", fields)
+    return batch
+
+
+def texts(labels):
+    return [labels.names[code] if code >= 0 else None for code in labels.codes]
+
+
+NUMBERS = [
+    (pa.array([1.5, None, float("nan")]), [1.5, np.nan, np.nan]),
+    (pa.array([1.5, 2.5, 3.5], pa.float32()), [1.5, 2.5, 3.5]),
+    (pa.array([1, None, 3], pa.int16()), [1, np.nan, 3]),
+    (pa.array([1, 2, 2**53 - 1]), [1, 2, 2**53 - 1]),
+    (pa.array([True, None, False]), [1, np.nan, 0]),
+    (pa.array([decimal.Decimal("1.25"), None, decimal.Decimal("-2.50")]), [1.25, np.nan, -2.5]),
+    (pa.array([None, None, None]), [np.nan] * 3),
+    (pa.array([1_500_000, None, -5], pa.duration("us")), [1.5, np.nan, -5e-6]),
+    (pa.array([7, 7, 9]).dictionary_encode(), [7, 7, 9]),
+    (pa.array([0, 1, 2**64 - 1], pa.uint64()), [0, 1, float(2**64 - 1)]),
+]
+
+
+@pytest.mark.parametrize(("array", "expected"), NUMBERS, ids=[str(array.type) for array, _ in NUMBERS])
+def test_numbers_of_every_type(make, array, expected):
+    source = open_source(make({"x": array}))
+    assert kinds(source) == {"x": "number"}
+    values = one(source, "x")["x"]
+    assert values.dtype == np.float64
+    np.testing.assert_array_equal(values, expected)
+
+
+def test_integers_that_float64_cannot_hold(make):
+    stamps = [1714564800123456789, 1714564800123456790]
+    source = open_source(make({"time_ns": pa.array(stamps, pa.int64())}))
+    values = one(source, "time_ns")["time_ns"]
+    assert values.dtype == np.int64
+    assert values.tolist() == stamps
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        pa.array(["sand", " rock ", None, "nan", "sand", ""]),
+        pa.array(["sand", " rock ", None, "nan", "sand", ""], pa.large_string()),
+        pa.array(["sand", " rock ", None, "nan", "sand", ""]).dictionary_encode(),
+    ],
+    ids=["string", "large_string", "dictionary"],
+)
+def test_labels(make, array):
+    source = open_source(make({"terrain": array}))
+    assert kinds(source) == {"terrain": "text"}
+    labels = one(source, "terrain")["terrain"]
+    assert isinstance(labels, Labels)
+    assert texts(labels) == ["sand", "rock", None, None, "sand", None]
+
+
+NOON = dt.datetime(2024, 5, 1, 12, tzinfo=dt.UTC)
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        pa.array([NOON, None], pa.timestamp("us", "UTC")),
+        pa.array([NOON, None], pa.timestamp("ms", "Europe/Berlin")),
+        pa.array([NOON.replace(tzinfo=None), None], pa.timestamp("ns")),
+        pa.array([NOON.replace(tzinfo=None), None], pa.timestamp("s")),
+    ],
+    ids=lambda array: str(array.type),
+)
+def test_times(make, array):
+    source = open_source(make({"time": array}))
+    assert kinds(source) == {"time": "time"}
+    times = one(source, "time")["time"]
+    assert times.dtype == np.dtype("datetime64[ns]")
+    assert times[0] == np.datetime64("2024-05-01T12:00:00", "ns")
+    assert np.isnat(times[1])
+
+
+def test_batches_and_count(make):
+    path = make({"a": np.arange(1000.0), "b": np.arange(1000)}, row_group_size=300)
+    source = open_source(path)
+    assert source.kind == "parquet"
+    assert source.streams()[0].count == 1000
+    batches = list(source.read("", ["a"], 128))
+    assert max(len(batch["a"]) for batch in batches) <= 128
+    assert all(list(batch) == ["a"] for batch in batches)
+    np.testing.assert_array_equal(np.concatenate([batch["a"] for batch in batches]), np.arange(1000.0))
+
+
+def test_columns_that_are_no_numbers_texts_or_times(make):
+    source = open_source(make({"a": [1.0], "list": [[1, 2]], "bytes": [b"x"], "wrench.force.z": [2.0]}))
+    assert kinds(source) == {"a": "number", "wrench.force.z": "number"}
+    assert source.remarks == ["columns passed over, being neither numbers, texts nor times: list, bytes"]
+    assert one(source, "wrench.force.z")["wrench.force.z"].tolist() == [2.0]
+
+
+def test_hive_partitions_in_natural_order(make, tmp_path):
+    for run in (10, 2):
+        for part in (10, 9):
+            make({"a": [float(part)]}, f"drive/run={run}/terrain=loose%20sand/part-{part}.parquet")
+    make({"a": [0.0]}, "drive/run=1/terrain=__HIVE_DEFAULT_PARTITION__/part-0.parquet")
+    source = open_source(str(tmp_path / "drive"))
+    assert kinds(source) == {"a": "number", "run": "number", "terrain": "text"}
+    assert source.streams()[0].count == 5
+    batches = list(source.read("", ["run", "a", "terrain"]))
+    assert [batch["run"].tolist() for batch in batches] == [[1], [2], [2], [10], [10]]
+    assert [batch["a"].tolist() for batch in batches] == [[0], [9], [10], [9], [10]]
+    assert [texts(batch["terrain"]) for batch in batches] == [[None], *[["loose sand"]] * 4]
+
+
+def test_parts_written_by_pyarrow_read_back_the_same(tmp_path):
+    table = pa.table({"a": np.arange(50.0), "wheel": ["left", "right"] * 25})
+    pq.write_to_dataset(table, tmp_path / "drive", partition_cols=["wheel"])
+    source = open_source(str(tmp_path / "drive"))
+    found = {texts(batch["wheel"])[0]: batch["a"].tolist() for batch in source.read("", ["a", "wheel"])}
+    assert found == {"left": list(range(0, 50, 2)), "right": list(range(1, 50, 2))}
+
+
+def test_part_without_a_column(make, tmp_path):
+    make({"a": [1.0], "label": ["x"]}, "drive/part-1.parquet")
+    make({"a": [2.0]}, "drive/part-2.parquet")
+    first, second = open_source(str(tmp_path / "drive")).read("", ["label", "a"])
+    assert texts(first["label"]) == ["x"]
+    assert texts(second["label"]) == [None]
+    assert second["a"].tolist() == [2.0]
+
+
+def test_parts_that_disagree(make, tmp_path):
+    make({"a": [1.0]}, "drive/part-1.parquet")
+    make({"a": ["x"]}, "drive/part-2.parquet")
+    with pytest.raises(FormatError, match=r"part-2.parquet: a is text, but not in the parts before it"):
+        open_source(str(tmp_path / "drive"))
+
+
+def test_no_rows(make):
+    with pytest.raises(FormatError, match="has columns but no rows"):
+        open_source(make({"a": pa.array([], pa.float64())}))
+
+
+def test_unknown_column(make):
+    with pytest.raises(FormatError, match="has no column 'b'"):
+        list(open_source(make({"a": [1.0]})).read("", ["b"]))
+
+
+@pytest.mark.parametrize("damage", ["cut", "magic", "footer"])
+def test_damaged_footer(make, tmp_path, damage):
+    path = tmp_path / "log.parquet"
+    make({"a": np.arange(1000.0)})
+    data = bytearray(path.read_bytes())
+    if damage == "cut":
+        del data[len(data) // 2 :]
+    elif damage == "magic":
+        data[-4:] = b"XXXX"
+    else:
+        data[-60:-8] = b"\xff" * 52
+    path.write_bytes(data)
+    with pytest.raises(DamagedError, match="footer is missing or corrupt") as caught:
+        open_source(str(path))
+    assert caught.value.exit_code == 65
+
+
+def test_damaged_page(make, tmp_path):
+    path = tmp_path / "log.parquet"
+    make({"a": np.arange(100_000.0)}, compression="snappy", use_dictionary=False)
+    data = bytearray(path.read_bytes())
+    data[1000:5000] = b"\xff" * 4000
+    path.write_bytes(data)
+    with pytest.raises(DamagedError, match="is corrupt"):
+        list(open_source(str(path)).read("", ["a"]))

@@ -1,0 +1,338 @@
+"""The fast way gives bit for bit what decoding message by message gives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bags import message, typestore
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
+
+from formats.rosbag.columns import Request, extract
+from formats.rosbag.cursor import UnevenError, gather
+from formats.rosbag.decoder import Decoder, UndecodableError
+from formats.rosbag.definitions import CODES, DURATION, FILLER, TIME, Definition, find_leaves
+
+NAMES = ("fl", "fr", "rl", "rr", "ä", "")
+INTEGERS = [base for base in CODES if base not in {"bool", "float32", "float64"}]
+base = st.sampled_from([*CODES, "string", "float64", "string"]).map(lambda name: (Nodetype.BASE, (name, 0)))
+clock = st.sampled_from([TIME, DURATION]).map(lambda name: (Nodetype.NAME, name))
+
+
+def members(inner):
+    """Members of a message; `inner` are the types it may be made of."""
+    element = st.one_of(base, clock, *([st.sampled_from(inner)] if inner else []))
+    desc = st.one_of(
+        element,
+        st.tuples(st.just(Nodetype.SEQUENCE), st.tuples(element, st.just(0))),
+        st.tuples(st.just(Nodetype.ARRAY), st.tuples(element, st.integers(1, 3))),
+    )
+    named = st.sampled_from(
+        [
+            [],
+            [("name", (Nodetype.BASE, ("string", 0)))],
+            [("name", (Nodetype.SEQUENCE, ((Nodetype.BASE, ("string", 0)), 0)))],
+        ]
+    )
+    plain = st.lists(desc, min_size=1, max_size=5).map(lambda d: [(f"m{i}", x) for i, x in enumerate(d)])
+    return st.tuples(named, plain, st.booleans()).map(lambda t: t[0] + t[1] if t[2] else t[1] + t[0])
+
+
+@st.composite
+def types(draw):
+    made = {}
+    for i in range(draw(st.integers(1, 3))):
+        inner = [(Nodetype.NAME, name) for name in made]
+        made[f"x_msgs/msg/T{i}"] = ([], draw(members(inner)))
+    return made
+
+
+class Values:
+    """Random messages; `even` lists have one length per member, others one per message."""
+
+    def __init__(self, store, seed, *, even_numbers, even_items):
+        self.store = store
+        self.random = np.random.default_rng(seed)
+        self.even_numbers, self.even_items = even_numbers, even_items
+        self.lengths = {}
+
+    def length(self, key, *, even):
+        drawn = int(self.random.integers(0, 4))
+        return self.lengths.setdefault(key, drawn) if even else drawn
+
+    def message(self, type_name, where=()):
+        members = self.store.fielddefs[type_name][1]
+        return self.store.types[type_name](
+            *(self.member(desc, (*where, name)) for name, desc in members if name != FILLER)
+        )
+
+    def member(self, desc, where):
+        kind, rest = desc
+        if kind == Nodetype.NAME:
+            return self.message(rest, where)
+        if kind == Nodetype.BASE:
+            return self.text(where) if rest[0] == "string" else self.numbers(rest[0], 1)[0].item()
+        element, count = rest
+        numbers = element[0] == Nodetype.BASE and element[1][0] != "string"
+        if kind == Nodetype.SEQUENCE:
+            count = self.length(where, even=self.even_numbers if numbers else self.even_items)
+        if numbers:
+            return self.numbers(element[1][0], count)
+        return [self.member(element, (*where, i)) for i in range(count)]
+
+    def text(self, where):
+        if where[-1] == "name" or "name" in where[-2:]:
+            return NAMES[self.random.integers(len(NAMES))]
+        return "é" * self.length(where, even=self.even_numbers)
+
+    def numbers(self, name, count):
+        code = np.dtype(CODES[name])
+        raw = self.random.integers(0, 256, count * code.itemsize, dtype=np.uint8).view(code)
+        if name == "bool":
+            return raw % 2 == 1
+        if name in INTEGERS:
+            return raw
+        special = np.array([np.nan, np.inf, -0.0, 5e-324], dtype=code)
+        return np.where(
+            self.random.random(count) < 0.2,
+            self.random.choice(special, count),
+            self.random.normal(size=count).astype(code),
+        )
+
+
+def requests(definition):
+    wanted = []
+    for leaf in definition.leaves.values():
+        if leaf.kind in {"number", "text", "time"}:
+            wanted.append((leaf, Request(leaf.name, leaf.name, leaf.kind)))
+            continue
+        kind = {"numbers": "number", "texts": "text"}[leaf.kind]
+        keys = [0, 2, *([*NAMES, "nobody"] if leaf.names else [])]
+        wanted += [(leaf, Request(f"{leaf.name}[{key}]", leaf.name, kind, key)) for key in keys]
+    return wanted
+
+
+def same(fast, slow, wanted):
+    for (values, present), (expected, expected_present), (_, request) in zip(fast, slow, wanted, strict=True):
+        assert present == expected_present, request
+        assert values.dtype == expected.dtype, request
+        if values.dtype == float:  # −0.0 is not 0.0
+            np.testing.assert_array_equal(np.signbit(values), np.signbit(expected))
+        np.testing.assert_array_equal(values, expected, err_msg=str(request))
+
+
+def compare(definition, payloads, *, must_be_fast):
+    wanted = requests(definition)
+    decoder = Decoder(definition)
+    messages = [decoder.message(payload) for payload in payloads]
+    slow = [extract(messages, *pair) for pair in wanted]
+    try:
+        fast = gather(definition, payloads, wanted)
+    except UnevenError:
+        assert not must_be_fast
+        fast = slow
+    same(fast, slow, wanted)
+    same(decoder.columns(payloads, [request for _, request in wanted]), slow, wanted)
+    return dict(zip((request.asked for _, request in wanted), (values for values, _ in fast), strict=True))
+
+
+def define(store, name, *, ros1):
+    return Definition(name, ros1, store, find_leaves(store, name))
+
+
+@settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    types(),
+    st.integers(0, 2**32),
+    st.integers(1, 6),
+    st.sampled_from(["ros1", "<", ">"]),
+    st.booleans(),
+    st.booleans(),
+)
+def test_fast_equals_plain(made, seed, rows, order, even_numbers, even_items):
+    store = get_typestore(Stores.EMPTY)
+    store.register(made)
+    name = list(made)[-1]
+    ros1 = order == "ros1"
+    definition = define(store, name, ros1=ros1)
+    values = Values(store, seed, even_numbers=even_numbers, even_items=even_items)
+    messages = [values.message(name) for _ in range(rows)]
+    payloads = [
+        bytes(
+            store.serialize_ros1(message, name)
+            if ros1
+            else store.serialize_cdr(message, name, little_endian=order == "<")
+        )
+        for message in messages
+    ]
+    compare(definition, payloads, must_be_fast=even_items)
+
+
+def pack(text, rows, order):
+    """Serialise messages of one custom type; return its definition and their payloads."""
+    ros1 = order == "ros1"
+    store = typestore({"x_msgs/msg/T": text, "x_msgs/msg/Wheel": WHEEL}, ros1=ros1)
+    messages = [message(store, "x_msgs/msg/T", row) for row in rows]
+    payloads = [
+        bytes(
+            store.serialize_ros1(m, "x_msgs/msg/T")
+            if ros1
+            else store.serialize_cdr(m, "x_msgs/msg/T", little_endian=order == "<")
+        )
+        for m in messages
+    ]
+    return define(store, "x_msgs/msg/T", ros1=ros1), payloads
+
+
+WHEEL = "string name\nfloat32 torque\nfloat64 sinkage\n"
+orders = pytest.mark.parametrize("order", ["ros1", "<", ">"])
+
+
+@orders
+@pytest.mark.parametrize("lengths", [(0, 0, 0), (0, 2, 0), (1, 1, 1), (3, 0, 1)])
+def test_an_empty_list_adds_no_gap(order, lengths):
+    rows = [{"a": [0.5] * n, "b": 7, "c": [1] * n, "d": -3} for n in lengths]
+    definition, payloads = pack("float64[] a\nint32 b\nuint64[] c\nint16 d\n", rows, order)
+    columns = compare(definition, payloads, must_be_fast=True)
+    assert columns["b"].tolist() == [7, 7, 7]
+    assert columns["d"].tolist() == [-3, -3, -3]
+
+
+@orders
+def test_any_byte_but_zero_is_true(order):
+    definition, payloads = pack("bool a\nbool[2] b\n", [{"a": True, "b": [False, True]}], order)
+    payload = payloads[0].replace(b"\x01\x00\x01", b"\x02\x00\x80")
+    assert payload != payloads[0]
+    columns = compare(definition, [payload], must_be_fast=True)
+    assert (columns["a"].item(), columns["b[0]"].item()) == (1.0, 0.0)
+
+
+@orders
+def test_names_may_change_their_order_and_number_of_letters(order):
+    rows = [
+        {"name": ["fl", "front_right"], "effort": [1.0, 2.0]},
+        {"name": ["front_right", "fl"], "effort": [2.5, 1.5]},
+        {"name": ["fl", "fl"], "effort": [1.25, 9.0]},
+        {"name": ["rl", "fl"], "effort": [9.0]},
+    ]
+    definition, payloads = pack("string[] name\nfloat64[] effort\n", rows, order)
+    leaf = definition.leaves["effort"]
+    wanted = [(leaf, Request("e", "effort", "number", key)) for key in ("fl", "front_right", "rl", 1)]
+    columns = [values.tolist() for values, _ in gather(definition, payloads, wanted)]
+    np.testing.assert_array_equal(
+        columns, [[1, 1.5, 1.25, np.nan], [2, 2.5, np.nan, np.nan], [np.nan] * 3 + [9], [2, 1.5, 9, np.nan]]
+    )
+    compare(definition, payloads, must_be_fast=True)
+
+
+@orders
+def test_lists_of_messages_by_place_and_by_name(order):
+    def wheel(name, torque):
+        return {"name": name, "torque": torque, "sinkage": torque / 8}
+
+    rows = [
+        {"wheels": [wheel("fl", 1.0), wheel("rear", 2.0)]},
+        {"wheels": [wheel("rear", 4.0), wheel("fl", 3.0)]},
+        {"wheels": [wheel("x", 4.0), wheel("x", 3.0)]},
+    ]
+    definition, payloads = pack("Wheel[] wheels\nuint8 end\n", rows, order)
+    assert list(definition.leaves) == ["wheels.name", "wheels.torque", "wheels.sinkage", "end"]
+    leaf = definition.leaves["wheels.sinkage"]
+    wanted = [(leaf, Request("s", "wheels.sinkage", "number", key)) for key in ("fl", "rear", "x", 1, 2)]
+    results = gather(definition, payloads, wanted)
+    nan = np.nan
+    np.testing.assert_array_equal(
+        [values for values, _ in results],
+        [[1 / 8, 3 / 8, nan], [2 / 8, 4 / 8, nan], [nan, nan, 4 / 8], [2 / 8, 3 / 8, 3 / 8], [nan] * 3],
+    )
+    assert [present for _, present in results] == [True, True, True, True, False]
+    compare(definition, payloads, must_be_fast=True)
+
+
+@orders
+@pytest.mark.parametrize("counts", [(1, 2), (300, 300)])
+def test_lists_that_go_the_plain_way(order, counts):
+    rows = [{"wheels": [{"name": f"w{i}", "torque": i} for i in range(n)], "end": 5} for n in counts]
+    definition, payloads = pack("Wheel[] wheels\nuint8 end\n", rows, order)
+    with pytest.raises(UnevenError):
+        gather(definition, payloads, requests(definition))
+    columns = Decoder(definition).columns(
+        payloads,
+        [Request("t", "wheels.torque", "number", "w1"), Request("end", "end", "number")],
+    )
+    np.testing.assert_array_equal(columns[0][0], [np.nan if counts[0] == 1 else 1, 1])
+    assert columns[1][0].tolist() == [5, 5]
+
+
+def test_both_byte_orders_in_one_topic():
+    rows = [{"a": 1, "b": [2.5]}, {"a": 3, "b": [4.5]}]
+    definition, little = pack("int32 a\nfloat64[] b\n", rows, "<")
+    _, big = pack("int32 a\nfloat64[] b\n", rows, ">")
+    columns = compare(definition, [little[0], big[1]], must_be_fast=False)
+    assert columns["a"].tolist() == [1, 3]
+    assert columns["b[0]"].tolist() == [2.5, 4.5]
+
+
+TEXT = "string s\nfloat64[] a\nstring[] name\nWheel[] wheels\nuint16 end\n"
+ROW = {"s": "abc", "a": [1.0, 2.0], "name": ["x", "yy"], "wheels": [{"name": "fl", "torque": 1.5}], "end": 9}
+
+
+@orders
+def test_a_message_cut_anywhere_is_never_read_as_something_else(order):
+    definition, (whole,) = pack(TEXT, [ROW], order)
+    decoder = Decoder(definition)
+    asked = [request for _, request in requests(definition)]
+    for size in range(len(whole)):
+        with pytest.raises(UndecodableError) as caught:
+            decoder.columns([whole, whole[:size], whole], asked)
+        assert caught.value.row == 1
+
+
+@orders
+def test_bytes_left_over(order):
+    definition, (whole,) = pack(TEXT, [ROW], order)
+    decoder = Decoder(definition)
+    asked = [Request("end", "end", "number")]
+    if order != "ros1":  # CDR may be padded
+        assert decoder.columns([whole, whole + bytes(3)], asked)[0][0].tolist() == [9, 9]
+    with pytest.raises(UndecodableError) as caught:
+        decoder.columns([whole, whole, whole + bytes(4)], asked)
+    assert caught.value.row == 2
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.data(), st.sampled_from(["ros1", "<", ">"]))
+def test_damaged_bytes_give_an_error_or_what_the_plain_way_gives(data, order):
+    definition, (whole,) = pack(TEXT, [ROW], order)
+    broken = bytearray(whole)
+    for _ in range(data.draw(st.integers(1, 3))):
+        broken[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    decoder = Decoder(definition)
+    wanted = requests(definition)
+    try:
+        messages = [decoder.message(whole), decoder.message(bytes(broken))]
+    except UndecodableError as error:
+        assume("utf-8" not in str(error))  # only texts that are asked for are decoded the fast way
+        with pytest.raises(UndecodableError):
+            decoder.columns([whole, bytes(broken)], [request for _, request in wanted])
+    else:
+        slow = [extract(messages, *pair) for pair in wanted]
+        same(decoder.columns([whole, bytes(broken)], [request for _, request in wanted]), slow, wanted)
+
+
+@orders
+def test_a_text_that_is_not_utf8_harms_only_who_asks_for_it(order):
+    definition, (whole,) = pack("string s\nuint16 end\n", [{"s": "ab", "end": 9}], order)
+    broken = whole.replace(b"ab", b"\xe4b")
+    decoder = Decoder(definition)
+    assert decoder.columns([broken], [Request("end", "end", "number")])[0][0].tolist() == [9]
+    with pytest.raises(UndecodableError):
+        decoder.columns([broken], [Request("s", "s", "text")])
+
+
+def test_an_encapsulation_that_is_not_plain_cdr():
+    definition, (whole,) = pack("int32 a\n", [{"a": 1}], "<")
+    with pytest.raises(UndecodableError, match="encapsulation"):
+        Decoder(definition).columns([b"\x00\x07" + whole[2:]], [Request("a", "a", "number")])

@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formats import Labels
+from terrain_cli.telemetry import health
+
+NAN, INF = float("nan"), float("inf")
+RADIUS = 0.125
+GOOD = {"load": 80.0, "torque": 3.0, "sinkage": 0.01, "slip": 0.3, "angular_velocity": 1.0, "velocity": 0.1}
+
+
+def channels(n=3, **changes):
+    """Channels of good samples; of a change the middle one has the value."""
+    columns = {name: np.full(n, value) for name, value in GOOD.items()}
+    for name, value in changes.items():
+        columns[name][n // 2] = value
+    return columns
+
+
+def reasons(columns, time=None):
+    found, _ = health.set_aside(columns, time, RADIUS)
+    return [None if code < 0 else found.names[code] for code in found.codes]
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"load": NAN}, "no load"),
+        ({"torque": NAN}, "no torque"),
+        ({"sinkage": NAN}, "no sinkage"),
+        ({"slip": NAN}, "no slip"),
+        ({"load": INF}, "load is infinite"),
+        ({"torque": -INF}, "torque is infinite"),
+        ({"slip": INF}, "slip is infinite"),
+        # ω infinite makes a slip of 1, which would look like a wheel that spins.
+        ({"angular_velocity": INF, "slip": 1.0}, "angular_velocity is infinite"),
+        ({"velocity": INF, "slip": -1.0}, "velocity is infinite"),
+        ({"angular_velocity": 0.0, "slip": NAN}, "wheel stands (ω = 0, slip undefined)"),
+        ({"angular_velocity": 1e-3, "slip": NAN}, "wheel stands (ω = 0, slip undefined)"),
+        ({"slip": -0.01}, "wheel skids (slip < 0)"),
+        ({"slip": 1.01}, "wheel rolls against its drive (slip > 1)"),
+        ({"sinkage": 0.0}, "sinkage not positive"),
+        ({"sinkage": -0.002}, "sinkage not positive"),
+        ({"sinkage": RADIUS}, "sinkage beyond the wheel radius"),
+        ({"load": 0.0}, "load not positive"),
+        ({"load": -80.0}, "load not positive"),
+        ({"torque": -0.1}, None),
+        ({"slip": 0.0}, None),
+        ({"slip": 1.0}, None),
+    ],
+)
+def test_each_reason(changes, reason):
+    assert reasons(channels(**changes)) == [None, reason, None]
+
+
+def test_the_first_reason_counts():
+    assert reasons(channels(load=NAN, torque=NAN, sinkage=-1.0))[1] == "no load"
+
+
+def test_times():
+    time = np.array([0.0, NAN, 0.1, 0.1, 0.05, 0.2])
+    expected = [None, "no time", None, "time repeated", "time runs backwards", None]
+    assert reasons(channels(6), time) == expected
+
+
+def test_without_wheel_speed_a_missing_slip_is_just_missing():
+    columns = channels(slip=NAN)
+    del columns["angular_velocity"]
+    assert reasons(columns)[1] == "no slip"
+
+
+values = st.sampled_from([NAN, INF, -INF, -1.0, 0.0, 1e-4, 0.01, 0.5, 1.0, 2.0, 80.0])
+
+
+@given(st.lists(st.fixed_dictionaries(dict.fromkeys(GOOD, values)), min_size=1, max_size=12))
+def test_what_is_used_can_be_used(rows):
+    columns = {name: np.array([row[name] for row in rows]) for name in GOOD}
+    found, _ = health.set_aside(columns, None, RADIUS)
+    used = {name: column[found.codes < 0] for name, column in columns.items()}
+    assert all(np.isfinite(used[name]).all() for name in GOOD if name not in {"angular_velocity", "velocity"})
+    assert np.all((used["load"] > 0) & (used["sinkage"] > 0) & (used["sinkage"] < RADIUS))
+    assert np.all((used["slip"] >= 0) & (used["slip"] <= 1))
+    # A reason is there because it occurs.
+    assert set(found.codes.tolist()) >= set(range(len(found.names)))
+
+
+def judged(n, **where):
+    """Reasons of n samples: reason → rows."""
+    names = tuple(where)
+    codes = np.full(n, -1, dtype=np.int32)
+    for code, rows in enumerate(where.values()):
+        codes[list(rows)] = code
+    texts = {"stands": health.STANDS, "astray": health.BACKWARDS}
+    return Labels(codes, tuple(texts.get(name, name) for name in names))
+
+
+@given(st.lists(st.floats(0.01, 3.0), min_size=1, max_size=40), st.floats(0.05, 2.0))
+def test_stretches_never_join_across_a_gap_and_are_never_cut_without(steps, max_gap):
+    time = np.concatenate([[0.0], np.cumsum(steps)])
+    stretch = health.stretches(time, judged(len(time)), max_gap=max_gap)
+    gaps = np.diff(time) > max_gap + 1e-6
+    np.testing.assert_array_equal(np.diff(stretch), gaps.astype(int))
+
+
+@given(st.integers(2, 60), st.data())
+def test_unusable_samples_break_a_stretch_when_they_last_too_long(n, data):
+    time = np.arange(n) * 0.1
+    lost = data.draw(st.sets(st.integers(0, n - 1), max_size=n))
+    stretch = health.stretches(time, judged(n, lost=lost), max_gap=0.5)
+    usable = [j for j in range(n) if j not in lost]
+    for a, b in pairwise(usable):
+        assert (stretch[b] > stretch[a]) == (time[b] - time[a] > 0.5 + 1e-6)
+
+
+def test_standing_does_not_interrupt_the_ground():
+    time = np.arange(100) * 0.1
+    standing = judged(100, stands=range(20, 80))
+    assert health.stretches(time, standing, max_gap=0.5).max() == 0
+    # But what is not recorded while it stands may be anything.
+    time[50:] += 2.0
+    stretch = health.stretches(time, standing, max_gap=0.5)
+    assert (stretch[19], stretch[80]) == (0, 1)
+
+
+def test_a_time_that_is_wrong_is_no_gap():
+    time = np.arange(60) * 0.1 + 1e9
+    time[30] = 0.0
+    stretch = health.stretches(time, judged(60, astray=[30]), max_gap=0.5)
+    assert stretch.max() == 0
+    time[30] = NAN
+    assert health.stretches(time, judged(60, lost=[30]), max_gap=0.5).max() == 0
+
+
+def test_runs_and_restarts():
+    time = np.concatenate([np.arange(10), np.arange(10)]) * 0.1
+    runs = Labels(np.repeat([0, 1, 0, 0], 5).astype(np.int32), ("a", "b"))
+    stretch = health.stretches(time, judged(20), runs=runs, restarts=np.array([15]), max_gap=0.5)
+    np.testing.assert_array_equal(stretch, np.repeat([0, 1, 2, 3], 5))
+
+
+def test_without_a_clock_there_are_no_gaps():
+    stretch = health.stretches(None, judged(4, lost=[1]), max_gap=0.0)
+    np.testing.assert_array_equal(stretch, [0, 0, 0, 0])
+    assert len(health.stretches(np.empty(0), judged(0), max_gap=1.0)) == 0
+
+
+def test_a_torque_that_brakes_a_driving_wheel_is_doubted():
+    channels = {"torque": np.array([-3.0, -2.0, 1.0])}
+    usable = Labels(np.full(3, -1, dtype=np.int32), ())
+    (doubt,) = health.doubts(channels, usable)
+    assert "scale = -1" in doubt
+    assert health.doubts({"torque": -channels["torque"]}, usable) == []

@@ -1,0 +1,153 @@
+"""Windows of whole logs, judged on drives of the independent simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from simulator import (
+    DRY_SAND,
+    LETE_SAND,
+    UPLAND_SANDY_LOAM,
+    WET_CLAYEY_SOIL,
+    Drive,
+    Track,
+    constant,
+    one_wheel,
+    simulate,
+    steps,
+    undulation,
+    wave,
+)
+
+import terrain_cli as terrain
+from terrain_cli.errors import InputError, UsageError
+from terrain_cli.rover import Rover, Wheel
+
+ROVER = Rover(default=Wheel(radius=Drive([]).wheel.radius, width=Drive([]).wheel.width), shear_modulus=0.018)
+
+
+def samples_of(drive):
+    (log,) = simulate(drive).wheels.values()
+    columns = {
+        name: values for name, values in log.aligned().items() if name not in {"angular_velocity", "x"}
+    }
+    (wheel,) = terrain.from_frame(pd.DataFrame(columns), ROVER)
+    return wheel, log
+
+
+def cuts(wheel, method="auto", **options):
+    """Return the times at which windows begin, without the first."""
+    windows = terrain.segment(wheel, method, **options)
+    return wheel.time[windows.rows[windows.bounds[1:-1]]] + wheel.origin
+
+
+SOILS = (DRY_SAND, UPLAND_SANDY_LOAM, WET_CLAYEY_SOIL)
+
+
+@pytest.mark.parametrize("model", ["linear", "wong-reece"])
+def test_changes_of_soil_are_found_within_a_second(model):
+    found = missed = false = 0
+    for seed in range(10):
+        order = [SOILS[(k * (1 + seed % 2) + seed) % 3] for k in range(3 + seed % 4)]
+        load = undulation(80.0, 0.2, 7.0, seed=seed) if seed % 2 else steps([(70.0, 11.0), (95.0, 13.0)] * 9)
+        drive = one_wheel(
+            [(soil, 20.0) for soil in order], load=load, noise=0.03, rate=20.0, model=model, seed=seed
+        )
+        wheel, log = samples_of(drive)
+        at = cuts(wheel)
+        truth = np.array(log.boundaries)
+        near = np.abs(at[:, None] - truth) <= 1.0
+        found += int(near.any(axis=0).sum())
+        missed += int((~near.any(axis=0)).sum())
+        false += int((~near.any(axis=1)).sum())
+    assert found >= 0.95 * (found + missed)
+    assert false <= 0.05 * (found + missed)
+
+
+@pytest.mark.parametrize("model", ["linear", "wong-reece"])
+def test_a_load_step_on_one_soil_is_no_new_terrain(model):
+    for seed, soil in enumerate((*SOILS, LETE_SAND)):
+        load = steps([(70.0, 10.0), (95.0, 10.0), (80.0, 10.0)] * 2)
+        drive = one_wheel([(soil, 60.0)], load=load, noise=0.03, rate=20.0, model=model, seed=seed)
+        assert len(cuts(samples_of(drive)[0])) == 0
+
+
+def test_a_steady_drive_on_flat_ground_is_one_window_that_gives_the_strength():
+    drive = one_wheel([(DRY_SAND, 60.0)], load=constant(80.0), slip=constant(0.3), noise=0.03, model="linear")
+    wheel, log = samples_of(drive)
+    (row,) = terrain.estimate(terrain.segment(wheel)).to_dict("records")
+    assert row["status"] == "not-separable"
+    truth = log.strength(row["sigma_star_kPa"] * 1e3).mean() / 1e3
+    assert row["strength_kPa"] == pytest.approx(truth, rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return samples_of(one_wheel([(DRY_SAND, 30.0)], slip=wave(0.3, 0.4, 11.0), noise=0.01, rate=20.0))[0]
+
+
+def test_fixed_windows_in_samples_and_metres(clean):
+    by_samples = terrain.segment(clean, "fixed", window_samples=100)
+    assert set(np.diff(by_samples.bounds)) == {100}
+    by_metres = terrain.segment(clean, "fixed", window_distance=0.5)
+    lengths = (
+        clean.distance[by_metres.rows[by_metres.bounds[1:] - 1]]
+        - clean.distance[by_metres.rows[by_metres.bounds[:-1]]]
+    )
+    assert lengths[:-1] == pytest.approx(0.5, abs=0.02)
+
+
+def test_fixed_windows_need_a_length(clean):
+    with pytest.raises(UsageError, match="length"):
+        terrain.segment(clean, "fixed")
+    with pytest.raises(InputError, match="distance"):
+        terrain.segment(replace(clean, distance=None), "fixed", window_distance=0.5)
+
+
+def test_terrain_windows_follow_the_label():
+    run = simulate(one_wheel([(DRY_SAND, 10.0), (LETE_SAND, 10.0), (DRY_SAND, 10.0)], rate=10.0))
+    frame = pd.DataFrame(run.columns(terrain=True)).drop(columns=["angular_velocity"])
+    (wheel,) = terrain.from_frame(frame, ROVER)
+    assert cuts(wheel, "terrain") == pytest.approx([10.0, 20.0])
+    table = terrain.estimate(terrain.segment(wheel, "terrain"))
+    assert table["terrain"].tolist() == [DRY_SAND.name, LETE_SAND.name, DRY_SAND.name]
+
+
+def test_no_windows_reach_across_runs_or_gaps():
+    frame = pd.DataFrame(simulate(one_wheel([(DRY_SAND, 30.0)], rate=10.0)).columns())
+    frame = frame.drop(columns=["angular_velocity"])
+    frame["run"] = np.where(frame["time"] < 10.0, "a", "b")
+    frame = frame[(frame["time"] < 20.0) | (frame["time"] > 22.0)]
+    (wheel,) = terrain.from_frame(frame, ROVER)
+    for method in ("auto", "none"):
+        assert cuts(wheel, method) == pytest.approx([10.0, 22.1])
+
+
+def test_steady_test_points_make_one_window_or_one_for_each_terrain():
+    frame = pd.DataFrame(simulate(one_wheel([(DRY_SAND, 2.0)], rate=10.0)).columns())
+    points = frame.drop(columns=["time", "angular_velocity", "velocity", "x", "y"])
+    (wheel,) = terrain.from_frame(points, ROVER)
+    assert terrain.segment(wheel).bounds.tolist() == [0, 20]
+    points["terrain"] = ["sand", "loam"] * 10
+    (wheel,) = terrain.from_frame(points, ROVER)
+    windows = terrain.segment(wheel)
+    assert windows.bounds.tolist() == [0, 10, 20]
+    assert windows.rows[:3].tolist() == [0, 2, 4]
+
+
+def test_the_windows_of_each_wheel_are_its_own():
+    drive = Drive(
+        [
+            Track("left", [(DRY_SAND, 20.0), (WET_CLAYEY_SOIL, 20.0)]),
+            Track("right", [(DRY_SAND, 25.0), (WET_CLAYEY_SOIL, 15.0)]),
+        ],
+        rate=20.0,
+        seed=3,
+    )
+    frame = pd.DataFrame(simulate(drive).columns())
+    left, right = terrain.from_frame(frame, ROVER)
+    assert cuts(left) == pytest.approx([20.0], abs=1.0)
+    assert cuts(right) == pytest.approx([25.0], abs=1.0)
