@@ -1,0 +1,117 @@
+"""What a physical effect is to this program."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+#: Where an effect enters: what the soil is, the stress under the rim, the shape of the contact, a
+#: force on the wheel, or what a sensor shows of it.
+Kind = Literal["soil", "stress", "contact", "force", "sensor"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+#: Every quantity that a law can change, with its unit, in the order in which the model reaches them.
+QUANTITIES: dict[str, str] = {
+    "slip": "1",
+    "load": "N",
+    "sinkage": "m",
+    "radius": "m",
+    "cohesion": "Pa",
+    "tan_phi": "1",
+    "shear_modulus": "m",
+    "stiffness": "Pa/m^n",
+    "sinkage_exponent": "1",
+    "max_stress_angle": "rad",
+    "exit_angle": "rad",
+    "shear_radius": "m",
+    "normal_stress": "Pa",
+    "shear_stress": "Pa",
+    "torque": "N m",
+    "drawbar_pull": "N",
+}
+
+#: What a law reads and gives: arrays, or numbers with derivatives. ``q["slip"]`` is a channel, a
+#: quantity as it stands when the law is reached, a parameter of the effect by its own name, or one of
+#: the wheel's constants.
+Law = Callable[["Mapping[str, Any]"], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A number of an effect, which the data can determine.
+
+    Parameters
+    ----------
+    name : str
+    unit : str
+        Of the value, SI; "1" for a plain number.
+    null : float
+        The value at which the effect is absent.
+    scale : float
+        A typical size, as a distance from `null`; positive.
+    lower, upper : float
+        Bounds.
+    meaning : str
+        In a few words.
+    """
+
+    name: str
+    unit: str
+    null: float
+    scale: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    meaning: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """A physical effect that can be added to a model.
+
+    Parameters
+    ----------
+    id : str
+        Lower-case words joined by hyphens.
+    title : str
+    kind : {"soil", "stress", "contact", "force", "sensor"}
+    parameters : tuple of Parameter
+    laws : mapping of str to callable
+        One of `QUANTITIES` → its changed value. At the null values of all parameters a law returns
+        ``q[quantity]``, to rounding.
+    needs : tuple of str
+        Channels without which the effect cannot be computed. ``NAME_rate`` is the derivative by time
+        of a channel or further column, which needs `time`; ``grouser_count`` and ``grouser_height``
+        are of rover.toml.
+    formula : str
+        The law as a person reads it.
+    explanation : str
+        One paragraph: what happens in the ground or the drive, and the signature it leaves.
+    shows : str
+        The residual channels and the drivers it follows, in a few words.
+    reference : str
+        Who found it: authors, year, title, and doi where there is one.
+    settled_by : str
+        The manoeuvre that tells it from its neighbours.
+    """
+
+    id: str
+    title: str
+    kind: Kind
+    parameters: tuple[Parameter, ...]
+    laws: Mapping[str, Law]
+    needs: tuple[str, ...] = ()
+    formula: str = ""
+    explanation: str = ""
+    shows: str = ""
+    reference: str = ""
+    settled_by: str = ""
+    origin: str = field(default="catalogue", compare=False)
+
+    def qualified(self, parameter: Parameter) -> str:
+        """Return the name of a parameter among those of all effects: ``slip-sinkage.n1``."""
+        return f"{self.id}.{parameter.name}"

@@ -1,0 +1,261 @@
+"""Forces on a rigid wheel from the stresses under its rim, with their exact derivatives.
+
+Normal stress of Bekker and of Wong & Reece, shear stress of Janosi & Hanamoto: equations [1] to
+[9] of Iagnemma et al. 2004 (doi 10.1109/TRO.2004.829462).
+
+The arc in front of the angle of maximum stress θm and the one behind it carry the same normal
+stress at the same share u of their length, counted from where the rim meets the surface: one power
+serves both. Angles enter through half their distance to θ1, so that nothing cancels at small θ1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.mechanics.quadrature import ORDER, nodes
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """What the forces follow from: each a number, or one value per sample.
+
+    Parameters
+    ----------
+    entry_angle, max_stress_angle, exit_angle : ndarray
+        θ1 > θm > θ2 in rad, from the vertical, positive forward.
+    slip : ndarray
+        i; negative where the wheel skids, which turns the shear stress round.
+    cohesion, tan_phi, shear_modulus : ndarray
+        c in Pa, tan φ, k in m.
+    stiffness, sinkage_exponent : ndarray
+        keq = kc/b + kφ in Pa/m^n, and n.
+    radius, shear_radius : ndarray
+        Of the rim that presses and of the surface that shears, in m.
+    """
+
+    entry_angle: Array
+    max_stress_angle: Array
+    exit_angle: Array
+    slip: Array
+    cohesion: Array
+    tan_phi: Array
+    shear_modulus: Array
+    stiffness: Array
+    sinkage_exponent: Array
+    radius: Array
+    shear_radius: Array
+
+
+NAMES = tuple(f.name for f in fields(Contact))
+
+
+def forces(
+    contact: Contact, width: float, *, by: Collection[str] = (), order: int = ORDER
+) -> tuple[Array, dict[str, Array]]:
+    """Integrate the stresses over the contact.
+
+    W = b (r ∫ σ cos θ + R ∫ τ sin θ), T = R² b ∫ τ, DP = b (R ∫ τ cos θ − r ∫ σ sin θ), with the
+    shear radius R, and σ = keq (r (cos θe − cos θ1))^n, τ = (c + σ tan φ)(1 − exp(−j/k)),
+    j = R (θ1 − θ) − (1 − i) r (sin θ1 − sin θ).
+
+    Parameters
+    ----------
+    contact : Contact
+    width : float
+        b in m.
+    by : collection of str
+        Names of `Contact` by which derivatives are wanted.
+    order : int
+        Nodes on each arc.
+
+    Returns
+    -------
+    values : ndarray, shape (3, n)
+        W in N, T in N m, DP in N.
+    slopes : dict of str to ndarray, shape (3, n)
+        Their derivatives.
+    """
+    rim = _Rim(contact, width, order)
+    return rim.values, {name: getattr(rim, f"by_{name}")() for name in NAMES if name in by}
+
+
+class _Rim:
+    """Stresses at the nodes, the forces they add up to, and how these change."""
+
+    def __init__(self, contact: Contact, width: float, order: int) -> None:
+        u, w = nodes(order)
+        one, two = contact.entry_angle, contact.exit_angle
+        r, R, k = contact.radius, contact.shear_radius, contact.shear_modulus
+        front, rear = one - contact.max_stress_angle, contact.max_stress_angle - two
+        half = np.empty((2, order, len(front)))
+        np.multiply(0.5 * u, front, out=half[0])
+        np.subtract(0.5 * (one - two), 0.5 * u * rear, out=half[1])
+        sine = np.sin(half)
+        cosine = np.sqrt(1.0 - sine * sine)
+        s1, c1 = np.sin(one), np.cos(one)
+        # cos θ − cos θ1 and sin θ1 − sin θ.
+        rise = 2.0 * (s1 * cosine - c1 * sine) * sine
+        run = 2.0 * (c1 * cosine + s1 * sine) * sine
+        cos, sin = c1 + rise, s1 - run
+
+        log_depth = np.log(r * rise[0])
+        sigma = contact.stiffness * np.exp(contact.sinkage_exponent * log_depth)
+        travel = 2.0 * R * half - (1.0 - contact.slip) * r * run
+        fade = np.exp(-np.abs(travel) / k)
+        mobilised = np.copysign(1.0 - fade, travel)
+        strength = contact.cohesion + contact.tan_phi * sigma
+        tau = strength * mobilised
+
+        weight = np.empty_like(half)
+        np.multiply(w, front, out=weight[0])
+        np.multiply(w, rear, out=weight[1])
+        w_cos, w_sin = weight * cos, weight * sin
+        both_cos, both_sin = w_cos[0] + w_cos[1], w_sin[0] + w_sin[1]
+        press = _sum(both_cos, sigma), _sum(both_sin, sigma)
+        shear = _sum(weight, tau), _sum(w_cos, tau), _sum(w_sin, tau)
+        self.values = width * np.array(
+            [r * press[0] + R * shear[2], R * R * shear[0], R * shear[1] - r * press[1]]
+        )
+        self.contact, self.width, self.u, self.w = contact, width, u, w
+        self.half, self.s1, self.c1, self.rise, self.run = half, s1, c1, rise, run
+        self.cos, self.sin, self.w_cos, self.w_sin, self.weight = cos, sin, w_cos, w_sin, weight
+        self.both_cos, self.both_sin, self.press, self.shear = both_cos, both_sin, press, shear
+        self.log_depth, self.sigma, self.travel, self.tau = log_depth, sigma, travel, tau
+        self.strength, self.fade, self.mobilised = strength, fade, mobilised
+
+    @cached_property
+    def grips(self) -> tuple[Array, Array, Array]:
+        """What c + σ tan φ of a node adds to ∫ τ, ∫ τ cos θ and ∫ τ sin θ."""
+        parts = (w * self.mobilised for w in (self.weight, self.w_cos, self.w_sin))
+        plain, cos, sin = (part[0] + part[1] for part in parts)
+        return plain, cos, sin
+
+    @cached_property
+    def steep(self) -> Array:
+        """How τ changes with j, weighted."""
+        return np.asarray(self.weight * (self.strength * self.fade / self.contact.shear_modulus))
+
+    @cached_property
+    def bend(self) -> Array:
+        """How j changes with the angle of a node."""
+        grip = (1.0 - self.contact.slip) * self.contact.radius
+        return np.asarray(grip * self.cos - self.contact.shear_radius)
+
+    @cached_property
+    def per_depth(self) -> Array:
+        """How σ changes with its depth in radii."""
+        return np.asarray(self.contact.sinkage_exponent * self.sigma / self.rise[0])
+
+    def of_shear(self, unit: Array | None = None) -> Array:
+        """Change of the forces with c + σ tan φ, shape (order, n); by 1 everywhere if not given."""
+        R = self.contact.shear_radius
+        plain, cos, sin = (part.sum(axis=0) if unit is None else _sum(part, unit) for part in self.grips)
+        return self.width * np.array([R * sin, R * R * plain, R * cos])
+
+    def of_sigma(self, change: Array) -> Array:
+        """Change of the forces with σ, shape (order, n)."""
+        total = self.of_shear(self.contact.tan_phi * change)
+        total[0] += self.width * self.contact.radius * _sum(self.both_cos, change)
+        total[2] -= self.width * self.contact.radius * _sum(self.both_sin, change)
+        return total
+
+    def of_travel(self, change: Array) -> Array:
+        """Change of the forces with j, shape (2, order, n)."""
+        part, R = self.steep * change, self.contact.shear_radius
+        return self.width * np.array(
+            [R * _sum(part, self.sin), R * R * part.sum(axis=(0, 1)), R * _sum(part, self.cos)]
+        )
+
+    def of_turning(self, arc: int, angle: Array) -> Array:
+        """Change of the forces as the nodes of an arc turn, their stresses kept."""
+        r, R = self.contact.radius, self.contact.shear_radius
+        sin, cos = self.w_sin[arc] * angle, self.w_cos[arc] * angle
+        load = R * _sum(cos, self.tau[arc]) - r * _sum(sin, self.sigma)
+        pull = -R * _sum(sin, self.tau[arc]) - r * _sum(cos, self.sigma)
+        return self.width * np.array([load, np.zeros_like(load), pull])
+
+    def of_length(self, arc: int) -> Array:
+        """Change of the forces as an arc gets longer, its nodes and their stresses kept."""
+        r, R = self.contact.radius, self.contact.shear_radius
+        cos, sin, tau = self.w * self.cos[arc], self.w * self.sin[arc], self.tau[arc]
+        return self.width * np.array(
+            [
+                r * _sum(cos, self.sigma) + R * _sum(sin, tau),
+                R * R * (self.w * tau).sum(axis=0),
+                R * _sum(cos, tau) - r * _sum(sin, self.sigma),
+            ]
+        )
+
+    def by_entry_angle(self) -> Array:
+        u, contact = self.u, self.contact
+        start = contact.shear_radius - (1.0 - contact.slip) * contact.radius * self.c1
+        travel = np.stack([start + (1.0 - u) * self.bend[0], np.broadcast_to(start, self.bend[1].shape)])
+        return (
+            self.of_sigma(self.per_depth * (self.s1 - (1.0 - u) * self.sin[0]))
+            + self.of_travel(travel)
+            + self.of_turning(0, 1.0 - u)
+            + self.of_length(0)
+        )
+
+    def by_max_stress_angle(self) -> Array:
+        turning = self.of_turning(0, self.u) + self.of_turning(1, self.u)
+        return (
+            self.of_sigma(-self.per_depth * self.u * self.sin[0])
+            + self.of_travel(self.u * self.bend)
+            + turning
+            - self.of_length(0)
+            + self.of_length(1)
+        )
+
+    def by_exit_angle(self) -> Array:
+        travel = np.zeros_like(self.bend)
+        np.multiply(1.0 - self.u, self.bend[1], out=travel[1])
+        return self.of_travel(travel) + self.of_turning(1, 1.0 - self.u) - self.of_length(1)
+
+    def by_slip(self) -> Array:
+        return self.of_travel(self.contact.radius * self.run)
+
+    def by_cohesion(self) -> Array:
+        return self.of_shear()
+
+    def by_tan_phi(self) -> Array:
+        return self.of_shear(self.sigma)
+
+    def by_shear_modulus(self) -> Array:
+        return self.of_travel(-self.travel / self.contact.shear_modulus)
+
+    def by_stiffness(self) -> Array:
+        return self.of_sigma(self.sigma / self.contact.stiffness)
+
+    def by_sinkage_exponent(self) -> Array:
+        return self.of_sigma(self.sigma * self.log_depth)
+
+    def by_radius(self) -> Array:
+        contact = self.contact
+        total = self.of_sigma(contact.sinkage_exponent * self.sigma / contact.radius)
+        total += self.of_travel(-(1.0 - contact.slip) * self.run)
+        total[0] += self.width * self.press[0]
+        total[2] -= self.width * self.press[1]
+        return total
+
+    def by_shear_radius(self) -> Array:
+        plain, cos, sin = self.shear
+        own = np.array([sin, 2.0 * self.contact.shear_radius * plain, cos])
+        return self.of_travel(2.0 * self.half) + self.width * own
+
+
+def _sum(a: Array, b: Array) -> Array:
+    """Sum a product over the nodes without writing it down."""
+    subscripts = "aqn,aqn->n" if a.ndim == 3 else "qn,qn->n"
+    return np.asarray(np.einsum(subscripts, a, b), dtype=float)
