@@ -71,7 +71,7 @@ def variable(option: click.Option, context: click.Context) -> str | None:
     """Return the environment variable that stands for an option."""
     if isinstance(option.envvar, str):
         return option.envvar
-    if context.auto_envvar_prefix and not option.is_eager:
+    if context.auto_envvar_prefix and option.allow_from_autoenv and not option.is_eager:
         return f"{context.auto_envvar_prefix}_{str(option.name).upper()}"
     return None
 

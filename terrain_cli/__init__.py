@@ -13,10 +13,12 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from terrain_cli.api import (
+        ModelFile,
         Samples,
         Windows,
         estimate,
         from_frame,
+        load_model,
         load_rover,
         read,
         segment,
@@ -25,10 +27,12 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    "ModelFile",
     "Samples",
     "Windows",
     "estimate",
     "from_frame",
+    "load_model",
     "load_rover",
     "read",
     "segment",

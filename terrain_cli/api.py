@@ -15,9 +15,10 @@ import numpy as np
 import pandas as pd
 
 import formats
-from terrain_cli import estimation, results, telemetry
+from terrain_cli import estimation, fitting, models, results, telemetry
 from terrain_cli import rover as rovers
 from terrain_cli import summary as summaries
+from terrain_cli.models import ModelFile
 from terrain_cli.telemetry import Condition, Samples
 from terrain_cli.windows import Windows
 from terrain_cli.windows import cut as segment
@@ -27,14 +28,17 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from formats import Batch, Column, Field, Stream
+    from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
     from terrain_cli.settings import Method
 
 __all__ = [
+    "ModelFile",
     "Samples",
     "Windows",
     "estimate",
     "from_frame",
+    "load_model",
     "load_rover",
     "read",
     "segment",
@@ -63,8 +67,32 @@ def load_rover(path: str | Path | None = None) -> Rover:
     return rovers.load(path if path is not None else rovers.find(None, None))
 
 
+def load_model(path: str | Path) -> ModelFile:
+    """Read a model file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file, or a base: "linear" or "wong-reece".
+
+    Returns
+    -------
+    ModelFile
+
+    Raises
+    ------
+    ConfigurationError
+        The file cannot be read, or has an unknown key, effect or parameter or an impossible value.
+    """
+    return models.resolve(str(path))
+
+
 def read(
-    path: str | Path, rover: Rover | str | Path | None = None, *, where: str | None = None
+    path: str | Path,
+    rover: Rover | str | Path | None = None,
+    *,
+    where: str | None = None,
+    model: ModelFile | str | Path | None = None,
 ) -> list[Samples]:
     """Read a log.
 
@@ -76,6 +104,8 @@ def read(
         As loaded, or the file; rover.toml beside the log, or in the current folder, if not given.
     where : str, optional
         Keep only the samples that satisfy it, such as ``"slip_angle_deg == 0"``.
+    model : ModelFile, str or Path, optional
+        Also read what its effects need, and the drawbar pull.
 
     Returns
     -------
@@ -89,7 +119,13 @@ def read(
     """
     if rover is None or not isinstance(rover, rovers.Rover):
         rover = rovers.load(rovers.find(str(rover) if rover is not None else None, str(path)))
-    return telemetry.read(str(path), rover, where=Condition(where) if where else None)
+    condition = Condition(where) if where else None
+    return telemetry.read(str(path), rover, where=condition, effects=_effects(model))
+
+
+def _effects(model: ModelFile | str | Path | None) -> tuple[Effect, ...] | None:
+    file = fitting.choose("auto", model)
+    return file.model.effects if file else None
 
 
 def from_frame(
@@ -98,6 +134,7 @@ def from_frame(
     *,
     where: str | None = None,
     source: str = "frame",
+    model: ModelFile | str | Path | None = None,
 ) -> list[Samples]:
     """Take the samples from a DataFrame, whose columns are named as those of a file.
 
@@ -111,6 +148,8 @@ def from_frame(
         As for `read`.
     source : str
         What the table of results calls it.
+    model : ModelFile, str or Path, optional
+        As for `read`.
 
     Returns
     -------
@@ -124,7 +163,7 @@ def from_frame(
     if rover is None or not isinstance(rover, rovers.Rover):
         rover = load_rover(rover)
     condition = Condition(where) if where else None
-    return telemetry.read_source(_FrameSource(frame, source), rover, where=condition)
+    return telemetry.read_source(_FrameSource(frame, source), rover, where=condition, effects=_effects(model))
 
 
 def estimate(
@@ -133,16 +172,22 @@ def estimate(
     *,
     min_samples: int | None = None,
     folds: int | None = None,
+    model: ModelFile | str | Path | None = None,
+    robust: bool = False,
 ) -> pd.DataFrame:
     """Estimate cohesion and friction angle in every window.
 
     Parameters
     ----------
     cut : Windows, or a sequence of them
-    method : {"auto", "least-squares", "ridge", "recursive"}
+    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
     min_samples : int, optional
     folds : int, optional
         Choose δ of the ridge over so many contiguous blocks instead of leaving one sample out.
+    model : ModelFile, str or Path, optional
+        A base or a model file instead of the linear model; each wheel is fitted on its own.
+    robust : bool
+        Give wild samples little weight in the fit of the whole model.
 
     Returns
     -------
@@ -150,10 +195,12 @@ def estimate(
         The columns of ``terrain-est estimate``.
     """
     several = [cut] if isinstance(cut, Windows) else list(cut)
-    tables = [
-        results.table(one, results.estimate(one, method, min_samples=min_samples, folds=folds))
+    file = fitting.choose(method, model, robust=robust)
+    fits = [
+        fitting.estimate(one, method, file, min_samples=min_samples, folds=folds, robust=robust)
         for one in several
     ]
+    tables = [results.table(one, fit.estimates) for one, fit in zip(several, fits, strict=True)]
     return pd.DataFrame(results.join(tables))
 
 
@@ -173,15 +220,22 @@ def trace(cut: Windows) -> pd.DataFrame:
 
 
 def summarise(
-    cut: Windows | Sequence[Windows], method: Method = "auto", *, min_samples: int | None = None
+    cut: Windows | Sequence[Windows],
+    method: Method = "auto",
+    *,
+    min_samples: int | None = None,
+    model: ModelFile | str | Path | None = None,
+    robust: bool = False,
 ) -> list[dict[str, Any]]:
     """Summarise windows by terrain and wheel.
 
     Parameters
     ----------
     cut : Windows, or a sequence of them
-    method : {"auto", "least-squares", "ridge", "recursive"}
+    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
     min_samples : int, optional
+    model : ModelFile, str or Path, optional
+    robust : bool
 
     Returns
     -------
@@ -189,7 +243,9 @@ def summarise(
         The entries ``terrains`` of ``terrain-est estimate --summary``.
     """
     several = [cut] if isinstance(cut, Windows) else list(cut)
-    estimates = [results.estimate(one, method, min_samples=min_samples) for one in several]
+    file = fitting.choose(method, model, robust=robust)
+    fits = [fitting.estimate(one, method, file, min_samples=min_samples, robust=robust) for one in several]
+    estimates = [fit.estimates for fit in fits]
     tables = [results.table(one, part) for one, part in zip(several, estimates, strict=True)]
     return summaries.terrains(results.join(tables), estimation.join(estimates))
 

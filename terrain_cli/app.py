@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from terrain_cli import __version__
+from terrain_cli.commands.group import Group
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
 VERBS = {
     "inspect": "Say what a log holds, and what would be used of it.",
     "estimate": "Estimate cohesion and friction angle, segment by segment.",
+    "model": "Write and show model files.",
+    "effects": "Show the effects that a model can have, and check your own.",
+    "compare": "Compare a model with measurements, and see where it fails.",
+    "report": "Write one page on soil, model and misfit.",
+    "simulate": "Make telemetry of which the truth is known.",
     "completion": "Print the completion script of a shell.",
 }
 
@@ -27,11 +33,13 @@ Examples:
   terrain-est estimate run.bag > soil.csv
   terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900
   zcat run.csv.gz | terrain-est estimate - --rover rover.toml --summary soil.json
+  terrain-est model new model.toml --effect slip-sinkage
+  terrain-est estimate run.bag --model model.toml -o soil.gpkg
 
 \b
 Exit codes:
   0 done  1 unexpected  2 wrong use  65 bad data  66 no such input
-  73 cannot write  78 bad rover file
+  73 cannot write  78 bad rover, model or effect file
 """
 
 
@@ -39,7 +47,7 @@ class ReaderGoneError(Exception):
     """Whoever read the standard output (| head) has what it wanted."""
 
 
-class Verbs(click.Group):
+class Verbs(Group):
     """Commands that are imported when they are called."""
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -59,17 +67,6 @@ class Verbs(click.Group):
             return None
         command: click.Command = importlib.import_module(f"terrain_cli.commands.{cmd_name}").command
         return command
-
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find a verb, or name the nearest; a shell that asks what may follow is told nothing."""
-        if args and args[0] not in VERBS and not ctx.resilient_parsing:
-            import difflib
-
-            near = difflib.get_close_matches(args[0], VERBS, n=1)
-            ctx.fail(f"no such command: {args[0]}" + (f"; did you mean {near[0]}?" if near else ""))
-        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the verbs without importing them."""

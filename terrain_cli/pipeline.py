@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import formats
-from terrain_cli import results, telemetry, windows
+from terrain_cli import fitting, results, telemetry, windows
 from terrain_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -68,9 +68,11 @@ def run(
         The input cannot be read.
     """
     progress("reading")
+    file = fitting.choose(settings.method, settings.model, robust=settings.robust)
     where = telemetry.Condition(settings.where) if settings.where else None
     source = formats.open_source(path)
-    wheels = telemetry.read_source(source, rover, wheels=settings.wheels, where=where)
+    effects = None if file is None else file.model.effects
+    wheels = telemetry.read_source(source, rover, wheels=settings.wheels, where=where, effects=effects)
     outcome = Outcome({}, {"source": path, "rows_skipped": getattr(source, "skipped", 0), "wheels": []})
     tables = []
     for samples in wheels:
@@ -86,11 +88,17 @@ def run(
             window_samples=settings.window_samples,
             window_distance=settings.window_distance,
         )
-        estimates = results.estimate(
-            cut, settings.method, min_samples=settings.min_samples, folds=settings.folds
+        fitted = fitting.estimate(
+            cut,
+            settings.method,
+            file,
+            min_samples=settings.min_samples,
+            folds=settings.folds,
+            robust=settings.robust,
         )
-        tables.append(results.table(cut, estimates))
-        outcome.estimates.append(estimates)
+        outcome.account["wheels"][-1]["model"] = fitted.account
+        tables.append(results.table(cut, fitted.estimates))
+        outcome.estimates.append(fitted.estimates)
         if settings.method == "recursive":
             outcome.trace.append(results.trace(cut))
     if tables:
@@ -108,6 +116,7 @@ def _account(samples: Samples) -> dict[str, Any]:
         "set_aside": samples.reasons(),
         "channels": samples.origins,
         "remarks": samples.remarks,
+        "model": None,
     }
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.estimation import WindowEstimates
-    from terrain_cli.settings import Method
+    from terrain_cli.settings import LineMethod
     from terrain_cli.telemetry.samples import Samples
     from terrain_cli.windows import Windows
 
@@ -55,7 +55,7 @@ VERTICES = 64
 
 
 def estimate(
-    windows: Windows, method: Method = "auto", *, min_samples: int | None = None, folds: int | None = None
+    windows: Windows, method: LineMethod = "auto", *, min_samples: int | None = None, folds: int | None = None
 ) -> WindowEstimates:
     """Estimate cohesion and friction angle in every window of a wheel.
 
@@ -79,7 +79,7 @@ def estimate(
         windows.y,
         windows.bounds,
         **windows.measured(),
-        **samples.geometry._asdict(),
+        **samples.geometry.line,
         method=method,
         min_samples=FIT_SAMPLES if min_samples is None else min_samples,
         correlated=samples.time is not None,
@@ -131,7 +131,7 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
         "phi_ridge_deg": np.degrees(estimates.phi_ridge),
         "delta": estimates.delta,
         "condition_number": estimates.condition_number,
-        "k_mm": np.full(n, samples.geometry.shear_modulus * 1e3),
+        "k_mm": estimates.shear_modulus * 1e3,
         "sigma_star_kPa": estimates.sigma_star / 1e3,
         "strength_kPa": estimates.strength / 1e3,
         "strength_se_kPa": estimates.strength_se / 1e3,

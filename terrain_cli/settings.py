@@ -5,10 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-Method = Literal["auto", "least-squares", "ridge", "recursive"]
+#: Estimators of the line y = c + x tan φ.
+LineMethod = Literal["auto", "least-squares", "ridge", "recursive"]
+Method = Literal[LineMethod, "wong-reece"]
 METHODS: tuple[Method, ...] = get_args(Method)
 Segments = Literal["auto", "fixed", "terrain", "none"]
 SEGMENTS: tuple[Segments, ...] = get_args(Segments)
+#: Models that need no file.
+Base = Literal["linear", "wong-reece"]
+BASES: tuple[Base, ...] = get_args(Base)
 #: Fewest samples of a window that is cut where the soil's line changes.
 CUT_SAMPLES = 10
 #: Fewest samples that say something of a line and of the scatter about it.
@@ -23,7 +28,7 @@ class Settings:
 
     Parameters
     ----------
-    method : {"auto", "least-squares", "ridge", "recursive"}
+    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
     segments : {"auto", "fixed", "terrain", "none"}
     min_samples : int, optional
         Fewest samples of a window; `CUT_SAMPLES` to cut and `FIT_SAMPLES` to estimate if not given.
@@ -35,6 +40,10 @@ class Settings:
     wheels : tuple of str
         Only these; all if empty.
     where : str, optional
+    model : str, optional
+        "linear", "wong-reece", or a model file.
+    robust : bool
+        Give wild samples little weight in the fit of the whole model.
     """
 
     method: Method = "auto"
@@ -45,3 +54,5 @@ class Settings:
     folds: int | None = None
     wheels: tuple[str, ...] = ()
     where: str | None = None
+    model: str | None = None
+    robust: bool = False

@@ -54,6 +54,8 @@ def document(
             "folds": settings.folds,
             "wheels": list(settings.wheels),
             "where": settings.where,
+            "model": settings.model,
+            "robust": settings.robust,
         },
         "inputs": list(accounts),
         "terrains": terrains(table, estimates),
@@ -86,6 +88,7 @@ def _group(
     status = estimates.status[rows].tolist()
     distance = table["distance_m"][rows]
     pooled = estimation.pool(estimates, rows)
+    long = rows & (estimates.status != "too-few-samples")
     separable = rows & ~np.isin(estimates.status, ("too-few-samples", "not-separable"))
     return {
         "terrain": terrain,
@@ -98,6 +101,9 @@ def _group(
         "separable": int(separable.sum()),
         "c_kPa": _mean_and_spread(estimates.c[separable] / 1e3),
         "phi_deg": _mean_and_spread(np.degrees(estimates.phi[separable])),
+        "k_mm": _mean_and_spread(estimates.shear_modulus[long] * 1e3),
+        "n": _mean_and_spread(estimates.sinkage_exponent[long]),
+        "keq_kPa_per_m_n": _mean_and_spread(estimates.stiffness[long] / 1e3),
         "pooled": {
             "windows": pooled.windows,
             "c_kPa": _shown(pooled.c / 1e3),
@@ -115,6 +121,7 @@ def _group(
 
 
 def _mean_and_spread(values: NDArray[np.float64]) -> dict[str, float | None]:
+    values = values[np.isfinite(values)]
     return {
         "mean": float(values.mean()) if len(values) else None,
         "spread": float(values.std(ddof=1)) if len(values) > 1 else None,
@@ -158,6 +165,7 @@ def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str
                 name: how for name, how in wheel["channels"].items() if verbose or how.startswith("derived")
             }
             lines += [f"  {name}: {how}" for name, how in derived.items()]
+            lines += _model_text(wheel["model"])
         if entry["rows_skipped"]:
             lines.append(f"  skipped: {entry['rows_skipped']} rows that are not whole")
         lines += [f"  {remark}" for remark in dict.fromkeys(r for w in entry["wheels"] for r in w["remarks"])]
@@ -172,6 +180,24 @@ def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str
     others = sorted({name for entry in summary["terrains"] for name in entry["status"]} - {"ok"})
     lines += [f"{name}: {MEANINGS[name]}" for name in others]
     return "\n".join(lines)
+
+
+def _model_text(model: dict[str, Any] | None) -> list[str]:
+    """Say what a wheel was fitted with; nothing of the linear model alone."""
+    if model is None:
+        return []
+    lines = [f"  model: {' + '.join([model['base'], *model['effects']])}"]
+    for name, entry in model["parameters"].items():
+        unit = f" {entry['unit']}" * (entry["unit"] != "1")
+        if entry["held"]:
+            why = f": {entry['because']}" if entry["because"] else ""
+            lines.append(f"    {name} = {entry['value']:.4g}{unit}, held{why}")
+        else:
+            known = "" if entry["fixed_by_data"] else "; the data do not fix it"
+            lines.append(f"    {name} = {entry['value']:.4g} ± {entry['se']:.2g}{unit}{known}")
+    if model["unsettled"]:
+        lines.append(f"    the fit did not settle in {model['unsettled']} segments")
+    return lines
 
 
 def _terrain_rows(entries: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:

@@ -41,7 +41,7 @@ class Windows:
     bounds : ndarray of int, shape (windows + 1,)
         Window j is ``rows[bounds[j]:bounds[j + 1]]``.
     x, y : ndarray, shape (n,)
-        Coordinates in Pa of the line y = c + x tan φ of each usable sample.
+        Coordinates in Pa of the line y = c + x tan φ of each usable sample; NaN without torque.
     """
 
     samples: Samples
@@ -81,7 +81,7 @@ def line(samples: Samples, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64],
     x, y : ndarray, shape (n,)
         In Pa.
     """
-    return linear.line_coordinates(**_measured(samples, rows), **samples.geometry._asdict())
+    return linear.line_coordinates(**_measured(samples, rows), **samples.geometry.line)
 
 
 def cut(
@@ -99,8 +99,8 @@ def cut(
     samples : Samples
     method : {"auto", "fixed", "terrain", "none"}
         Where the soil's line changes; every so many samples or metres; where the terrain label
-        changes; one window for each continuous stretch. Of a table of steady test points "auto"
-        makes one window for each terrain label, or one of all.
+        changes; one window for each continuous stretch. Of a table of steady test points, and of
+        samples without torque, "auto" makes one window for each terrain label, or one of all.
     min_samples : int, optional
         Least number of samples of a window that "auto" makes; 10 if not given.
     window_samples : int, optional
@@ -121,12 +121,14 @@ def cut(
     """
     rows = samples.usable
     labels = samples.labels.get("terrain")
-    if samples.time is None and method == "auto":
-        # Steady test points have no order in which the soil could change.
+    lined = "torque" in samples.channels
+    if method == "auto" and (samples.time is None or not lined):
+        # Steady test points have no order in which the soil could change, and without torque there is
+        # no line whose change would show it.
         method = "none" if labels is None else "terrain"
     if samples.time is None and labels is not None and method == "terrain":
         rows = rows[np.argsort(labels.codes[rows], kind="stable")]
-    x, y = line(samples, rows)
+    x, y = line(samples, rows) if lined else (np.full(len(rows), np.nan), np.full(len(rows), np.nan))
     stretch = samples.stretch[rows]
     breaks = np.flatnonzero(np.diff(stretch)) + 1
     distance = samples.distance[rows] if samples.distance is not None else None

@@ -7,15 +7,30 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from terrain_cli import rover, summary, units
+from terrain_cli import fitting, models, rover, summary, units
 from terrain_cli.channels import CHANNELS
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.estimation.wheel_fit import DEFAULT
+from terrain_cli.models.parts import SOIL_UNITS
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "conventions.md").read_text("utf-8")
 EXAMPLE = re.search(r"```toml\n(.*?)```", PAGE, re.DOTALL)[1]
+
+CABLE = """
+id = "cable-drag"
+title = "Umbilical drags on the carriage"
+changes = "drawbar_pull"
+law = "drawbar_pull - cd * abs(yaw_rate)"
+needs = ["yaw_rate"]
+[parameters.cd]
+unit = "N s/rad"
+null = 0.0
+scale = 10.0
+"""
 
 
 def table(heading):
@@ -52,7 +67,7 @@ def test_example_of_rover_toml_loads(tmp_path):
     assert loaded.wheel("front-left").width == 0.100
 
 
-@pytest.mark.parametrize("name", ["", "wheel", "soil", "motor", "vehicle", "sampling", "estimate"])
+@pytest.mark.parametrize("name", ["", "wheel", "soil", "motor", "vehicle", "sampling", "noise", "estimate"])
 def test_example_has_every_key(name, tmp_path):
     content = tomllib.loads(EXAMPLE)
     shown = content[name] if name else content
@@ -67,6 +82,37 @@ def test_example_has_every_key_of_a_wheel_and_of_a_channel(tmp_path):
     assert set().union(*entries) == known_keys(tmp_path, "[channels.torque]")
 
 
+def test_example_has_every_key_of_a_noise(tmp_path):
+    entries = tomllib.loads(EXAMPLE)["noise"].values()
+    assert set().union(*entries) == known_keys(tmp_path, "[noise.torque]")
+
+
+def test_example_of_a_model_file_loads(tmp_path):
+    text = re.search(r"```\n(format = .*?)```", PAGE, re.DOTALL)[1]
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "cable-drag.toml").write_text(CABLE, "utf-8")
+    (tmp_path / "model.toml").write_text(text, "utf-8")
+    file = models.load(tmp_path / "model.toml")
+    assert file.fixed == {"sinkage_exponent": 1.1, "slip-sinkage.n1": 0.4}
+    assert tomllib.loads(text).keys() == {
+        "format", "base", "effects", "shared", "fixed", "priors", "history",
+    }  # fmt: skip
+
+
+def test_parameters_of_the_soil_have_their_units():
+    rows = re.findall(r"^\| \S.* \| `(\w+)` \| (\S+) \|", table("| symbol | parameter |"), re.MULTILINE)
+    assert dict(rows) == SOIL_UNITS
+
+
+def test_priors_are_those_of_the_estimator():
+    for name, text, scale in (("cohesion", "c {:g} ± {:g} kPa", 1e-3), ("tan_phi", "tan φ {:g} ± {:g}", 1.0)):
+        assert text.format(DEFAULT[name].mean * scale, DEFAULT[name].sd * scale) in PAGE
+    assert "n {:g} ± {:g}".format(DEFAULT["sinkage_exponent"].mean, DEFAULT["sinkage_exponent"].sd) in PAGE
+    middle, spread = np.exp(DEFAULT["stiffness"].of_logarithm())
+    assert f"keq within a factor of {spread:.3g} of {middle * 1e-6:.3g} MPa/m^n" in PAGE
+    assert fitting.K_FACTOR == 2.0
+
+
 def test_every_status_is_explained():
     assert set(re.findall(r"^\| `([a-z-]+)`", table("| status | meaning |"), re.MULTILINE)) == {
         "ok",
@@ -74,22 +120,25 @@ def test_every_status_is_explained():
     }
 
 
-def test_summary_is_described(terrain_est, tmp_path):
-    done = terrain_est(
-        "estimate", ROOT / "sample_data" / "run.csv", "--summary", tmp_path / "s.json", "--quiet"
-    )
+@pytest.mark.parametrize("model", [None, "model.toml"])
+def test_summary_is_described(model, terrain_est, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    sample = ROOT / "sample_data" / "run.csv"
+    if model:
+        assert terrain_est("model", "new", model, "--effect", "drivetrain-friction").returncode == 0
+    options = ("--summary", "s.json", "--quiet", *(["--model", model] if model else []))
+    done = terrain_est("estimate", sample, *options)
     assert done.returncode == 0, done.stderr
     described = PAGE.partition("## Summary")[2]
 
-    def check(value):
+    def check(value, *, named=False):
         if isinstance(value, list):
             for element in value:
                 check(element)
         elif isinstance(value, dict):
             for key, inner in value.items():
-                assert f'"{key}"' in described
-                if key not in {"status", "set_aside", "channels"}:
-                    check(inner)
+                assert named or f'"{key}"' in described
+                check(inner, named=key in {"status", "set_aside", "channels", "parameters", "noise"})
 
     document = json.loads((tmp_path / "s.json").read_text("utf-8"))
     assert f'"{document["format"]}"' in described

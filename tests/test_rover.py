@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.rover import Motor, Rover, Vehicle, find, load
+from terrain_cli.rover import Motor, Noise, Rover, Vehicle, find, load
 
 CONTRACT = """
 [wheel]
@@ -203,6 +203,21 @@ def test_a_wheel_takes_what_it_does_not_give_from_the_defaults(write):
             "[vehicle]\nmass = 10\ncentre_of_mass = [0, 0, 0]\nrocker_pivot = [0, 0]",
             "vehicle: a rigid suspension has no rocker_pivot",
         ),
+        ("[noise]\ntorq = { relative = 0.1 }", "noise.torq: unknown key; did you mean torque?"),
+        ("[noise]\npitch = { relative = 0.1 }", "noise.pitch: unknown key"),
+        ("[noise]\ntorque = 0.1", "noise.torque: must be a table, not 0.1"),
+        ("[noise]\ntorque = {}", "noise.torque: give relative or absolute or both"),
+        ("[noise]\ntorque = { relative = 2 }", "noise.torque.relative: must be a share from 0 to 1, not 2"),
+        (
+            "[noise]\ntorque = { absolute = -1 }",
+            "noise.torque.absolute: must be a number, at least 0",
+        ),
+        ("[noise]\ntorque = { absolute = 1 }", "noise.torque: unit of absolute is missing"),
+        (
+            "[noise]\ntorque = { absolute = 1, unit = 'mm' }",
+            "noise.torque.unit: 'mm' is a unit of length; torque takes N m, kN m",
+        ),
+        ("[estimate]\nrobust = 1", "estimate.robust: must be true or false, not 1"),
         ("[sampling]\nmax_gap = 0", "sampling.max_gap: must be a positive number of seconds, not 0"),
         ("[estimate]\nmin_samples = 3", "estimate.min_samples: unknown key; did you mean min-samples?"),
         ("[estimate]\nmethod = 'ols'", "estimate.method: must be one of auto, least-squares"),
@@ -219,6 +234,26 @@ def test_what_is_wrong_is_told_with_its_place(write, text, message):
     assert str(error.value).startswith(f"{path}: {message}")
     assert "\n" not in str(error.value)
     assert error.value.exit_code == 78
+
+
+def test_noise_is_in_si_units(write):
+    noise = load(
+        write(
+            """
+            [noise]
+            load = { relative = 0.01 }
+            torque = { relative = 0.02, absolute = 50, unit = "mN m" }
+            slip = { absolute = 0.01 }
+            """
+        )
+    ).noise
+    assert noise == {"load": Noise(0.01, 0.0), "torque": Noise(0.02, 0.05), "slip": Noise(0.0, 0.01)}
+
+
+def test_a_model_file_lies_beside_it(write):
+    path = write('[estimate]\nmodel = "models/sand.toml"\nrobust = true')
+    assert load(path).estimate == {"model": str(path.parent / "models" / "sand.toml"), "robust": True}
+    assert load(write('[estimate]\nmodel = "wong-reece"')).estimate == {"model": "wong-reece"}
 
 
 @pytest.mark.parametrize(

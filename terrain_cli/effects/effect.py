@@ -49,7 +49,7 @@ class Parameter:
     ----------
     name : str
     unit : str
-        Of the value, SI; "1" for a plain number.
+        In which a person reads the value; "1" for a plain number.
     null : float
         The value at which the effect is absent.
     scale : float
@@ -58,6 +58,14 @@ class Parameter:
         Bounds.
     meaning : str
         In a few words.
+    factor : float
+        SI value of one `unit`, where a user's effect has another than that of SI; the numbers
+        above are SI all the same.
+    shape : bool
+        It has no influence while the effect's other parameters are at their null values, and its own
+        `null` is only where a search starts.
+    needs : tuple of str
+        Channels without which it has no influence on anything measured.
     """
 
     name: str
@@ -67,6 +75,9 @@ class Parameter:
     lower: float = -math.inf
     upper: float = math.inf
     meaning: str = ""
+    factor: float = 1.0
+    shape: bool = False
+    needs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +96,10 @@ class Effect:
         ``q[quantity]``, to rounding.
     needs : tuple of str
         Channels without which the effect cannot be computed. ``NAME_rate`` is the derivative by time
-        of a channel or further column, which needs `time`; ``grouser_count`` and ``grouser_height``
-        are of rover.toml.
+        of a channel or further column, which needs `time`, and so does ``wheel_angle``, the integral
+        of the angular velocity; ``grouser_count`` and ``grouser_height`` are of rover.toml.
+    any_of : tuple of str
+        Channels at least one of which it needs besides.
     formula : str
         The law as a person reads it.
     explanation : str
@@ -105,12 +118,19 @@ class Effect:
     parameters: tuple[Parameter, ...]
     laws: Mapping[str, Law]
     needs: tuple[str, ...] = ()
+    any_of: tuple[str, ...] = ()
     formula: str = ""
     explanation: str = ""
     shows: str = ""
     reference: str = ""
     settled_by: str = ""
     origin: str = field(default="catalogue", compare=False)
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """Channels that make a difference to the effect: what it needs, and what it uses if it is there."""
+        further = (name for parameter in self.parameters for name in parameter.needs)
+        return tuple(dict.fromkeys((*self.needs, *self.any_of, *further)))
 
     def qualified(self, parameter: Parameter) -> str:
         """Return the name of a parameter among those of all effects: ``slip-sinkage.n1``."""

@@ -89,7 +89,7 @@ def sampling_errors(moments: Moments, line: Line, *, correlated: bool) -> Errors
                 smooth,
                 plain / 2.0,
                 np.minimum(
-                    variance * tau / count * (_student(count / tau - 2.0) / _student(count - 2.0)) ** 2,
+                    variance * tau / count * (student(count / tau - 2.0) / student(count - 2.0)) ** 2,
                     _LARGEST_ERROR**2 * plain,
                 ),
             )
@@ -118,8 +118,8 @@ def _effective(moments: Moments, line: Line) -> tuple[Array, Array, Array, NDArr
     largest = np.maximum(1.0 - 2.0 / count, 0.0)
     rho, share = np.clip(seen1, 0.0, largest), np.ones_like(count)
     for iteration in range(_ITERATIONS + 1):
-        tau_mean = _tau(rho, share, count)
-        tau_slope = _tau(rho * x1, share, count)
+        tau_mean = samples_per_independent(rho, share, count)
+        tau_slope = samples_per_independent(rho * x1, share, count)
         dof = np.maximum(count - tau_mean - tau_slope, 1.0)
         if iteration == _ITERATIONS:
             break
@@ -132,14 +132,37 @@ def _effective(moments: Moments, line: Line) -> tuple[Array, Array, Array, NDArr
     return tau_mean, tau_slope, dof, smooth
 
 
-def _tau(rho: Array, share: Array, count: Array) -> Array:
-    """1 + 2 Σ (1 − k/n) a ρᵏ over the lags k = 1 … n − 1, between 1 and n/2."""
+def samples_per_independent(rho: Array, share: Array, count: Array) -> Array:
+    """Return how many samples make one independent one: 1 + 2 Σ (1 − k/n) a ρᵏ over lags k = 1 … n − 1.
+
+    Parameters
+    ----------
+    rho, share : ndarray, shape (w,)
+        ρ < 1 and a of the autocorrelation a ρᵏ.
+    count : ndarray, shape (w,)
+        n.
+
+    Returns
+    -------
+    ndarray, shape (w,)
+        Between 1 and n/2.
+    """
     total = rho / (1.0 - rho) - rho * (1.0 - rho**count) / (count * (1.0 - rho) ** 2)
     return np.asarray(np.clip(1.0 + 2.0 * share * total, 1.0, np.maximum(count / 2.0, 1.0)))
 
 
-def _student(dof: Array) -> Array:
-    """Quantile 0.975 of Student's t, by its expansion in 1/dof (Abramowitz & Stegun 26.7.5)."""
+def student(dof: Array) -> Array:
+    """Quantile 0.975 of Student's t, by its expansion in 1/dof (Abramowitz & Stegun 26.7.5).
+
+    Parameters
+    ----------
+    dof : ndarray
+        Taken as 1 where less.
+
+    Returns
+    -------
+    ndarray
+    """
     z, dof = 1.959964, np.maximum(dof, 1.0)
     return np.asarray(
         z

@@ -14,7 +14,7 @@ from terrain_cli.estimation.ridge import fit_ridge
 from terrain_cli.estimation.separability import LARGEST_PHI
 from terrain_cli.estimation.uncertainty import uncertainty
 from terrain_cli.mechanics import linear
-from terrain_cli.settings import FIT_SAMPLES, Method
+from terrain_cli.settings import FIT_SAMPLES, LineMethod
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -37,6 +37,11 @@ LARGEST_CONDITION = 100.0
 LARGEST_PHI_OPEN = float(np.radians(6.0))
 LARGEST_PHI_SE = float(np.radians(15.0))
 
+_OF_THE_FULL_MODEL = (
+    *("shear_modulus_se", "stiffness", "stiffness_se"),
+    *("sinkage_exponent", "sinkage_exponent_se"),
+)
+
 #: Samples worked on at a time: few enough to stay in the processor's cache.
 _BLOCK = 32_768
 
@@ -50,7 +55,8 @@ class WindowEstimates:
     n : ndarray of int
         Samples.
     method : ndarray of str
-        Of `c` and `phi`: "least-squares", "ridge" or "recursive".
+        Of `c` and `phi`: "least-squares", "ridge" or "recursive"; "wong-reece" or "linear" where the
+        whole model was fitted.
     status : ndarray of str
         The first that applies of "too-few-samples", "not-separable" (the samples and the
         channels' bounds leave φ open by more than ± 6°, or its standard error is above 15°),
@@ -79,6 +85,10 @@ class WindowEstimates:
     phi_bias : ndarray
         The part of `phi_se` that comes from these bounds, rad; it does not average out over
         windows.
+    shear_modulus, shear_modulus_se : ndarray
+        k and its standard error, m; of the line the k assumed, without one.
+    stiffness, stiffness_se, sinkage_exponent, sinkage_exponent_se : ndarray
+        keq in Pa/m^n and n with their standard errors; of the full model.
     """
 
     n: NDArray[np.intp]
@@ -102,6 +112,12 @@ class WindowEstimates:
     phi_low: Array
     phi_high: Array
     phi_bias: Array
+    shear_modulus: Array
+    shear_modulus_se: Array
+    stiffness: Array
+    stiffness_se: Array
+    sinkage_exponent: Array
+    sinkage_exponent_se: Array
 
     def __len__(self) -> int:
         return len(self.n)
@@ -119,7 +135,7 @@ def estimate_windows(
     radius: float,
     width: float,
     shear_modulus: float,
-    method: Method = "auto",
+    method: LineMethod = "auto",
     min_samples: int = FIT_SAMPLES,
     correlated: bool = True,
     folds: int | None = None,
@@ -176,8 +192,8 @@ def estimate_windows(
     ValueError
         Arrays of different length, or bounds that do not go from 0 to n.
     """
-    if method not in get_args(Method):
-        raise UsageError(f"no method {method!r}", hint=f"one of {', '.join(get_args(Method))}")
+    if method not in get_args(LineMethod):
+        raise UsageError(f"no method {method!r}", hint=f"one of {', '.join(get_args(LineMethod))}")
     if folds is not None and folds < 2:
         raise UsageError(f"cross-validation over {folds} blocks", hint="2 or more")
     rows = [np.asarray(values, dtype=float) for values in (x, y, load, torque, sinkage, slip)]
@@ -242,7 +258,7 @@ def _estimate(
     bounds: Bounds,
     geometry: dict[str, float],
     *,
-    method: Method,
+    method: LineMethod,
     min_samples: int,
     correlated: bool,
     folds: int | None,
@@ -302,4 +318,6 @@ def _estimate(
         phi_low=errors.phi_low,
         phi_high=errors.phi_high,
         phi_bias=errors.phi_bias,
+        shear_modulus=np.full(len(count), geometry["shear_modulus"]),
+        **dict.fromkeys(_OF_THE_FULL_MODEL, np.full(len(count), np.nan)),
     )

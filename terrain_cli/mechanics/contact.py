@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -58,6 +58,22 @@ class Contact:
 
 
 NAMES = tuple(f.name for f in fields(Contact))
+#: 1 + i of a wheel that skids with its brakes on.
+_LOCKED = 1e-3
+
+
+def rolling(slip: Any) -> Any:
+    """Return V/(r ω): 1 − i of a wheel that drives, 1/(1 + i) of one that skids (i < 0).
+
+    Parameters
+    ----------
+    slip : ndarray or Dual
+
+    Returns
+    -------
+    ndarray or Dual
+    """
+    return np.where(slip < 0.0, 1.0 / np.maximum(1.0 + slip, _LOCKED), 1.0 - slip)
 
 
 def forces(
@@ -67,7 +83,7 @@ def forces(
 
     W = b (r ∫ σ cos θ + R ∫ τ sin θ), T = R² b ∫ τ, DP = b (R ∫ τ cos θ − r ∫ σ sin θ), with the
     shear radius R, and σ = keq (r (cos θe − cos θ1))^n, τ = (c + σ tan φ)(1 − exp(−j/k)),
-    j = R (θ1 − θ) − (1 − i) r (sin θ1 − sin θ).
+    j = R (θ1 − θ) − V/ω (sin θ1 − sin θ).
 
     Parameters
     ----------
@@ -111,7 +127,8 @@ class _Rim:
 
         log_depth = np.log(r * rise[0])
         sigma = contact.stiffness * np.exp(contact.sinkage_exponent * log_depth)
-        travel = 2.0 * R * half - (1.0 - contact.slip) * r * run
+        advance = rolling(contact.slip)
+        travel = 2.0 * R * half - advance * r * run
         fade = np.exp(-np.abs(travel) / k)
         mobilised = np.copysign(1.0 - fade, travel)
         strength = contact.cohesion + contact.tan_phi * sigma
@@ -128,6 +145,7 @@ class _Rim:
             [r * press[0] + R * shear[2], R * R * shear[0], R * shear[1] - r * press[1]]
         )
         self.contact, self.width, self.u, self.w = contact, width, u, w
+        self.advance = advance
         self.half, self.s1, self.c1, self.rise, self.run = half, s1, c1, rise, run
         self.cos, self.sin, self.w_cos, self.w_sin, self.weight = cos, sin, w_cos, w_sin, weight
         self.both_cos, self.both_sin, self.press, self.shear = both_cos, both_sin, press, shear
@@ -149,8 +167,7 @@ class _Rim:
     @cached_property
     def bend(self) -> Array:
         """How j changes with the angle of a node."""
-        grip = (1.0 - self.contact.slip) * self.contact.radius
-        return np.asarray(grip * self.cos - self.contact.shear_radius)
+        return np.asarray(self.advance * self.contact.radius * self.cos - self.contact.shear_radius)
 
     @cached_property
     def per_depth(self) -> Array:
@@ -199,7 +216,7 @@ class _Rim:
 
     def by_entry_angle(self) -> Array:
         u, contact = self.u, self.contact
-        start = contact.shear_radius - (1.0 - contact.slip) * contact.radius * self.c1
+        start = contact.shear_radius - self.advance * contact.radius * self.c1
         travel = np.stack([start + (1.0 - u) * self.bend[0], np.broadcast_to(start, self.bend[1].shape)])
         return (
             self.of_sigma(self.per_depth * (self.s1 - (1.0 - u) * self.sin[0]))
@@ -224,7 +241,8 @@ class _Rim:
         return self.of_travel(travel) + self.of_turning(1, 1.0 - self.u) - self.of_length(1)
 
     def by_slip(self) -> Array:
-        return self.of_travel(self.contact.radius * self.run)
+        steep = np.where(self.contact.slip < 0.0, self.advance**2, 1.0)
+        return self.of_travel(steep * self.contact.radius * self.run)
 
     def by_cohesion(self) -> Array:
         return self.of_shear()
@@ -244,7 +262,7 @@ class _Rim:
     def by_radius(self) -> Array:
         contact = self.contact
         total = self.of_sigma(contact.sinkage_exponent * self.sigma / contact.radius)
-        total += self.of_travel(-(1.0 - contact.slip) * self.run)
+        total += self.of_travel(-self.advance * self.run)
         total[0] += self.width * self.press[0]
         total[2] -= self.width * self.press[1]
         return total

@@ -134,12 +134,13 @@ class Dual(NDArrayOperatorsMixin):
         if function is not np.where or len(args) != 3:
             return NotImplemented
         condition, a, b = args
-        parts = [
-            (np.where(condition, 1.0, 0.0) if first else np.where(condition, 0.0, 1.0), x)
-            for first, x in ((True, a), (False, b))
-            if isinstance(x, Dual)
-        ]
-        return chain(np.where(condition, value(a), value(b)), parts)
+        first, second = slopes(a), slopes(b)
+        # No product with 0 or 1: what is not chosen may have no derivative.
+        chosen = {
+            name: np.where(condition, first.get(name, 0.0), second.get(name, 0.0))
+            for name in {**first, **second}
+        }
+        return Dual(np.where(condition, value(a), value(b)), chosen)
 
 
 def value(x: Any) -> Any:

@@ -6,14 +6,16 @@ from collections import ChainMap
 from copy import copy
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
+from terrain_cli.effects.effect import KINDS
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import contact, rim, roots, triangular
 from terrain_cli.mechanics.dual import Dual, chain, seed, slopes, value
-from terrain_cli.mechanics.quadrature import ORDER, SHALLOW, SHALLOW_ORDER
+from terrain_cli.mechanics.quadrature import order_for
+from terrain_cli.settings import BASES, Base
 from terrain_cli.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -25,8 +27,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-Base = Literal["wong-reece", "linear"]
-BASES: tuple[Base, ...] = get_args(Base)
 Given = Literal["sinkage", "load"]
 
 #: Parameters of the soil by base, in SI units.
@@ -36,6 +36,8 @@ SOIL: dict[Base, tuple[str, ...]] = {
 }
 #: What the triangular stresses know nothing of: their load is given, not carried by a pressure.
 _NOT_LINEAR = frozenset({"stiffness", "sinkage_exponent", "normal_stress", "shear_stress"})
+#: Their laws turn what is measured into what the soil feels.
+_MEASURED = frozenset({"slip", "load"})
 #: Deepest θ1 for which a sinkage is sought, in rad: a wheel sunk to its axle is stuck.
 DEEPEST = 1.5
 #: Least values of what a law may have driven through zero.
@@ -122,6 +124,23 @@ class Model:
         """
         return {name: parameter.null for name, parameter in self.parameters.items()}
 
+    def changing(self, quantity: str) -> list[Effect]:
+        """Return the effects that change a quantity, in the order in which they act on it.
+
+        From the ground to the sensor, whatever the order in which they were added; a measured slip
+        or load is followed back from the sensor to the ground.
+
+        Parameters
+        ----------
+        quantity : str
+
+        Returns
+        -------
+        list of Effect
+        """
+        acting = [effect for effect in self.effects if quantity in effect.laws]
+        return sorted(acting, key=lambda e: KINDS.index(e.kind), reverse=quantity in _MEASURED)
+
     def changes(self, quantity: str) -> bool:
         """Whether an effect changes a quantity.
 
@@ -186,7 +205,7 @@ def predict(
     by : collection of str
         Parameters, and "load", "sinkage" and "slip" as measured, by which to differentiate.
     order : int, optional
-        Nodes on each arc, instead of as many as give 5e-9.
+        Nodes on each arc, instead of as many as give 1e-8.
 
     Returns
     -------
@@ -268,10 +287,9 @@ class _Block:
         self.start["wheel_radius"] = self.start.pop("radius")
 
     def law(self, quantity: str, q: dict[str, Any]) -> Any:
-        """Apply every law on a quantity, in the order of the effects."""
-        for effect in self.model.effects:
-            if quantity in effect.laws:
-                q[quantity] = effect.laws[quantity](ChainMap(self.own[effect.id], q))
+        """Apply every law on a quantity."""
+        for effect in self.model.changing(quantity):
+            q[quantity] = effect.laws[quantity](ChainMap(self.own[effect.id], q))
         return q[quantity]
 
     def run(self, given: Given) -> Prediction:
@@ -331,8 +349,9 @@ class _Block:
         self.shape_of_contact(q)
         order = self.order
         if order is None:
-            shallow = np.max(value(q["entry_angle"]), initial=0.0) < SHALLOW
-            order = SHALLOW_ORDER if shallow else ORDER
+            one, peak, two = (value(q[f"{name}_angle"]) for name in ("entry", "max_stress", "exit"))
+            reach = np.maximum(one - peak, peak - two) * value(q["shear_radius"]) / value(q["shear_modulus"])
+            order = order_for(float(np.max(reach, initial=0.0)))
         if self.model.changes("normal_stress") or self.model.changes("shear_stress"):
             load, q["torque"], q["drawbar_pull"] = rim.forces(q, self.wheel.width, self.law, order=order)
             return load

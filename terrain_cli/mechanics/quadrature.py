@@ -17,11 +17,27 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Nodes on each arc: the forces are right to 5e-9 of themselves up to θ1 = 80°, for 0.5 ≤ n ≤ 1.2
-#: and k ≥ 10 mm under a wheel of 0.1 m. Below `SHALLOW` rad fewer do as well.
 ORDER = 14
-SHALLOW, SHALLOW_ORDER = 0.9, 12
+#: Nodes on each arc that give the forces to 1e-8 of themselves, by the longest way along an arc in
+#: terms of k: that is what the shear stress changes over.
+_ORDERS = ((4.0, 12), (8.0, ORDER), (20.0, 18))
+_MOST = 24
 _POWER = 3
+
+
+def order_for(reach: float) -> int:
+    """Return how many nodes on each arc give the forces to 1e-8 of themselves.
+
+    Parameters
+    ----------
+    reach : float
+        Length of the longer arc in terms of the shear modulus: angle · R / k.
+
+    Returns
+    -------
+    int
+    """
+    return next((order for most, order in _ORDERS if reach <= most), _MOST)
 
 
 @cache

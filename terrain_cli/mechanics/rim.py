@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from terrain_cli.mechanics.contact import rolling
 from terrain_cli.mechanics.dual import chain, value
 from terrain_cli.mechanics.quadrature import ORDER, nodes
 
@@ -59,7 +60,7 @@ def forces(q: Mapping[str, Any], width: float, change: Change, *, order: int = O
     }
     sigma = at_nodes["normal_stress"] = change("normal_stress", at_nodes)
     gap = 0.5 * (one - angle)
-    travel = 2.0 * R * gap - (1.0 - q["slip"]) * r * 2.0 * np.cos(one - gap) * np.sin(gap)
+    travel = 2.0 * R * gap - rolling(q["slip"]) * r * 2.0 * np.cos(one - gap) * np.sin(gap)
     turn = np.where(value(travel) < 0.0, -1.0, 1.0)
     mobilised = turn * (1.0 - np.exp(-np.absolute(travel) / q["shear_modulus"]))
     at_nodes["shear_displacement"] = travel

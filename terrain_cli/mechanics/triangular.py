@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from terrain_cli.mechanics.contact import rolling
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -46,7 +48,7 @@ def forces(q: Mapping[str, Any], width: float) -> tuple[Any, Any]:
     # The cohesion behind θm, which fades to nothing where the hat has its height.
     tail_cos, tail_sin = all_cos - rear_cos, all_sin - rear_sin
 
-    travel = R * front - (1.0 - q["slip"]) * r * 2.0 * np.cos(0.5 * (one + peak)) * np.sin(0.5 * front)
+    travel = R * front - rolling(q["slip"]) * r * 2.0 * np.cos(0.5 * (one + peak)) * np.sin(0.5 * front)
     # Where the wheel skids the shear stress turns round, and so does the cohesion behind θm.
     turn = np.where(travel < 0.0, -1.0, 1.0)
     mobilised = turn * (1.0 - np.exp(-np.absolute(travel) / q["shear_modulus"]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from terrain_cli.rover.parts import Entry, Motor, Rover, Vehicle, Wheel
+from terrain_cli.rover.parts import NOISY, Entry, Motor, Noise, Rover, Vehicle, Wheel
 from terrain_cli.rover.reader import find, load
 
-__all__ = ["Entry", "Motor", "Rover", "Vehicle", "Wheel", "find", "load"]
+__all__ = ["NOISY", "Entry", "Motor", "Noise", "Rover", "Vehicle", "Wheel", "find", "load"]

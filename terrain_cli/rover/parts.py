@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Literal
 
 from terrain_cli import units
-from terrain_cli.errors import ConfigurationError
+from terrain_cli.errors import ConfigurationError, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
     from terrain_cli.units import Unit
@@ -18,22 +17,8 @@ if TYPE_CHECKING:
 FILE_NAME = "rover.toml"
 Suspension = Literal["rigid", "rocker", "rocker-bogie"]
 Vector = tuple[float, float, float]
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean …?" with the known name nearest to an unknown one, or nothing.
-
-    Parameters
-    ----------
-    name : str
-    known : iterable of str
-
-    Returns
-    -------
-    str
-    """
-    close = get_close_matches(name, list(known), n=1)
-    return f"; did you mean {close[0]}?" if close else ""
+#: Channels whose noise the estimate of the whole model weighs.
+NOISY = ("load", "torque", "sinkage", "slip", "drawbar_pull")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +56,22 @@ class Entry:
     unit: Unit | None = None
     scale: float = 1.0
     offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviation of a sensor's noise; both parts add in quadrature.
+
+    Parameters
+    ----------
+    relative : float
+        As a share of the value.
+    absolute : float
+        In the channel's SI unit.
+    """
+
+    relative: float = 0.0
+    absolute: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +170,8 @@ class Rover:
     vehicle : Vehicle or None
     max_gap : float or None
         [sampling]: longest time in s over which a channel is interpolated.
+    noise : mapping of str to Noise
+        [noise]: what is known of the sensors, by channel.
     estimate : mapping
         [estimate]: long options of `terrain-est estimate` and their values.
     """
@@ -179,6 +182,7 @@ class Rover:
     shear_modulus: float | None = None
     vehicle: Vehicle | None = None
     max_gap: float | None = None
+    noise: Mapping[str, Noise] = field(default_factory=dict)
     estimate: Mapping[str, str | int | float] = field(default_factory=dict)
 
     @property

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import formats
-from terrain_cli.channels import stated_unit
-from terrain_cli.errors import ConfigurationError, InputError
-from terrain_cli.rover.parts import nearest
-from terrain_cli.telemetry import advice, align, complete, derive, health
+from terrain_cli import units
+from terrain_cli.channels import CHANNELS, stated_unit
+from terrain_cli.errors import ConfigurationError, InputError, nearest
+from terrain_cli.telemetry import advice, align, complete, derive, health, needs
+from terrain_cli.telemetry.columns import as_numbers
 from terrain_cli.telemetry.feeds import Plan
 from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.names import match_name
@@ -19,11 +20,12 @@ from terrain_cli.telemetry.samples import NEEDED, Geometry, Raw, Samples
 from terrain_cli.telemetry.where import Condition
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Sequence
 
     from numpy.typing import NDArray
 
     from formats import Source
+    from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover, Wheel
 
     Array = NDArray[np.float64]
@@ -43,7 +45,13 @@ __all__ = [
 
 
 def read(
-    path: str, rover: Rover, *, wheels: Collection[str] = (), where: Condition | None = None
+    path: str,
+    rover: Rover,
+    *,
+    wheels: Collection[str] = (),
+    where: Condition | None = None,
+    effects: Sequence[Effect] | None = None,
+    compared: bool = False,
 ) -> list[Samples]:
     """Read the samples of every wheel of a log.
 
@@ -56,6 +64,12 @@ def read(
         Only these; all if empty.
     where : Condition, optional
         Keeps the samples that satisfy it.
+    effects : sequence of Effect, optional
+        For the whole model instead of the line: its effects, whose channels are read too. So is the
+        drawbar pull, where it is there.
+    compared : bool
+        For a comparison with a model: torque may be absent, and every channel and further numeric
+        column is read, as something that the residuals may follow.
 
     Returns
     -------
@@ -71,11 +85,19 @@ def read(
     ConfigurationError
         rover.toml does not fit it, or lacks the geometry of a wheel.
     """
-    return read_source(formats.open_source(path), rover, wheels=wheels, where=where)
+    return read_source(
+        formats.open_source(path), rover, wheels=wheels, where=where, effects=effects, compared=compared
+    )
 
 
 def read_source(
-    source: Source, rover: Rover, *, wheels: Collection[str] = (), where: Condition | None = None
+    source: Source,
+    rover: Rover,
+    *,
+    wheels: Collection[str] = (),
+    where: Condition | None = None,
+    effects: Sequence[Effect] | None = None,
+    compared: bool = False,
 ) -> list[Samples]:
     """Read the samples of every wheel of an opened source.
 
@@ -85,6 +107,8 @@ def read_source(
     rover : Rover
     wheels : collection of str
     where : Condition, optional
+    effects : sequence of Effect, optional
+    compared : bool
 
     Returns
     -------
@@ -97,13 +121,26 @@ def read_source(
     """
     layout = plan(source, rover)
     extras, names = _condition_columns(layout, where) if where else ([], set())
-    raws = read_raw(layout, rover, {*complete.SOURCES, *names}, extras, wheels=wheels)
+    wanted = {*complete.SOURCES, *names}
+    if effects is not None:
+        channels, columns = needs.read(effects)
+        wanted |= {"drawbar_pull", *channels}
+        extras = sorted({*extras, *columns.intersection(layout.extras)})
+    if compared:
+        wanted |= CHANNELS.keys()
+        extras = sorted({*extras, *layout.extras})
+    raws = read_raw(layout, rover, wanted, extras, wheels=wheels)
     lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
+    if compared:
+        lacks = {wheel: [lack for lack in some if lack.what != "torque"] for wheel, some in lacks.items()}
     if any(lacks.values()):
         raise _cannot_give(layout, lacks, rover)
+    lacks = {raw.wheel: needs.lacking(raw, wheel_of(raw, rover), effects or ()) for raw in raws}
+    if any(lacks.values()):
+        raise _model_cannot_be_fitted(layout, lacks, rover)
     result = []
     while raws:
-        result.append(assemble(source, raws.pop(0), rover, where))
+        result.append(assemble(source, raws.pop(0), rover, where, effects or (), layout.extras))
     if not any(len(samples) for samples in result):
         raise InputError(f"{source.path}: there are no samples" + (f" where {where.text}" if where else ""))
     return result
@@ -189,7 +226,36 @@ def _cannot_give(
     )
 
 
-def assemble(source: Source, raw: Raw, rover: Rover, where: Condition | None = None) -> Samples:
+def _model_cannot_be_fitted(
+    layout: Plan, lacks: dict[str, list[complete.Lack]], rover: Rover
+) -> InputError | ConfigurationError:
+    """Say which effect needs what, and how to supply it."""
+    missing = [lack for several in lacks.values() for lack in several]
+    text = "; ".join(dict.fromkeys(lack.because for lack in missing))
+    if all(lack.lines for lack in missing):
+        return ConfigurationError(
+            f"{rover.label}: {text}", hint=f"add to {rover.label}:\n{advice.lines(layout, lacks)}"
+        )
+    hints = []
+    if any(lack.ask or lack.lines for lack in missing):
+        hints.append(f"add to {rover.label}:\n{advice.lines(layout, lacks)}")
+    columns = dict.fromkeys(lack.what for lack in missing if not (lack.ask or lack.lines))
+    if columns:
+        there = f"; this one has {', '.join(layout.extras)}" if layout.extras else ""
+        hints.append(
+            f"{', '.join(columns)}: no channel, but a numeric column that a table (CSV, Parquet) has{there}"
+        )
+    return InputError(f"{layout.source.path}: {text}", hint="\n".join(hints))
+
+
+def assemble(
+    source: Source,
+    raw: Raw,
+    rover: Rover,
+    where: Condition | None = None,
+    effects: Sequence[Effect] = (),
+    columns: Collection[str] = (),
+) -> Samples:
     """Derive what was not recorded, and judge every sample of a wheel.
 
     Parameters
@@ -199,6 +265,10 @@ def assemble(source: Source, raw: Raw, rover: Rover, where: Condition | None = N
         Consumed: its channels become those of the result. Nothing may be `lacking`.
     rover : Rover
     where : Condition, optional
+    effects : sequence of Effect, optional
+        As for `read`; samples without something that an effect needs are set aside.
+    columns : collection of str
+        Further numeric columns that are kept, where they were read.
 
     Returns
     -------
@@ -211,7 +281,14 @@ def assemble(source: Source, raw: Raw, rover: Rover, where: Condition | None = N
     """
     wheel = wheel_of(raw, rover)
     radius, width = rover.geometry(wheel)
-    geometry = Geometry(radius, width, rover.soil_shear_modulus())
+    geometry = Geometry(
+        radius,
+        width,
+        rover.soil_shear_modulus(),
+        wheel.grouser_height,
+        wheel.grouser_count,
+        rover.vehicle.gravity if rover.vehicle else units.STANDARD_GRAVITY,
+    )
     _check_clock(source, raw, radius)
     origins = complete.complete(raw, wheel, rover)
     if where is not None:
@@ -225,6 +302,10 @@ def assemble(source: Source, raw: Raw, rover: Rover, where: Condition | None = N
         restarts=restarts,
         max_gap=gap,
     )
+    drivers = needs.drivers(raw, np.flatnonzero(reasons.codes < 0), stretch, effects)
+    for name, values in drivers.items():
+        reasons = health.also_aside(reasons, f"no {name}", ~np.isfinite(values))
+    further = {name: as_numbers(column) for name, column in raw.extras.items() if name in columns}
     return Samples(
         source.path,
         raw.wheel,
@@ -238,6 +319,8 @@ def assemble(source: Source, raw: Raw, rover: Rover, where: Condition | None = N
         reasons,
         origins,
         [*source.remarks, *raw.remarks, *health.doubts(raw.channels, reasons)],
+        {**further, **drivers},
+        rover.noise,
     )
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from terrain_cli import units
+from terrain_cli import toml_text, units
 from terrain_cli.channels import CHANNELS, stated_unit
 from terrain_cli.telemetry import messages
-from terrain_cli.telemetry.complete import NOWHERE, toml_key
+from terrain_cli.telemetry.complete import NOWHERE
 from terrain_cli.telemetry.discovery import OF_WHEELS
 from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.names import match_name
@@ -87,7 +87,7 @@ def lines(plan: Plan, lacks: Mapping[str, Sequence[Lack]]) -> str:
                 tables.setdefault(lack.lines[0], {}).update(dict.fromkeys(lack.lines[1:]))
             for channel in lack.ask:
                 own = several and channel in OF_WHEELS
-                header = f"[wheels.{toml_key(wheel)}.channels]" if own else "[channels]"
+                header = f"[wheels.{toml_text.key(wheel)}.channels]" if own else "[channels]"
                 entry = _column(plan, channel) if is_table(plan.source) else _topic(plan, wheel, channel)
                 tables.setdefault(header, {}).update(dict.fromkeys(entry))
     # The wheel and its soil first, as a rover file has them.

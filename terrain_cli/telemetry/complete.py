@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from terrain_cli import toml_text
 from terrain_cli.mechanics import linear
 from terrain_cli.telemetry import derive
 from terrain_cli.telemetry.samples import NEEDED
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+#: Positive forward or nose up, and so with the other sign to a wheel that turns backwards. Pitch and
+#: roll are turned for the effects only (`needs.drivers`): in the body's frame they say where the load is.
+_WITH_DIRECTION = ("torque", "drawbar_pull", "acceleration")
 #: How a reason begins where the data are silent.
 NOWHERE = "nothing measures it"
 #: Every channel from which a needed one, or the place of a sample, may come.
@@ -83,7 +87,7 @@ def _load(have: set[str], wheel: Wheel, rover: Rover) -> str | Lack:
     if rover.vehicle is None:
         return Lack("load", f"{NOWHERE}, and there is no [vehicle] to balance", ("load",))
     if wheel.position is None:
-        lines = (f"[wheels.{toml_key(wheel.name)}]", "position = [x, y, z]  # m")
+        lines = (f"[wheels.{toml_text.key(wheel.name)}]", "position = [x, y, z]  # m")
         return Lack("load", "the balance of the vehicle needs the place of every wheel", lines=lines)
     if "pitch" not in have:
         return Lack("load", "the balance of the vehicle needs the pitch", ("pitch",))
@@ -140,21 +144,6 @@ def settings(wheel: Wheel, rover: Rover) -> list[Lack]:
     return lacks
 
 
-def toml_key(name: str) -> str:
-    """Write a name as a key of TOML.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    str
-    """
-    bare = name.isascii() and name.replace("-", "").replace("_", "").isalnum()
-    return name if bare else '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
 def complete(raw: Raw, wheel: Wheel, rover: Rover) -> dict[str, str]:
     """Derive the needed channels that were not recorded, in place.
 
@@ -181,11 +170,16 @@ def complete(raw: Raw, wheel: Wheel, rover: Rover) -> dict[str, str]:
             origins["velocity"] = f"derived from {body} and yaw rate"
         derived, _ = routes(raw.channels, wheel, rover)
         _derive(raw.channels, derived, wheel, rover)
-    omega = raw.channels.get("angular_velocity")
-    if omega is not None:
-        # Driven backwards, torque and wheel speed change sign together; the soil sees the same.
-        raw.channels["torque"] = np.where(omega < 0.0, -raw.channels["torque"], raw.channels["torque"])
+    _turn(raw.channels, _WITH_DIRECTION)
     return origins | {name: f"derived from {how}" for name, how in derived.items()}
+
+
+def _turn(channels: dict[str, Array], names: Collection[str]) -> None:
+    """Count what has a direction the way the wheel turns: the soil sees no other way."""
+    omega = channels.get("angular_velocity")
+    if omega is not None:
+        for name in channels.keys() & names:
+            channels[name] = np.where(omega < 0.0, -channels[name], channels[name])
 
 
 def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, rover: Rover) -> None:

@@ -30,8 +30,8 @@ def set_aside(
     Parameters
     ----------
     channels : mapping of str to ndarray, shape (n,)
-        SI units; load, torque, sinkage and slip are needed, angular_velocity and velocity are used
-        where they are there.
+        SI units; load, sinkage and slip are needed, and torque where it is there at all;
+        angular_velocity and velocity are used where they are there.
     time : ndarray, shape (n,), or None
         In s.
     radius : float
@@ -44,7 +44,7 @@ def set_aside(
     restarts : ndarray of int
         Indices at which the clock begins anew.
     """
-    n = len(channels["torque"])
+    n = len(channels["load"])
     names: list[str] = []
     codes = np.full(n, -1, dtype=np.int32)
 
@@ -62,6 +62,8 @@ def set_aside(
         because("time repeated", repeated)
     omega = channels.get("angular_velocity")
     for name in NEEDED:
+        if name not in channels:
+            continue
         # A standing wheel has no slip, and is better told as that.
         if name == "slip" and omega is not None:
             because(STANDS, np.abs(omega) <= STANDING)
@@ -80,6 +82,28 @@ def set_aside(
     return Labels(codes, tuple(names)), restarts
 
 
+def also_aside(reasons: Labels, reason: str, where: NDArray[np.bool_]) -> Labels:
+    """Set further samples aside.
+
+    Parameters
+    ----------
+    reasons : Labels, shape (n,)
+        From `set_aside`.
+    reason : str
+    where : ndarray of bool, shape (n,)
+
+    Returns
+    -------
+    Labels, shape (n,)
+        As before where there was a reason already.
+    """
+    new = where & (reasons.codes < 0)
+    if not new.any():
+        return reasons
+    codes = np.where(new, np.int32(len(reasons.names)), reasons.codes)
+    return Labels(codes, (*reasons.names, reason))
+
+
 def doubts(channels: Mapping[str, Array], reasons: Labels) -> list[str]:
     """Say what is hardly true of the samples that can be used.
 
@@ -93,7 +117,8 @@ def doubts(channels: Mapping[str, Array], reasons: Labels) -> list[str]:
     -------
     list of str
     """
-    torque = channels["torque"][reasons.codes < 0]
+    torque = channels.get("torque", np.zeros(0))
+    torque = torque[reasons.codes < 0] if len(torque) else torque
     if len(torque) and np.median(torque) < 0.0:
         return [
             (

@@ -9,8 +9,7 @@ import numpy as np
 
 from terrain_cli import units
 from terrain_cli.channels import CHANNELS, identify, resolve, stated_unit, unit_hint
-from terrain_cli.errors import ConfigurationError, InputError
-from terrain_cli.rover.parts import nearest
+from terrain_cli.errors import ConfigurationError, InputError, nearest
 from terrain_cli.telemetry import discovery, messages
 from terrain_cli.telemetry.columns import as_numbers
 from terrain_cli.telemetry.feeds import CLOCKS, Feed, Plan

@@ -3,21 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 
 from formats import Labels
 from terrain_cli.telemetry.columns import take
+from terrain_cli.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from formats import Column
+    from terrain_cli.mechanics.model import WheelGeometry
+    from terrain_cli.rover import Noise
     from terrain_cli.telemetry.feeds import Feed
 
 #: What the line y = c + x tan φ is computed from.
 NEEDED = ("load", "torque", "sinkage", "slip")
+
+
+class Line(TypedDict):
+    """Geometry and shear modulus, in m, by the names that the equations of the line have."""
+
+    radius: float
+    width: float
+    shear_modulus: float
 
 
 class Geometry(NamedTuple):
@@ -27,11 +40,31 @@ class Geometry(NamedTuple):
     ----------
     radius, width, shear_modulus : float
         r, b and k in m.
+    grouser_height : float
+        In m.
+    grouser_count : int
+    gravity : float
+        In m/s².
     """
 
     radius: float
     width: float
     shear_modulus: float
+    grouser_height: float = 0.0
+    grouser_count: int = 0
+    gravity: float = STANDARD_GRAVITY
+
+    @property
+    def line(self) -> Line:
+        """What the line y = c + x tan φ is computed with."""
+        return Line(radius=self.radius, width=self.width, shear_modulus=self.shear_modulus)
+
+    @property
+    def wheel(self) -> WheelGeometry:
+        """The constants of the wheel for the whole model."""
+        from terrain_cli.mechanics.model import WheelGeometry
+
+        return WheelGeometry(self.radius, self.width, self.grouser_height, self.grouser_count, self.gravity)
 
 
 @dataclass
@@ -109,6 +142,10 @@ class Samples:
         Where each channel comes from, in words.
     remarks : list of str
         What a person should know about the input.
+    drivers : dict of str to ndarray, shape (n,)
+        What makes a difference to the effects of the model, by the names they have there.
+    noise : mapping of str to Noise
+        What rover.toml says of the sensors, by channel.
     """
 
     source: str
@@ -123,6 +160,8 @@ class Samples:
     set_aside: Labels
     origins: dict[str, str] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
+    drivers: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    noise: Mapping[str, Noise] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.set_aside)

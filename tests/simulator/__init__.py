@@ -11,9 +11,20 @@ interpolates them, so that a long drive takes a second.
 ['angular_velocity', 'load', 'sinkage', 'slip', 'time', 'torque', 'velocity', 'x', 'y']
 >>> log.boundaries
 (30.0,)
+
+Physical effects come by their ids, with SI parameters; soils here have θm of their own, and
+`base_contact` gives them that of a model without effects:
+
+>>> soil = base_contact(DRY_SAND)
+>>> drive = Drive([Track("wheel", [(soil, 30.0)])], effects={"drivetrain-friction": {"Tc": 0.5}})
+>>> log = simulate(drive).wheels["wheel"]
+>>> float((log.measured["torque"].values - log.truth["torque"]).mean().round(6))
+0.5
 """
 
-from simulator.drive import CHANNELS, Drive, Track, one_wheel
+from simulator.drive import CHANNELS, FURTHER, Drive, Track, one_wheel
+from simulator.effects import KNOWN as EFFECTS
+from simulator.effects import base_contact
 from simulator.noise import Clock, Sensor
 from simulator.profiles import Profile, constant, scatter, steps, sweep, undulation, wave
 from simulator.run import Run, Series, Stretch, WheelLog, simulate
@@ -37,6 +48,8 @@ __all__ = [
     "CHANNELS",
     "CLAYEY_SOIL",
     "DRY_SAND",
+    "EFFECTS",
+    "FURTHER",
     "LETE_SAND",
     "LUNAR_SOIL",
     "NORTH_GOWER_CLAYEY_LOAM",
@@ -58,6 +71,7 @@ __all__ = [
     "Track",
     "Wheel",
     "WheelLog",
+    "base_contact",
     "constant",
     "forces",
     "mean_stress",

@@ -15,21 +15,47 @@ if TYPE_CHECKING:
     from simulator.soils import Soil
 
 CHANNELS = ("load", "torque", "sinkage", "angular_velocity", "velocity", "x", "y")
+#: What else can be measured, for effects that answer to it.
+FURTHER = (
+    "slip",
+    "drawbar_pull",
+    "pitch",
+    "yaw_rate",
+    "acceleration",
+    "motor_temperature",
+    "pass_number",
+    "slip_angle",
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """What one wheel meets: (soil, seconds) in turn, its load in N and its slip over time."""
+    """What one wheel meets, over time.
+
+    Parameters
+    ----------
+    name : str
+    soils : sequence of (Soil, float)
+        With how many s each lasts.
+    load, slip : Profile
+        In N; slip from 0 to 1, or from −1 where the wheel skids.
+    pass_number : Profile
+        How many wheels drove here before.
+    motor_temperature : Profile
+        In °C.
+    """
 
     name: str
     soils: Sequence[tuple[Soil, float]]
     load: Profile = field(default_factory=lambda: undulation(80.0, 0.2, 7.0))
     slip: Profile = field(default_factory=lambda: wave(0.3, 0.4, 11.0))
+    pass_number: Profile = field(default_factory=lambda: constant(0.0))
+    motor_temperature: Profile = field(default_factory=lambda: constant(25.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A straight drive of some wheels at one speed.
+    """A drive of some wheels at one speed.
 
     Parameters
     ----------
@@ -37,8 +63,13 @@ class Drive:
         All equally long.
     wheel : Wheel
     speed : Profile
-        V in m/s; at 0 the rover stands and its wheels with it.
+        V in m/s; at 0 the rover stands and its wheels with it. Its slope is the acceleration.
+    pitch, slip_angle, yaw_rate : Profile
+        In rad and rad/s; they do nothing but through effects, and the path is straight.
     model : {"wong-reece", "linear"}
+    effects : mapping of str to mapping of str to float
+        Physical effects by their ids, each with its parameters in SI units, in the order in which
+        they act; "form": "other" takes another law than the program's. See `effects`, `sensing`.
     clocks : mapping of str to Clock
         By topic ("joints", "load", "sinkage", "odometry", "fix"), or by "WHEEL/topic" for one
         wheel's load or sinkage; `rate` for the others.
@@ -60,7 +91,11 @@ class Drive:
     tracks: Sequence[Track]
     wheel: Wheel = field(default_factory=Wheel)
     speed: Profile = field(default_factory=lambda: constant(0.1))
+    pitch: Profile = field(default_factory=lambda: constant(0.0))
+    slip_angle: Profile = field(default_factory=lambda: constant(0.0))
+    yaw_rate: Profile = field(default_factory=lambda: constant(0.0))
     model: Model = "wong-reece"
+    effects: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
     clocks: Mapping[str, Clock] = field(default_factory=dict)
     rate: float = 50.0
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
@@ -87,6 +122,7 @@ def one_wheel(
     noise: float = 0.0,
     rate: float = 50.0,
     model: Model = "wong-reece",
+    effects: Mapping[str, Mapping[str, float | str]] | None = None,
     seed: int = 0,
 ) -> Drive:
     """Return the plainest drive: one wheel, named "wheel", white noise as a share of W, T, z and i.
@@ -96,4 +132,12 @@ def one_wheel(
     plain = Track("wheel", soils)
     track = Track("wheel", soils, load or plain.load, slip or plain.slip)
     sensors = {channel: Sensor(relative=noise) for channel in ("load", "torque", "sinkage", "slip")}
-    return Drive([track], model=model, rate=rate, sensors=sensors, channels=(*CHANNELS, "slip"), seed=seed)
+    return Drive(
+        [track],
+        model=model,
+        effects=effects or {},
+        rate=rate,
+        sensors=sensors,
+        channels=(*CHANNELS, "slip"),
+        seed=seed,
+    )

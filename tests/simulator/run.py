@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from simulator import sensing
+from simulator.effects import forces_with, freeze
 from simulator.noise import Clock, Sensor, generator
-from simulator.tables import forces_under
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from simulator.drive import Drive, Track
+    from simulator.effects import Frozen
+    from simulator.profiles import Profile
     from simulator.soils import Soil
 
     Array = NDArray[np.float64]
@@ -25,16 +28,24 @@ CLOCK_OF = {
     "torque": "joints",
     "angular_velocity": "joints",
     "slip": "joints",
+    "motor_temperature": "joints",
+    "pass_number": "joints",
     "load": "load",
     "drawbar_pull": "load",
     "sinkage": "sinkage",
     "velocity": "odometry",
     "x": "odometry",
     "y": "odometry",
+    "slip_angle": "odometry",
+    "pitch": "imu",
+    "yaw_rate": "imu",
+    "acceleration": "imu",
     "longitude": "fix",
     "latitude": "fix",
 }
-BODY = frozenset({"velocity", "x", "y", "longitude", "latitude"})
+BODY = frozenset(
+    {"velocity", "x", "y", "longitude", "latitude", "slip_angle", "pitch", "yaw_rate", "acceleration"}
+)
 #: Mean radius of the Earth in m, for fixes about `Drive.origin`.
 EARTH = 6_371_008.8
 
@@ -65,8 +76,9 @@ class WheelLog:
     name : str
     measured : dict of str to Series
     truth : dict of str to ndarray
-        At the times of the torque samples ("time"): every channel, "drawbar_pull", "slip" (NaN when
-        standing), "cohesion" in Pa, "tan_phi" and "soil", the index into `stretches`.
+        At the times of the torque samples ("time"): every channel as it truly is, which effects on
+        sensors do not show, "drawbar_pull", "slip" (NaN when standing), "flat_load" in N, before
+        slope and load transfer, "cohesion" in Pa, "tan_phi" and "soil", the index into `stretches`.
     stretches : tuple of Stretch
     """
 
@@ -164,37 +176,61 @@ def _measure(drive: Drive, track: Track, channel: str) -> Series:
     topic = CLOCK_OF[channel]
     own = f"{track.name}/{topic}"
     clock = drive.clocks.get(own) or drive.clocks.get(topic) or Clock(drive.rate)
-    shared = topic in {"joints", "odometry", "fix"}
+    shared = topic in {"joints", "odometry", "imu", "fix"}
     time = clock.times(drive.duration, generator(drive.seed, f"clock {topic if shared else own}"))
     key = f"{track.name}/{channel}"
     sensor = drive.sensors.get(key) or drive.sensors.get(channel) or Sensor()
-    true = _state(drive, track, np.maximum(time - sensor.lag, 0.0))[channel]
-    values = sensor.measure(time, true, generator(drive.seed, channel if channel in BODY else key))
+    shown = _shown(drive, track, np.maximum(time - sensor.lag, 0.0))[channel]
+    values = sensor.measure(time, shown, generator(drive.seed, channel if channel in BODY else key))
     return Series(np.round(drive.start + time, 6), values)
+
+
+def _shown(drive: Drive, track: Track, time: Array) -> dict[str, Array]:
+    """Return what perfect sensors show, at times in s since the start."""
+    if not drive.effects:
+        return _state(drive, track, time)
+    effects = freeze(drive.effects)
+
+    def omega(moved: Array) -> Array:
+        return sensing.angular_velocity(effects, drive.wheel, drive.speed(moved), track.slip(moved))
+
+    return sensing.shown(effects, time, lambda moved: _state(drive, track, moved), omega, drive.wheel)
 
 
 def _state(drive: Drive, track: Track, time: Array) -> dict[str, Array]:
     """Return the truth at times in s since the start."""
+    effects = freeze(drive.effects)
     ends = np.cumsum([seconds for _, seconds in track.soils])[:-1]
     soil = np.searchsorted(ends, time, side="right")
-    load, slip, velocity = track.load(time), track.slip(time), drive.speed(time)
+    flat, slip, velocity = track.load(time), track.slip(time), drive.speed(time)
     standing = velocity == 0.0
-    sinkage, torque, pull = np.empty(len(time)), np.empty(len(time)), np.empty(len(time))
+    channels = {
+        "velocity": velocity,
+        "pitch": drive.pitch(time),
+        "yaw_rate": drive.yaw_rate(time),
+        "slip_angle": drive.slip_angle(time),
+        "pass_number": track.pass_number(time),
+        "motor_temperature": track.motor_temperature(time),
+        "acceleration": _slope(drive.speed, time),
+    }
+    load, sinkage, torque, pull = (np.empty(len(time)) for _ in range(4))
     # One call per soil, however often it comes back: its table then serves all its stretches.
     for kind in dict.fromkeys(s for s, _ in track.soils):
         here = np.isin(soil, [j for j, (s, _) in enumerate(track.soils) if s == kind])
-        sinkage[here], torque[here], pull[here] = forces_under(
-            kind, drive.wheel, load[here], slip[here], drive.model
+        of_here = {name: column[here] for name, column in channels.items()}
+        load[here], sinkage[here], torque[here], pull[here] = _forces(
+            drive, effects, kind, flat[here], slip[here], of_here
         )
     distance = _distance(drive, time)
     x, y = distance * math.cos(drive.heading), distance * math.sin(drive.heading)
     longitude, latitude = drive.origin or (math.nan, math.nan)
     return {
+        **channels,
         "load": load,
+        "flat_load": flat,
         "torque": np.where(standing, 0.0, torque),
         "sinkage": sinkage,
-        "angular_velocity": velocity / (drive.wheel.radius * (1.0 - slip)),
-        "velocity": velocity,
+        "angular_velocity": sensing.angular_velocity(effects, drive.wheel, velocity, slip),
         "slip": np.where(standing, np.nan, slip),
         "drawbar_pull": np.where(standing, 0.0, pull),
         "x": x,
@@ -205,6 +241,26 @@ def _state(drive: Drive, track: Track, time: Array) -> dict[str, Array]:
         "tan_phi": np.array([s.tan_phi for s, _ in track.soils])[soil],
         "soil": soil,
     }
+
+
+def _forces(
+    drive: Drive, effects: Frozen, soil: Soil, flat: Array, slip: Array, channels: dict[str, Array]
+) -> tuple[Array, Array, Array, Array]:
+    """Return load, sinkage, torque and drawbar pull of samples on one soil."""
+
+    def under(load: Array) -> tuple[Array, Array, Array]:
+        sinkage, torque, pull = forces_with(effects, soil, drive.wheel, load, slip, channels, drive.model)
+        net = sensing.net_pull(effects, soil, drive.wheel, sinkage, pull, flat, channels)
+        return sinkage, torque, net
+
+    load = sensing.felt_load(effects, flat, channels, lambda load: under(load)[2])
+    return load, *under(load)
+
+
+def _slope(profile: Profile, time: Array) -> Array:
+    """Return the slope of a profile by time; profiles go on before the start and after the end."""
+    step = 1e-4
+    return (profile(time + step) - profile(time - step)) / (2.0 * step)
 
 
 def _distance(drive: Drive, time: Array) -> Array:

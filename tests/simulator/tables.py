@@ -19,6 +19,7 @@ from simulator import wheel as exact
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from simulator.effects import OnGround
     from simulator.soils import Soil
 
     Array = NDArray[np.float64]
@@ -59,19 +60,24 @@ def _nodes(low: float, high: float, step: float) -> Array:
 
 @lru_cache(maxsize=256)
 def _table(
-    soil: Soil, wheel: exact.Wheel, model: exact.Model, loads: tuple[float, float], slips: tuple[float, float]
+    soil: Soil,
+    wheel: exact.Wheel,
+    model: exact.Model,
+    loads: tuple[float, float],
+    slips: tuple[float, float],
+    laws: OnGround | None = None,
 ) -> _Table:
     shifted = _nodes(math.log(slips[0] + SLIP_SHIFT), math.log(slips[1] + SLIP_SHIFT), SLIP_STEP)
     slip = np.clip(np.exp(shifted) - SLIP_SHIFT, *slips)
     ends = [
-        math.log(exact.sinkage_under(soil, wheel, load, i, model))
+        math.log(exact.sinkage_under(soil, wheel, load, i, model, laws))
         for load in loads
         for i in (*slip[::4], slip[-1])
     ]
     # The sinkage under one load varies smoothly with slip; the margin covers the slips between.
     low, high = min(ends) - 0.02, max(ends) + 0.02
     depth = _nodes(low, high, SINKAGE_STEP)
-    grid = [[exact.forces(soil, wheel, math.exp(d), i, model) for i in slip] for d in depth]
+    grid = [[exact.forces(soil, wheel, math.exp(d), i, model, laws) for i in slip] for d in depth]
 
     def spline(values: list[list[float]]) -> RectBivariateSpline:
         return RectBivariateSpline(depth, shifted, np.array(values), kx=DEGREE, ky=DEGREE)
@@ -86,7 +92,12 @@ def _table(
 
 
 def forces_under(
-    soil: Soil, wheel: exact.Wheel, load: Array, slip: Array, model: exact.Model = "wong-reece"
+    soil: Soil,
+    wheel: exact.Wheel,
+    load: Array,
+    slip: Array,
+    model: exact.Model = "wong-reece",
+    laws: OnGround | None = None,
 ) -> tuple[Array, Array, Array]:
     """Return sinkage in m, torque in N m and drawbar pull in N under loads in N at slips from 0 to 1.
 
@@ -102,7 +113,7 @@ def forces_under(
         math.exp(step * math.ceil(math.log(load.max()) / step)),
     )
     slips = (math.floor(slip.min() * 10.0) / 10.0, min(1.0, math.floor(slip.max() * 10.0 + 1.0) / 10.0))
-    table = _table(soil, wheel, model, loads, slips)
+    table = _table(soil, wheel, model, loads, slips, laws)
     shifted = np.log(slip + SLIP_SHIFT)
     depth = table.depth_under(load, shifted)
     torque = np.exp(table.log_torque.ev(depth, shifted))

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import tomllib
-
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -95,16 +93,6 @@ def test_settings(rover_of):
     assert [line.split(" ")[0] for line in lacks[0].lines] == ["[wheel]", "radius", "width"]
     rover = rover_of("[wheel]\nradius = 0.1\n[soil]\nshear_modulus = 0.01\n")
     assert complete.settings(rover.wheel(), rover)[0].because == "the width of the wheel"
-
-
-@given(st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1))
-def test_any_name_can_be_a_key(name):
-    text = f"[wheels.{complete.toml_key(name)}.channels]"
-    assert tomllib.loads(text) == {"wheels": {name: {"channels": {}}}}
-
-
-def test_a_plain_name_is_a_bare_key():
-    assert complete.toml_key("front-left_2") == "front-left_2"
 
 
 columns = st.sampled_from([0.0, 1.0, -1.0, 1e300, float("nan"), float("inf"), -float("inf")])

@@ -1,0 +1,103 @@
+"""`terrain-est compare INPUT…`."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from terrain_cli.commands import comparing, options
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from terrain_cli.comparison import Comparison
+
+
+@click.command(
+    "compare",
+    context_settings=options.CONTEXT,
+    short_help="Compare a model with measurements, and see where it fails.",
+    epilog="""\b
+Examples:
+  terrain-est compare run.bag
+  terrain-est compare day1/*.mcap --model model.toml --json > misfit.json
+  terrain-est compare run.bag --model wong-reece --model model.toml
+  terrain-est compare bench.csv --segments none --where "slip_angle_deg == 0"
+  terrain-est compare run.bag --plot pictures
+""",
+)
+@options.inputs
+@options.rover
+@click.option(
+    "--model",
+    "models",
+    multiple=True,
+    type=options.FILE,
+    envvar="TERRAIN_EST_MODEL",
+    default=("wong-reece",),
+    show_default="wong-reece",
+    metavar="FILE|linear|wong-reece",
+    help="Model of wheel and soil: a base, or a model file that adds effects to one. "
+    "Given twice, two models side by side on the same blocks.",
+)
+@options.wheel
+@comparing.cutting
+@options.as_json
+@click.option(
+    "--plot",
+    type=options.FILE,
+    metavar="DIR",
+    help="Write pictures into this folder, as PNG and SVG (extra: plot).",
+)
+@options.quiet
+@click.pass_context
+def command(context: click.Context, /, **_: Any) -> None:
+    """Compare what a model predicts with what was measured, and say where it fails.
+
+    Torque, drawbar pull and sinkage are compared, whichever are there; a log without torque will
+    do. The model is fitted to each segment; the held-out error is of stretches of the data that the
+    fit has not seen. A finding is what chance gives in one of twenty clean logs at the most.
+    """
+    from terrain_cli import models
+    from terrain_cli.commands.progress import Progress
+    from terrain_cli.comparison import against, document
+    from terrain_cli.errors import UsageError
+
+    names = context.params["models"]
+    if len(names) > 2:
+        raise UsageError(f"--model is given {len(names)} times", hint="once, or twice for two side by side")
+    if context.params["plot"]:
+        from terrain_cli.views import extras
+
+        extras.need("plot")
+    files = [models.resolve(name) for name in names]
+    seed = context.params["seed"]
+    with Progress(
+        len(context.params["inputs"]) + len(files), enabled=not context.params["quiet"]
+    ) as progress:
+        rover, cut = comparing.read(context, files, progress)
+        outcomes = []
+        for file in files:
+            outcomes.append(comparing.compared(cut, file, rover, seed, progress))
+            progress.advance()
+    first, second = outcomes[0], outcomes[1] if len(outcomes) > 1 else None
+    differences = against(first, second, seed=seed) if second else []
+    if context.params["as_json"]:
+        content = document.document(first, second, differences)
+        click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))
+    else:
+        click.echo("\n\n".join(document.text(outcome) for outcome in outcomes))
+        if second:
+            click.echo("\n" + document.text_of_two(first, second, differences))
+    if context.params["plot"]:
+        written = _pictures(outcomes[-1], context.params["plot"])
+        if not context.params["quiet"]:
+            click.echo(f"{len(written)} pictures in {context.params['plot']}", err=True)
+
+
+def _pictures(comparison: Comparison, folder: str) -> list[Path]:
+    from terrain_cli.views import plots
+
+    return plots.write(comparison, folder)

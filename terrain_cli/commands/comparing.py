@@ -1,0 +1,159 @@
+"""What the verbs that compare a model with measurements share: their options, and reading for them."""
+
+from __future__ import annotations
+
+from functools import partial, reduce
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from terrain_cli.commands import options
+from terrain_cli.settings import CUT_SAMPLES, MIN_DISTANCE, SEGMENTS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from terrain_cli.commands.progress import Progress
+    from terrain_cli.comparison import Comparison
+    from terrain_cli.models import ModelFile
+    from terrain_cli.rover import Rover
+    from terrain_cli.windows import Windows
+
+_CUTTING = (
+    click.option(
+        "--segments",
+        type=click.Choice(SEGMENTS),
+        default=SEGMENTS[0],
+        show_default=True,
+        help="Windows: where the soil's line changes, of a fixed length, by terrain label, or none.",
+    ),
+    click.option(
+        "--min-samples",
+        type=click.IntRange(min=3),
+        metavar="N",
+        help=f"Fewest samples of a window that auto cuts.  [{CUT_SAMPLES}]",
+    ),
+    click.option(
+        "--window-distance",
+        type=click.FloatRange(min=0, min_open=True),
+        metavar="M",
+        help="Length of a window in metres: exact for fixed, the least for auto.  "
+        f"[auto: {MIN_DISTANCE:.2f}]",
+    ),
+    click.option(
+        "--window-samples",
+        type=click.IntRange(min=3),
+        metavar="N",
+        help="Length of a fixed window in samples.",
+    ),
+    options.where,
+    click.option(
+        "--seed",
+        type=int,
+        default=0,
+        show_default=True,
+        metavar="N",
+        help="Of the resampling behind intervals and tests.",
+    ),
+)
+
+
+def cutting(command: options.F) -> options.F:
+    """Add the options by which windows are cut, samples are kept and chance is drawn."""
+    return reduce(lambda decorated, option: option(decorated), reversed(_CUTTING), command)
+
+
+def read(
+    context: click.Context, model: Sequence[ModelFile], progress: Progress
+) -> tuple[Rover, list[Windows]]:
+    """Read every input, with all that the models need, and cut it into windows.
+
+    Parameters
+    ----------
+    context : click.Context
+        Of a verb with `cutting`, inputs, --rover and --wheel.
+    model : sequence of ModelFile
+    progress : Progress
+
+    Returns
+    -------
+    rover : Rover
+    windows : list of Windows
+        Of every wheel of every input that has usable samples.
+
+    Raises
+    ------
+    InputError
+        No sample can be used.
+    """
+    import formats
+    from terrain_cli.errors import InputError
+
+    paths = formats.expand(context.params["inputs"])
+    rover = options.load_rover(context.params["rover"], paths)
+    own = {option.lstrip("-") for parameter in context.command.params for option in parameter.opts}
+    # What is compared is cut as `estimate` cuts it.
+    options.with_defaults(
+        context, {name: v for name, v in rover.estimate.items() if name in own and name != "model"}
+    )
+    effects = {effect.id: effect for file in model for effect in file.model.effects}
+    cut: list[Windows] = []
+    for path in paths:
+        progress.say(path, "reading")
+        cut += _cut(path, rover, list(effects.values()), context.params)
+        progress.advance()
+    if not cut:
+        raise InputError(
+            f"{', '.join(paths)}: no sample can be used",
+            hint="terrain-est inspect shows what each channel is read from",
+        )
+    return rover, cut
+
+
+def _cut(path: str, rover: Rover, effects: Sequence[Any], given: Mapping[str, Any]) -> list[Windows]:
+    from terrain_cli import telemetry, windows
+
+    where = telemetry.Condition(given["where"]) if given["where"] else None
+    wheels = telemetry.read(path, rover, wheels=given["wheels"], where=where, effects=effects, compared=True)
+    return [
+        windows.cut(
+            samples,
+            given["segments"],
+            min_samples=given["min_samples"],
+            window_samples=given["window_samples"],
+            window_distance=given["window_distance"],
+        )
+        for samples in wheels
+        if len(samples.usable)
+    ]
+
+
+def compared(
+    cut: Sequence[Windows], file: ModelFile, rover: Rover, seed: int, progress: Progress
+) -> Comparison:
+    """Compare a model with windows that were read.
+
+    Parameters
+    ----------
+    cut : sequence of Windows
+    file : ModelFile
+    rover : Rover
+    seed : int
+    progress : Progress
+
+    Returns
+    -------
+    Comparison
+    """
+    from terrain_cli.comparison import compare
+
+    del rover
+    return compare(
+        cut,
+        file.model,
+        fixed=file.fixed,
+        priors=file.priors,
+        shared=file.shared,
+        seed=seed,
+        progress=partial(progress.say, str(file.path or file.model.base)),
+    )

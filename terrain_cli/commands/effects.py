@@ -1,0 +1,162 @@
+"""`terrain-est effects list|show|check`."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from terrain_cli.commands import options
+from terrain_cli.commands.group import Group
+from terrain_cli.effects.effect import KINDS
+
+if TYPE_CHECKING:
+    from terrain_cli.effects.effect import Effect
+
+
+@click.group(
+    "effects",
+    cls=Group,
+    short_help="Show the effects that a model can have, and check your own.",
+    epilog="""\b
+Examples:
+  terrain-est effects list --kind sensor
+  terrain-est effects show slip-sinkage
+  terrain-est effects check cable-drag.toml
+""",
+)
+def command() -> None:
+    """Show the physical effects that can be added to a model, and check effects of your own.
+
+    An effect of your own is a file in TOML: a law, its parameters with their units, and the
+    channels that it needs. docs/effects.md tells how to write one.
+    """
+
+
+@command.command(
+    "list",
+    context_settings=options.CONTEXT,
+    short_help="List the effects of the catalogue.",
+    epilog="""\b
+Examples:
+  terrain-est effects list
+  terrain-est effects list --kind contact --json
+""",
+)
+@click.option(
+    "--kind",
+    type=click.Choice(KINDS),
+    help="Only effects on the soil, a stress, the contact, a force, or what a sensor shows.",
+)
+@options.as_json
+def list_effects(kind: str | None, as_json: bool) -> None:
+    """List the effects of the catalogue: what each changes, and the channels that it needs.
+
+    Effects that other Python packages bring are listed after those of the program.
+    """
+    from terrain_cli import effects
+    from terrain_cli.effects import describe
+
+    chosen = [effect for effect in effects.catalogue().values() if kind in {None, effect.kind}]
+    if as_json:
+        _write({"format": describe.LIST_FORMAT, "effects": [describe.document(effect) for effect in chosen]})
+        return
+    click.echo(describe.overview(chosen))
+
+
+@command.command(
+    "show",
+    context_settings=options.CONTEXT,
+    short_help="Tell all about effects: law, parameters, signature, source.",
+    epilog="""\b
+Examples:
+  terrain-est effects show slip-sinkage
+  terrain-est effects show max-stress-angle cable-drag.toml --json
+""",
+)
+@click.argument("names", nargs=-1, required=True, type=options.FILE, metavar="EFFECT…")
+@options.as_json
+def show(names: tuple[str, ...], as_json: bool) -> None:
+    """Tell all about each EFFECT: an id of the catalogue, or a file of your own.
+
+    That is its law, its parameters with unit, null value (at which the effect is absent), typical
+    size and bounds, what happens in the ground or the drive, which residuals it leaves, which
+    manoeuvre tells it from its neighbours, and who found it.
+    """
+    from terrain_cli.effects import describe
+
+    found = [_effect(name) for name in names]
+    if as_json:
+        _write({"format": describe.LIST_FORMAT, "effects": [describe.document(effect) for effect in found]})
+        return
+    click.echo("\n\n".join(describe.text(effect) for effect in found))
+
+
+@command.command(
+    "check",
+    context_settings=options.CONTEXT,
+    short_help="Check effects of your own.",
+    epilog="""\b
+Examples:
+  terrain-est effects check cable-drag.toml
+  terrain-est effects check my-effects/*.toml --json
+""",
+)
+@click.argument("files", nargs=-1, required=True, type=options.FILE, metavar="FILE…")
+@options.as_json
+@options.quiet
+@click.pass_context
+def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: bool) -> None:
+    """Check each FILE, and say what was understood of it.
+
+    The law may hold arithmetic and the usual functions, and nothing else. Its units must match, it
+    may read only what is known where it is used, and with every parameter at its null value it must
+    give back what it changes. What is wrong is told with line and column.
+    """
+    from formats import FormatError
+    from terrain_cli import effects
+    from terrain_cli.effects import describe, user_file
+    from terrain_cli.errors import TerrainError
+
+    documents: list[dict[str, Any]] = []
+    codes = []
+    for file in files:
+        try:
+            understood = user_file.read(file)
+        except (TerrainError, FormatError) as error:
+            codes.append(error.exit_code)
+            click.echo(f"terrain-est: {error}", err=True)
+            if error.hint:
+                click.echo(f"  {error.hint}".replace("\n", "\n  "), err=True)
+            documents.append({"file": file, "ok": False, "error": str(error), "hint": error.hint})
+            continue
+        if understood.effect.id in effects.catalogue():
+            understood.warnings.append(
+                f"the catalogue has an effect {understood.effect.id} too; no model can hold both"
+            )
+        documents.append(describe.checked(file, understood))
+        for warning in [] if quiet else understood.warnings:
+            click.echo(f"{file}: warning: {warning}", err=True)
+        if not as_json:
+            click.echo("\n" * (len(documents) > 1) + describe.checked_text(file, understood))
+    if as_json:
+        _write({"format": describe.CHECK_FORMAT, "files": documents})
+    # A file that is wrong outweighs one that is not there.
+    context.exit(max(codes, default=0))
+
+
+def _effect(name: str) -> Effect:
+    from terrain_cli import effects
+
+    if name.endswith(".toml") or os.sep in name or (name not in effects.NAMES and Path(name).is_file()):
+        from terrain_cli.effects import user_file
+
+        return user_file.load(name)
+    return effects.find(name)
+
+
+def _write(document: dict[str, Any]) -> None:
+    click.echo(json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False))

@@ -1,0 +1,61 @@
+"""`terrain-est report INPUT… -o FILE.html`."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import click
+
+from terrain_cli.commands import comparing, options
+
+
+@click.command(
+    "report",
+    context_settings=options.CONTEXT,
+    short_help="Write one page on soil, model and misfit.",
+    epilog="""\b
+Examples:
+  terrain-est report run.bag -o run.html
+  terrain-est report day1/*.mcap --model model.toml -o day1.html
+  terrain-est report bench.csv --segments none --where "slip_angle_deg == 0" -o bench.html
+""",
+)
+@options.inputs
+@click.option(
+    "-o", "--output", type=options.FILE, required=True, metavar="FILE.html", help="Write the page here."
+)
+@options.rover
+@click.option(
+    "--model",
+    type=options.FILE,
+    default="wong-reece",
+    show_default=True,
+    metavar="FILE|linear|wong-reece",
+    help="Model of wheel and soil: a base, or a model file that adds effects to one.",
+)
+@options.wheel
+@comparing.cutting
+@options.quiet
+@click.pass_context
+def command(context: click.Context, /, **_: Any) -> None:
+    """Write one page of HTML: errors, the soil on a map, predicted against measured, where it fails.
+
+    INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
+    input. The page needs no network and no other file; it prints. It takes the extra "report":
+    pip install 'terrain-est[report]'.
+    """
+    from terrain_cli.views import extras
+
+    extras.need("report")
+    from terrain_cli import models
+    from terrain_cli.commands.progress import Progress
+    from terrain_cli.views import report
+
+    given = context.params
+    file = models.resolve(given["model"])
+    with Progress(len(given["inputs"]) + 2, enabled=not given["quiet"]) as progress:
+        rover, cut = comparing.read(context, [file], progress)
+        comparison = comparing.compared(cut, file, rover, given["seed"], progress)
+        progress.advance()
+        report.write(comparison, given["output"], progress=partial(progress.say, given["output"]))

@@ -1,0 +1,264 @@
+"""`terrain-est simulate [DRIVE.toml]`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from terrain_cli.commands import options
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.simulation import Log
+
+_EFFECT = re.compile(r"(?P<name>.+?)(?::(?P<values>[^:/\\]*=[^:/\\]*))?")
+_VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
+
+
+@click.command(
+    "simulate",
+    context_settings=options.CONTEXT,
+    short_help="Make telemetry of which the truth is known.",
+    epilog="""\b
+Examples:
+  terrain-est simulate -o run.csv
+  terrain-est simulate -o run.bag --drive slip-sweep --drive load-steps --noise 3% --truth truth.json
+  terrain-est simulate -o run.mcap --soil dry-sand --soil clayey-soil --wheels 4 --seed 7
+  terrain-est simulate -o run.parquet --effect slip-sinkage:n1=0.5 --noise torque=0.02 --noise sinkage=1mm
+  terrain-est simulate -o riddle.csv --drive mixed --noise 3% --hide
+  terrain-est simulate drive.toml -o run.csv --truth truth.csv
+  terrain-est simulate -q --drive passes --rate 1 | head
+""",
+)
+@click.argument("drive_file", required=False, type=options.FILE, metavar="[DRIVE.toml]")
+@click.option(
+    "-o",
+    "--output",
+    type=options.FILE,
+    default="-",
+    metavar="FILE",
+    help="Write the log here, by its ending: .csv (.gz .bz2 .zst) .parquet .bag .mcap .db3. Otherwise CSV on "
+    "stdout.",
+)
+@click.option(
+    "--drive",
+    multiple=True,
+    metavar="NAME",
+    help="How to drive (repeatable, one after another): slip-sweep, load-steps, slope, mixed, passes, "
+    "reverse, speed-steps, turns, multi.  [mixed]",
+)
+@click.option(
+    "--soil",
+    multiple=True,
+    metavar="NAME",
+    help="Soil (repeatable, one after another over equal distances): dry-sand, sandy-loam, clayey-soil, "
+    "snow … or [soils.NAME] of the file.  [dry-sand]",
+)
+@click.option("--duration", type=float, metavar="S", help="Of the whole drive, in s.  [60 for each --drive]")
+@click.option(
+    "--rate",
+    multiple=True,
+    metavar="HZ",
+    help="Samples in a second; also CHANNEL=HZ (repeatable).  [20]",
+)
+@click.option("--wheels", type=int, metavar="N", help="Number of wheels.  [1; 4 for --drive multi]")
+@click.option(
+    "--load", type=float, metavar="N", help="Mean load of each wheel, in N.  [80, less on weak soil]"
+)
+@click.option("--speed", type=float, metavar="V", help="Mean speed, in m/s.  [0.1]")
+@click.option(
+    "--noise",
+    multiple=True,
+    metavar="NOISE",
+    help="White noise (repeatable): 3% of load, torque, sinkage, pull and slip; or CHANNEL=3%, torque=0.02, "
+    "sinkage=1mm, torque=3%,outliers=1%.  [none]",
+)
+@click.option(
+    "--model",
+    metavar="MODEL",
+    help="Where the truth is from: wong-reece, linear, or a model file with its effects.  [wong-reece]",
+)
+@click.option(
+    "--effect",
+    multiple=True,
+    metavar="EFFECT",
+    help="Add an effect (repeatable): ID, ID:NAME=VALUE,… or FILE.toml. What is not said has its "
+    "typical size.",
+)
+@click.option(
+    "--hide",
+    is_flag=True,
+    help="Add an effect of the catalogue, drawn at random with its size, and tell it only in the truth.",
+)
+@click.option(
+    "--truth",
+    type=options.FILE,
+    metavar="FILE",
+    help="Write the truth here: .json, or a table as .csv.  [none; with --hide OUTPUT.sealed.json]",
+)
+@click.option(
+    "--rover",
+    type=options.FILE,
+    # The environment names the rover file to read.
+    allow_from_autoenv=False,
+    metavar="FILE",
+    help="Write the rover file that fits here.  [rover.toml beside the output, if there is none]",
+)
+@click.option(
+    "--drawbar-pull/--no-drawbar-pull", default=None, help="Measure the drawbar pull, or not.  [measured]"
+)
+@click.option(
+    "--seed",
+    type=int,
+    metavar="N",
+    help="The same seed gives the same file, byte for byte.  [0; with --hide a new one]",
+)
+@options.quiet
+def command(drive_file: str | None, **given: Any) -> None:
+    """Make telemetry of a drive whose soils, effects and noise are known.
+
+    A drive is said on the command line, or as a whole in DRIVE.toml; options stand above the file. The
+    truth goes to a file of its own, and never into the log. A rover file that fits is written
+    beside it, so that `terrain-est estimate` works at once.
+    """
+    import secrets
+
+    from terrain_cli import simulation
+    from terrain_cli.errors import ConfigurationError, UsageError
+    from terrain_cli.simulation import output
+
+    kind = output.kind_of(given["output"])
+    truth = given["truth"]
+    if given["hide"] and not truth:
+        if given["output"] == "-":
+            raise UsageError(
+                "--hide needs a file for what it hides", hint="add --truth FILE.json, or -o FILE"
+            )
+        truth = f"{given['output'].rstrip('/')}.sealed.json"
+    if truth == "-" or (truth and truth == given["output"]):
+        raise UsageError("--truth: the truth goes to a file of its own")
+    try:
+        # A riddle that comes again is none.
+        seed = secrets.randbits(31) if given["hide"] else 0
+        scenario = simulation.read(drive_file, _settings(given), seed=seed)
+    except ConfigurationError as error:
+        if str(error).startswith(simulation.COMMAND_LINE):
+            raise UsageError(str(error), hint=error.hint) from None
+        raise
+    if given["hide"]:
+        scenario = simulation.draw(scenario)
+    rover = _rover_file(given)
+    log = simulation.simulate(scenario, bag=kind in output.BAGS)
+    output.write(log, given["output"], truth=truth, rover=rover)
+    if not given["quiet"]:
+        _tell(log, given, truth, rover)
+
+
+def _settings(given: dict[str, Any]) -> dict[str, Any]:
+    """Return what the command line says, in the words of the file."""
+    settings = {
+        name: given[name]
+        for name in ("duration", "wheels", "load", "speed", "model", "drawbar_pull", "seed")
+        if given[name] is not None
+    }
+    settings |= {name: list(given[name]) for name in ("drive", "soil") if given[name]}
+    for text in given["rate"]:
+        key, sign, rate = text.partition("=")
+        if sign:
+            settings.setdefault("rates", {})[key.strip()] = _number(rate)
+        else:
+            settings["rate"] = _number(text)
+    if given["noise"]:
+        settings["noise"] = _noise(given["noise"])
+    if given["effect"]:
+        settings["effects"] = dict(map(_effect, given["effect"]))
+    return settings
+
+
+def _number(text: str) -> float | str:
+    """Return a number, or the text for whoever can say what is wrong with it."""
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip()
+
+
+def _noise(texts: Sequence[str]) -> dict[str, Any]:
+    from terrain_cli.simulation import COMMAND_LINE
+    from terrain_cli.simulation.sensors import USUAL, Sensor, share_rule
+
+    noise: dict[str, Any] = {}
+    for text in texts:
+        channels: Sequence[str] = USUAL
+        sensor: dict[str, Any] = {}
+        for place, part in enumerate(text.split(",")):
+            key, sign, value = part.partition("=")
+            key = key.strip()
+            if not sign:
+                # Of several channels with units of their own, a bare number can only be a share.
+                sensor["white"] = f"{100.0 * share_rule(part, f'{COMMAND_LINE}: noise')!r}%"
+            elif place == 0 and key not in Sensor.__slots__:
+                channels, sensor["white"] = (key,), _number(value)
+            else:
+                sensor[key] = _number(value)
+        noise |= {channel: {**noise.get(channel, {}), **sensor} for channel in channels}
+    return noise
+
+
+def _effect(text: str) -> tuple[str, dict[str, float]]:
+    from terrain_cli.errors import UsageError
+
+    match = _EFFECT.fullmatch(text)
+    values = {}
+    for part in match["values"].split(",") if match and match["values"] else ():
+        value = _VALUE.fullmatch(part)
+        number = _number(value[2]) if value else ""
+        if value is None or not isinstance(number, float):
+            raise UsageError(f"--effect {text}: {part!r} is no value", hint="write --effect ID:NAME=NUMBER,…")
+        values[value[1]] = number
+    return (match["name"] if match else text), values
+
+
+def _rover_file(given: dict[str, Any]) -> Path | None:
+    """Return where the rover file is to be written; nowhere if a user's own is there."""
+    import formats
+    from terrain_cli.rover.parts import FILE_NAME
+    from terrain_cli.simulation import output
+
+    if given["rover"]:
+        if output.rover_is_in_the_way(Path(given["rover"])):
+            raise formats.CannotWriteError(
+                given["rover"], "is there already", hint="name another, or remove it"
+            )
+        return Path(given["rover"])
+    if given["output"] == "-":
+        return None
+    beside = Path(given["output"].rstrip("/")).parent / FILE_NAME
+    if not output.rover_is_in_the_way(beside):
+        return beside
+    if not given["quiet"]:
+        click.echo(f"{beside} is yours and was left as it is: --rover FILE writes one that fits", err=True)
+    return None
+
+
+def _tell(log: Log, given: dict[str, Any], truth: str | None, rover: Path | None) -> None:
+    """Say what was written; of a hidden effect only where it stands."""
+    scenario = log.scenario
+    soils = ", ".join(dict.fromkeys(soil.name for soil in scenario.soils))
+    wheels = "1 wheel" if len(scenario.wheels) == 1 else f"{len(scenario.wheels)} wheels"
+    where = "standard output" if given["output"] == "-" else given["output"]
+    told = [chosen.effect.id for chosen in scenario.effects if not chosen.hidden]
+    click.echo(
+        f"{where}: {scenario.duration:g} s, {wheels} of {scenario.load:g} N on {soils}"
+        + (f", with {', '.join(told)}" if told else ""),
+        err=True,
+    )
+    if rover:
+        click.echo(f"{rover}: the rover file that fits", err=True)
+    if truth:
+        hidden = ", the hidden effect included: whoever opens it can read it" if given["hide"] else ""
+        click.echo(f"{truth}: the truth{hidden}", err=True)

@@ -1,0 +1,97 @@
+"""Blocks: stretches of a drive whose errors have nothing to do with one another."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Blocks are joined as long as so many are left, and at first there are no more than `MOST`: enough to tell
+#: from chance, and as long as they can be, so that what changes slowly is within one of them.
+FEWEST = 16
+MOST = 40
+#: Correlation of the scores of neighbouring blocks that is still called none.
+_INDEPENDENT = 0.05
+
+
+def fine(lengths: Sequence[int], shortest: int, *, most: int = MOST) -> list[Index]:
+    """Cut stretches into equal contiguous blocks.
+
+    Parameters
+    ----------
+    lengths : sequence of int
+        Samples of each stretch.
+    shortest : int
+        Fewest samples of a block; a shorter stretch is one block.
+    most : int
+        Largest number of blocks of all stretches together, as far as each has one.
+
+    Returns
+    -------
+    list of ndarray of int
+        Block of each sample of each stretch, counted over all stretches.
+    """
+    length = max(shortest, int(np.ceil(sum(lengths) / most)))
+    blocks, first = [], 0
+    for n in lengths:
+        count = max(1, n // length)
+        blocks.append(first + (np.arange(n) * count) // max(n, 1))
+        first += count
+    return blocks
+
+
+def merged(scores: Array, chain: Index, *, fewest: int = FEWEST) -> Index:
+    """Join neighbouring blocks until the scores of those next to one another are unrelated.
+
+    Parameters
+    ----------
+    scores : ndarray, shape (blocks, m)
+        Of the blocks, in order.
+    chain : ndarray of int, shape (blocks,)
+        Only blocks of one chain are joined; those of a chain are contiguous.
+    fewest : int
+        Not joined further than to so many blocks.
+
+    Returns
+    -------
+    ndarray of int, shape (blocks,)
+        Block that each has become part of, from 0.
+    """
+    label = np.arange(len(scores))
+    while True:
+        if _neighbours(scores, chain) <= _INDEPENDENT:
+            return label
+        starts = np.flatnonzero(np.concatenate([[True], chain[1:] != chain[:-1]]))
+        place = np.arange(len(chain)) - np.repeat(starts, np.diff(np.append(starts, len(chain))))
+        pair = np.concatenate([[0], np.cumsum((place[1:] % 2 == 0) | (chain[1:] != chain[:-1]))])
+        count = int(pair[-1]) + 1
+        if count < fewest or count == len(scores):
+            return label
+        joined = np.zeros((count, scores.shape[1]))
+        np.add.at(joined, pair, scores)
+        first = np.searchsorted(pair, np.arange(count))
+        scores, chain, label = joined, chain[first], pair[label]
+
+
+def _neighbours(scores: Array, chain: Index) -> float:
+    """Correlate the scores of blocks with those of the next, over all scores."""
+    if len(scores) < 3:
+        return 0.0
+    about = scores - scores.mean(axis=0)
+    power = (about**2).mean(axis=0)
+    known = power > 0.0
+    if not known.any():
+        return 0.0
+    same = chain[1:] == chain[:-1]
+    if not same.any():
+        return 0.0
+    product = (about[1:] * about[:-1])[same][:, known].mean(axis=0) / power[known]
+    return float(product.mean() + 1.0 / len(scores))

@@ -1,0 +1,342 @@
+"""A model against the measurements of wheels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import blocks, heldout
+from terrain_cli.comparison.bootstrap import resample
+from terrain_cli.comparison.findings import Residuals
+from terrain_cli.comparison.parts import UNITS, ChannelErrors, Comparison, Series, WheelComparison
+from terrain_cli.comparison.wheel import Settings, Wheel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from terrain_cli.comparison.parts import Finding
+    from terrain_cli.estimation.wheel_fit import Noise, Prior
+    from terrain_cli.mechanics.model import Model
+    from terrain_cli.windows import Windows
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Runs from which on they are the blocks; fewer are cut further, as few blocks prove nothing.
+ENOUGH_RUNS = 12
+#: Blocks below which no finding is possible.
+FEWEST_BLOCKS = 8
+#: Memories of the noise that a block has at least, and samples.
+_MEMORIES, _SHORTEST = 8, 10
+#: Noise counts as at least this part of the residual where it weighs one.
+_LEAST_NOISE = 0.2
+#: Share of samples without a prediction that is worth a word.
+_MANY = 0.05
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Block of each usable sample of each wheel; and the chain of each block, if they may still be joined."""
+
+    of: list[Index]
+    chain: Index | None = None
+
+
+def compare(
+    wheels: Sequence[Windows],
+    model: Model,
+    *,
+    fixed: Mapping[str, ArrayLike] | None = None,
+    priors: Mapping[str, Prior] | None = None,
+    shared: Collection[str] = (),
+    noise: Noise | None = None,
+    like: Comparison | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Comparison:
+    """Compare what a model predicts with what was measured, and find where it fails.
+
+    Each wheel is fitted on its own. Blocks are the runs where there are enough of them, else
+    stretches so long that the noise forgets, and that the scores of neighbouring ones are unrelated.
+
+    Parameters
+    ----------
+    wheels : sequence of Windows
+        With usable samples.
+    model : Model
+    fixed : mapping of str to float, optional
+        Parameters held; the others are fitted.
+    priors : mapping of str to Prior, optional
+    shared : collection of str
+        Parameters of the soil with one value for all windows of a wheel.
+    noise : Noise, optional
+        Of the sensors, for the fit; learnt from the data if not given.
+    like : Comparison, optional
+        Of another model with the same windows: take its blocks, so that `against` compares like with
+        like.
+    seed : int
+        Of the bootstraps.
+    progress : callable
+        Called with the name of each step before it begins.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        Nothing that the model predicts was measured.
+    """
+    settings = Settings(fixed or {}, priors or {}, shared, noise)
+    fitted = []
+    for windows in wheels:
+        progress(f"fitting wheel {windows.samples.wheel}")
+        fitted.append(Wheel(windows, model, settings))
+    channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]
+    levels = {name: _pooled_noise(fitted, name) for name in channels}
+    scale = {name: _scale(fitted, name, levels[name]) for name in channels}
+    channels = [name for name in channels if scale[name] > 0.0]
+    scale = {name: scale[name] for name in channels}
+    warnings: list[str] = []
+    made = _blocks(fitted) if like is None else _Blocks([one.blocks for one in like.wheels])
+    count = 1 + max(int(block.max(initial=-1)) for block in made.of)
+    failures = []
+    progress("looking for where the model fails")
+    if not scale:
+        warnings.append("the model predicts what was measured exactly: there is nothing to look for")
+    elif count < FEWEST_BLOCKS:
+        warnings.append(
+            f"only {count} independent stretch{'es' * (count != 1)} of data: "
+            "where the model fails cannot be told from chance"
+        )
+    else:
+        if made.chain is not None:
+            label = Residuals(fitted, made.of, scale).joined(made.chain)
+            made = _Blocks([label[block] for block in made.of])
+        failures = Residuals(fitted, made.of, scale).findings(levels, seed)
+        failures += _between_segments(fitted, failures, levels, seed)
+    warnings += [
+        f"the noise of {name.replace('_', ' ')} cannot be told from misfit: {_why(fitted)}"
+        for name in channels
+        if not np.isfinite(levels[name])
+    ]
+    warnings += _unpredicted(fitted)
+    progress("predicting blocks left out")
+    compared = [_compared(wheel, block, scale, seed) for wheel, block in zip(fitted, made.of, strict=True)]
+    return Comparison(
+        {"base": model.base, "effects": [effect.id for effect in model.effects]},
+        compared,
+        {
+            name: _errors(
+                name,
+                [(one.series[name], one.blocks) for one in compared if name in one.series],
+                levels[name],
+                seed,
+            )
+            for name in levels
+        },
+        failures,
+        warnings,
+    )
+
+
+def _between_segments(
+    wheels: Sequence[Wheel], before: Sequence[Finding], levels: Mapping[str, float], seed: int
+) -> list[Finding]:
+    """Find what makes one soil look like several: what each segment's own soil hides.
+
+    With one soil for all segments of a terrain, what follows a pass, a temperature or a wheel that
+    differs from segment to segment is in the residuals, together with how soil varies; segments are
+    the blocks, so that the latter counts as chance.
+    """
+    if sum(len(wheel.windows) for wheel in wheels) < FEWEST_BLOCKS:
+        return []
+    joined = [wheel.on_common_soil() for wheel in wheels]
+    chosen = [(wheel, *one) for wheel, one in zip(wheels, joined, strict=True) if one is not None]
+    if not chosen:
+        return []
+    block, first = [], 0
+    for wheel, _, order in chosen:
+        block.append(first + wheel.window[order])
+        first += len(wheel.windows)
+    if first < FEWEST_BLOCKS:
+        return []
+    common = [one for _, one, _ in chosen]
+    names = [name for name in levels if any(name in wheel.measured for wheel in common)]
+    scale = {name: _scale(common, name, np.nan) for name in names}
+    known = {(finding.channel, finding.driver) for finding in before}
+    return Residuals(common, block, {n: s for n, s in scale.items() if s > 0.0}, found=known).findings(
+        levels, seed
+    )
+
+
+def _why(wheels: Sequence[Wheel]) -> str:
+    return (
+        "too few samples" if any(wheel.ordered for wheel in wheels) else "too few test points were repeated"
+    )
+
+
+def _unpredicted(wheels: Sequence[Wheel]) -> Iterator[str]:
+    """Say where channels are measured and the model has no answer."""
+    for wheel in wheels:
+        for name, measured in wheel.measured.items():
+            known = np.isfinite(measured)
+            missing = known & ~np.isfinite(wheel.predicted[name])
+            if missing.sum() > _MANY * known.sum():
+                yield (
+                    f"{wheel.windows.samples.source}: wheel {wheel.windows.samples.wheel}: "
+                    f"{name.replace('_', ' ')} cannot be predicted in {missing.sum()} of "
+                    f"{known.sum()} samples: the soil fitted does not carry the load, or a channel is missing"
+                )
+
+
+def _pooled_noise(wheels: Sequence[Wheel], name: str) -> float:
+    """Average the wheels' noise, weighted by their samples."""
+    known = [
+        (int(np.isfinite(wheel.residuals[name]).sum()), wheel.noise[name].deviation)
+        for wheel in wheels
+        if name in wheel.measured and np.isfinite(wheel.noise[name].deviation)
+    ]
+    total = sum(count for count, _ in known)
+    return float(np.sqrt(sum(count * level**2 for count, level in known) / total)) if total else np.nan
+
+
+def _scale(wheels: Sequence[Wheel], name: str, level: float) -> float:
+    errors = np.concatenate([wheel.residuals[name] for wheel in wheels if name in wheel.measured])
+    errors = errors[np.isfinite(errors)]
+    rms = float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0
+    return max(level, _LEAST_NOISE * rms) if np.isfinite(level) else rms
+
+
+def _blocks(wheels: Sequence[Wheel]) -> _Blocks:
+    """Cut the data into blocks: at the same times for all wheels of an input."""
+    memory = max(wheel.memory for wheel in wheels)
+    shortest = max(_SHORTEST, _MEMORIES * (memory + 1)) if any(wheel.ordered for wheel in wheels) else 1
+    inputs: dict[str, list[int]] = {}
+    for index, wheel in enumerate(wheels):
+        samples = wheel.windows.samples
+        inputs.setdefault(samples.source if wheel.ordered else f"{samples.source}\0{index}", []).append(index)
+    runs = [_runs(wheel) for wheel in wheels]
+    leaders = [max(members, key=lambda index: len(wheels[index])) for members in inputs.values()]
+    lengths: list[int] = []
+    for leader in leaders:
+        _, sizes = np.unique(runs[leader], return_counts=True)
+        lengths += sizes.tolist()
+    enough = len(lengths) >= ENOUGH_RUNS
+    cut = blocks.fine(lengths, max(lengths) if enough else shortest)
+    of: list[Index] = [np.zeros(0, dtype=np.intp)] * len(wheels)
+    chain_of: dict[int, int] = {}
+    position = 0
+    for members, leader in zip(inputs.values(), leaders, strict=True):
+        labels = np.unique(runs[leader])
+        own = np.empty(len(wheels[leader]), dtype=np.intp)
+        for label in labels:
+            rows = np.flatnonzero(runs[leader] == label)
+            own[rows] = cut[position]
+            chain_of.update(dict.fromkeys(np.unique(cut[position]).tolist(), position))
+            position += 1
+        for index in members:
+            of[index] = own if index == leader else _same_times(wheels[leader], own, wheels[index])
+    chain = np.array([chain_of[block] for block in range(len(chain_of))], dtype=np.intp)
+    return _Blocks(of, None if enough else chain)
+
+
+def _runs(wheel: Wheel) -> Index:
+    samples, rows = wheel.windows.samples, wheel.windows.rows
+    labels = samples.labels.get("run")
+    return np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
+
+
+def _same_times(leader: Wheel, block: Index, other: Wheel) -> Index:
+    """Give the samples of another wheel the block that the leader's last sample before them has."""
+    time, own = (w.windows.samples.time[w.windows.rows] for w in (leader, other))  # type: ignore[index]
+    order = np.argsort(time, kind="stable")
+    place = np.clip(np.searchsorted(time[order], own, side="right") - 1, 0, None)
+    return np.asarray(block[order[place]])
+
+
+def _compared(wheel: Wheel, block: Index, scale: dict[str, float], seed: int) -> WheelComparison:
+    known = {name: scale.get(name, 1.0) for name in wheel.measured}
+    out = heldout.predict(wheel, block, known)
+    series = {
+        name: Series(column, wheel.predicted[name], out[name]) for name, column in wheel.measured.items()
+    }
+    errors = {
+        name: _errors(name, [(one, block)], wheel.noise[name].deviation, seed) for name, one in series.items()
+    }
+    samples = wheel.windows.samples
+    return WheelComparison(
+        samples.source,
+        samples.wheel,
+        samples,
+        wheel.windows,
+        wheel.fit,
+        wheel.model,
+        series,
+        errors,
+        wheel.drivers,
+        block,
+    )
+
+
+def _errors(name: str, parts: Sequence[tuple[Series, Index]], level: float, seed: int) -> ChannelErrors:
+    measured = np.concatenate([one.measured for one, _ in parts])
+    error = measured - np.concatenate([one.predicted for one, _ in parts])
+    known = np.isfinite(error)
+    n = int(known.sum())
+    rmse = float(np.sqrt(np.mean(error[known] ** 2))) if n else np.nan
+    size = float(np.sqrt(np.mean(measured[known] ** 2))) if n else np.nan
+    left_out, low, high = _heldout(parts, seed)
+    return ChannelErrors(
+        name,
+        UNITS[name],
+        n,
+        rmse,
+        float(np.mean(error[known])) if n else np.nan,
+        rmse / size if size > 0.0 else np.nan,
+        level,
+        left_out,
+        low,
+        high,
+    )
+
+
+def block_sums(parts: Sequence[tuple[Series, Index]]) -> Array:
+    """Sum up squared held-out errors by block.
+
+    Parameters
+    ----------
+    parts : sequence of (Series, ndarray of int)
+        With the block of each sample.
+
+    Returns
+    -------
+    ndarray, shape (blocks, 2)
+        Sum of squares, and number; only blocks that have any.
+    """
+    count = 1 + max(int(block.max(initial=0)) for _, block in parts)
+    sums = np.zeros((count, 2))
+    for one, block in parts:
+        error = one.measured - one.heldout
+        known = np.isfinite(error)
+        sums[:, 0] += np.bincount(block[known], error[known] ** 2, count)
+        sums[:, 1] += np.bincount(block[known], minlength=count)
+    return sums[sums[:, 1] > 0.0]
+
+
+def _heldout(parts: Sequence[tuple[Series, Index]], seed: int) -> tuple[float, float, float]:
+    sums = block_sums(parts)
+    if len(sums) == 0:
+        return np.nan, np.nan, np.nan
+    total = sums.sum(axis=0)
+    value = float(np.sqrt(total[0] / total[1]))
+    if len(sums) < 2:
+        return value, np.nan, np.nan
+    draws = resample(sums, lambda drawn: np.sqrt(drawn[:, 0] / np.maximum(drawn[:, 1], 1.0)), seed=seed)
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return value, float(low), float(high)

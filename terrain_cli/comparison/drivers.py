@@ -1,0 +1,71 @@
+"""What the residuals of a wheel may follow: everything recorded, and what follows from it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.channels import CHANNELS, LABEL
+from terrain_cli.comparison.parts import Driver
+from terrain_cli.mechanics import rates
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.windows import Windows
+
+    Array = NDArray[np.float64]
+
+#: Channels that are predicted, or say the same as another in another frame.
+_LEFT_OUT = frozenset(
+    {"time", "torque", "drawbar_pull", "entry_angle", "longitude", "latitude", "motor_current"}
+)
+#: Angle through which the wheel has turned: what grousers and an eccentric hub follow.
+ANGLE = "wheel_angle"
+#: Labels that tell one part of the data from another, and nothing of what drives a residual.
+PARTS = frozenset({"segment"})
+
+
+def of_wheel(windows: Windows) -> dict[str, Driver]:
+    """Collect the drivers of a wheel's usable samples.
+
+    Parameters
+    ----------
+    windows : Windows
+
+    Returns
+    -------
+    dict of str to Driver
+        Channels by their names, further columns by theirs, "time", "wheel_angle", and the labels
+        "terrain", "run" and "segment". Only what is known somewhere.
+    """
+    samples, rows = windows.samples, windows.rows
+    found: dict[str, Driver] = {}
+    for name, column in {**samples.drivers, **samples.channels}.items():
+        if name in _LEFT_OUT or name == ANGLE or (name.endswith("_rate") and name not in CHANNELS):
+            continue
+        channel = CHANNELS.get(name)
+        if channel is not None and channel.dimension == LABEL:
+            continue
+        unit = channel.unit.symbol if channel is not None and channel.unit is not None else ""
+        values = column[rows]
+        if np.isfinite(values).any():
+            found[name] = Driver(name, unit, values)
+    stretch = samples.stretch[rows]
+    if samples.time is not None:
+        time = samples.time[rows]
+        found["time"] = Driver("time", "s", time)
+        if "acceleration" not in found and "velocity" in found:
+            slope = rates.rate(time, stretch, found["velocity"].values)
+            found["acceleration"] = Driver("acceleration", "m/s²", slope)
+        if "angular_velocity" in found:
+            angle = rates.wheel_angle(time, stretch, found["angular_velocity"].values)
+            found[ANGLE] = Driver(ANGLE, "rad", angle)
+    for name, labels in samples.labels.items():
+        codes = labels.codes[rows].astype(float)
+        found[name] = Driver(name, "", np.where(codes >= 0.0, codes, np.nan), tuple(map(str, labels.names)))
+    count = np.diff(windows.bounds)
+    segment = np.repeat(np.arange(1.0, len(count) + 1.0), count)
+    found["segment"] = Driver("segment", "", segment, tuple(str(j + 1) for j in range(len(count))))
+    return found

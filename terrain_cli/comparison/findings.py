@@ -1,0 +1,256 @@
+"""Where a model fails: from the residuals of all wheels to findings that a person understands."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import blocks, sentences, shapes
+from terrain_cli.comparison.drivers import ANGLE, PARTS
+from terrain_cli.comparison.evidence import Evidence, Slopes
+from terrain_cli.comparison.parts import UNITS, Finding
+from terrain_cli.comparison.prediction import derivatives
+from terrain_cli.comparison.search import Search
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.search import Found
+    from terrain_cli.comparison.shapes import Shape
+    from terrain_cli.comparison.wheel import Wheel
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Samples of all wheels that are searched, evenly thinned: what only more of them would show is too
+#: small to be reported.
+MOST_SAMPLES = 60_000
+#: Segments named in a finding.
+_WORST = 3
+
+
+class Residuals:
+    """Residuals of all wheels, thinned, with all that they may follow.
+
+    Parameters
+    ----------
+    wheels : sequence of Wheel
+    block : sequence of ndarray of int
+        Block of each usable sample of each wheel.
+    scale : mapping of str to float
+        Channel → standard deviation that weighs its residuals.
+    found : collection of (str, str), optional
+        Search only what differs between segments rather than within them, beyond these channels and
+        drivers and beyond offsets.
+    """
+
+    def __init__(
+        self,
+        wheels: Sequence[Wheel],
+        block: Sequence[Index],
+        scale: Mapping[str, float],
+        *,
+        found: Collection[tuple[str, str]] | None = None,
+    ) -> None:
+        self.wheels, self.scale, self.found = wheels, scale, found
+        self.labels: dict[str, list[str]] = {}
+        stride = max(1, int(np.ceil(sum(len(wheel) for wheel in wheels) / MOST_SAMPLES)))
+        gap = max((wheel.memory for wheel in wheels), default=0)
+        self.first = np.cumsum([0, *(len(wheel.windows) for wheel in wheels)])
+        self.rows = [np.arange(0, len(wheel), stride) for wheel in wheels]
+        self.evidence = [self._of_wheel(index, block[index], gap) for index in range(len(wheels))]
+        self.shapes = self._shapes()
+        self.counts = {
+            name: sum(
+                int(np.isfinite(one.residuals[name]).sum()) for one in self.evidence if name in one.residuals
+            )
+            for name in scale
+        }
+
+    def _of_wheel(self, index: int, block: Index, gap: int) -> Evidence:
+        wheel, rows = self.wheels[index], self.rows[index]
+        channels, drivers = wheel.smoothed(gap, rows)
+        known = np.ones(len(rows), dtype=bool)
+        for name in ("load", "slip", "sinkage"):
+            if name in channels:
+                known &= np.isfinite(channels[name])
+        local, own = len(wheel.soil), len(wheel.common)
+        tables = derivatives(
+            wheel.model,
+            wheel.geometry,
+            channels,
+            lambda some: wheel.of_samples(rows[some]),
+            (*wheel.soil, *wheel.common),
+        )
+        slopes = {}
+        for name, table in tables.items():
+            # Each wheel was fitted on its own: its common parameters are its own too.
+            common = np.zeros((len(rows), own * len(self.wheels)))
+            common[:, index * own : (index + 1) * own] = table[:, local:]
+            slopes[name] = Slopes(table[:, :local], common)
+        values: dict[str, Array] = {}
+        for name, driver in wheel.drivers.items():
+            if driver.labels and name not in PARTS:
+                values[name] = self._codes(name, driver.labels, driver.values[rows])
+            elif not driver.labels:
+                values[name] = drivers[name]
+        if len(self.wheels) > 1:
+            values["wheel"] = self._codes("wheel", (wheel.windows.samples.wheel,), np.zeros(len(rows)))
+        residuals = {
+            name: np.where(known, column[rows], np.nan)
+            for name, column in wheel.residuals.items()
+            if name in self.scale
+        }
+        return Evidence(residuals, slopes, values, self.first[index] + wheel.window[rows], block[rows])
+
+    def _codes(self, name: str, labels: Sequence[str], codes: Array) -> Array:
+        """Count the labels of all wheels together."""
+        known = self.labels.setdefault(name, [])
+        known += [label for label in labels if label not in known]
+        there = np.isfinite(codes)
+        common = np.array([known.index(label) for label in labels], dtype=float)
+        return np.where(there, common[np.where(there, codes, 0.0).astype(int)], np.nan)
+
+    def _shapes(self) -> list[Shape]:
+        found = [shapes.constant()]
+        known = None if self.found is None else {driver for _, driver in self.found}
+        for name in dict.fromkeys(name for one in self.evidence for name in one.drivers):
+            values = np.concatenate([one.drivers[name] for one in self.evidence if name in one.drivers])
+            if known is not None and name not in known and not self._differs(name):
+                continue
+            if name in self.labels:
+                found += shapes.of_label(name, values)
+            elif name == ANGLE:
+                found += shapes.of_turning(
+                    name, [one.drivers[name] for one in self.evidence if name in one.drivers], self._teeth()
+                )
+            else:
+                found += shapes.of_number(name, values)
+        return found
+
+    def _differs(self, name: str) -> bool:
+        """Tell whether a driver varies more between segments than within them."""
+        whole = inside = 0.0
+        for wheel, rows, one in zip(self.wheels, self.rows, self.evidence, strict=True):
+            values = one.drivers.get(name, np.full(len(rows), np.nan))
+            known = np.isfinite(values)
+            if not known.any():
+                continue
+            segment = wheel.segment[rows][known]
+            count = np.bincount(segment)
+            mean = np.bincount(segment, values[known]) / np.maximum(count, 1)
+            inside += float(((values[known] - mean[segment]) ** 2).sum())
+            whole += float(((values[known] - values[known].mean()) ** 2).sum())
+        return inside < 0.5 * whole
+
+    def _teeth(self) -> tuple[int, ...]:
+        counts = {wheel.geometry.grouser_count for wheel in self.wheels} - {0}
+        return tuple(sorted({*shapes.HARMONICS, *counts}))
+
+    def search(self) -> Search:
+        """Set up the search.
+
+        Returns
+        -------
+        Search
+        """
+        count = 1 + max(int(one.block.max(initial=-1)) for one in self.evidence)
+        return Search(
+            self.evidence,
+            dict.fromkeys(self.scale, self.shapes),
+            self.scale,
+            groups=int(self.first[-1]),
+            blocks=count,
+        )
+
+    def joined(self, chain: Index) -> Index:
+        """Join blocks whose scores are related; see `blocks.merged`.
+
+        Parameters
+        ----------
+        chain : ndarray of int, shape (blocks,)
+
+        Returns
+        -------
+        ndarray of int, shape (blocks,)
+        """
+        search = self.search()
+        search.refit([])
+        return blocks.merged(search.scores()[:, search.common :], chain)
+
+    def findings(self, noise: Mapping[str, float], seed: int) -> list[Finding]:
+        """Search for findings.
+
+        Parameters
+        ----------
+        noise : mapping of str to float
+            Channel → standard deviation of its noise.
+        seed : int
+
+        Returns
+        -------
+        list of Finding
+        """
+        search = self.search()
+        taken = set() if self.found is None else {*self.found, *((name, "") for name in self.scale)}
+        found = search.forward(noise, self.counts, taken=taken, seed=seed)
+        misfit = sum(self._beyond_noise(name, noise[name]) for name in self.scale)
+        return [self._finding(one, misfit) for one in found]
+
+    def _beyond_noise(self, name: str, noise: float) -> float:
+        """Weighted sum of squares of a channel's residuals, less what its noise makes of it."""
+        power = sum(float(np.nansum(e.residuals[name] ** 2)) for e in self.evidence if name in e.residuals)
+        return float(max(power - self.counts[name] * np.nan_to_num(noise) ** 2, 0.0) / self.scale[name] ** 2)
+
+    def _finding(self, one: Found, misfit: float) -> Finding:
+        channel, shape = one.term
+        amplitude = (
+            float(np.hypot(one.coefficient, one.other)) if shape.name == "periodic" else one.coefficient
+        )
+        amplitude *= shape.span
+        label = self.labels[shape.driver][int(shape.at or 0)] if shape.name == "label" else ""
+        at = shape.at if shape.name in ("step", "saturating", "periodic") else None
+        return Finding(
+            channel,
+            shape.driver,
+            shape.name,
+            one.p_value,
+            float(np.clip(one.explained / misfit, 0.0, 1.0)) if misfit > 0.0 else 1.0,
+            amplitude,
+            UNITS[channel],
+            at,
+            sentences.of(channel, shape, amplitude, label, one.alternatives, self._unit(shape.driver)),
+            self._worst(one),
+            one.alternatives,
+        )
+
+    def _unit(self, driver: str) -> str:
+        return next((w.drivers[driver].unit for w in self.wheels if driver in w.drivers), "")
+
+    def _worst(self, one: Found) -> tuple[tuple[str, str, int], ...]:
+        """Rank segments by the mean square of what the finding says is missing there."""
+        channel, shape = one.term
+        rows = []
+        for index, (wheel, evidence) in enumerate(zip(self.wheels, self.evidence, strict=True)):
+            if channel not in evidence.residuals or not (
+                shape.driver in evidence.drivers or not shape.driver
+            ):
+                continue
+            values = evidence.drivers.get(shape.driver, np.zeros(len(evidence)))
+            part = one.coefficient * np.nan_to_num(shape(values))
+            if shape.name == "periodic":
+                part = part + one.other * np.nan_to_num(shape.partnered()(values))
+            segment = wheel.segment[self.rows[index]]
+            known = np.isfinite(evidence.residuals[channel])
+            count = np.bincount(segment, known)
+            square = np.bincount(segment, np.where(known, part, 0.0) ** 2)
+            samples = wheel.windows.samples
+            rows += [
+                (square[j] / count[j], (samples.source, samples.wheel, int(j) + 1))
+                for j in np.flatnonzero(count > 0.0)
+            ]
+        rows.sort(key=lambda row: -row[0])
+        return tuple(where for size, where in rows[:_WORST] if size > 0.0)

@@ -1,0 +1,159 @@
+"""Predictions of blocks by fits that have not seen them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import prediction
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.wheel import Wheel
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Parts in turn left out of a segment that is a single block.
+PARTS = 4
+#: Farthest that a parameter moves when a block is left out, in widths of its prior.
+_FARTHEST = 2.0
+#: Samples differentiated at a time.
+_SLAB = 65_536
+
+
+def folds(window: Index, block: Index) -> Index:
+    """Cut windows into what is left out in turn: blocks, or parts of a window that is a single block.
+
+    Parameters
+    ----------
+    window, block : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+    """
+    fold = block.copy()
+    free = int(block.max(initial=0)) + 1
+    for label in np.unique(window):
+        rows = np.flatnonzero(window == label)
+        if len(rows) < 2 or np.any(block[rows] != block[rows[0]]):
+            continue
+        parts = min(PARTS, len(rows))
+        fold[rows] = free + (np.arange(len(rows)) * parts) // len(rows)
+        free += parts
+    return np.unique(fold, return_inverse=True)[1].astype(np.intp)
+
+
+def predict(wheel: Wheel, block: Index, scale: dict[str, float]) -> dict[str, Array]:
+    """Predict every sample by a fit of the other blocks.
+
+    The fit without a block is one step of Gauss and Newton away from the fit of all: exactly so for
+    a model that is linear in its parameters. The prediction itself is the model's, not linearised.
+
+    Parameters
+    ----------
+    wheel : Wheel
+    block : ndarray of int, shape (n,)
+    scale : dict of str to float
+        Channel → standard deviation that weighs its residuals.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        Channel → prediction.
+    """
+    fold = folds(wheel.window, block)
+    cell, moved = _without(wheel, fold, scale)
+
+    def parameters(rows: Index) -> dict[str, Array]:
+        found = wheel.of_samples(rows)
+        for column, name in enumerate((*wheel.soil, *wheel.common)):
+            width = _FARTHEST * wheel.prior[name]
+            move = np.clip(moved[cell[rows], column], -width, width)
+            found[name] = found[name] * np.exp(move) if name in wheel.logarithmic else found[name] + move
+        if "sinkage_exponent" in found:
+            found["sinkage_exponent"] = np.maximum(found["sinkage_exponent"], 0.1)
+        return found
+
+    return prediction.values(wheel.model, wheel.geometry, wheel.channels, parameters)
+
+
+def _without(wheel: Wheel, fold: Index, scale: dict[str, float]) -> tuple[Index, Array]:
+    """Return the cell of each sample, and how far a cell's parameters move when its fold is left out.
+
+    In the unit sought: logarithms of parameters that are positive.
+    """
+    local, common = len(wheel.soil), len(wheel.common)
+    size = local + common
+    pairs, cell = np.unique(np.stack([wheel.window, fold]), axis=1, return_inverse=True)
+    cell = cell.ravel().astype(np.intp)
+    information, score = np.zeros((pairs.shape[1], size, size)), np.zeros((pairs.shape[1], size))
+    for start in range(0, len(wheel), _SLAB):
+        rows = slice(start, min(start + _SLAB, len(wheel)))
+        parameters = wheel.of_samples(rows)
+        tables = prediction.derivatives(
+            wheel.model,
+            wheel.geometry,
+            wheel.channels,
+            wheel.of_samples,
+            (*wheel.soil, *wheel.common),
+            rows,
+        )
+        order = np.argsort(cell[rows], kind="stable")
+        present, firsts = np.unique(cell[rows][order], return_index=True)
+        for name, table in tables.items():
+            for column, parameter in enumerate((*wheel.soil, *wheel.common)):
+                if parameter in wheel.logarithmic:
+                    table[:, column] *= parameters[parameter]
+            error = wheel.residuals[name][rows]
+            known = np.isfinite(error)
+            slope = np.where(known[:, None], table, 0.0)[order] / scale[name]
+            error = np.where(known, error, 0.0)[order] / scale[name]
+            for label, low, high in zip(present, firsts, np.append(firsts[1:], len(order)), strict=True):
+                information[label] += slope[low:high].T @ slope[low:high]
+                score[label] += slope[low:high].T @ error[low:high]
+    prior = np.diag([wheel.prior[name] ** -2.0 for name in (*wheel.soil, *wheel.common)])
+    moved = _leave_out(information, score, pairs[0], pairs[1], prior, local)
+    return cell, moved
+
+
+def _leave_out(
+    information: Array, score: Array, window: Index, fold: Index, prior: Array, local: int
+) -> Array:
+    """Return how the parameters of each cell move when its fold is left out, shape (cells, size)."""
+    windows = int(window.max()) + 1
+    whole, pull = np.zeros((windows, *prior.shape)), np.zeros((windows, len(prior)))
+    np.add.at(whole, window, information)
+    np.add.at(pull, window, score)
+    base = _solve(whole, pull, prior, local)
+    moved = np.zeros_like(score)
+    shared = len(prior) > local
+    for label in np.unique(fold):
+        cells = np.flatnonzero(fold == label)
+        touched = window[cells]
+        if shared:
+            less, weaker = whole.copy(), pull.copy()
+        else:
+            less, weaker = whole[touched].copy(), pull[touched].copy()
+        at = touched if shared else np.arange(len(cells))
+        less[at] -= information[cells]
+        weaker[at] -= score[cells]
+        moved[cells] = _solve(less, weaker, prior, local)[at] - base[touched]
+    return moved
+
+
+def _solve(information: Array, score: Array, prior: Array, local: int) -> Array:
+    """Solve the arrow of windows for the parameters of each and the common ones, shape (windows, size)."""
+    own = information[:, :local, :local] + prior[:local, :local]
+    inverse = np.linalg.inv(own) if local else np.zeros((len(score), 0, 0))
+    mixed = information[:, :local, local:]
+    gain = inverse @ mixed
+    left = information[:, local:, local:].sum(axis=0) + prior[local:, local:]
+    left = left - np.einsum("wab,wac->bc", mixed, gain)
+    right = score[:, local:].sum(axis=0) - np.einsum("wab,wa->b", gain, score[:, :local])
+    common = np.linalg.solve(left, right) if len(right) else right
+    soil = np.einsum("wab,wb->wa", inverse, score[:, :local]) - gain @ common
+    return np.concatenate([soil, np.broadcast_to(common, (len(score), len(common)))], axis=1)

@@ -1,0 +1,144 @@
+"""How much of a residual is noise: what changes from sample to sample, not with the drive."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Lags of the variogram, in samples; the longest is this many at most.
+LONGEST_LAG = 60
+#: Fewest pairs of samples behind one lag.
+_FEWEST = 30
+#: Correlations at lag 1 that are tried.
+_MEMORIES = np.array([0.0, 0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94])
+#: Share of the noise that counts as forgotten.
+_FORGOTTEN = 0.1
+#: A memory is believed where it takes this much off the misfit of the variogram: on white noise below 10,
+#: on noise that forgets half in three samples above 100.
+_BETTER = 25.0
+
+
+class NoiseLevel(NamedTuple):
+    """Noise of one residual.
+
+    Parameters
+    ----------
+    deviation : float
+        Standard deviation; NaN where the data do not tell.
+    forgotten : int
+        Samples after which the noise is another one; 0 for white noise.
+    """
+
+    deviation: float
+    forgotten: int
+
+
+def of_series(residual: Array, group: Index) -> NoiseLevel:
+    """Estimate the noise of an ordered residual from its variogram.
+
+    γ(h) = ½ E (e(t + h) − e(t))² of noise w² + a² (1 − ρʰ), white and first-order correlated, levels
+    off at w² + a² after a few samples; what a misfit adds rises with h, like h² where it follows
+    a smooth drive and like h where soil changes in patches (Cressie 1993, Statistics for Spatial
+    Data, section 2.4). The four amplitudes are fitted, none of them negative, for a range of ρ.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        NaN where not known.
+    group : ndarray of int, shape (n,)
+        Differences are not taken across groups, which are contiguous.
+
+    Returns
+    -------
+    NoiseLevel
+    """
+    from scipy.optimize import nnls
+
+    lags, gamma, pairs = _variogram(residual, group)
+    if len(lags) < 3 or not np.any(gamma > 0.0):
+        return NoiseLevel(float(np.sqrt(gamma[0])) if len(lags) else np.nan, 0)
+    scale = float(gamma.max())
+    # The variance of γ(h) goes with γ² h: longer lags share their samples.
+    weight = np.sqrt(pairs / lags) / np.maximum(gamma, 0.05 * scale)
+    far = lags / lags[-1]
+    best, plain = None, np.inf
+    for memory in _MEMORIES:
+        columns = np.stack([np.ones_like(far), 1.0 - memory**lags, far, far**2], axis=1)
+        if memory == 0.0:
+            columns[:, 1] = 0.0
+        amplitude, misfit = nnls(columns * weight[:, None], gamma * weight)
+        if memory == 0.0:
+            plain, best = misfit**2, (misfit**2, memory, amplitude)
+        elif misfit**2 < plain - _BETTER and best is not None and misfit**2 < best[0]:
+            best = (misfit**2, memory, amplitude)
+    assert best is not None  # noqa: S101 - white noise is always tried
+    _, memory, amplitude = best
+    variance = amplitude[0] + amplitude[1]
+    share = amplitude[1] / variance if variance > 0.0 else 0.0
+    forgotten = 0
+    if memory > 0.0 and share > _FORGOTTEN:
+        forgotten = int(np.ceil(np.log(_FORGOTTEN / share) / np.log(memory)))
+    return NoiseLevel(float(np.sqrt(variance)), forgotten)
+
+
+def _variogram(residual: Array, group: Index) -> tuple[Array, Array, Array]:
+    lags, gamma, pairs = [], [], []
+    longest = min(LONGEST_LAG, max(len(residual) // 8, 3))
+    for lag in range(1, longest + 1):
+        if lag > 12 and lag % 4:
+            continue
+        change = residual[lag:] - residual[:-lag]
+        change = change[(group[lag:] == group[:-lag]) & np.isfinite(change)]
+        if len(change) < _FEWEST:
+            break
+        lags.append(lag)
+        gamma.append(0.5 * float(change @ change) / len(change))
+        pairs.append(len(change))
+    return np.array(lags, dtype=float), np.array(gamma), np.array(pairs, dtype=float)
+
+
+def of_points(residual: Array, group: Index, drivers: Array) -> float:
+    """Estimate the noise of steady test points from those that were run under the same conditions.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        NaN where not known.
+    group : ndarray of int, shape (n,)
+        Only points of one group are compared.
+    drivers : ndarray, shape (n, d)
+        Conditions, each in the unit in which a difference of 1 is large.
+
+    Returns
+    -------
+    float
+        Standard deviation of what differs between nearest neighbours, where they differ by less than
+        `_SAME` in all conditions; NaN where there are too few such pairs.
+    """
+    from scipy.spatial import KDTree
+
+    changes = []
+    for label in np.unique(group):
+        rows = np.flatnonzero((group == label) & np.isfinite(residual) & np.isfinite(drivers).all(axis=1))
+        if len(rows) < 2:
+            continue
+        distance, nearest = KDTree(drivers[rows]).query(drivers[rows], k=2, p=np.inf)
+        own, other = np.arange(len(rows)), nearest[:, 1]
+        # Each pair once, though both may name each other.
+        once = (distance[:, 1] <= _SAME) & ((own < other) | (other[other] != own))
+        changes.append(residual[rows[own[once]]] - residual[rows[other[once]]])
+    change = np.concatenate(changes) if changes else np.zeros(0)
+    return float(np.sqrt(0.5 * np.mean(change**2))) if len(change) >= _PAIRS else np.nan
+
+
+#: Conditions that differ by no more than this share of their range are the same.
+_SAME = 0.03
+#: Fewest pairs of equal points that tell the noise.
+_PAIRS = 6

@@ -1,0 +1,186 @@
+"""Torque, drawbar pull and sinkage of the measured samples, and their derivatives by what was fitted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.mechanics.dual import slopes, value
+from terrain_cli.mechanics.model import predict
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.mechanics.model import Model, Prediction, WheelGeometry
+
+    Array = NDArray[np.float64]
+    #: From samples, by their indices, to every parameter of the soil and of the effects of each.
+    Parameters = Callable[[NDArray[np.intp]], Mapping[str, Array]]
+
+#: Samples predicted at a time.
+_SLAB = 65_536
+
+
+def compared(model: Model, channels: Mapping[str, Array]) -> tuple[str, ...]:
+    """List the channels that are measured and that a model predicts from the others.
+
+    Parameters
+    ----------
+    model : Model
+    channels : mapping of str to ndarray
+
+    Returns
+    -------
+    tuple of str
+    """
+    there = [name for name in ("torque", "drawbar_pull") if _known(channels, name)]
+    if model.base == "wong-reece" and _known(channels, "sinkage") and _known(channels, "load"):
+        there.append("sinkage")
+    return tuple(there)
+
+
+def _known(channels: Mapping[str, Array], name: str) -> bool:
+    return name in channels and bool(np.isfinite(channels[name]).any())
+
+
+def values(
+    model: Model,
+    wheel: WheelGeometry,
+    channels: Mapping[str, Array],
+    parameters: Parameters,
+    wanted: Sequence[str] = (),
+) -> dict[str, Array]:
+    """Predict the channels.
+
+    Torque and drawbar pull follow from the sinkage as measured, or, where that is not, from the one
+    at which the soil carries the load; the sinkage always from the load.
+
+    Parameters
+    ----------
+    model : Model
+    wheel : WheelGeometry
+    channels : mapping of str to ndarray, shape (n,)
+        As measured, SI units; NaN where not known.
+    parameters : callable
+        From indices of samples to every parameter of the soil and of the effects there.
+    wanted : sequence of str
+        Channels; all that are `compared` if empty.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        NaN where not predictable.
+    """
+    wanted = tuple(wanted) or compared(model, channels)
+    given_sinkage = _known(channels, "sinkage")
+    n = len(next(iter(channels.values())))
+    result = {name: np.full(n, np.nan) for name in wanted}
+    for rows in _slabs(n):
+        if given_sinkage and wanted != ("sinkage",):
+            whole = _rows(
+                model, channels, rows, ("sinkage", "slip", *(("load",) if model.base == "linear" else ()))
+            )
+            part = _predict(model, wheel, channels, parameters, whole, load_given=False)
+            for name in wanted:
+                if name != "sinkage":
+                    result[name][whole] = value(getattr(part, name))
+        if "sinkage" in wanted or not given_sinkage:
+            whole = _rows(model, channels, rows, ("load", "slip"))
+            part = _predict(model, wheel, channels, parameters, whole, load_given=True)
+            for name in wanted:
+                if name == "sinkage" or not given_sinkage:
+                    result[name][whole] = value(getattr(part, name))
+    return result
+
+
+def derivatives(
+    model: Model,
+    wheel: WheelGeometry,
+    channels: Mapping[str, Array],
+    parameters: Parameters,
+    names: Sequence[str],
+    part: slice | None = None,
+) -> dict[str, Array]:
+    """Differentiate the predictions by parameters.
+
+    The derivative of the sinkage is that of the root: −(∂balance/∂p) / (∂balance/∂z) at the sinkage
+    given, so that no root is sought.
+
+    Parameters
+    ----------
+    model, wheel, channels, parameters
+        As for `values`.
+    names : sequence of str
+        Parameters.
+    part : slice, optional
+        Only of these samples.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n, len(names))
+        0 where not predictable.
+    """
+    wanted = compared(model, channels)
+    given_sinkage = _known(channels, "sinkage")
+    part = part or slice(0, len(next(iter(channels.values()))))
+    n = part.stop - part.start
+    result = {name: np.zeros((n, len(names))) for name in wanted}
+    needed = ("slip", *(("sinkage",) if given_sinkage else ()))
+    if "sinkage" in wanted or not given_sinkage or model.base == "linear":
+        needed = (*needed, "load")
+    for rows in _slabs(part.stop, part.start):
+        whole = _rows(model, channels, rows, needed)
+        by = (*names, *(("sinkage",) if "sinkage" in wanted else ()))
+        found = _predict(model, wheel, channels, parameters, whole, load_given=not given_sinkage, by=by)
+        for name in wanted:
+            number = found.balance if name == "sinkage" and given_sinkage else getattr(found, name)
+            table = (
+                np.stack([np.broadcast_to(slopes(number).get(p, 0.0), (len(whole),)) for p in names], axis=1)
+                if names
+                else np.zeros((len(whole), 0))
+            )
+            if name == "sinkage" and given_sinkage:
+                steep = np.broadcast_to(slopes(number)["sinkage"], (len(whole),))
+                table = -table / np.where(np.abs(steep) > 0.0, steep, np.inf)[:, None]
+            result[name][whole - part.start] = np.where(np.isfinite(table), table, 0.0)
+    return result
+
+
+def _slabs(n: int, first: int = 0) -> Iterator[slice]:
+    for start in range(first, n, _SLAB):
+        yield slice(start, min(start + _SLAB, n))
+
+
+def _rows(
+    model: Model, channels: Mapping[str, Array], rows: slice, needed: Sequence[str]
+) -> NDArray[np.intp]:
+    """Return the samples of which everything is known that a prediction needs."""
+    fine = np.ones(rows.stop - rows.start, dtype=bool)
+    for name in {*needed, *(n for n in model.needs if n in channels)}:
+        fine &= np.isfinite(channels[name][rows])
+    if "sinkage" in needed:
+        fine &= channels["sinkage"][rows] > 0.0
+    return np.asarray(np.flatnonzero(fine) + rows.start)
+
+
+def _predict(
+    model: Model,
+    wheel: WheelGeometry,
+    channels: Mapping[str, Array],
+    parameters: Parameters,
+    rows: NDArray[np.intp],
+    *,
+    load_given: bool,
+    by: Sequence[str] = (),
+) -> Prediction:
+    return predict(
+        model,
+        wheel,
+        {name: column[rows] for name, column in channels.items()},
+        parameters(rows),
+        given="load" if load_given else "sinkage",
+        by=by,
+    )

@@ -1,0 +1,194 @@
+"""What a residual has to say beyond the parameters already fitted: scores of further terms, by block.
+
+The residual e of a fitted model is, to first order, noise + J δ + b a: parameters a little off, and
+perhaps a further term b. What b adds is seen only in the part b̂ of it that no δ can imitate, and its
+score is Σ b̂ w e. Parameters of the soil are each group's own, all others are common, which makes the
+system an arrow: the groups are eliminated one by one, the common terms by what is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Directions of the parameters below this share of the best determined one are not fitted.
+_RANK = 1e-9
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Some samples of one channel, in one block and one group.
+
+    Parameters
+    ----------
+    group, block : int
+    columns : ndarray of int, shape (m,)
+        Places of `terms` among all terms.
+    weight : float
+        Of each sample: 1 over the variance of the channel's noise.
+    residual : ndarray, shape (n,)
+    soil : ndarray, shape (n, q)
+        Derivatives of the prediction by the group's own parameters.
+    terms : ndarray, shape (n, m)
+    """
+
+    group: int
+    block: int
+    columns: Index
+    weight: float
+    residual: Array
+    soil: Array
+    terms: Array
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Coefficients of some terms and of every group's own parameters.
+
+    Parameters
+    ----------
+    terms : ndarray of int, shape (k,)
+    coefficients : ndarray, shape (k,)
+    soil : ndarray, shape (groups, q)
+        Change of the group's parameters.
+    """
+
+    terms: Index
+    coefficients: Array
+    soil: Array
+
+
+class System:
+    """All terms in the residuals of all channels, by block.
+
+    Parameters
+    ----------
+    groups, blocks, soil, terms : int
+        Numbers of groups, of blocks, of parameters of one group, and of terms.
+    """
+
+    def __init__(self, groups: int, blocks: int, soil: int, terms: int) -> None:
+        self._blocks = blocks
+        self._squares = np.zeros(terms)
+        self._soil = np.zeros((groups, soil, soil))
+        self._mixed = np.zeros((groups, terms, soil))
+        self._inverse = np.zeros((groups, soil, soil))
+        self._share = np.zeros((groups, terms, soil))
+        self._cross = np.zeros((terms, terms))
+
+    def add(self, cells: Iterable[Cell]) -> System:
+        """Collect the moments of all samples and eliminate the groups' own parameters.
+
+        Parameters
+        ----------
+        cells : iterable of Cell
+
+        Returns
+        -------
+        System
+            This one.
+        """
+        for cell in cells:
+            weighted = cell.terms * cell.weight
+            self._soil[cell.group] += cell.weight * cell.soil.T @ cell.soil
+            self._mixed[cell.group, cell.columns] += weighted.T @ cell.soil
+            self._cross[np.ix_(cell.columns, cell.columns)] += weighted.T @ cell.terms
+        self._squares = np.diag(self._cross).copy()
+        self._inverse = np.array([_pseudo_inverse(matrix) for matrix in self._soil]).reshape(self._soil.shape)
+        self._share = self._mixed @ self._inverse
+        for share, mixed in zip(self._share, self._mixed, strict=True):
+            self._cross -= share @ mixed.T
+        return self
+
+    def scores(self, cells: Iterable[Cell]) -> Array:
+        """Return the scores of every block and term.
+
+        Parameters
+        ----------
+        cells : iterable of Cell
+
+        Returns
+        -------
+        ndarray, shape (blocks, terms)
+        """
+        scores = np.zeros((self._blocks, len(self._squares)))
+        for cell in cells:
+            error = cell.weight * cell.residual
+            scores[cell.block, cell.columns] += cell.terms.T @ error
+            scores[cell.block] -= self._share[cell.group] @ (cell.soil.T @ error)
+        return scores
+
+    def beyond(self, terms: Sequence[int], scores: Array) -> tuple[Array, Array]:
+        """Take some terms out of all others, and out of their scores.
+
+        Parameters
+        ----------
+        terms : sequence of int
+        scores : ndarray, shape (blocks, terms)
+
+        Returns
+        -------
+        scores : ndarray, shape (blocks, terms)
+        cross : ndarray, shape (terms, terms)
+            Products of what is left of the terms.
+        """
+        chosen = np.asarray(terms, dtype=np.intp)
+        if len(chosen) == 0:
+            return scores, self._cross
+        gain = self._cross[:, chosen] @ _pseudo_inverse(self._cross[np.ix_(chosen, chosen)])
+        return scores - scores[:, chosen] @ gain.T, self._cross - gain @ self._cross[chosen]
+
+    def surviving(self, cross: Array) -> Array:
+        """Return the share of each term's square that is left.
+
+        Parameters
+        ----------
+        cross : ndarray, shape (terms, terms)
+            From `beyond`.
+
+        Returns
+        -------
+        ndarray, shape (terms,)
+        """
+        return np.asarray(np.diag(cross) / np.where(self._squares > 0.0, self._squares, np.inf))
+
+    def fit(self, terms: Sequence[int], cells: Iterable[Cell]) -> Fitted:
+        """Fit some terms and every group's own parameters to the residual together.
+
+        Parameters
+        ----------
+        terms : sequence of int
+        cells : iterable of Cell
+
+        Returns
+        -------
+        Fitted
+        """
+        chosen = np.asarray(terms, dtype=np.intp)
+        own, score = np.zeros(self._soil.shape[:2]), np.zeros(len(self._squares))
+        for cell in cells:
+            error = cell.weight * cell.residual
+            own[cell.group] += cell.soil.T @ error
+            score[cell.columns] += cell.terms.T @ error
+        score -= np.einsum("gmq,gq->m", self._share, own)
+        coefficients = _pseudo_inverse(self._cross[np.ix_(chosen, chosen)]) @ score[chosen]
+        rest = own - np.einsum("gmq,m->gq", self._mixed[:, chosen], coefficients)
+        return Fitted(chosen, coefficients, np.einsum("gpq,gq->gp", self._inverse, rest))
+
+
+def _pseudo_inverse(matrix: Array) -> Array:
+    """Invert after scaling to a unit diagonal, without the directions that nothing determines."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = np.where(scale > 0.0, scale, np.inf)
+    scales = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(matrix / scales, rcond=_RANK, hermitian=True) / scales)

@@ -1,0 +1,280 @@
+"""Search of the residuals for what a model leaves out: the strongest term, then the next beyond it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from terrain_cli.comparison.bootstrap import DRAWS, max_test
+from terrain_cli.comparison.projection import System
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.evidence import Evidence
+    from terrain_cli.comparison.projection import Cell, Fitted
+    from terrain_cli.comparison.shapes import Shape
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: A finding is reported where chance gives one as strong, anywhere, in fewer cases than these.
+LEVEL = 0.02
+#: And where it is larger than this part of the noise: with enough samples everything is beyond chance.
+SMALLEST = 0.1
+#: A term of which the fitted parameters leave less than this share of its square is not tested.
+_SURVIVING = 0.005
+#: A further finding explains at least this part of what the first does.
+_NEXT = 0.03
+#: Most findings.
+MOST = 6
+#: A simpler shape is preferred to one that explains this share more.
+_PLAINER = 0.05
+_PLAIN = ("constant", "linear", "label", "step", "saturating", "quadratic", "periodic")
+#: Cosine between terms from which one could be the other.
+_ALIKE = 0.9
+
+
+class Term(NamedTuple):
+    """A shape in a channel."""
+
+    channel: str
+    shape: Shape
+
+
+@dataclass(frozen=True)
+class Found:
+    """One term beyond chance.
+
+    Parameters
+    ----------
+    term : Term
+    p_value : float
+    coefficient : float
+        Of the term, fitted together with the model's parameters; of a periodic one of its cosine.
+    other : float
+        Of a periodic one of its sine, else 0.
+    explained : float
+        Part of the weighted sum of squares of all residuals that it accounts for.
+    alternatives : tuple of str
+        Drivers whose terms in this channel are nearly the same.
+    """
+
+    term: Term
+    p_value: float
+    coefficient: float
+    other: float
+    explained: float
+    alternatives: tuple[str, ...]
+
+
+class Search:
+    """Terms of all channels in the residuals of all wheels.
+
+    Parameters
+    ----------
+    wheels : sequence of Evidence
+    shapes : mapping of str to sequence of Shape
+        Channel → shapes tested in it.
+    scale : mapping of str to float
+        Channel → standard deviation of its residual, which weighs it.
+    groups, blocks : int
+        Numbers of these over all wheels.
+    """
+
+    def __init__(
+        self,
+        wheels: Sequence[Evidence],
+        shapes: Mapping[str, Sequence[Shape]],
+        scale: Mapping[str, float],
+        *,
+        groups: int,
+        blocks: int,
+    ) -> None:
+        self.wheels, self.shapes, self.scale = list(wheels), shapes, scale
+        first = next(iter(wheels[0].slopes.values()))
+        self.common = first.common.shape[1]
+        self.terms = [Term(channel, shape) for channel, each in shapes.items() for shape in each]
+        self.columns: dict[str, Index] = {}
+        start = self.common
+        for channel, each in shapes.items():
+            self.columns[channel] = np.r_[: self.common, start : start + len(each)]
+            start += len(each)
+        self.blocks, self.groups, self.soil = blocks, groups, first.soil.shape[1]
+        self.system = System(groups, blocks, self.soil, start).add(self._cells())
+
+    def _cells(self) -> Iterator[Cell]:
+        for wheel in self.wheels:
+            for channel, shapes in self.shapes.items():
+                yield from wheel.cells(channel, shapes, self.columns[channel], self.scale[channel] ** -2.0)
+
+    def scores(self) -> Array:
+        """Return the scores of all terms in what is left of the residuals.
+
+        Returns
+        -------
+        ndarray, shape (blocks, terms)
+        """
+        return self.system.scores(self._cells())
+
+    def refit(self, chosen: Sequence[int]) -> Fitted:
+        """Fit the model's parameters anew together with some terms, and take both off the residuals.
+
+        Parameters
+        ----------
+        chosen : sequence of int
+            Places among all terms.
+
+        Returns
+        -------
+        Fitted
+        """
+        fitted = self.system.fit([*range(self.common), *chosen], self._cells())
+        coefficients = np.zeros(self.common + len(self.terms))
+        coefficients[fitted.terms] = fitted.coefficients
+        self.wheels = [
+            replace(
+                wheel,
+                residuals={
+                    channel: wheel.less(
+                        channel, self.shapes[channel], coefficients[self.columns[channel]], fitted.soil
+                    )
+                    for channel in wheel.residuals
+                },
+            )
+            for wheel in self.wheels
+        ]
+        return fitted
+
+    def forward(
+        self,
+        noise: Mapping[str, float],
+        counts: Mapping[str, int],
+        *,
+        taken: Collection[tuple[str, str]] = (),
+        level: float = LEVEL,
+        draws: int = DRAWS,
+        seed: int = 0,
+    ) -> list[Found]:
+        """Find the terms beyond chance, each beyond those found before.
+
+        Parameters
+        ----------
+        noise : mapping of str to float
+            Channel → standard deviation of its noise; NaN where not known.
+        counts : mapping of str to int
+            Channel → samples.
+        taken : collection of (str, str)
+            Channels and drivers whose terms are fitted from the start, and not looked for.
+        level : float
+        draws, seed : int
+            Of the bootstrap.
+
+        Returns
+        -------
+        list of Found
+            The one that explains most first.
+        """
+        chosen = [
+            self.common + place
+            for place, term in enumerate(self.terms)
+            if (term.channel, term.shape.driver) in taken
+        ]
+        found: list[Found] = []
+        need = np.array(
+            [(SMALLEST * np.nan_to_num(noise[t.channel])) ** 2 * counts[t.channel] for t in self.terms]
+        )
+        need /= np.array([self.scale[t.channel] ** 2 for t in self.terms])
+        self.refit(chosen)
+        while len(found) < MOST:
+            fixed = [*range(self.common), *chosen]
+            scores, cross = self.system.beyond(fixed, self.scores())
+            testable = self.system.surviving(cross)[self.common :] > _SURVIVING
+            testable[np.array(chosen, dtype=int) - self.common] = False
+            scores, power = scores[:, self.common :], np.where(testable, np.diag(cross)[self.common :], 1.0)
+            test = max_test(
+                np.where(testable, scores, 0.0),
+                shrunk=self._shrunk(len(chosen)),
+                draws=draws,
+                seed=seed + len(found),
+            )
+            coefficient = np.where(testable, scores.sum(axis=0) / power, 0.0)
+            explained = coefficient**2 * power
+            best = self._strongest(explained, (test.p_values < level) & testable, need)
+            if best is None:
+                break
+            pair = self._pair(best)
+            term, size = self.terms[best], float(explained[list(pair)].sum())
+            # What follows is worth a word only beside the first.
+            need = np.maximum(need, _NEXT * size) if not found else need
+            found.append(
+                Found(
+                    Term(term.channel, self.terms[pair[0]].shape),
+                    float(test.p_values[list(pair)].min()),
+                    float(coefficient[pair[0]]),
+                    float(coefficient[pair[1]]) if len(pair) > 1 else 0.0,
+                    size,
+                    self._alternatives(best, cross, testable),
+                )
+            )
+            # All shapes of the driver: what is left of it would be the same finding again.
+            chosen += [
+                self.common + place
+                for place, other in enumerate(self.terms)
+                if (other.channel, other.shape.driver) == (term.channel, term.shape.driver)
+                and (other.shape.name != "periodic" or place in pair)
+            ]
+            self.refit(chosen)
+        return found
+
+    def _shrunk(self, chosen: int) -> float:
+        """Return how much smaller residuals are than the noise, for what has been fitted to them."""
+        known = sum(int(np.isfinite(e).sum()) for wheel in self.wheels for e in wheel.residuals.values())
+        fitted = self.groups * self.soil + self.common + chosen
+        return float(np.sqrt(max(1.0 - fitted / max(known, 1), 0.1)))
+
+    def _pair(self, place: int) -> tuple[int, ...]:
+        """Return a term, with its other half if it is periodic: cosine first."""
+        shape = self.terms[place].shape
+        if shape.name != "periodic":
+            return (place,)
+        return (place - 1, place) if shape.partner else (place, place + 1)
+
+    def _strongest(self, explained: Array, beyond: NDArray[np.bool_], need: Array) -> int | None:
+        """Choose the term that explains most, or a plainer one that explains nearly as much."""
+        total = np.array([explained[list(self._pair(place))].sum() for place in range(len(self.terms))])
+        candidates = np.flatnonzero(beyond & (total > need))
+        if len(candidates) == 0:
+            return None
+        near = candidates[total[candidates] >= (1.0 - _PLAINER) * total[candidates].max()]
+        # An offset of torque is one of drawbar pull times the radius: friction in the drive is commoner
+        # than a wrong load cell.
+        channels = list(self.shapes)
+
+        def rank(place: int) -> tuple[int, int, float]:
+            channel, shape = self.terms[place]
+            return _PLAIN.index(shape.name), channels.index(channel), -float(total[place])
+
+        return int(min(near, key=rank))
+
+    def _alternatives(self, best: int, cross: Array, testable: NDArray[np.bool_]) -> tuple[str, ...]:
+        term = self.terms[best]
+        if term.shape.name in ("constant", "periodic"):
+            return ()
+        power = np.diag(cross)
+        row = best + self.common
+        drivers = []
+        for place, other in enumerate(self.terms, start=self.common):
+            if other.channel != term.channel or other.shape.driver in ("", term.shape.driver):
+                continue
+            if not testable[place - self.common]:
+                continue
+            size = power[row] * power[place]
+            alike = 0.5 * (cross[row, place] + cross[place, row])
+            if alike**2 > _ALIKE**2 * size > 0.0:
+                drivers.append(other.shape.driver)
+        return tuple(dict.fromkeys(drivers))

@@ -1,0 +1,188 @@
+"""Shapes in which a residual may follow a driver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: Quantiles of a driver at which a step or a bend is tried.
+_THRESHOLDS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])
+#: Parts of a driver's range within which a saturating curve levels off.
+_SCALES = (0.1, 0.25)
+#: A driver of so few values is taken as steps between them.
+_FEW_LEVELS = 6
+#: Turns of the wheel that one period may take, in parts of a turn.
+HARMONICS = (1, 2, 3, 4, 6, 8, 9, 10, 12, 15, 16, 18, 20, 24, 30, 36)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One function of one driver, of a size of about 1.
+
+    Parameters
+    ----------
+    driver, name : str
+        The latter "constant", "linear", "quadratic", "saturating", "step", "periodic" or "label".
+    at : float or None
+        Threshold of a step, scale of a saturating curve, period, code of a label.
+    low, high : float
+        Range of the driver: its 2nd and 98th percentile.
+    span : float
+        Difference that a coefficient of 1 makes over this range; of a periodic shape its amplitude.
+    partner : int
+        Of a periodic shape 0 for the cosine and 1 for the sine.
+    """
+
+    driver: str
+    name: str
+    at: float | None
+    low: float
+    high: float
+    span: float
+    partner: int = 0
+
+    def __call__(self, values: Array) -> Array:
+        """Evaluate.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            Of the driver.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        inside = np.clip(values, self.low, self.high)
+        if self.name == "constant":
+            result = np.ones_like(values)
+        elif self.name == "periodic":
+            angle = 2.0 * np.pi * values / (self.at or 1.0)
+            result = np.sin(angle) if self.partner else np.cos(angle)
+        elif self.name == "label":
+            result = np.where(values == self.at, 1.0, 0.0)
+        elif self.name == "step":
+            result = np.where(values > (self.at or 0.0), 1.0, 0.0)
+        elif self.name == "saturating":
+            result = 1.0 - np.exp(-(inside - self.low) / (self.at or 1.0))
+        else:
+            result = (inside - self.low) / (self.high - self.low)
+            if self.name == "quadratic":
+                result = (2.0 * result - 1.0) ** 2
+        return np.asarray(result)
+
+    def partnered(self) -> Shape:
+        """Return the sine that goes with a cosine, or the reverse.
+
+        Returns
+        -------
+        Shape
+        """
+        return replace(self, partner=1 - self.partner)
+
+
+def constant() -> Shape:
+    """Return the shape of an offset that follows no driver.
+
+    Returns
+    -------
+    Shape
+    """
+    return Shape("", "constant", None, 0.0, 1.0, 1.0)
+
+
+def of_number(driver: str, values: Array) -> list[Shape]:
+    """List the shapes in which a residual may follow a number.
+
+    Parameters
+    ----------
+    driver : str
+    values : ndarray, shape (n,)
+        NaN where not known.
+
+    Returns
+    -------
+    list of Shape
+        Empty for a driver that does not vary.
+    """
+    known = values[np.isfinite(values)]
+    if len(known) == 0:
+        return []
+    low, high = (float(v) for v in np.quantile(known, [0.02, 0.98]))
+    levels = np.unique(known[:: max(1, len(known) // 20_000)])
+    if len(levels) <= _FEW_LEVELS:
+        steps = [float(v) for v in 0.5 * (levels[1:] + levels[:-1])]
+        low, high = float(levels[0]), float(levels[-1])
+        shapes = [Shape(driver, "step", at, low, high, 1.0) for at in steps]
+        if len(levels) > 2:
+            shapes.append(Shape(driver, "linear", None, low, high, 1.0))
+        return shapes
+    size = max(abs(low), abs(high))
+    if not high - low > 1e-6 * size:
+        return []
+    shapes = [Shape(driver, "linear", None, low, high, 1.0), Shape(driver, "quadratic", None, low, high, 1.0)]
+    for part in _SCALES:
+        scale = part * (high - low)
+        shapes.append(Shape(driver, "saturating", scale, low, high, 1.0 - float(np.exp(-1.0 / part))))
+    shapes += [
+        Shape(driver, "step", float(at), low, high, 1.0) for at in np.unique(np.quantile(known, _THRESHOLDS))
+    ]
+    return shapes
+
+
+def of_label(driver: str, codes: Array) -> list[Shape]:
+    """List the shapes in which a residual may follow a label: other at one of them.
+
+    Parameters
+    ----------
+    driver : str
+    codes : ndarray, shape (n,)
+
+    Returns
+    -------
+    list of Shape
+    """
+    present = np.unique(codes[np.isfinite(codes)])
+    if not 1 < len(present) <= 50:
+        return []
+    return [Shape(driver, "label", float(code), 0.0, 1.0, 1.0) for code in present]
+
+
+def of_turning(driver: str, angles: Sequence[Array], counts: Sequence[int] = HARMONICS) -> list[Shape]:
+    """List the periods in which a residual may follow the angle of the wheel.
+
+    Parameters
+    ----------
+    driver : str
+    angles : sequence of ndarray
+        Of each wheel, in rad.
+    counts : sequence of int
+        Periods in a turn.
+
+    Returns
+    -------
+    list of Shape
+        Cosine and sine of each, in turn; none for wheels that do not turn twice, and none that has
+        fewer than two and a half samples in a period, which would show as another one.
+    """
+    known = [angle[np.isfinite(angle)] for angle in angles]
+    known = [angle for angle in known if len(angle) > 1]
+    if not known or max(float(np.ptp(angle)) for angle in known) < 4.0 * np.pi:
+        return []
+    steps = np.abs(np.concatenate([np.diff(angle) for angle in known]))
+    step = float(np.median(steps[steps > 0.0]))
+    return [
+        Shape(driver, "periodic", 2.0 * np.pi / count, 0.0, 2.0 * np.pi, 1.0, part)
+        for count in counts
+        if step < 0.4 * 2.0 * np.pi / count
+        for part in (0, 1)
+    ]

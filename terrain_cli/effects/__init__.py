@@ -1,0 +1,168 @@
+"""Physical effects that can be added to a model: those of the program, and those of other packages."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib import import_module
+from typing import TYPE_CHECKING, NoReturn
+
+from terrain_cli.effects.effect import Effect, Parameter
+from terrain_cli.errors import ConfigurationError, UsageError, nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from importlib.metadata import EntryPoint
+
+__all__ = ["GROUP", "NAMES", "Effect", "Parameter", "catalogue", "find", "missing"]
+
+#: The effects of the program, as they are told to a person: each is a module of `library`.
+NAMES = (
+    "slip-sinkage",
+    "max-stress-angle",
+    "rear-contact",
+    "grousers",
+    "bulldozing",
+    "side-slip",
+    "multi-pass",
+    "drivetrain-friction",
+    "gear-efficiency",
+    "motor-temperature",
+    "rate-dependence",
+    "slope",
+    "load-transfer",
+    "load-bias",
+    "sinkage-bias",
+    "wheel-radius",
+    "sensor-lag",
+    "acceleration-torque",
+    "shear-modulus",
+    "post-peak-softening",
+    "strength-curvature",
+    "hardpan",
+    "crust",
+    "flexible-wheel",
+    "grouser-ripple",
+)
+#: Entry points of other packages: each loads to an `Effect`, or to a function that returns one.
+GROUP = "terrain_est.effects"
+_RATE = "_rate"
+_ANGLE = "wheel_angle"
+
+
+def catalogue() -> dict[str, Effect]:
+    """Return every effect that can be named: the program's, then those of other packages.
+
+    Returns
+    -------
+    dict of str to Effect
+        By id.
+
+    Raises
+    ------
+    ConfigurationError
+        Another package's effect cannot be loaded, or has the id of one that is there.
+    """
+    effects = {name: _own(name) for name in NAMES}
+    for point in _points():
+        effect = _load(point)
+        if effect.id in effects:
+            raise ConfigurationError(
+                f"{_place(point)}: the id {effect.id} is taken ({effects[effect.id].origin})",
+                hint="give it another id, or remove the package",
+            )
+        effects[effect.id] = effect
+    return effects
+
+
+def find(name: str) -> Effect:
+    """Return an effect by its id.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    Effect
+
+    Raises
+    ------
+    UsageError
+        There is none of this id.
+    ConfigurationError
+        As from `catalogue`.
+    """
+    if name in NAMES:
+        return _own(name)
+    effects = catalogue()
+    if name not in effects:
+        raise UsageError(
+            f"there is no effect {name!r}{nearest(name, effects)}", hint=f"there are {', '.join(effects)}"
+        )
+    return effects[name]
+
+
+def missing(effect: Effect, available: Collection[str]) -> tuple[str, ...]:
+    """Return what an effect lacks to be computed.
+
+    Parameters
+    ----------
+    effect : Effect
+    available : collection of str
+        Channels and further columns that are measured or derived, "time" among them, and
+        "grouser_count" and "grouser_height" where rover.toml has them.
+
+    Returns
+    -------
+    tuple of str
+        Nothing if it can be computed; else what it needs, as a person reads it.
+    """
+    lacking = [name for name in effect.needs if not _there(name, available)]
+    if effect.any_of and not any(_there(name, available) for name in effect.any_of):
+        *others, last = effect.any_of
+        lacking.append(f"{', '.join(others)} or {last}" if others else last)
+    return tuple(lacking)
+
+
+def _there(name: str, available: Collection[str]) -> bool:
+    if name in available:
+        return True
+    if name == _ANGLE:
+        return "angular_velocity" in available and "time" in available
+    return name.endswith(_RATE) and name.removesuffix(_RATE) in available and "time" in available
+
+
+def _own(name: str) -> Effect:
+    module = import_module(f"terrain_cli.effects.library.{name.replace('-', '_')}")
+    effect: Effect = module.EFFECT
+    return effect
+
+
+def _points() -> list[EntryPoint]:
+    from importlib import metadata
+
+    return sorted(metadata.entry_points(group=GROUP), key=lambda point: point.name)
+
+
+def _place(point: EntryPoint) -> str:
+    package = f" of package {point.dist.name}" if point.dist else ""
+    return f"entry point {point.name} of {GROUP}{package}"
+
+
+def _load(point: EntryPoint) -> Effect:
+    try:
+        effect = point.load()
+        if not isinstance(effect, Effect) and callable(effect):
+            effect = effect()
+    except Exception as error:  # noqa: BLE001 -- another package's code may raise anything
+        reason = str(error).strip().partition("\n")[0]
+        _refuse(point, f"{type(error).__name__}{f': {reason}' if reason else ''}")
+    if not isinstance(effect, Effect):
+        _refuse(point, f"it gives a {type(effect).__name__}, not an Effect")
+    return replace(effect, origin=_place(point))
+
+
+def _refuse(point: EntryPoint, reason: str) -> NoReturn:
+    raise ConfigurationError(
+        f"{_place(point)} ({point.value}) cannot be loaded: {reason}", hint="update or remove the package"
+    )

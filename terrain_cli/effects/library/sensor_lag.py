@@ -1,0 +1,57 @@
+"""A channel is late."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from terrain_cli.effects.effect import Effect, Parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_CHANNELS = ("torque", "drawbar_pull", "sinkage")
+
+
+def _late(channel: str, q: Mapping[str, Any]) -> Any:
+    """Show what was true a little earlier, to first order."""
+    return q[channel] - q[f"{channel}_lag"] * q.get(f"{channel}_rate", 0.0)
+
+
+EFFECT = Effect(
+    id="sensor-lag",
+    title="A channel is late",
+    kind="sensor",
+    parameters=tuple(
+        Parameter(
+            f"{channel}_lag",
+            "s",
+            0.0,
+            0.1,
+            -2.0,
+            2.0,
+            f"by how much {channel.replace('_', ' ')} is late",
+            needs=(f"{channel}_rate",),
+        )
+        for channel in _CHANNELS
+    ),
+    laws={channel: partial(_late, channel) for channel in _CHANNELS},
+    any_of=tuple(f"{channel}_rate" for channel in _CHANNELS),
+    formula="shown = true − lag · d(shown)/dt, for torque, drawbar pull and sinkage each",
+    explanation=(
+        "Filters, buses and clocks that disagree make a channel late by 0.05 to 0.5 s. Where nothing "
+        "changes it is right; in a change the residual is the lag times the channel's own rate, with one "
+        "sign as it rises and the other as it falls, so that torque over slip becomes a loop. The lags are "
+        "relative to slip and load: if those are late, all three come out early, below zero. A wheel that "
+        "has yet to sink after a change of slip makes sinkage loop too. Acceleration-torque follows the "
+        "wheel's acceleration, not the torque's rate. A lag longer than the changes themselves is beyond "
+        "this first-order law: shift the channel instead."
+    ),
+    shows="the late channel, against its own rate of change",
+    reference=(
+        "Furgale, Rehder, Siegwart (2013), Unified temporal and spatial calibration for multi-sensor "
+        "systems, IEEE/RSJ International Conference on Intelligent Robots and Systems, doi "
+        "10.1109/IROS.2013.6696514"
+    ),
+    settled_by="quick changes of slip or load, up and down",
+)

@@ -1,0 +1,45 @@
+"""A slipping wheel digs itself in: the sinkage exponent grows with slip."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli.effects.effect import Effect, Parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+def _exponent(q: Mapping[str, Any]) -> Any:
+    return q["sinkage_exponent"] + q["n1"] * np.absolute(q["slip"])
+
+
+EFFECT = Effect(
+    id="slip-sinkage",
+    title="Sinkage grows with slip",
+    kind="stress",
+    parameters=(
+        Parameter("n1", "1", 0.0, 0.5, -1.0, 3.0, "growth of the sinkage exponent from no slip to full slip"),
+    ),
+    laws={"sinkage_exponent": _exponent},
+    formula="n = n0 + n1 |i|",
+    explanation=(
+        "A slipping wheel carries soil backwards from under itself and sinks into the hole: at a slip of "
+        "0.6 it stands three to seven times as deep as at rest. Ding et al. let the exponent of the "
+        "pressure–sinkage law grow with slip; n1 is 0.3 to 1 in loose soil. Lyasko writes the same as z = "
+        "z0 (1 + S i)/(1 − 0.5 S i), which n1 follows closely. Sinkage at one load rises with slip, and "
+        "through the longer contact torque rises too, while drawbar pull falls at high slip. Without "
+        "sinkage it is easily taken for grousers or max-stress-angle. Grousers and shear-modulus hardly "
+        "move the sinkage; max-stress-angle moves it less, and leaves torque as it was."
+    ),
+    shows="sinkage, then torque and drawbar pull, against slip",
+    reference=(
+        "Ding, Gao, Deng, Tao (2010), Wheel slip-sinkage and its prediction model of lunar rover, Journal "
+        "of Central South University of Technology 17(1), 129–135, doi 10.1007/s11771-010-0021-7; Lyasko "
+        "(2010), Slip sinkage effect in soil–vehicle mechanics, Journal of Terramechanics 47(1), 21–31, "
+        "doi 10.1016/j.jterra.2009.08.005"
+    ),
+    settled_by="a slip sweep at one load, with sinkage and drawbar pull measured together",
+)

@@ -1,0 +1,204 @@
+"""A user's law tried on random numbers: absent at the null values, felt beside them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from terrain_cli.mechanics.dual import seed, slopes, value
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.effects.effect import Effect, Law
+
+    Array = NDArray[np.float64]
+
+#: Samples of a trial.
+SAMPLES = 256
+#: Largest difference at the null values, as a share of the quantity.
+ROUNDING = 1e-9
+
+#: Ordinary values, SI, of what does not follow from something else.
+_RANGES = {
+    "load": (10.0, 400.0),
+    "slip": (-0.3, 0.9),
+    "cohesion": (100.0, 5e3),
+    "tan_phi": (0.3, 0.9),
+    "shear_modulus": (0.005, 0.04),
+    "stiffness": (2e5, 3e6),
+    "sinkage_exponent": (0.6, 1.4),
+    "torque": (-5.0, 30.0),
+    "drawbar_pull": (-50.0, 150.0),
+    "measured_torque": (-5.0, 30.0),
+    "measured_drawbar_pull": (-50.0, 150.0),
+    "wheel_radius": (0.05, 0.3),
+    "width": (0.03, 0.2),
+    "gravity": (1.6, 9.9),
+    "grouser_height": (0.002, 0.02),
+    "grouser_count": (8.0, 30.0),
+    "wheel_angle": (0.0, 100.0),
+    "time": (0.0, 600.0),
+    "angular_velocity": (-3.0, 3.0),
+    "pitch": (-0.4, 0.4),
+    "roll": (-0.4, 0.4),
+    "yaw_rate": (-0.5, 0.5),
+    "motor_current": (0.05, 5.0),
+    "motor_temperature": (-40.0, 60.0),
+    "acceleration": (-0.5, 0.5),
+    "pass_number": (0.0, 4.0),
+    "slip_angle": (-0.5, 0.5),
+    "x": (-100.0, 100.0),
+    "y": (-100.0, 100.0),
+    "elevation": (-10.0, 10.0),
+    "longitude": (-180.0, 180.0),
+    "latitude": (-90.0, 90.0),
+}
+_COLUMN = (0.1, 10.0)
+_WHOLE = frozenset({"pass_number", "grouser_count"})
+
+
+class Trial(NamedTuple):
+    """How a law did.
+
+    Parameters
+    ----------
+    deviation : float
+        Largest difference from the quantity at the null values, as a share of it; NaN where the
+        law is nowhere a number.
+    gave, wanted : float
+        There.
+    where : dict of str to float
+        There, what the law reads.
+    skids_only : bool
+        The difference is there only where the wheel skids.
+    no_number : float
+        Share of the samples for which it is no number at the null values.
+    example : dict of str to float
+        One of them.
+    """
+
+    deviation: float
+    gave: float
+    wanted: float
+    where: dict[str, float]
+    skids_only: bool
+    no_number: float
+    example: dict[str, float]
+
+
+def at_null(effect: Effect, quantity: str, reads: Collection[str]) -> Trial:
+    """Compare a law with the quantity itself, at the null values of all parameters.
+
+    Parameters
+    ----------
+    effect : Effect
+    quantity : str
+    reads : collection of str
+        Names that the law reads.
+
+    Returns
+    -------
+    Trial
+    """
+    nulls = {parameter.name: parameter.null for parameter in effect.parameters}
+    given = inputs({quantity, *reads} - nulls.keys())
+    gave, wanted = _called(effect.laws[quantity], {**given, **nulls}), given[quantity]
+    known = np.isfinite(gave)
+    # The exit angle is 0 throughout: then the difference counts as it is.
+    size = np.abs(wanted) + (1e-3 * np.max(np.abs(wanted)) or 1.0)
+    difference = np.where(known, np.abs(np.where(known, gave, 0.0) - wanted) / size, 0.0)
+    worst, unknown = int(np.argmax(difference)), int(np.argmin(known))
+    shown = [name for name in reads if name in given]
+    return Trial(
+        float(difference[worst]) if known.any() else float("nan"),
+        float(gave[worst]),
+        float(wanted[worst]),
+        {name: float(given[name][worst]) for name in shown},
+        bool(np.all(difference[given["slip"] >= 0.0] <= ROUNDING)),
+        float(np.mean(~known)),
+        {name: float(given[name][unknown]) for name in shown},
+    )
+
+
+def influence(effect: Effect, quantity: str, reads: Collection[str], name: str) -> tuple[float, float]:
+    """Measure how much a law changes with a parameter: at the null values, and at typical ones.
+
+    Parameters
+    ----------
+    effect : Effect
+    quantity : str
+    reads : collection of str
+    name : str
+        Of the parameter.
+
+    Returns
+    -------
+    at_null, typical : float
+        Root mean square of the derivative, times the parameter's scale; infinite or NaN where the
+        derivative is.
+    """
+    nulls = {p.name: p.null for p in effect.parameters}
+    given = inputs({quantity, *reads} - nulls.keys())
+    typical = {
+        p.name: p.null + p.scale if p.null + p.scale <= p.upper else max(p.null - p.scale, p.lower)
+        for p in effect.parameters
+    }
+    scale = next(p.scale for p in effect.parameters if p.name == name)
+    sizes = []
+    for values in (nulls, typical):
+        plain = _called(effect.laws[quantity], {**given, **values})
+        with np.errstate(all="ignore"):
+            result = effect.laws[quantity](
+                {**given, **values, name: seed(np.full(SAMPLES, values[name]), name)}
+            )
+        slope = np.broadcast_to(slopes(result).get(name, 0.0), SAMPLES)[np.isfinite(plain)]
+        with np.errstate(all="ignore"):
+            sizes.append(float(scale * np.sqrt(np.mean(np.square(slope)))) if slope.size else 0.0)
+    return sizes[0], sizes[1]
+
+
+def _called(law: Law, q: Mapping[str, Any]) -> Array:
+    return np.broadcast_to(np.asarray(value(law(q)), dtype=float), SAMPLES)
+
+
+def inputs(names: Collection[str]) -> dict[str, Array]:
+    """Draw ordinary values that go together as in the base model, always the same.
+
+    Parameters
+    ----------
+    names : collection of str
+        Everything that a law reads, further columns included.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (SAMPLES,)
+    """
+    random = np.random.default_rng(20040829)
+
+    def draw(low: float, high: float, *, whole: bool = False) -> Array:
+        values = random.uniform(low, high, SAMPLES)
+        return np.floor(values) if whole else values
+
+    q = {name: draw(low, high, whole=name in _WHOLE) for name, (low, high) in _RANGES.items()}
+    r = q["radius"] = q["shear_radius"] = q["wheel_radius"]
+    q["sinkage"] = r * draw(0.02, 0.4)
+    q["entry_angle"] = np.arccos(1.0 - q["sinkage"] / r)
+    q["max_stress_angle"], q["exit_angle"] = 0.5 * q["entry_angle"], np.zeros(SAMPLES)
+    rim = r * q["angular_velocity"]
+    q["velocity"] = np.where(q["slip"] >= 0.0, rim * (1.0 - q["slip"]), rim / (1.0 + q["slip"]))
+    q["angle"] = q["entry_angle"] * draw(0.0, 0.999)
+    q["depth"] = r * (np.cos(q["angle"]) - np.cos(q["entry_angle"]))
+    q["normal_stress"] = q["stiffness"] * q["depth"] ** q["sinkage_exponent"]
+    rise = np.sin(q["entry_angle"]) - np.sin(q["angle"])
+    j = q["shear_displacement"] = r * (q["entry_angle"] - q["angle"] - (1.0 - q["slip"]) * rise)
+    fade = np.exp(-np.abs(j) / q["shear_modulus"])
+    q["shear_stress"] = np.sign(j) * (q["cohesion"] + q["tan_phi"] * q["normal_stress"]) * (1.0 - fade)
+    for name in sorted({*names} - q.keys()):
+        base = name.removesuffix("_rate")
+        spread = float(np.std(q[base])) if base in q and base != name else 1.0
+        q[name] = draw(-spread, spread) if base != name else draw(*_COLUMN)
+    return q

@@ -1,0 +1,14 @@
+"""Fit of the full wheel–soil model to windows of samples, with noise in every channel.
+
+The most probable parameters of soil and effects, given what the sensors' noise is, what published
+soils are like, and that the true load, sinkage and slip of each sample are not known either:
+`linearise` says how, `solve` finds them, `refine` gives their errors.
+"""
+
+from terrain_cli.estimation.wheel_fit.estimates import as_window_estimates
+from terrain_cli.estimation.wheel_fit.fitting import fit
+from terrain_cli.estimation.wheel_fit.noise import Noise
+from terrain_cli.estimation.wheel_fit.result import Fit
+from terrain_cli.estimation.wheel_fit.unknowns import DEFAULT, Prior
+
+__all__ = ["DEFAULT", "Fit", "Noise", "Prior", "as_window_estimates", "fit"]

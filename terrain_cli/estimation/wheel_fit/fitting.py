@@ -1,0 +1,258 @@
+"""The fit: noise, start, search, errors."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from terrain_cli.errors import UsageError
+from terrain_cli.estimation.correlation import student
+from terrain_cli.estimation.moments import segment_sum
+from terrain_cli.estimation.wheel_fit import start
+from terrain_cli.estimation.wheel_fit.data import BALANCE, collect
+from terrain_cli.estimation.wheel_fit.linearise import Problem
+from terrain_cli.estimation.wheel_fit.noise import CHANNELS, assumed, from_differences, inner
+from terrain_cli.estimation.wheel_fit.refine import posterior
+from terrain_cli.estimation.wheel_fit.result import Fit, parameters
+from terrain_cli.estimation.wheel_fit.solve import accumulate, eliminate, initial, solve
+from terrain_cli.estimation.wheel_fit.unknowns import unknowns
+from terrain_cli.mechanics.dual import value
+from terrain_cli.settings import FIT_SAMPLES
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from terrain_cli.estimation.wheel_fit.data import Data
+    from terrain_cli.estimation.wheel_fit.linearise import Equations
+    from terrain_cli.estimation.wheel_fit.noise import Noise
+    from terrain_cli.estimation.wheel_fit.solve import State
+    from terrain_cli.estimation.wheel_fit.unknowns import Prior
+    from terrain_cli.mechanics.model import Given, Model, WheelGeometry
+
+    Array = NDArray[np.float64]
+
+#: Nodes on each arc that are enough where the noise is above `_FINE`: forces right to 1e-4.
+_COARSE, _FINE = 6, 1e-3
+#: Samples of each window, and iterations, that bring the search near.
+_SOME, _ROUGH = 5, 3
+#: Windows that tell the noise: enough to know it by 2 %.
+_TELLING = 200
+_ROUNDS, _SETTLED = 12, 0.03
+#: Least noise of noise-free data, as a share.
+_LEAST = 1e-6
+#: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
+#: windows above which it is the model, not the search, that fails.
+_BAD, _FEW_BAD = 6.0, 0.2
+
+
+def fit(
+    model: Model,
+    wheel: WheelGeometry,
+    channels: Mapping[str, ArrayLike],
+    bounds: ArrayLike,
+    *,
+    fixed: Mapping[str, ArrayLike] | None = None,
+    priors: Mapping[str, Prior] | None = None,
+    shared: Collection[str] = (),
+    noise: Noise | None = None,
+    robust: bool = False,
+    given: Given = "sinkage",
+    correlated: bool = True,
+    min_samples: int = FIT_SAMPLES,
+) -> Fit:
+    """Fit a wheel–soil model to windows of samples, with noise in every channel.
+
+    Parameters
+    ----------
+    model : Model
+    wheel : WheelGeometry
+    channels : mapping of str to array_like, shape (n,)
+        SI units; NaN where not measured: slip and sinkage (or load, see `given`), with whichever of
+        load, torque and drawbar_pull there are, and what the effects need.
+    bounds : array_like of int, shape (w + 1,)
+        Window j is the samples bounds[j] to bounds[j + 1] − 1; from 0 to n.
+    fixed : mapping of str to float or array_like, shape (w,), optional
+        Parameters held, of soil or effects, one value for all windows or one for each.
+    priors : mapping of str to Prior, optional
+        In place of the weak ones from published soils (`unknowns.DEFAULT`), and of those of the
+        effects: their null value, give or take five of their scales.
+    shared : collection of str
+        Parameters of the soil that are one for all windows; those of the effects always are.
+    noise : Noise, optional
+        Learnt from the data if not given: see `Fit.noise_from`.
+    robust : bool
+        Give samples far from the fit less weight (Huber 1964), at the cost of 5 % of efficiency.
+    given : {"sinkage", "load"}
+        Predict load, torque and drawbar pull at the sinkage measured; or solve for the sinkage
+        from the load, and predict sinkage, torque and drawbar pull.
+    correlated : bool
+        Whether samples follow each other in time; False for steady test points.
+    min_samples : int
+        Windows of fewer have the status "too-few-samples".
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    InputError
+        A channel without which the model cannot be fitted is missing.
+    ConfigurationError
+        A name that is no parameter of the model.
+    UsageError
+        Values or priors without meaning.
+    ValueError
+        Arrays of different length, or bounds that do not go from 0 to n.
+    """
+    data, rows = collect(model, channels, bounds, given)
+    if min_samples < 1:
+        raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
+    sought = unknowns(model, fixed=fixed or {}, priors=priors or {}, shared=shared, windows=len(data.windows))
+    come: Literal["given", "differences", "residuals"] = "given"
+    spread = 1.0
+    if noise is None:
+        come = "differences" if correlated else "residuals"
+        first = from_differences(data.channels, data.bounds) if correlated else assumed(data.channels)
+        problem, dof = _learn(Problem(model, wheel, given, sought, first, robust), data, ordered=correlated)
+        spread = float(student(np.array([dof]))[0]) / 1.959964
+    else:
+        problem = Problem(model, wheel, given, sought, noise, robust)
+    order = _order(problem.noise, data)
+    state = _search(problem, data, order)
+    found = posterior(problem, data, state, order=order, correlated=correlated)
+    known = data.count > 0
+    about = parameters(model.soil, sought, found, known, spread)
+    residuals, prediction, rmse = _residuals(
+        problem, data, found.t, found.common, rows, int(np.asarray(bounds)[-1])
+    )
+    return Fit(
+        model=model,
+        n=data.count,
+        **{f.name: getattr(about, f.name) for f in fields(about)},
+        noise=problem.noise,
+        noise_from=come,
+        chi2=np.where(known, found.misfit, np.nan),
+        dof=np.where(known, found.dof, np.nan),
+        inflation=found.inflation,
+        residuals=residuals,
+        prediction=prediction,
+        rmse=rmse,
+        converged=state.converged,
+        min_samples=min_samples,
+    )
+
+
+def _order(noise: Noise, data: Data) -> int | None:
+    """Return how many nodes the noise is worth."""
+    for name in CHANNELS:
+        if name in data.channels:
+            size = float(np.sqrt(np.mean(data.channels[name] ** 2))) if len(data.channels[name]) else 1.0
+            deviation = float(np.sqrt(noise.variance(name, np.array([size]))[0]))
+            if deviation < _FINE * size:
+                return None
+    return _COARSE
+
+
+def _search(problem: Problem, data: Data, order: int | None) -> State:
+    """Find the most probable unknowns, from several beginnings where one does not suffice."""
+    t, common = start.centre(problem, data)
+    rows, count = data.thin(_SOME)
+    some = data.take(rows, count, np.arange(len(count)))
+    rough = solve(problem, some, initial(some, t, common), order=_COARSE, iterations=_ROUGH)
+    state = solve(problem, data, initial(data, rough.t, rough.common), order=_COARSE)
+    if order != _COARSE:
+        state = solve(problem, data, state, order=order)
+    if problem.unknowns.shared:
+        return state
+    usual = segment_sum(data.seen.sum(axis=0).astype(float), data.bounds) + t.shape[1]
+    bad = np.flatnonzero(~state.converged | (state.merit > usual + _BAD * np.sqrt(2.0 * usual)))
+    if len(bad) == 0 or len(bad) > max(_FEW_BAD * len(t), 5):
+        return state
+    again = data.only(bad)
+    rows = data.rows_of(bad)
+    for other in start.others(problem, again, common):
+        tried = solve(problem, again, initial(again, other, common), order=order)
+        better = tried.converged & ((tried.merit < state.merit[bad] - 0.1) | ~state.converged[bad])
+        at = bad[better]
+        state.t[at], state.merit[at], state.converged[at] = tried.t[better], tried.merit[better], True
+        inside = np.repeat(better, again.count)
+        state.latent[:, rows[inside]] = tried.latent[:, inside]
+    return state
+
+
+def _learn(problem: Problem, data: Data, *, ordered: bool) -> tuple[Problem, float]:
+    """Scale the noise until the residuals are as large as it says, and return their degrees of freedom.
+
+    The noise is one for all windows, as the sensors are. Of samples in time only the white part of
+    the residuals counts: what is left of them follows from the model.
+    """
+    filled = np.flatnonzero(data.count > 0)
+    if len(filled) == 0:
+        return problem, 1.0
+    chosen = (
+        filled[np.unique(np.linspace(0, len(filled) - 1, _TELLING).astype(int))] if len(filled) else filled
+    )
+    sample = data.only(chosen)
+    local = len(problem.unknowns.local)
+    t, common = start.centre(problem, sample)
+    state, dof = initial(sample, t, common), 1.0
+    for _ in range(_ROUNDS):
+        order = _order(problem.noise, sample)
+        state = solve(problem, sample, state, order=order)
+        residual = np.zeros_like(sample.measured)
+
+        def keep(block: NDArray[np.intp], _: Data, found: Equations, residual: Array = residual) -> None:
+            residual[:, sample.bounds[block[0]] : sample.bounds[block[-1] + 1]] = found.bounded
+
+        normal = accumulate(problem, sample, state.t, state.common, state.latent, order=order, each=keep)
+        own, _, shared = eliminate(normal, local)
+        taken = np.einsum("wab,wba->", normal.information[:, :local, :local], own)
+        taken += np.trace(np.eye(len(shared)) - np.linalg.inv(shared))
+        dof = max(float(sample.seen.sum() - taken), 1.0)
+        variance = float(normal.misfit.sum()) / dof
+        if ordered:
+            variance = min(variance, _white(residual, sample))
+        finest = min(
+            (deviation for deviation in problem.noise.relative.values() if deviation > 0.0), default=1.0
+        )
+        factor = max(float(np.sqrt(variance)), _LEAST / finest, 1e-3)
+        problem = replace(problem, noise=problem.noise.scaled(factor))
+        if abs(factor - 1.0) < _SETTLED or finest * factor <= 1.01 * _LEAST:
+            break
+    return problem, dof
+
+
+def _white(residual: Array, data: Data) -> float:
+    """Return the variance of neighbours' differences in the residuals; infinite where there are none."""
+    if residual.shape[1] < 3:
+        return np.inf
+    whole = np.asarray(data.seen.all(axis=0))
+    neighbours = inner(data.bounds) & whole[1:-1]
+    if neighbours.sum() < 10:
+        return np.inf
+    second = (residual[:, :-2] - 2.0 * residual[:, 1:-1] + residual[:, 2:])[:, neighbours]
+    return float(np.mean(second**2) / 6.0)
+
+
+def _residuals(
+    problem: Problem, data: Data, t: Array, common: Array, rows: NDArray[np.intp], n: int
+) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
+    """Return residuals, predictions and root mean squares at the measured channels."""
+    prediction = problem.predict(data, t, common, by=False, order=_order(problem.noise, data))
+    residuals, predicted, rmse = {}, {}, {}
+    for row, output in enumerate(data.outputs):
+        name = "load" if output == BALANCE else output
+        difference = data.measured[row] - value(getattr(prediction, output))
+        number = value(getattr(prediction, name))
+        difference = np.where(data.seen[row], difference, np.nan)
+        residuals[name], predicted[name] = np.full((2, n), np.nan)
+        residuals[name][rows], predicted[name][rows] = difference, number
+        count = segment_sum(data.seen[row].astype(float), data.bounds)
+        power = segment_sum(np.nan_to_num(difference) ** 2, data.bounds)
+        rmse[name] = np.sqrt(np.divide(power, count, out=np.full_like(power, np.nan), where=count > 0.0))
+    return residuals, predicted, rmse

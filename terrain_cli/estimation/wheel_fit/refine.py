@@ -1,0 +1,297 @@
+"""From the most probable unknowns to their means and errors.
+
+Where data say little, the posterior is skew, and its mode is off its mean by a third of a standard
+deviation. The mean is, to second order, t̂ − ½ P ∇ log det(I + 1), with the information I and the
+covariance P = (I + 1)⁻¹ (Tierney & Kadane 1986; the part of it that is there without a prior
+is the bias of Box 1971).
+
+The design at the estimated true values û is noisy too, which makes the information look larger by
+ΔI = Σ A'ᵀ S⁻¹ A' var û. The covariance is (I − ΔI + 1)⁻¹ + P ΔI P, which to first order in ΔI is the
+sandwich of White 1982, with I for the variance of the scores and I − ΔI for their slope, and
+which tends to the prior where all of the information is the noise's.
+
+Both are sums over the samples of a window, which change little from one sample to the next: some
+samples of each window are enough for them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation.moments import segment_sum
+from terrain_cli.estimation.wheel_fit.data import BALANCE
+from terrain_cli.estimation.wheel_fit.linearise import Equations, equations, solve_lower
+from terrain_cli.estimation.wheel_fit.misfit import excess, memory
+from terrain_cli.estimation.wheel_fit.solve import Normal, accumulate, eliminate, inverse, limits, newton
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.wheel_fit.data import Data
+    from terrain_cli.estimation.wheel_fit.linearise import Problem
+    from terrain_cli.estimation.wheel_fit.solve import State
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Samples of each window, and nodes on each arc, for the corrections. To the mean of a shared
+#: unknown every window adds in the same direction: more samples, lest their errors add up too.
+_SAMPLES, _SAMPLES_SHARED, _ORDER = 6, 30, 5
+#: Length of a difference, in posterior standard deviations and in those of the noise.
+_STEP = 0.3
+#: The mean is never taken to be further than this from the mode, in posterior standard deviations.
+_FARTHEST = 1.0
+#: Information of a prior ten times as wide.
+_WIDE = 0.01
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known of the unknowns, in prior standard deviations from their prior means.
+
+    Parameters
+    ----------
+    t, common : ndarray, shape (w, p) and (q,)
+        Means.
+    own : ndarray, shape (w, p, p)
+        Covariance of each window's own unknowns with the shared ones held.
+    shared : ndarray, shape (q, q)
+        Covariance of the shared unknowns.
+    gain : ndarray, shape (w, p, q)
+        Change of the windows' own unknowns with the shared ones.
+    sure, wide : ndarray, shape (w, p + q)
+        Standard deviations from information that noise cannot have made, under the priors as they
+        are and under ones ten times as wide.
+    misfit, dof : ndarray, shape (w,)
+        Weighted sum of squares of the whitened residuals, and their degrees of freedom.
+    inflation : ndarray, shape (w,)
+        How much larger the long-run variance of the residuals is than the noise says.
+    """
+
+    t: Array
+    common: Array
+    own: Array
+    shared: Array
+    gain: Array
+    sure: Array
+    wide: Array
+    misfit: Array
+    dof: Array
+    inflation: Array
+
+
+def posterior(
+    problem: Problem, data: Data, state: State, *, order: int | None, correlated: bool
+) -> Posterior:
+    """Return means and covariances from the most probable unknowns.
+
+    Parameters
+    ----------
+    problem : Problem
+    data : Data
+    state : State
+        From `solve`; its true values of the inputs become those that go with the means.
+    order : int or None
+        Nodes on each arc.
+    correlated : bool
+        Whether samples follow each other in time.
+
+    Returns
+    -------
+    Posterior
+    """
+    local = state.t.shape[1]
+    few = _Few(problem, data, state)
+    at_mode, noise = few.at_mode()
+    own, gain, shared = eliminate(at_mode, local)
+    held = inverse(shared)
+    move, move_shared = _to_mean(few, at_mode, own, gain, held)
+
+    last = _Last(data, own, gain, held)
+    t, common = _within(problem, state.t + move, state.common + move_shared)
+    normal = accumulate(problem, data, t, common, state.latent, order=order, each=last.keep)
+    # A step of the search from there leads back to the mode, and tells how far away it still was.
+    step, shift, _ = newton(normal, problem.unknowns, t, common)
+    t = t + _bounded(step + move, own)
+    common = common + _bounded((shift + move_shared)[None], held[None])[0]
+    t, common = _within(problem, t, common)
+
+    own, gain, shared = eliminate(normal, local)
+    held = inverse(shared)
+    inner = normal.information[:, :local, :local]
+    taken = np.einsum("wab,wba->w", inner, own)
+    dof = segment_sum(data.seen.sum(axis=0).astype(float), data.bounds) - taken
+    scatter = excess(last.residual, data.seen, data.bounds, dof)[:, None, None]
+    lasting, lasting_shared = np.ones((local, len(t))), np.ones((len(held), 1))
+    if correlated:
+        lasting, lasting_shared = last.memory()
+
+    along = np.concatenate([gain, np.broadcast_to(np.eye(len(shared)), (len(gain), *shared.shape))], axis=1)
+    on_shared: Array = np.einsum("wax,wab,wby->xy", along, scatter * normal.information, along)
+    more_shared = _lengthen(on_shared, last.axes_shared, lasting_shared[:, 0]) - np.einsum(
+        "wax,wab,wby->xy", along, normal.information - noise, along
+    )
+    more = _lengthen(scatter * inner, last.axes, lasting.T) - inner + noise[:, :local, :local]
+    true = replace(normal, information=_beyond(normal.information, noise))
+    own_true, _, shared_true = eliminate(true, local)
+    sure = replace(normal, information=_beyond(normal.information, 2.0 * noise) / scatter)
+    return Posterior(
+        t=t,
+        common=common,
+        own=own_true + own @ more @ own,
+        shared=inverse(shared_true) + held @ more_shared @ held,
+        gain=gain,
+        sure=_width(sure, local, prior=1.0),
+        wide=_width(sure, local, prior=_WIDE),
+        misfit=normal.misfit,
+        dof=dof,
+        inflation=scatter[:, 0, 0] * lasting.max(axis=0, initial=1.0),
+    )
+
+
+def _lengthen(scores: Array, axes: Array, lasting: Array) -> Array:
+    """Return the variance of scores whose parts along some axes last for several samples."""
+    inside = np.swapaxes(axes, -1, -2) @ scores @ axes
+    back = inverse(axes)
+    root = np.sqrt(lasting)
+    return np.asarray(np.swapaxes(back, -1, -2) @ (root[..., :, None] * inside * root[..., None, :]) @ back)
+
+
+def _beyond(information: Array, noise: Array) -> Array:
+    """Return what is left of the information without that which noise may have made."""
+    size, axes = np.linalg.eigh(information - noise)
+    return np.asarray((axes * np.maximum(size, 0.0)[:, None, :]) @ np.swapaxes(axes, 1, 2))
+
+
+def _width(normal: Normal, local: int, *, prior: float) -> Array:
+    """Return standard deviations of all unknowns under priors of some information."""
+    own, gain, shared = eliminate(normal, local, prior=prior)
+    held = inverse(shared)
+    inside = np.einsum("waa->wa", own + gain @ held @ np.swapaxes(gain, 1, 2))
+    outside = np.broadcast_to(np.diagonal(held), (len(own), len(held)))
+    return np.asarray(np.sqrt(np.concatenate([inside, outside], axis=1)))
+
+
+class _Last:
+    """What the last equations say of each sample: its residuals and its part in the scores."""
+
+    def __init__(self, data: Data, own: Array, gain: Array, held: Array) -> None:
+        self.bounds, self.gain = data.bounds, gain
+        self.axes: Array = np.asarray(np.linalg.cholesky(own), dtype=float)
+        self.axes_shared: Array = np.asarray(np.linalg.cholesky(held), dtype=float)
+        self.residual = np.zeros_like(data.measured)
+        self.score = np.zeros((own.shape[1], data.measured.shape[1]))
+        self.score_shared = np.zeros((len(held), data.measured.shape[1]))
+
+    def keep(self, block: Index, part: Data, found: Equations) -> None:
+        rows = slice(self.bounds[block[0]], self.bounds[block[-1] + 1])
+        self.residual[:, rows] = found.bounded
+        score = np.einsum("mpn,mn->pn", found.design, found.residual * found.weight)
+        local = self.axes.shape[1]
+        for into, by in ((self.score, self.axes), (self.score_shared, self.gain)):
+            into[:, rows] = np.einsum("npj,pn->jn", np.repeat(by[block], part.count, axis=0), score[:local])
+        self.score_shared[:, rows] = self.axes_shared.T @ (self.score_shared[:, rows] + score[local:])
+
+    def memory(self) -> tuple[Array, Array]:
+        """Return the samples to an independent one, along the axes of own and shared unknowns."""
+        return memory(self.score, self.bounds), memory(self.score_shared, self.bounds, together=True)
+
+
+def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -> tuple[Array, Array]:
+    """Return the way from the mode to the mean."""
+    local = own.shape[1]
+
+    def volume(normal: Normal) -> tuple[Array, float]:
+        inner = normal.information[:, :local, :local] + np.eye(local)
+        return np.linalg.slogdet(inner)[1], float(np.linalg.slogdet(eliminate(normal, local)[2])[1])
+
+    base, base_shared = volume(at_mode)
+    axes = np.linalg.cholesky(own)
+    move = np.zeros(own.shape[:2])
+    for axis in np.moveaxis(axes, 2, 0):
+        change = volume(few.normal(_STEP * axis, 0.0))[0] - base
+        move -= 0.5 * axis * (change / _STEP)[:, None]
+    move = _bounded(move, own)
+    move_shared = np.zeros(len(held))
+    for axis in np.linalg.cholesky(held).T if len(held) else held:
+        there, there_shared = volume(few.normal(_STEP * gain @ axis, _STEP * axis))
+        move_shared -= 0.5 * axis * (float(np.sum(there - base)) + there_shared - base_shared) / _STEP
+    return move + gain @ move_shared, move_shared
+
+
+def _within(problem: Problem, t: Array, common: Array) -> tuple[Array, Array]:
+    """Keep unknowns within their bounds."""
+    low, high, _ = limits(problem.unknowns.local)
+    low_shared, high_shared, _ = limits(problem.unknowns.shared)
+    return np.clip(t, low, high), np.clip(common, low_shared, high_shared)
+
+
+def _bounded(move: Array, own: Array) -> Array:
+    """Shorten moves beyond `_FARTHEST`."""
+    length = np.max(np.abs(move) / np.sqrt(np.einsum("waa->wa", own)), axis=1, initial=0.0)
+    return np.asarray(move / np.maximum(length / _FARTHEST, 1.0)[:, None])
+
+
+class _Few:
+    """Some samples of each window, which stand for all of them."""
+
+    def __init__(self, problem: Problem, data: Data, state: State) -> None:
+        rows, count = data.thin(_SAMPLES_SHARED if len(state.common) else _SAMPLES)
+        self.problem, self.state = problem, state
+        self.data = data.take(rows, count, np.arange(len(count)))
+        self.latent = state.latent[:, rows]
+        self.weight = (data.count / np.maximum(count, 1))[:, None, None]
+
+    def normal(self, move: Array, move_shared: Array | float) -> Normal:
+        """Return the normal equations away from the mode."""
+        t, common = _within(self.problem, self.state.t + move, self.state.common + move_shared)
+        found = accumulate(self.problem, self.data, t, common, self.latent.copy(), order=_ORDER)
+        return Normal(self.weight * found.information, self.weight[:, 0] * found.score, found.misfit)
+
+    def at_mode(self) -> tuple[Normal, Array]:
+        """Return the normal equations at the mode, and how much of the information is noise."""
+        data, state = self.data, self.state
+        size = state.t.shape[1] + len(state.common)
+        information, noise = np.zeros((2, len(state.t), size, size))
+        score, misfit = np.zeros((len(state.t), size)), np.zeros(len(state.t))
+        for block in data.blocks():
+            part = data.only(block)
+            latent = self.latent[:, data.bounds[block[0]] : data.bounds[block[-1] + 1]]
+
+            def at(guess: Array, part: Data = part, block: Index = block) -> Equations:
+                return equations(self.problem, part, state.t[block], state.common, guess, order=_ORDER)
+
+            base = at(latent)
+            information[block], score[block], misfit[block] = base.normal(part.bounds)
+            noise[block] = _noise_of_design(base, at, latent, part)
+        return Normal(self.weight * information, self.weight[:, 0] * score, misfit), self.weight * noise
+
+
+def _noise_of_design(base: Equations, at: Callable[[Array], Equations], latent: Array, data: Data) -> Array:
+    """Return Σ A'ᵀ S⁻¹ A' var û by window."""
+    size = base.design.shape[1]
+    plain = base.unwhitened()
+    bends = []
+    for row, name in enumerate(data.inputs):
+        if name == "load" and BALANCE in data.outputs:
+            # The soil's stresses follow from the sinkage; the load is only compared.
+            bends.append(np.zeros_like(plain))
+            continue
+        moved = latent.copy()
+        moved[row] += _STEP * base.spread[row]
+        bends.append(solve_lower(base.factor, (at(moved).unwhitened() - plain) / _STEP))
+    bend = np.array(bends)
+    # Variance of û in that of the noise.
+    left = np.eye(len(bend))[:, :, None] - np.einsum("akn,aln->kln", base.inward, base.inward)
+    mixed = np.einsum("kln,lapn->kapn", left, bend) * base.weight
+    total = np.empty((len(data.windows), size, size))
+    for a in range(size):
+        for b in range(a + 1):
+            product = np.einsum("kmn,kmn->n", mixed[:, :, a], bend[:, :, b])
+            total[:, a, b] = total[:, b, a] = segment_sum(product, data.bounds)
+    return np.asarray(total)

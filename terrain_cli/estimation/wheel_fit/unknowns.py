@@ -1,0 +1,277 @@
+"""The parameters that are sought, and what is known of them before any data.
+
+Positive parameters are sought by their logarithm. Every unknown is counted from its prior mean in
+prior standard deviations, so that all are numbers of order one and the prior's information is 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.errors import ConfigurationError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from terrain_cli.mechanics.model import Model
+
+    Array = NDArray[np.float64]
+
+#: Sought by their logarithm.
+POSITIVE = frozenset({"shear_modulus", "stiffness"})
+#: A prior of an effect's parameter is this many of its scales wide: next to nothing.
+_EFFECT_SCALES = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of a parameter before any data: normal, or log-normal for k and keq.
+
+    Parameters
+    ----------
+    mean, sd : float
+        Mean and standard deviation in the parameter's own unit, of the log-normal distribution
+        itself where it is one.
+    """
+
+    mean: float
+    sd: float
+
+    @classmethod
+    def factor(cls, median: float, factor: float) -> Prior:
+        """Return the log-normal prior "`median`, within a factor of `factor`" (one standard deviation).
+
+        Parameters
+        ----------
+        median : float
+            In the parameter's unit, positive.
+        factor : float
+            Above 1.
+
+        Returns
+        -------
+        Prior
+        """
+        spread = float(np.log(factor))
+        mean = median * float(np.exp(0.5 * spread**2))
+        return cls(mean, mean * float(np.sqrt(np.expm1(spread**2))))
+
+    @classmethod
+    def of(cls, values: ArrayLike, *, positive: bool = False) -> Prior:
+        """Return the prior with the mean and the variance of some values.
+
+        Parameters
+        ----------
+        values : array_like
+            In the parameter's unit.
+        positive : bool
+            Take mean and variance of the logarithms, for k and keq.
+
+        Returns
+        -------
+        Prior
+        """
+        values = np.asarray(values, dtype=float)
+        if positive:
+            logs = np.log(values)
+            return cls.factor(float(np.exp(logs.mean())), float(np.exp(logs.std())))
+        return cls(float(values.mean()), float(values.std()))
+
+    def of_logarithm(self) -> tuple[float, float]:
+        """Return mean and standard deviation of the logarithm of a log-normal parameter.
+
+        Returns
+        -------
+        mean, sd : float
+        """
+        spread = float(np.sqrt(np.log1p((self.sd / self.mean) ** 2)))
+        return float(np.log(self.mean)) - 0.5 * spread**2, spread
+
+
+#: Weak priors from published soils (the table of terrain values of Wong, Theory of Ground Vehicles,
+#: and lunar soil). k: 10 to 25 mm of sand, 6 mm of firm and 50 mm of fresh snow.
+DEFAULT: dict[str, Prior] = {
+    "cohesion": Prior(2.5e3, 5e3),
+    "tan_phi": Prior(0.55, 0.3),
+    "shear_modulus": Prior.factor(0.018, 2.0),
+    "stiffness": Prior.factor(1.4e6, 3.0),
+    "sinkage_exponent": Prior(0.9, 0.3),
+}
+#: Widest meaningful range and largest step of one iteration, in the unit sought (a logarithm of k, keq).
+_RANGE = {
+    "cohesion": (-1e6, 1e6, 1e4),
+    "tan_phi": (-1.5, 3.0, 0.5),
+    "shear_modulus": (np.log(1e-4), np.log(1.0), 1.0),
+    "stiffness": (np.log(1e3), np.log(1e10), 2.0),
+    "sinkage_exponent": (0.1, 3.0, 0.3),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Unknown:
+    """One parameter that is sought.
+
+    Parameters
+    ----------
+    name : str
+    logarithm : bool
+        Whether it is sought by its logarithm.
+    mean, sd : float
+        Of the prior, in the unit sought.
+    lower, upper, step : float
+        Range and largest step of one iteration, in prior standard deviations from `mean`.
+    """
+
+    name: str
+    logarithm: bool
+    mean: float
+    sd: float
+    lower: float
+    upper: float
+    step: float
+
+    def value(self, t: Array) -> Array:
+        """Return the parameter in its own unit.
+
+        Parameters
+        ----------
+        t : ndarray
+            In prior standard deviations from the prior mean.
+
+        Returns
+        -------
+        ndarray
+        """
+        sought = self.mean + self.sd * t
+        return np.exp(sought) if self.logarithm else sought
+
+    def slope(self, t: Array) -> Array:
+        """Return the derivative of the parameter, in its own unit, by `t`.
+
+        Parameters
+        ----------
+        t : ndarray
+
+        Returns
+        -------
+        ndarray
+        """
+        return self.sd * self.value(t) if self.logarithm else np.full_like(t, self.sd)
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """All parameters of a fit.
+
+    Parameters
+    ----------
+    local, shared : tuple of Unknown
+        One value for each window, one value for all windows.
+    fixed : dict of str to ndarray
+        Held: one value, or one for each window.
+    """
+
+    local: tuple[Unknown, ...]
+    shared: tuple[Unknown, ...]
+    fixed: dict[str, Array]
+
+    def values(
+        self, t: Array, common: Array, count: NDArray[np.intp], windows: NDArray[np.intp]
+    ) -> dict[str, Array]:
+        """Return every parameter of the model as the model takes it.
+
+        Parameters
+        ----------
+        t : ndarray, shape (w, p)
+            Local unknowns of some windows.
+        common : ndarray, shape (q,)
+        count : ndarray of int, shape (w,)
+            Samples of these windows.
+        windows : ndarray of int, shape (w,)
+            Which windows they are.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,) or ()
+        """
+        values = {
+            name: value if value.ndim == 0 else np.repeat(value[windows], count)
+            for name, value in self.fixed.items()
+        }
+        for column, unknown in enumerate(self.local):
+            values[unknown.name] = np.repeat(unknown.value(t[:, column]), count)
+        for unknown, number in zip(self.shared, common, strict=True):
+            values[unknown.name] = unknown.value(np.asarray(number))
+        return values
+
+
+def unknowns(
+    model: Model,
+    *,
+    fixed: Mapping[str, ArrayLike],
+    priors: Mapping[str, Prior],
+    shared: Collection[str],
+    windows: int,
+) -> Unknowns:
+    """Sort the parameters of a model into those sought and those held.
+
+    Parameters
+    ----------
+    model : Model
+    fixed : mapping of str to float or array_like, shape (w,)
+    priors : mapping of str to Prior
+    shared : collection of str
+        Parameters of the soil with one value for all windows; those of effects always have.
+    windows : int
+
+    Returns
+    -------
+    Unknowns
+
+    Raises
+    ------
+    ConfigurationError
+        A name that the model does not have.
+    UsageError
+        A prior without width, or a fixed value that is not finite or of the wrong number.
+    """
+    known = (*model.soil, *model.parameters)
+    for name in (*fixed, *priors, *shared):
+        if name not in known:
+            raise ConfigurationError(
+                f"the model has no parameter {name!r}", hint=f"it has {', '.join(known)}"
+            )
+    held = {name: np.asarray(value, dtype=float) for name, value in fixed.items()}
+    for name, value in held.items():
+        if value.shape not in ((), (windows,)) or not np.isfinite(value).all():
+            raise UsageError(f"fixed {name}: one finite number, or one for each of {windows} windows")
+        if name in POSITIVE and np.any(value <= 0.0):
+            raise UsageError(f"fixed {name} must be positive")
+    sought = [_unknown(model, name, priors.get(name)) for name in known if name not in held]
+    common = {*shared, *model.parameters}
+    return Unknowns(
+        tuple(u for u in sought if u.name not in common), tuple(u for u in sought if u.name in common), held
+    )
+
+
+def _unknown(model: Model, name: str, prior: Prior | None) -> Unknown:
+    if name in model.parameters:
+        parameter = model.parameters[name]
+        prior = prior or Prior(parameter.null, _EFFECT_SCALES * parameter.scale)
+        lower, upper, step = parameter.lower, parameter.upper, 2.0 * parameter.scale
+    else:
+        prior = prior or DEFAULT[name]
+        lower, upper, step = _RANGE[name]
+    logarithm = name in POSITIVE
+    if not (0.0 < prior.sd < np.inf and np.isfinite(prior.mean)) or (logarithm and prior.mean <= 0.0):
+        raise UsageError(
+            f"prior of {name}: mean {prior.mean:g}, standard deviation {prior.sd:g}",
+            hint="the deviation is positive; a value known exactly is fixed instead",
+        )
+    mean, sd = prior.of_logarithm() if logarithm else (prior.mean, prior.sd)
+    return Unknown(name, logarithm, mean, sd, (lower - mean) / sd, (upper - mean) / sd, step / sd)

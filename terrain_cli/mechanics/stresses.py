@@ -1,0 +1,94 @@
+"""Stresses under the rim, as the model integrates them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from terrain_cli.effects.effect import Effect
+from terrain_cli.mechanics.model import Model, predict
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from terrain_cli.mechanics.model import WheelGeometry
+
+    Array = NDArray[np.float64]
+
+
+class Stresses(NamedTuple):
+    """Under the rim of a wheel, one column for each sample.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (nodes, n)
+        θ in rad from the vertical, positive forward, rising down each column.
+    normal, shear : ndarray, shape (nodes, n)
+        σ and τ in Pa.
+    """
+
+    angle: Array
+    normal: Array
+    shear: Array
+
+
+def stresses(
+    model: Model,
+    wheel: WheelGeometry,
+    channels: Mapping[str, ArrayLike],
+    values: Mapping[str, ArrayLike],
+    *,
+    nodes: int = 80,
+) -> Stresses:
+    """Return normal and shear stress at angles between the exit and the entry angle.
+
+    Equations [7] and [8] of Iagnemma et al. 2004, and what the effects of the model make of them.
+
+    Parameters
+    ----------
+    model : Model
+        With the base "wong-reece".
+    wheel : WheelGeometry
+    channels : mapping of str to array_like, shape (n,)
+        Slip, sinkage, and what the effects need, SI units.
+    values : mapping of str to float or array_like, shape (n,)
+        Every parameter of the soil and of the effects.
+    nodes : int
+        Angles, half of them on each side of the angle of maximum stress.
+
+    Returns
+    -------
+    Stresses
+
+    Raises
+    ------
+    ConfigurationError
+        The base is linear, whose stresses are triangles.
+    InputError
+        A channel is missing.
+    """
+    seen: dict[str, list[Any]] = {"angle": [], "normal_stress": [], "shear_stress": []}
+
+    def look(q: Mapping[str, Any], *names: str) -> Any:
+        for name in names:
+            seen[name].append(q[name])
+        return q[names[-1]]
+
+    # A law sees the stresses at the nodes, and the last one sees them as all others left them.
+    witness = Effect(
+        id="stresses-looked-at",
+        title="",
+        kind="stress",
+        parameters=(),
+        laws={
+            "normal_stress": lambda q: look(q, "angle", "normal_stress"),
+            "shear_stress": lambda q: look(q, "shear_stress"),
+        },
+    )
+    predict(Model(model.base, (*model.effects, witness)), wheel, channels, values, order=max(nodes // 2, 2))
+    angle, normal, shear = (np.concatenate(parts, axis=1) for parts in seen.values())
+    order = np.argsort(angle, axis=0)
+    return Stresses(*(np.take_along_axis(column, order, axis=0) for column in (angle, normal, shear)))

@@ -1,0 +1,242 @@
+"""Where the rover goes and how, on a fine time base: the body, and each wheel."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.errors import ConfigurationError
+from terrain_cli.simulation.profiles import STEP, generator, smooth
+from terrain_cli.telemetry.derive import STANDING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.simulation.scenario import Place, Scenario
+
+    Array = NDArray[np.float64]
+
+#: In m: no rover comes back to the millimetre.
+_SAME_SPOT = 0.01
+#: Of one wheel: they swing with phases of their own.
+OF_WHEEL = frozenset({"slip", "load"})
+
+
+@dataclass(frozen=True)
+class Course:
+    """Time series of the body, at intervals of `profiles.STEP`.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        In s since the start.
+    body : dict of str to ndarray, shape (n,)
+        velocity, pitch, roll, slip_angle, yaw_rate, acceleration, motor_temperature, heading, x, y,
+        elevation, and travel: metres along the track, which shrink in reverse.
+    """
+
+    time: Array
+    body: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Ride:
+    """Time series of one wheel, at intervals of `profiles.STEP`.
+
+    Parameters
+    ----------
+    place : Place
+    time : ndarray, shape (n,)
+    smooth : dict of str to ndarray, shape (n,)
+        Load and slip as the soil feels them, the velocity of the wheel centre, and what is of the body.
+    soil : ndarray of int, shape (n,)
+        Index into the soils of the scenario.
+    pass_number : ndarray, shape (n,)
+    """
+
+    place: Place
+    time: Array
+    smooth: dict[str, Array]
+    soil: NDArray[np.intp]
+    pass_number: Array
+
+    def at(self, time: Array) -> dict[str, Array]:
+        """Return every series at some times.
+
+        Parameters
+        ----------
+        time : ndarray, shape (m,)
+
+        Returns
+        -------
+        dict of str to ndarray, shape (m,)
+            What jumps ("soil", "pass_number") is as it was at the last point of the time base.
+        """
+        last = np.clip(np.floor(time / STEP + 1e-6).astype(int), 0, len(self.time) - 1)
+        found = {name: np.interp(time, self.time, values) for name, values in self.smooth.items()}
+        return found | {"soil": self.soil[last], "pass_number": self.pass_number[last]}
+
+
+def plan(scenario: Scenario) -> Course:
+    """Drive the body.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    Course
+    """
+    count = round(scenario.duration / STEP) + 1
+    time = np.arange(count, dtype=np.float64) * STEP
+    series = _profiles(scenario, "body", time, set(scenario.parts[0].profiles) - OF_WHEEL)
+    velocity = scenario.speed * series.pop("speed")
+    body = {
+        "velocity": velocity,
+        "acceleration": np.gradient(velocity, STEP),
+        "yaw_rate": series["yaw_rate"],
+        "motor_temperature": series["motor_temperature"],
+        **{name: np.radians(series[f"{name}_deg"]) for name in ("pitch", "roll", "slip_angle")},
+        "travel": _integral(velocity),
+        "heading": _integral(series["yaw_rate"]),
+    }
+    # The wheels point where the body does; the slip angle is between that and the course.
+    course = body["heading"] - body["slip_angle"]
+    level = velocity * np.cos(body["pitch"])
+    body["x"], body["y"] = _integral(level * np.cos(course)), _integral(level * np.sin(course))
+    body["elevation"] = _integral(velocity * np.sin(body["pitch"]))
+    return Course(time, body)
+
+
+def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
+    """Follow one wheel.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    course : Course
+    place : Place
+
+    Returns
+    -------
+    Ride
+
+    Raises
+    ------
+    ConfigurationError
+        Several soils, and a drive that goes nowhere.
+    """
+    own = _profiles(scenario, place.name, course.time, OF_WHEEL)
+    velocity = course.body["velocity"] - place.y * course.body["yaw_rate"]
+    smooth_ = {
+        **course.body,
+        "velocity": velocity,
+        "load": scenario.load * own["load"],
+        "slip": own["slip"],
+    }
+    return Ride(
+        place, course.time, smooth_, _soils(scenario, course, place), _passes(scenario, course, place)
+    )
+
+
+def body_ride(course: Course) -> Ride:
+    """Follow the origin of the body, for what is measured there.
+
+    Parameters
+    ----------
+    course : Course
+
+    Returns
+    -------
+    Ride
+        Without wheel or soil.
+    """
+    from terrain_cli.simulation.scenario import Place
+
+    nothing = np.zeros(len(course.time))
+    return Ride(Place(""), course.time, course.body, nothing.astype(int), nothing)
+
+
+def standing(velocity: Array, radius: float) -> NDArray[np.bool_]:
+    """Tell where a wheel stands, as slow as readers of a log take for that.
+
+    Parameters
+    ----------
+    velocity : ndarray, shape (n,)
+        In m/s.
+    radius : float
+        In m.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    return np.abs(velocity) <= STANDING * radius
+
+
+def _profiles(scenario: Scenario, whose: str, time: Array, names: Iterable[str]) -> dict[str, Array]:
+    found = {name: np.empty(len(time)) for name in sorted(names)}
+    start = 0.0
+    for number, part in enumerate(scenario.parts):
+        here = time >= start - STEP / 2.0
+        for name, series in found.items():
+            rng = generator(scenario.seed, f"{whose} {name} {number}")
+            series[here] = part.profiles[name].over(time[here] - start, part.duration, rng)
+        start += part.duration
+    return {name: smooth(series) for name, series in found.items()}
+
+
+def _integral(rate: Array) -> Array:
+    steps = 0.5 * (rate[1:] + rate[:-1]) * STEP
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _soils(scenario: Scenario, course: Course, place: Place) -> NDArray[np.intp]:
+    """Return the soil at each time: equal shares of the track that the body covers."""
+    travel = course.body["travel"]
+    low, high = float(travel.min()), float(travel.max())
+    if len(scenario.soils) == 1:
+        return np.zeros(len(travel), dtype=np.intp)
+    if high - low < 0.01:
+        raise ConfigurationError("the drive goes nowhere, and cannot meet several soils")
+    ends = np.linspace(low, high, len(scenario.soils) + 1)[1:-1]
+    # What lies beyond the track is like its end.
+    return np.searchsorted(ends, travel + place.x, side="right")
+
+
+def _passes(scenario: Scenario, course: Course, place: Place) -> Array:
+    """Count the wheels that drove before over the spot where a wheel is."""
+    travel = course.body["travel"]
+    spot = travel + place.x
+    same = [other.x for other in scenario.wheels if math.isclose(other.y, place.y)]
+    count = np.zeros(len(travel))
+    turns = _turns(course.body["velocity"])
+    for first, last in pairwise(turns):
+        now = np.arange(first, last)
+        forward = travel[last - 1] >= travel[first]
+        for x in same:
+            path = travel[first:last] + x
+            over = (spot >= path.min() - _SAME_SPOT) & (spot <= path.max() + _SAME_SPOT)
+            # Once this stretch is behind, whoever was here has been here.
+            count[last:] += over[last:]
+            if x != place.x:
+                ahead = x > place.x if forward else x < place.x
+                start = path[0]
+                reached = spot[now] >= start if forward else spot[now] <= start
+                count[now] += ahead & reached
+    return count
+
+
+def _turns(velocity: Array) -> list[int]:
+    """Return where the direction of travel changes, with both ends."""
+    sign = np.sign(velocity)
+    moving = np.flatnonzero(sign)
+    changes = moving[1:][sign[moving[1:]] != sign[moving[:-1]]] if len(moving) else []
+    return [0, *(int(change) for change in changes), len(velocity)]

@@ -1,0 +1,303 @@
+"""TOML read strictly: every key must be known, and every value possible.
+
+A rule takes a value and its place in the file, and returns the value as the program wants it.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from terrain_cli.errors import ConfigurationError, nearest
+
+Rule = Callable[[Any, str], Any]
+
+ABOVE_ZERO = math.ulp(0.0)
+#: Characters of a value that an error shows.
+_SHOWN = 80
+
+
+def read_text(path: str | Path) -> str:
+    """Read the text of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ConfigurationError
+        It cannot be read, or is not UTF-8.
+    """
+    try:
+        return Path(path).read_text("utf-8-sig")
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"{path}: not text in UTF-8", hint="save it as UTF-8") from error
+
+
+def parse(content: str, path: str | Path) -> dict[str, Any]:
+    """Parse TOML.
+
+    Parameters
+    ----------
+    content : str
+    path : str or Path
+        For the message.
+
+    Returns
+    -------
+    dict
+        As it stands there, nothing checked.
+
+    Raises
+    ------
+    ConfigurationError
+        It is not TOML.
+    """
+    try:
+        return tomllib.loads(content)
+    except RecursionError:
+        raise ConfigurationError(f"{path}: not TOML: nested too deep") from None
+    except ValueError as error:
+        # Not only a TOMLDecodeError: a number of thousands of digits, the 31st of February.
+        raise ConfigurationError(f"{path}: not TOML: {error}") from error
+
+
+def shown(value: object) -> str:
+    """Return a value as an error shows it, cut to a length that a line holds.
+
+    Parameters
+    ----------
+    value : object
+
+    Returns
+    -------
+    str
+    """
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):
+        # Python writes no number of thousands of digits, and nothing nested as deep.
+        text = "something beyond all bounds"
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…"
+
+
+def require(values: Mapping[str, object], place: str, *keys: str) -> None:
+    """Refuse a table that lacks a key.
+
+    Parameters
+    ----------
+    values : mapping
+    place : str
+    *keys : str
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    for key in keys:
+        if key not in values:
+            raise ConfigurationError(f"{place}: {key} is missing")
+
+
+def number(what: str, low: float = -math.inf, high: float = math.inf, *, whole: bool = False) -> Rule:
+    """Return the rule for a number within bounds.
+
+    Parameters
+    ----------
+    what : str
+        What it must be, in words.
+    low, high : float
+    whole : bool
+
+    Returns
+    -------
+    callable
+    """
+    kinds = int if whole else (int, float)
+
+    def rule(value: Any, place: str) -> Any:
+        try:
+            number = float(value) if isinstance(value, kinds) and not isinstance(value, bool) else math.nan
+        except OverflowError:
+            number = math.inf
+        if not (math.isfinite(number) and low <= number <= high):
+            raise ConfigurationError(f"{place}: must be {what}, not {shown(value)}")
+        return value if whole else number
+
+    return rule
+
+
+def vector(size: int, axes: str) -> Rule:
+    """Return the rule for a list of metres.
+
+    Parameters
+    ----------
+    size : int
+    axes : str
+        As a person writes it: ``[x, y, z]``.
+
+    Returns
+    -------
+    callable
+    """
+    metres = number("a number of metres")
+
+    def rule(value: Any, place: str) -> Any:
+        if not isinstance(value, list) or len(value) != size:
+            raise ConfigurationError(f"{place}: must be {axes} in m, not {shown(value)}")
+        return tuple(metres(element, f"{place}[{index}]") for index, element in enumerate(value))
+
+    return rule
+
+
+def text(value: Any, place: str) -> Any:
+    """Accept a text that is not empty.
+
+    Parameters
+    ----------
+    value : object
+    place : str
+
+    Returns
+    -------
+    str
+    """
+    if not isinstance(value, str) or not value.strip():
+        raise ConfigurationError(f"{place}: must be text, not {shown(value)}")
+    return value
+
+
+def flag(value: Any, place: str) -> Any:
+    """Accept true and false.
+
+    Parameters
+    ----------
+    value : object
+    place : str
+
+    Returns
+    -------
+    bool
+    """
+    if not isinstance(value, bool):
+        raise ConfigurationError(f"{place}: must be true or false, not {shown(value)}")
+    return value
+
+
+def choice(*choices: str) -> Rule:
+    """Return the rule for one of some texts.
+
+    Parameters
+    ----------
+    *choices : str
+
+    Returns
+    -------
+    callable
+    """
+
+    def rule(value: Any, place: str) -> Any:
+        if value not in choices:
+            near = nearest(value, choices) if isinstance(value, str) else ""
+            raise ConfigurationError(
+                f"{place}: must be one of {', '.join(choices)}, not {shown(value)}{near}"
+            )
+        return value
+
+    return rule
+
+
+def several(rule_of_each: Rule) -> Rule:
+    """Return the rule for a list.
+
+    Parameters
+    ----------
+    rule_of_each : callable
+
+    Returns
+    -------
+    callable
+    """
+
+    def rule(value: Any, place: str) -> Any:
+        if not isinstance(value, list):
+            raise ConfigurationError(f"{place}: must be a list, not {shown(value)}")
+        return [rule_of_each(element, f"{place}[{index}]") for index, element in enumerate(value)]
+
+    return rule
+
+
+def each(value: Any, place: str) -> Iterator[tuple[str, Any, str]]:
+    """Yield key, value and place of all in a table.
+
+    Parameters
+    ----------
+    value : object
+    place : str
+
+    Yields
+    ------
+    (str, object, str)
+
+    Raises
+    ------
+    ConfigurationError
+        It is no table.
+    """
+    if not isinstance(value, dict):
+        raise ConfigurationError(f"{place}: must be a table, not {shown(value)}")
+    for key, inner in value.items():
+        yield key, inner, f"{place}{key}" if place.endswith(": ") else f"{place}.{key}"
+
+
+def table(rules: Mapping[str, Rule]) -> Rule:
+    """Return the rule for a table whose keys are known.
+
+    Parameters
+    ----------
+    rules : mapping of str to callable
+        By key.
+
+    Returns
+    -------
+    callable
+    """
+
+    def rule(value: Any, place: str) -> Any:
+        checked = {}
+        for key, inner, where in each(value, place):
+            if key not in rules:
+                hint = f"known here: {', '.join(rules)}"
+                raise ConfigurationError(f"{where}: unknown key{nearest(key, rules)}", hint=hint)
+            checked[key] = rules[key](inner, where)
+        return checked
+
+    return rule
+
+
+def tables(rule_of_each: Rule) -> Rule:
+    """Return the rule for a table whose keys are names that the user chooses.
+
+    Parameters
+    ----------
+    rule_of_each : callable
+
+    Returns
+    -------
+    callable
+    """
+
+    def rule(value: Any, place: str) -> Any:
+        return {key: rule_of_each(inner, where) for key, inner, where in each(value, place)}
+
+    return rule

@@ -1,0 +1,31 @@
+"""Libraries that only pictures and reports need: there, or one clear error."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from terrain_cli.errors import ConfigurationError
+
+#: Extra of the package → what it brings.
+LIBRARIES = {"plot": ("matplotlib",), "report": ("altair", "jinja2", "vl_convert")}
+
+
+def need(extra: str) -> None:
+    """Check, before the work, that what a picture or a report needs is installed.
+
+    Parameters
+    ----------
+    extra : {"plot", "report"}
+
+    Raises
+    ------
+    ConfigurationError
+        It is not.
+    """
+    missing = [name for name in LIBRARIES[extra] if find_spec(name) is None]
+    if missing:
+        what = {"plot": "pictures need", "report": "a report needs"}[extra]
+        raise ConfigurationError(
+            f"{what} {' and '.join(missing)}, which {'is' if len(missing) == 1 else 'are'} not installed",
+            hint=f"pip install 'terrain-est[{extra}]'",
+        )

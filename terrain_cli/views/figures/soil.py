@@ -1,0 +1,128 @@
+"""Cohesion and friction angle with their errors, and the strength they stand for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+
+from terrain_cli.views import segments
+from terrain_cli.views.style import COLOURS, LINES, MARKERS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from matplotlib.axes import Axes
+
+#: With more segments than this, errors would hide the estimates.
+MOST_ERRORS = 60
+#: With more than this, bands would hide the lines.
+MOST_BANDS = 6
+
+
+def strength(table: Mapping[str, Any]) -> Figure:
+    """Draw c and φ of every segment with their ellipses, and beside it the strength line of each.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+        Columns of `results.COLUMNS`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    figure = Figure(figsize=(7.6, 3.9))
+    left, right = figure.subplots(1, 2)
+    kinds = segments.groups(table, len(COLOURS))
+    _estimates(left, table, kinds)
+    _lines(right, table, kinds)
+    handles = [
+        Line2D([], [], color=COLOURS[j], marker=MARKERS[j], linestyle=LINES[j], label=kind)
+        for j, kind in enumerate(dict.fromkeys(kinds))
+    ]
+    if any(status != "ok" for status in table["status"]):
+        hollow: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white"}
+        handles.append(Line2D([], [], color="black", label="hollow, dotted: status not ok", **hollow))
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+    return figure
+
+
+def _estimates(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
+    styles = {kind: j for j, kind in enumerate(dict.fromkeys(kinds))}
+    for row, kind in enumerate(kinds):
+        style = styles[kind]
+        trusted = table["status"][row] == "ok"
+        outline = segments.ellipse(table, row)
+        if len(kinds) <= MOST_ERRORS and np.isfinite(outline).all():
+            axes.add_patch(
+                Polygon(
+                    outline,
+                    facecolor=COLOURS[style] if trusted else "none",
+                    edgecolor=COLOURS[style],
+                    alpha=0.25 if trusted else 0.5,
+                    linewidth=0.8,
+                    linestyle="-" if trusted else ":",
+                )
+            )
+        axes.plot(
+            table["c_kPa"][row],
+            table["phi_deg"][row],
+            marker=MARKERS[style],
+            linestyle="none",
+            markersize=5.0,
+            color=COLOURS[style],
+            markerfacecolor=COLOURS[style] if trusted else "white",
+        )
+    c, phi = segments.estimate_limits(table)
+    x, y = (np.asarray(table[name], dtype=float) for name in ("c_kPa", "phi_deg"))
+    outside = int(np.count_nonzero((x < c[0]) | (x > c[1]) | (y < phi[0]) | (y > phi[1])))
+    title = "estimates, 95 % regions" if len(kinds) <= MOST_ERRORS else "estimates"
+    axes.set(
+        xlim=c,
+        ylim=phi,
+        xlabel="cohesion c (kPa)",
+        ylabel="friction angle φ (°)",
+        title=f"{title} ({outside} beyond the axes)" if outside else title,
+    )
+
+
+def _lines(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
+    styles = {kind: j for j, kind in enumerate(dict.fromkeys(kinds))}
+    pivots = np.asarray(table["sigma_star_kPa"], dtype=float)
+    known = segments.tested(table)
+    axes.set(
+        xlabel="normal stress σ (kPa)",
+        ylabel="shear strength c + σ tan φ (kPa)",
+        title="strength, marked at σ* with 95 % error",
+    )
+    if not len(known):
+        return
+    reach = 1.5 * segments.usual(pivots[known])[1]
+    for row in known:
+        style = styles[kinds[row]]
+        colour, marker, line = COLOURS[style], MARKERS[style], LINES[style]
+        # Far from σ* the drive has not tried the soil.
+        stress = np.linspace(0.5 * pivots[row], 1.5 * pivots[row], 30)
+        value, error = segments.strength(table, row, stress)
+        if np.isfinite(value).all():
+            axes.plot(stress, value, color=colour, linestyle=line, linewidth=1.0)
+        if len(known) <= MOST_BANDS and np.isfinite(error).all():
+            axes.fill_between(
+                stress, value - 1.96 * error, value + 1.96 * error, color=colour, alpha=0.15, linewidth=0.0
+            )
+        axes.errorbar(
+            pivots[row],
+            table["strength_kPa"][row],
+            yerr=1.96 * np.nan_to_num(table["strength_se_kPa"][row]) if len(kinds) <= MOST_ERRORS else None,
+            color=colour,
+            marker=marker,
+            markersize=4.0,
+            capsize=2.0,
+            elinewidth=0.9,
+        )
+    low, high = segments.usual(np.asarray(table["strength_kPa"], dtype=float)[known])
+    axes.set(xlim=(0.0, reach), ylim=(min(0.0, low), 1.5 * high if high > 0.0 else None))

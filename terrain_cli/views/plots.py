@@ -1,0 +1,120 @@
+"""Pictures as files: what `--plot DIR` writes."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+import formats
+from formats.output.atomic import explained
+from terrain_cli.views import extras, style
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from matplotlib.figure import Figure
+
+    from terrain_cli.comparison import Comparison
+    from terrain_cli.pipeline import Outcome
+
+    Picture = tuple[str, Figure | None]
+
+ENDINGS = (".png", ".svg")
+#: Wheels whose recursive estimate is drawn.
+MOST_TRACES = 8
+
+
+def write(
+    found: Comparison | Sequence[Outcome],
+    folder: str | Path,
+    *,
+    progress: Callable[[str], None] = lambda _: None,
+) -> list[Path]:
+    """Draw every picture that the results allow, each as PNG and SVG.
+
+    Parameters
+    ----------
+    found : Comparison, or sequence of Outcome
+    folder : str or Path
+        Made if it is not there. Pictures of the same name in it are replaced.
+    progress : callable
+        Called with the name of each picture before it is drawn.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    ConfigurationError
+        The extra "plot" is not installed.
+    formats.errors.CannotWriteError
+    """
+    extras.need("plot")
+    import matplotlib as mpl
+
+    from terrain_cli.comparison import Comparison
+
+    folder = Path(folder)
+    with explained(str(folder)):
+        folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    with mpl.rc_context(cast("Any", style.SETTINGS)), warnings.catch_warnings():
+        # A name in a script that the font lacks is drawn as boxes, which is all that can be done.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        pictures = _of_comparison(found) if isinstance(found, Comparison) else _of_outcomes(found)
+        for name, figure in pictures:
+            if figure is None:
+                continue
+            progress(name)
+            for ending in ENDINGS:
+                path = folder / f"{name}{ending}"
+                with formats.replacing(str(path)) as temporary:
+                    figure.savefig(temporary, metadata={"Date": None} if ending == ".svg" else None)
+                written.append(path)
+    return written
+
+
+def _of_comparison(comparison: Comparison) -> Iterator[Picture]:
+    from terrain_cli import results
+    from terrain_cli.views import figures, samples, soil, words
+
+    shown = samples.channels(comparison)
+    yield "predicted-measured", figures.predicted_measured(comparison)
+    for name in shown:
+        yield f"residual-{name.replace('_', '-')}", figures.residuals(comparison, name)
+    table = soil.table(comparison)
+    yield "strength", figures.strength(table)
+    for name in shown:
+        what = words.quantity(name, comparison.channels[name].unit)
+        label = f"rms misfit of {what.words}{what.in_unit}"
+        misfit = samples.misfit(comparison, name)
+        yield f"track-{name.replace('_', '-')}", figures.track(table, {label: misfit})
+    moments = soil.moments(comparison)
+    yield "rim-stress", figures.rim_stress(moments) if moments else None
+    driven = [wheel.windows for wheel in comparison.wheels if "torque" in wheel.series]
+    yield from _convergence([results.trace(windows) for windows in driven[:MOST_TRACES]])
+
+
+def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Picture]:
+    from terrain_cli import results
+    from terrain_cli.views import figures
+
+    table = results.join([outcome.table for outcome in outcomes if outcome.table])
+    yield "strength", figures.strength(table)
+    yield "track", figures.track(table, {"rms misfit of torque (N m)": table["torque_rmse_Nm"]})
+    yield from _convergence([trace for outcome in outcomes for trace in outcome.trace][:MOST_TRACES])
+
+
+def _convergence(traces: Sequence[Mapping[str, Any]]) -> Iterator[Picture]:
+    from terrain_cli.views import figures
+
+    several = len(traces) > 1
+    for number, trace in enumerate(traces, 1):
+        if len(trace["segment"]) and np.isfinite(trace["c_kPa"]).any():
+            wheel = re.sub(r"[^\w-]+", "_", str(trace["wheel"][0]))[:40]
+            yield f"convergence-{number}-{wheel}" if several else "convergence", figures.convergence(trace)

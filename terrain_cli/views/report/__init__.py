@@ -1,0 +1,8 @@
+"""The report: one page that holds everything, and fetches nothing."""
+
+from __future__ import annotations
+
+from terrain_cli.views.report.page import write
+from terrain_cli.views.report.parts import Chart, Section, Table
+
+__all__ = ["Chart", "Section", "Table", "write"]

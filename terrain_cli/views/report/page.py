@@ -1,0 +1,106 @@
+"""From a comparison to one page of HTML."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import formats
+from terrain_cli import __version__
+from terrain_cli.views import extras
+from terrain_cli.views.report.parts import Chart
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from terrain_cli.comparison.parts import Comparison
+    from terrain_cli.views.report.parts import Section
+
+
+def write(
+    comparison: Comparison,
+    path: str | Path,
+    *,
+    further: Sequence[Section] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> None:
+    """Write the report of a comparison.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    path : str or Path
+        Of the page. It is there whole, or as it was before.
+    further : sequence of Section
+        Shown after what the comparison says, if there is something in them.
+    progress : callable
+        Called with the name of each step before it begins.
+
+    Raises
+    ------
+    ConfigurationError
+        The extra "report" is not installed.
+    formats.errors.CannotWriteError
+    """
+    extras.need("report")
+    text = page(comparison, further=further, progress=progress)
+    with formats.replacing(str(path)) as temporary:
+        Path(temporary).write_text(text, encoding="utf-8")
+
+
+def page(
+    comparison: Comparison,
+    *,
+    further: Sequence[Section] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> str:
+    """Return the page as text.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    further : sequence of Section
+    progress : callable
+
+    Returns
+    -------
+    str
+    """
+    from jinja2 import Environment, StrictUndefined
+
+    from terrain_cli.views.report import sections
+
+    shown, choices, chosen = sections.of(comparison, progress)
+    kept = [section for section in (*shown, *further) if section]
+    charts = [part for section in kept for part in section.parts if isinstance(part, Chart)]
+    here = files("terrain_cli.views.report")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
+    environment.tests["chart"] = lambda part: isinstance(part, Chart)
+    progress("page")
+    return environment.from_string(here.joinpath("page.html").read_text("utf-8")).render(
+        title="Wheel and soil: " + ", ".join(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
+        style=here.joinpath("page.css").read_text("utf-8"),
+        library=_library() if charts else "",
+        specs=[chart.spec for chart in charts],
+        number_of=lambda chart: next(j for j, one in enumerate(charts) if one is chart),
+        sections=kept,
+        choices=choices,
+        chosen=chosen,
+        version=__version__,
+    )
+
+
+@cache
+def _library() -> str:
+    """Vega with Vega-Lite and its embedding, as one script."""
+    import altair as alt
+    import vl_convert
+
+    version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
+    # A script ends at this tag wherever it stands, even within a string.
+    return vl_convert.javascript_bundle(None, vl_version=version).replace("</script", "<\\/script")

@@ -1,0 +1,92 @@
+"""What a page is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under a caption; all text is taken as it is, none as HTML.
+
+    Parameters
+    ----------
+    caption : str
+    head : sequence of str
+        Headings of the columns.
+    rows : sequence of sequence of str
+        The first cell names the row.
+    figures : collection of int
+        Columns of numbers, which are set flush right.
+    note : str
+        What was left out, or how to read it.
+    """
+
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    figures: frozenset[int] = frozenset()
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A picture.
+
+    Parameters
+    ----------
+    title : str
+    alt : str
+        What it shows, for those who do not see it.
+    spec : mapping
+        Of Vega-Lite.
+    wide : bool
+        Two in a row on a wide screen, instead of three.
+    """
+
+    title: str
+    alt: str
+    spec: Mapping[str, Any]
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page with a heading, left out where it has neither text nor parts.
+
+    Parameters
+    ----------
+    id : str
+        For links; letters and hyphens.
+    title : str
+    text : sequence of str
+        Paragraphs.
+    points : sequence of str
+        Items of a list, after the paragraphs.
+    parts : sequence of Table or Chart
+        Charts that follow one another share a row where there is room.
+    """
+
+    id: str
+    title: str
+    text: Sequence[str] = ()
+    points: Sequence[str] = ()
+    parts: Sequence[Table | Chart] = field(default_factory=tuple)
+
+    @property
+    def blocks(self) -> list[list[Table | Chart]]:
+        """The parts, with the charts that follow one another put together."""
+        result: list[list[Table | Chart]] = []
+        for part in self.parts:
+            if result and isinstance(part, Chart) and isinstance(result[-1][-1], Chart):
+                result[-1].append(part)
+            else:
+                result.append([part])
+        return result
+
+    def __bool__(self) -> bool:
+        return bool(self.text or self.points or self.parts)

@@ -1,0 +1,375 @@
+"""What the page says of a comparison, section by section."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli.views import binning, samples, segments, soil, words
+from terrain_cli.views.report import sample_charts, soil_charts
+from terrain_cli.views.report.parts import Chart, Section, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.parts import Comparison
+    from terrain_cli.views.samples import Pairs
+
+    Array = NDArray[np.float64]
+    Choices = list[tuple[str, str]]
+
+#: Rows of the table of segments, and segments to choose from: the worst ones where there are more.
+MOST_ROWS, MOST_CHOICES = 1_000, 300
+#: Drivers shown for each channel.
+MOST_DRIVERS = 9
+#: Samples, over all segments, in the pictures of one segment.
+MOST_SAMPLES = 6_000
+#: Characters in the name of a segment.
+LONGEST = 48
+
+
+@dataclass(frozen=True)
+class _Content:
+    """A comparison, its segments, and the one marked at first."""
+
+    comparison: Comparison
+    #: Columns of `results.COLUMNS`, with "name" and "key" of every segment.
+    table: Mapping[str, Any]
+    misfits: Mapping[str, Array]
+    #: The segments to choose from, as rows of the table.
+    kept: NDArray[np.intp]
+    #: All of them, the worst first.
+    order: NDArray[np.intp]
+
+    @property
+    def keys(self) -> NDArray[np.str_]:
+        return np.asarray(self.table["key"])
+
+    @property
+    def names(self) -> NDArray[np.str_]:
+        return np.asarray(self.table["name"])
+
+    @property
+    def chosen(self) -> str:
+        return str(self.keys[self.order[0]])
+
+    @property
+    def thinned(self) -> dict[str, Any]:
+        """The table of the segments that can be chosen."""
+        return {name: np.asarray(column)[self.kept] for name, column in self.table.items()}
+
+    @property
+    def units(self) -> dict[str, words.Quantity]:
+        return {name: words.quantity(name, self.comparison.channels[name].unit) for name in self.misfits}
+
+
+def of(comparison: Comparison, progress: Callable[[str], None]) -> tuple[list[Section], Choices, str]:
+    """Return the sections of a comparison, and the segments to choose from.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    progress : callable
+        Called with the name of each section before it is made.
+
+    Returns
+    -------
+    sections : list of Section
+    choices : list of (str, str)
+        Key and label of each choice.
+    chosen : str
+        Key of the one marked at first.
+    """
+    progress("segments")
+    content = _content(comparison)
+    worst = content.order[0]
+    choices = [
+        (str(content.keys[row]), f"{content.names[row]}{' (worst misfit)' if row == worst else ''}")
+        for row in content.kept
+    ]
+    sections = []
+    for name, make in (
+        ("summary", _summary),
+        ("soil", _soil),
+        ("predicted against measured", _agreement),
+        ("where it fails", _failures),
+    ):
+        progress(name)
+        sections.append(make(content))
+    return sections, choices, content.chosen
+
+
+def _content(comparison: Comparison) -> _Content:
+    table = dict(soil.table(comparison))
+    # Long paths differ at their ends.
+    table["name"] = [
+        f"…{name[1 - LONGEST :]}" if len(name) > LONGEST else name for name in segments.names(table)
+    ]
+    table["key"] = [
+        f"{index}:{row}"
+        for index, wheel in enumerate(comparison.wheels)
+        for row in range(len(wheel.windows.bounds) - 1)
+    ]
+    misfits = {name: samples.misfit(comparison, name) for name in samples.channels(comparison)}
+    # Of all channels, each in units of its rms error.
+    total = np.zeros(len(table["name"]))
+    for name, misfit in misfits.items():
+        errors = comparison.channels[name]
+        usual = errors.rmse * words.quantity(name, errors.unit).factor
+        total += np.nan_to_num(misfit / usual) ** 2 if usual > 0.0 else 0.0
+    order = np.argsort(-total, kind="stable")
+    return _Content(comparison, table, misfits, np.sort(order[:MOST_CHOICES]), order)
+
+
+def _summary(content: _Content) -> Section:
+    comparison = content.comparison
+    effects = comparison.model.get("effects") or []
+    with_effects = f" with {', '.join(map(str, effects))}" if effects else " without added effects"
+    wheels = len(comparison.wheels)
+    sources = len({wheel.source for wheel in comparison.wheels})
+    n = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
+    fitted = (
+        f"The model {comparison.model['base']}{with_effects} was fitted to {n:,} samples of "
+        f"{_count(wheels, 'wheel')} from {_count(sources, 'input')}, "
+        f"in {_count(len(content.names), 'segment')}. Errors on held-out data are on stretches that were "
+        "not fitted: they tell what the model is worth."
+    )
+    text = [fitted]
+    points = [_sentence(finding.sentence) for finding in comparison.failures[:5]]
+    if not points:
+        text.append("Nothing was found that the misfit follows: what remains looks like noise.")
+    points += [_sentence(f"Note: {warning}") for warning in comparison.warnings]
+    rows = []
+    for name in samples.channels(comparison):
+        errors = comparison.channels[name]
+        what = words.quantity(name, errors.unit)
+        rms, bias, noise, out, low, high = (
+            words.number(value * what.factor)
+            for value in (
+                *(errors.rmse, errors.bias, errors.noise),
+                *(errors.heldout_rmse, errors.heldout_low, errors.heldout_high),
+            )
+        )
+        interval = out if low == "–" else f"{out} ({low} to {high})"
+        rows.append((what.label, f"{errors.n:,}", rms, interval, bias, words.number(errors.nrmse), noise))
+    head = ("Channel", "Samples", "rms error", "held out (95 %)", "bias", "normalised", "noise")
+    return Section(
+        "summary",
+        "Summary",
+        text,
+        points,
+        [Table("Errors of the prediction", head, rows, frozenset(range(1, 7)), _NOTE)],
+    )
+
+
+_NOTE = (
+    "In the unit of the channel. Bias is the mean of measured less predicted; normalised is the rms error "
+    "by the rms of what was measured; noise is the part of the error that no model could "
+    "predict."
+)
+
+
+def _soil(content: _Content) -> Section:
+    shown = content.thinned
+    parts: list[Table | Chart] = []
+    if any(shown["WKT"]):
+        maps = {"strength at σ* (kPa)": np.asarray(shown["strength_kPa"], dtype=float)}
+        for name, what in content.units.items():
+            maps[f"misfit of {what.words}{what.in_unit}"] = content.misfits[name][content.kept]
+        parts += [
+            Chart(
+                f"Track by {label}",
+                f"Map of the track of one wheel. Each segment is coloured by its {label}, {_range(values)}.",
+                soil_charts.track(shown, values, label, content.chosen),
+            )
+            for label, values in maps.items()
+        ]
+    if np.isfinite(shown["c_kPa"]).any():
+        parts.append(
+            Chart(
+                "Cohesion and friction angle, 95 % regions",
+                "Estimates of each segment, friction angle over cohesion; the table has the numbers.",
+                soil_charts.estimates(shown, content.chosen),
+            )
+        )
+    if len(segments.tested(shown)):
+        parts.append(
+            Chart(
+                "Shear strength, marked at σ*",
+                "Line of shear strength over normal stress for each segment; the table has strength and σ*.",
+                soil_charts.strength(shown, content.chosen),
+            )
+        )
+    return Section("soil", "Soil", parts=[*parts, _segments(content)])
+
+
+def _segments(content: _Content) -> Table:
+    table, names = content.table, content.names
+    kept = np.sort(content.order[:MOST_ROWS])
+    rows = [
+        (
+            names[row],
+            str(table["terrain"][row]) or "–",
+            f"{int(table['n_samples'][row]):,}",
+            *(
+                words.plus_minus(table[value][row], table[error][row])
+                for value, error in (
+                    ("c_kPa", "c_se_kPa"),
+                    ("phi_deg", "phi_se_deg"),
+                    ("strength_kPa", "strength_se_kPa"),
+                )
+            ),
+            *(words.number(float(table[name][row])) for name in ("sigma_star_kPa", "k_mm")),
+            *(words.number(float(misfit[row])) for misfit in content.misfits.values()),
+            str(table["status"][row]),
+        )
+        for row in kept
+    ]
+    head = (
+        *("Segment", "Terrain", "Samples", "c (kPa)", "φ (°)", "strength at σ* (kPa)", "σ* (kPa)", "k (mm)"),
+        *(f"misfit of {what.symbol}{what.in_unit}" for what in content.units.values()),
+        "Status",
+    )
+    left_out = len(names) - len(kept)
+    note = "Values with their standard error; misfit is the rms of measured less predicted."
+    if left_out:
+        note += f" {left_out:,} segments that are predicted better are left out."
+    return Table("Soil under each segment", head, rows, frozenset(range(2, len(head) - 1)), note)
+
+
+def _agreement(content: _Content) -> Section:
+    comparison, keys = content.comparison, content.keys
+    parts: list[Table | Chart] = []
+    for name in samples.channels(comparison):
+        errors = comparison.channels[name]
+        what = words.quantity(name, errors.unit)
+        pooled = samples.pairs(comparison, name)
+        if not len(pooled.measured):
+            continue
+        parts.append(
+            Chart(
+                f"Predicted against measured {what.words}",
+                f"{len(pooled.measured):,} samples of predicted against measured {what.words}; rms error "
+                f"{words.number(errors.rmse * what.factor)} {what.unit}.",
+                sample_charts.agreement(pooled, what.label, keys, content.names, content.chosen),
+                wide=True,
+            )
+        )
+        few = pooled.take(_few_of_each(pooled.segment, content.kept))
+        along, axis = _along(comparison, few)
+        parts.append(
+            Chart(
+                f"Measured and predicted {what.words} in the segment marked",
+                f"{what.words} as measured and as predicted along the segment chosen.",
+                sample_charts.course(along, axis, few, what.label, keys, content.chosen),
+                wide=True,
+            )
+        )
+    return Section("agreement", "Predicted against measured", parts=parts)
+
+
+def _few_of_each(segment: NDArray[np.int32], kept: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Choose samples of the segments kept, about equally many of each."""
+    most = max(MOST_SAMPLES // max(len(kept), 1), 20)
+    order = np.argsort(segment, kind="stable")
+    starts, ends = (np.searchsorted(segment[order], kept, side=side) for side in ("left", "right"))
+    chosen = [
+        order[start:end][binning.some(int(end - start), most)]
+        for start, end in zip(starts, ends, strict=True)
+    ]
+    return np.concatenate(chosen) if chosen else np.empty(0, dtype=np.intp)
+
+
+def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str]:
+    """Return the time of samples where every wheel has it, else their number."""
+    if any(wheel.samples.time is None for wheel in comparison.wheels):
+        return few.row.astype(float) + 1.0, "sample"
+    result = np.empty(len(few.row))
+    for index, wheel in enumerate(comparison.wheels):
+        here = few.wheel == index
+        if wheel.samples.time is not None:
+            result[here] = wheel.samples.time[wheel.windows.rows[few.row[here]]]
+    return result, "time t (s)"
+
+
+def _failures(content: _Content) -> Section:
+    comparison = content.comparison
+    rows = [
+        (
+            _sentence(finding.sentence),
+            words.quantity(finding.channel, "").words,
+            " or ".join(words.quantity(name, "").words for name in (finding.driver, *finding.alternatives))
+            or "–",
+            finding.shape,
+            f"{100.0 * finding.share:.0f} %",
+            words.number(finding.p_value, 2),
+            ", ".join(f"{wheel} {segment}" for _, wheel, segment in finding.worst_segments) or "–",
+        )
+        for finding in comparison.failures
+    ]
+    head = ("Finding", "Channel", "Driver", "Shape", "Share of the misfit", "p", "Worst segments")
+    parts: list[Table | Chart] = []
+    if rows:
+        note = "p holds for all findings together. The share is of the misfit beyond noise."
+        parts.append(Table("What the misfit follows", head, rows, frozenset({4, 5}), note))
+    for name in samples.channels(comparison):
+        errors = comparison.channels[name]
+        what = words.quantity(name, errors.unit)
+        pooled = samples.pairs(comparison, name)
+        for driver in samples.drivers(comparison, name, pooled, MOST_DRIVERS):
+            along = samples.driver(comparison, driver, pooled)
+            parts.append(
+                Chart(
+                    f"Misfit of {what.words} against {along.quantity.words}",
+                    _described(along, pooled.residual, what),
+                    sample_charts.residual(
+                        along, pooled, what.label, errors.noise * what.factor, content.keys, content.chosen
+                    ),
+                )
+            )
+    legend = (
+        "Each picture shows measured less predicted values against something that may drive them: median "
+        "(line), 5 to 95 % of the samples (band), ± 1.96 times the noise (dotted). The line of a good model "
+        "stays at zero."
+    )
+    text = [legend]
+    if not rows:
+        text.insert(
+            0, "Nothing was found that the misfit follows beyond what noise and changing soil explain."
+        )
+    return Section("failures", "Where it fails", text, parts=parts)
+
+
+def _described(along: samples.Along, residual: Array, what: words.Quantity) -> str:
+    driver = along.quantity
+    band = binning.band(along.values, residual)
+    known = np.isfinite(band.median)
+    if not known.any() or along.labels:
+        return f"Misfit of {what.words} against {driver.words}."
+    median, centre = band.median[known], band.centre[known]
+    low, high = int(np.argmin(median)), int(np.argmax(median))
+    unit = f" {driver.unit}".rstrip()
+    return (
+        f"The median misfit of {what.words} goes from {words.number(median[low])} {what.unit} at "
+        f"{driver.words} {words.number(centre[low])}{unit} to {words.number(median[high])} {what.unit} at "
+        f"{words.number(centre[high])}{unit}."
+    )
+
+
+def _range(values: Array) -> str:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return "not known"
+    return f"from {words.number(float(known.min()))} to {words.number(float(known.max()))}"
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."

@@ -1,0 +1,239 @@
+"""Charts of segments: maps, estimates of the soil, and its strength."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import altair as alt
+import numpy as np
+
+from terrain_cli.views import segments
+from terrain_cli.views.report.sheet import CHOSEN, Sheet, scale
+from terrain_cli.views.style import COLOURS, SCALE
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Spec = dict[str, Any]
+
+#: Told apart in print and without colour: one for each of `COLOURS`.
+_SHAPES = ("circle", "square", "triangle-up", "diamond", "triangle-down", "cross", "triangle-right")
+_DASHES = ([1, 0], [6, 3], [6, 2, 1, 2], [1, 2], [9, 3], [4, 2, 1, 2, 1, 2], [2, 2])
+#: Side of a map in pixels: it must fit a telephone.
+_MAP = 300
+#: With more segments than this, ellipses would hide the estimates.
+_MOST_ELLIPSES = 60
+#: Points of all tracks on a map, and of all ellipses, that keep the page small.
+_MOST_VERTICES = 1_500
+
+
+def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> Spec:
+    """Draw the segments of the chosen one's wheel on a map, coloured by a value; the chosen one stands out.
+
+    Other wheels went nearly the same way, and would hide it.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+        Columns of `results.COLUMNS`, "name", and "key", by which a segment is chosen: the number of
+        its wheel, a colon, and its own.
+    values : ndarray, shape (segments,)
+    label : str
+        Of the values, with their unit.
+    chosen : str
+
+    Returns
+    -------
+    dict
+    """
+    sheet = Sheet(chosen)
+    key, name = np.asarray(table["key"]), np.asarray(table["name"])
+    paths = segments.paths(table)
+    most = max(_MOST_VERTICES // max(len(paths), 1), 3)
+    paths = [
+        path[np.unique(np.linspace(0, len(path) - 1, most).astype(int))] if len(path) else path
+        for path in paths
+    ]
+    length = [len(path) for path in paths]
+    every = np.concatenate(paths)
+    across, up, stretch = segments.frame(table, every)
+    number = np.repeat(np.arange(len(paths)), length)
+    titles = ("longitude (°)", "latitude (°)") if segments.geographic(table) else ("x (m)", "y (m)")
+    base = sheet.chart(
+        x=every[:, 0],
+        y=every[:, 1],
+        s=key[number],
+        o=np.concatenate([np.arange(n) for n in length]),
+        alone=np.repeat([n == 1 for n in length], length),
+        v=np.asarray(values, dtype=float)[number],
+        name=name[number],
+    ).encode(
+        x=alt.X("x:Q", title=titles[0], scale=scale(*across), axis=alt.Axis(tickCount=5)),
+        y=alt.Y("y:Q", title=titles[1], scale=scale(*up), axis=alt.Axis(tickCount=5)),
+        order="o:Q",
+        detail="s:N",
+        tooltip=[alt.Tooltip("name:N", title="segment"), alt.Tooltip("v:Q", title=label)],
+    )
+    base = base.transform_filter("split(datum.s, ':')[0] == split(segment, ':')[0]")
+    known = values[np.isfinite(values)]
+    # The same for all wheels.
+    ends = [float(known.min()), float(known.max())] if len(known) else [0.0, 1.0]
+    colour = alt.Color(
+        "v:Q",
+        scale=alt.Scale(scheme=SCALE, domain=ends),
+        legend=alt.Legend(title=label, gradientLength=_MAP - 60),
+    )
+    lines = base.mark_line(strokeWidth=6, strokeCap="butt").encode(color=colour).interactive(name="zoom")
+    # Not filled: a legend for lines and for areas at once would be no gradient.
+    spots = base.mark_point(size=20, strokeWidth=5, filled=False).encode(color=colour)
+    spots = spots.transform_filter("datum.alone")
+    outline = base.mark_line(strokeWidth=11, color=CHOSEN).transform_filter("datum.s == segment")
+    shape = (up[1] - up[0]) * stretch / (across[1] - across[0])
+    width, height = (_MAP, round(_MAP * shape)) if shape < 1.0 else (round(_MAP / shape), _MAP)
+    return sheet.finished([outline, lines, *([spots] if 1 in length else [])], height, width)
+
+
+def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
+    """Draw c and φ of every segment with their ellipses.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+        As for `track`.
+    chosen : str
+
+    Returns
+    -------
+    dict
+    """
+    sheet = Sheet(chosen)
+    key, name = np.asarray(table["key"]), np.asarray(table["name"])
+    kinds = segments.groups(table, len(COLOURS))
+    c, phi = segments.estimate_limits(table)
+    x = alt.X("x:Q", title="cohesion c (kPa)", scale=scale(*c))
+    y = alt.Y("y:Q", title="friction angle φ (°)", scale=scale(*phi))
+    n = len(kinds)
+    points = sheet.chart(
+        x=np.asarray(table["c_kPa"], float),
+        y=np.asarray(table["phi_deg"], float),
+        xe=np.asarray(table["c_se_kPa"], float),
+        ye=np.asarray(table["phi_se_deg"], float),
+        s=key,
+        name=name,
+        kind=kinds,
+        status=[str(status) for status in table["status"]],
+    ).encode(
+        x=x,
+        y=y,
+        shape=alt.Shape(
+            "kind:N", title=None, scale=alt.Scale(domain=_unique(kinds), range=_some(_SHAPES, kinds))
+        ),
+        color=_colour(kinds),
+        tooltip=[
+            alt.Tooltip("name:N", title="segment"),
+            alt.Tooltip("x:Q", title="c (kPa)"),
+            alt.Tooltip("xe:Q", title="± s.e."),
+            alt.Tooltip("y:Q", title="φ (°)"),
+            alt.Tooltip("ye:Q", title="± s.e. (°)"),
+            alt.Tooltip("status:N"),
+        ],
+    )
+    corners = min(max(_MOST_VERTICES // n, 13), 41)
+    outlines = [segments.ellipse(table, row, corners) for row in range(n)]
+    drawn = [j for j, one in enumerate(outlines) if np.isfinite(one).all()]
+    layers: list[alt.Chart] = [points.mark_point(filled=True, size=45, clip=True).interactive(name="zoom")]
+    if drawn:
+        every = np.concatenate([outlines[j] for j in drawn])
+        number = np.repeat(drawn, corners)
+        shapes = sheet.chart(
+            x=every[:, 0],
+            y=every[:, 1],
+            s=key[number],
+            kind=[kinds[j] for j in number],
+            o=np.tile(np.arange(corners), len(drawn)),
+        ).encode(x=x, y=y, order="o:Q", detail="s:N")
+        if len(drawn) <= _MOST_ELLIPSES:
+            layers.insert(
+                0, shapes.mark_line(strokeWidth=1, opacity=0.6, clip=True).encode(color=_colour(kinds))
+            )
+        marked = shapes.mark_line(strokeWidth=3, color=CHOSEN, clip=True)
+        layers.append(marked.transform_filter("datum.s == segment"))
+    return sheet.finished(layers, 320)
+
+
+def strength(table: Mapping[str, Any], chosen: str) -> Spec:
+    """Draw the strength line of every segment about its σ*.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+        As for `track`.
+    chosen : str
+
+    Returns
+    -------
+    dict
+    """
+    sheet = Sheet(chosen)
+    key, name = np.asarray(table["key"]), np.asarray(table["name"])
+    kinds = segments.groups(table, len(COLOURS))
+    pivots = np.asarray(table["sigma_star_kPa"], dtype=float)
+    known = segments.tested(table)
+    # Far from σ* the drive has not tried the soil.
+    steps = 5 if len(known) > _MOST_ELLIPSES else 9
+    stress = pivots[known, None] * np.linspace(0.5, 1.5, steps)
+    lines = [segments.strength(table, row, s) for row, s in zip(known, stress, strict=True)]
+    value = np.array([line[0] for line in lines]).reshape(-1)
+    error = 1.96 * np.array([line[1] for line in lines]).reshape(-1)
+    number = np.repeat(known, steps)
+    base = sheet.chart(
+        x=stress.reshape(-1),
+        y=value,
+        low=value - error,
+        high=value + error,
+        pivot=np.tile(np.arange(steps) == steps // 2, len(known)),
+        s=key[number],
+        name=name[number],
+        kind=[kinds[j] for j in number],
+    ).encode(
+        x=alt.X("x:Q", title="normal stress σ (kPa)", scale=alt.Scale(zero=True)),
+        y=alt.Y("y:Q", title="shear strength c + σ tan φ (kPa)", scale=alt.Scale(zero=True)),
+        detail="s:N",
+        tooltip=[
+            alt.Tooltip("name:N", title="segment"),
+            alt.Tooltip("x:Q", title="σ (kPa)"),
+            alt.Tooltip("y:Q", title="strength (kPa)"),
+            alt.Tooltip("low:Q", title="95 % from"),
+            alt.Tooltip("high:Q", title="to"),
+        ],
+    )
+    dashes = alt.StrokeDash(
+        "kind:N", title=None, scale=alt.Scale(domain=_unique(kinds), range=_some(_DASHES, kinds))
+    )
+    marked = base.transform_filter("datum.s == segment")
+    layers = [
+        base.mark_line(strokeWidth=1.2)
+        .encode(color=_colour(kinds), strokeDash=dashes)
+        .interactive(name="zoom"),
+        base.mark_point(size=30, filled=True).encode(color=_colour(kinds)).transform_filter("datum.pivot"),
+        marked.mark_area(opacity=0.25, color=CHOSEN).encode(y="low:Q", y2="high:Q"),
+        marked.mark_line(strokeWidth=3, color=CHOSEN),
+    ]
+    return sheet.finished(layers, 320)
+
+
+def _unique(kinds: Sequence[str]) -> list[str]:
+    return list(dict.fromkeys(kinds))
+
+
+def _some(choices: Sequence[Any], kinds: Sequence[str]) -> list[Any]:
+    return list(choices[: len(_unique(kinds))])
+
+
+def _colour(kinds: Sequence[str]) -> alt.Color:
+    return alt.Color(
+        "kind:N", title=None, scale=alt.Scale(domain=_unique(kinds), range=_some(COLOURS, kinds))
+    )

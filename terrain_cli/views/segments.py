@@ -1,0 +1,228 @@
+"""The table of segments, as pictures use it: names, groups, tracks, ellipses and strength lines.
+
+Whatever estimated the soil, its table has the columns of `results.COLUMNS`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli.views import binning
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Table = Mapping[str, Any]
+
+#: Of an ellipse that holds 95 % of a normal distribution in the plane, in standard deviations.
+ELLIPSE = 2.4477
+
+
+def names(table: Table) -> list[str]:
+    """Name every segment by what tells it from the others.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+
+    Returns
+    -------
+    list of str
+        "3", "front-left 3", or "run.bag front-left 3".
+    """
+    parts = [table[key] for key in ("source", "wheel") if len(set(table[key])) > 1]
+    return [
+        " ".join([*map(str, before), str(int(n))])
+        for *before, n in zip(*parts, table["segment"], strict=True)
+    ]
+
+
+def groups(table: Table, most: int) -> list[str]:
+    """Say which segments are shown alike.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+    most : int
+        Groups that can be told apart.
+
+    Returns
+    -------
+    list of str
+        The terrain of each segment, or its wheel where there are no labels; all the same where
+        there are more than `most`.
+    """
+    for key in ("terrain", "wheel"):
+        values = [str(value) or "not labelled" for value in table[key]]
+        if 1 < len(set(values)) <= most:
+            return values
+    return ["all segments"] * len(table["segment"])
+
+
+def paths(table: Table) -> list[Array]:
+    """Read the tracks of the segments.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+
+    Returns
+    -------
+    list of ndarray, shape (points, 2)
+        Empty where a segment has no place.
+    """
+    result = []
+    for text in table["WKT"]:
+        inside = text.partition("(")[2].rstrip(")")
+        points = [pair.split() for pair in inside.split(",")] if inside else []
+        result.append(np.array(points, dtype=float).reshape(-1, 2))
+    return result
+
+
+def geographic(table: Table) -> bool:
+    """Whether the tracks are in longitude and latitude."""
+    return bool(np.isfinite(np.asarray(table["longitude_deg"], dtype=float)).any())
+
+
+def frame(table: Table, points: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
+    """Return the part of the plane that a map of points shows.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+    points : ndarray, shape (n, 2)
+
+    Returns
+    -------
+    across, up : (float, float)
+        The narrow side is at least a third of the long one, for labels to have room.
+    stretch : float
+        How long a unit upwards is on the ground, in units across.
+    """
+    stretch = 1.0 / float(np.cos(np.radians(points[:, 1].mean()))) if geographic(table) else 1.0
+    across, up = (binning.limits(points[:, axis], margin=0.06) for axis in (0, 1))
+    width, height = across[1] - across[0], (up[1] - up[0]) * stretch
+    least = max(width, height) / 3.0
+    side, top = max(least - width, 0.0) / 2.0, max(least - height, 0.0) / (2.0 * stretch)
+    return (across[0] - side, across[1] + side), (up[0] - top, up[1] + top), stretch
+
+
+def ellipse(table: Table, row: int, points: int = 60) -> Array:
+    """Return the outline of the region that holds c and φ with 95 % confidence.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+    row : int
+    points : int
+
+    Returns
+    -------
+    ndarray, shape (points, 2)
+        c in kPa and φ in degrees; NaN where the errors are not known.
+    """
+    turn = np.linspace(0.0, 2.0 * np.pi, points)
+    corr = float(np.clip(table["corr_c_phi"][row], -1.0, 1.0))
+    along, across = np.cos(turn), np.sin(turn)
+    c = table["c_kPa"][row] + ELLIPSE * table["c_se_kPa"][row] * along
+    phi = table["phi_deg"][row] + ELLIPSE * table["phi_se_deg"][row] * (
+        corr * along + np.sqrt(1.0 - corr**2) * across
+    )
+    return np.column_stack([c, phi])
+
+
+def estimate_limits(table: Table) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return ranges of c in kPa and φ in degrees in which the estimates can be seen.
+
+    The ellipses of what the drive does not separate may reach beyond.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+
+    Returns
+    -------
+    c, phi : (float, float)
+    """
+    sure = np.array([status == "ok" for status in table["status"]])
+    c = _limits(table, "c_kPa", "c_se_kPa", sure, 0.5)
+    return c, _limits(table, "phi_deg", "phi_se_deg", sure, 4.0)
+
+
+def _limits(
+    table: Table, name: str, error: str, sure: NDArray[np.bool_], least: float
+) -> tuple[float, float]:
+    values, errors = (np.asarray(table[column], dtype=float) for column in (name, error))
+    # What the drive does not separate has errors beyond all measure.
+    reach = np.nan_to_num(np.where(sure, ELLIPSE * errors, np.minimum(errors, least)))
+    finite = np.isfinite(values)
+    if not finite.any():
+        return 0.0, 1.0
+    low, high = usual(np.concatenate([(values - reach)[finite], (values + reach)[finite]]))
+    space = max(0.08 * (high - low), 0.2 * least)
+    return low - space, high + space
+
+
+def usual(values: Array) -> tuple[float, float]:
+    """Return the range of values, without those far from the others.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Finite.
+
+    Returns
+    -------
+    low, high : float
+    """
+    first, third = np.percentile(values, [25.0, 75.0])
+    far = 2.5 * (third - first)
+    near = values[(values >= first - far) & (values <= third + far)]
+    return float(near.min()), float(near.max())
+
+
+def tested(table: Table) -> NDArray[np.intp]:
+    """Find the segments whose strength is known at a stress that can be.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+
+    Returns
+    -------
+    ndarray of int
+        Rows.
+    """
+    pivot, value = (np.asarray(table[name], dtype=float) for name in ("sigma_star_kPa", "strength_kPa"))
+    return np.flatnonzero(np.isfinite(value) & (pivot > 0.0))
+
+
+def strength(table: Table, row: int, stress: Array) -> tuple[Array, Array]:
+    """Return the strength of a segment's soil under normal stresses, with its standard error.
+
+    The line pivots about σ*, where strength and slope are uncorrelated.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+    row : int
+    stress : ndarray
+        In kPa.
+
+    Returns
+    -------
+    strength, error : ndarray
+        In kPa.
+    """
+    slope = np.tan(np.radians(table["phi_deg"][row]))
+    slope_error = np.radians(table["phi_se_deg"][row]) * (1.0 + slope**2)
+    away = stress - table["sigma_star_kPa"][row]
+    return (
+        table["strength_kPa"][row] + slope * away,
+        np.hypot(table["strength_se_kPa"][row], slope_error * away),
+    )

@@ -1,0 +1,243 @@
+"""What single effects do, by values worked out elsewhere and by the signature that each is said to leave."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from terrain_cli import effects
+from terrain_cli.effects.effect import KINDS
+from terrain_cli.effects.library.bulldozing import bearing_factors
+from terrain_cli.mechanics.model import Model, predict
+from terrain_cli.telemetry.derive import slip as slip_of
+
+UP, DOWN, SAME, MOVED = "up", "down", "same", "moved"
+#: Effect and values → sinkage, torque and drawbar pull under a load of 80 N, at a slip of 0.3.
+SIGNATURES = {
+    "slip-sinkage": ({"n1": 0.5}, (UP, UP, MOVED)),
+    "max-stress-angle": ({"c2": 0.32}, (UP, MOVED, DOWN)),
+    "rear-contact": ({"c3": 0.2}, (DOWN, MOVED, UP)),
+    "grousers": ({"lambda_s": 0.5}, (MOVED, UP, UP)),
+    "bulldozing": ({"factor": 0.2}, (SAME, SAME, DOWN)),
+    "side-slip": ({"k_growth": 1.2, "lateral": 4.0}, (MOVED, DOWN, DOWN)),
+    "multi-pass": ({"stiffness_gain": 0.5, "cohesion_gain": 0.3}, (DOWN, MOVED, UP)),
+    "drivetrain-friction": ({"Tc": 0.5}, (SAME, UP, SAME)),
+    "gear-efficiency": ({"eta": 0.7}, (SAME, UP, SAME)),
+    "motor-temperature": ({"alpha": -0.001}, (SAME, UP, SAME)),
+    "rate-dependence": ({"beta": 0.1}, (MOVED, UP, UP)),
+    "slope": ({"factor": 1.0}, (DOWN, MOVED, DOWN)),
+    "load-transfer": ({"ratio": 0.2}, (UP, UP, MOVED)),
+    "load-bias": ({"offset": 10.0}, (DOWN, DOWN, MOVED)),
+    "sinkage-bias": ({"offset": 0.002}, (UP, SAME, SAME)),
+    "wheel-radius": ({"relative_error": 0.05}, (MOVED, UP, UP)),
+    "sensor-lag": ({"torque_lag": 0.2}, (SAME, DOWN, SAME)),
+    "acceleration-torque": ({"J": 0.5}, (SAME, UP, SAME)),
+    "shear-modulus": ({"k1": 1.0}, (MOVED, DOWN, DOWN)),
+    "post-peak-softening": ({"loss": 0.3}, (MOVED, DOWN, DOWN)),
+    "strength-curvature": ({"B": 0.1}, (MOVED, MOVED, MOVED)),
+    "hardpan": ({"modulus": 2e6}, (DOWN, MOVED, UP)),
+    "crust": ({"strength": 2e3}, (DOWN, MOVED, MOVED)),
+    "flexible-wheel": ({"deflection": 0.05}, (DOWN, MOVED, UP)),
+    "grouser-ripple": ({"pull_sine": 0.05}, (SAME, SAME, UP)),
+}
+
+
+@pytest.fixture(scope="module")
+def steady():
+    """Return one sample: on a slope, faster than the reference speed, speeding up, on a used track."""
+    sample = {"load": 80.0, "slip": 0.3, "velocity": 0.2, "angular_velocity": 2.3, "pitch": 0.15}
+    sample |= {"slip_angle": 0.2, "pass_number": 1.0, "motor_temperature": 60.0, "acceleration": 0.1}
+    sample |= {"angular_velocity_rate": 0.4, "torque_rate": 0.5, "wheel_angle": 0.13}
+    return {name: np.array([number]) for name, number in sample.items()}
+
+
+def under(wheel, soil, channels, name=None, values=None, **options):
+    model = Model(effects=(effects.find(name),) if name else ())
+    own = {f"{name}.{parameter}": number for parameter, number in (values or {}).items()}
+    return predict(model, wheel, channels, soil | model.nulls() | own, **({"given": "load"} | options))
+
+
+@pytest.mark.parametrize("name", effects.NAMES)
+def test_leaves_its_signature(name, wheel, soil, steady):
+    values, expected = SIGNATURES[name]
+    bare, changed = under(wheel, soil, steady), under(wheel, soil, steady, name, values)
+    for output, how in zip(("sinkage", "torque", "drawbar_pull"), expected, strict=True):
+        change = float(getattr(changed, output)[0] - getattr(bare, output)[0])
+        size = abs(float(getattr(bare, output)[0]))
+        if how == SAME:
+            assert abs(change) <= 1e-10 * size, output
+        else:
+            assert abs(change) > 1e-5 * size, output
+            assert how == MOVED or (change > 0.0) == (how == UP), output
+
+
+@pytest.mark.parametrize(
+    ("degrees", "n_c", "n_q", "n_gamma"),
+    # Terzaghi's table for general shear.
+    [(10, 9.60, 2.69, 1.2), (20, 17.69, 7.44, 4.9), (30, 37.16, 22.46, 19.7), (40, 95.66, 81.27, 100.4)],
+)
+def test_bearing_factors_are_terzaghis(degrees, n_c, n_q, n_gamma):
+    found = bearing_factors(np.tan(np.radians(degrees)))
+    np.testing.assert_allclose(found[:2], (n_c, n_q), rtol=2e-3)
+    assert found[2] == pytest.approx(n_gamma, rel=0.25)
+
+
+@pytest.mark.parametrize("error", [-0.1, 0.0, 0.07])
+def test_wheel_radius_is_that_from_which_slip_is_computed(error):
+    stated, omega = 0.125, 1.0
+    velocity = np.linspace(0.02, 0.3, 30)
+    law = effects.find("wheel-radius").laws["slip"]
+    shown = slip_of(velocity, omega, radius=stated)
+    felt = slip_of(velocity, omega, radius=stated * (1.0 + error))
+    np.testing.assert_allclose(law({"slip": shown, "relative_error": error}), felt, atol=1e-12)
+
+
+def test_softening_with_a_length_of_k_is_wongs_hump():
+    """Wong 2008: τ = τp Kr (1 + (1/(Kr (1 − 1/e)) − 1) exp(1 − j/Kw)) (1 − exp(−j/Kw)), peak τp at j = Kw."""
+    k, residual = 0.02, 0.66
+    j = np.linspace(1e-4, 0.2, 50)
+    hump = residual * (1.0 + (1.0 / (residual * (1.0 - 1.0 / np.e)) - 1.0) * np.exp(1.0 - j / k))
+    start = np.e / (1.0 - 1.0 / np.e) - (np.e - 1.0) * residual
+    law = effects.find("post-peak-softening").laws["shear_stress"]
+    q = {"shear_stress": start, "shear_displacement": j, "length": k, "loss": 1.0 - residual / start}
+    np.testing.assert_allclose(law(q), hump, rtol=1e-12)
+
+
+def test_slip_sinkage_comes_near_lyasko(wheel, soil):
+    """Sinkage under one load rises with slip as z0 (1 + S i)/(1 − 0.5 S i) does, within a few percent."""
+    slip = np.linspace(0.0, 0.6, 7)
+    channels = {"load": np.full(7, 60.0), "slip": slip}
+    still = under(wheel, soil, channels).sinkage
+    sinkage = under(wheel, soil, channels, "slip-sinkage", {"n1": 0.4}).sinkage / still
+    size = np.linspace(0.2, 1.2, 400)[:, None]
+    misfit = np.max(np.abs((1.0 + size * slip) / (1.0 - 0.5 * size * slip) / sinkage - 1.0), axis=1)
+    assert np.min(misfit) < 0.05
+
+
+def test_first_pass_makes_the_whole_gain_and_later_ones_little():
+    law = effects.find("multi-pass").laws["stiffness"]
+    factor = law({"stiffness": 1.0, "stiffness_gain": 0.5, "pass_number": np.arange(5.0)})
+    np.testing.assert_allclose(factor[:2], [1.0, 1.5])
+    assert np.all(np.diff(factor) > 0.0)
+    assert factor[-1] < 1.8
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_what_the_drivetrain_takes_is_the_same_both_ways(way):
+    """Torque is counted positive the way the wheel turns."""
+    q = {"torque": np.array([2.0]), "angular_velocity": np.array([way * 1.5])}
+    friction = effects.find("drivetrain-friction").laws["torque"]
+    np.testing.assert_allclose(friction(q | {"Tc": 0.4, "Bv": 0.2}), 2.7)
+    inertia = effects.find("acceleration-torque").laws["torque"]
+    np.testing.assert_allclose(inertia(q | {"J": 0.5, "angular_velocity_rate": np.array([way * 0.6])}), 2.3)
+
+
+def test_friction_needs_no_wheel_speed_for_its_dry_part():
+    law = effects.find("drivetrain-friction").laws["torque"]
+    np.testing.assert_allclose(law({"torque": np.array([2.0]), "Tc": 0.4, "Bv": 0.2}), 2.4)
+
+
+def test_a_gear_takes_its_share_of_what_drives():
+    law = effects.find("gear-efficiency").laws["torque"]
+    np.testing.assert_allclose(law({"torque": np.array([2.0, -2.0]), "eta": 0.8}), [2.5, -1.6])
+
+
+def test_slope_parts_the_weight():
+    pitch, weight = np.array([-0.3, 0.0, 0.25]), 100.0
+    q = {"pitch": pitch, "factor": 1.0, "load": np.full(3, weight), "drawbar_pull": np.zeros(3)}
+    laws = effects.find("slope").laws
+    pressing = laws["load"](q)
+    np.testing.assert_allclose(pressing, weight * np.cos(pitch))
+    np.testing.assert_allclose(
+        laws["drawbar_pull"](q | {"load": pressing}), -weight * np.sin(pitch), atol=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    ("channels", "moved"),
+    [
+        ({"measured_drawbar_pull": 12.0}, 12.0),
+        ({"pitch": 0.1}, 98.0665 * np.sin(0.1)),
+        ({"acceleration": 0.3}, 3.0),
+        # A pull that is measured is not counted twice.
+        ({"measured_drawbar_pull": 12.0, "pitch": 0.1, "acceleration": 0.3}, 15.0),
+    ],
+)
+def test_load_moves_by_what_is_measured(channels, moved):
+    q = {"load": 98.0665, "gravity": 9.80665, "ratio": 0.25, **channels}
+    assert effects.find("load-transfer").laws["load"](q) == pytest.approx(98.0665 + 0.25 * moved)
+
+
+def test_a_lag_is_taken_out_of_a_slow_signal():
+    time, lag = np.linspace(0.0, 10.0, 500), 0.1
+    true, late = np.sin(time), np.sin(time - lag)
+    law = effects.find("sensor-lag").laws["torque"]
+    shown = law({"torque": true, "torque_lag": lag, "torque_rate": np.cos(time - lag)})
+    assert np.max(np.abs(shown - late)) < 0.06 * np.max(np.abs(true - late))
+    # A channel whose rate is not known is taken as it is.
+    assert law({"torque": 2.0, "torque_lag": lag}) == 2.0
+
+
+def test_ripple_passes_once_a_grouser(wheel, soil):
+    turn = np.linspace(0.0, 2.0 * np.pi, 12 * 16 + 1)
+    channels = {"load": np.full(len(turn), 60.0), "slip": np.full(len(turn), 0.3), "wheel_angle": turn}
+    bare = under(wheel, soil, channels)
+    rippled = under(wheel, soil, channels, "grouser-ripple", {"pull_sine": 0.03, "pull_cosine": 0.04})
+    wave = rippled.drawbar_pull - bare.drawbar_pull
+    assert np.max(wave) == pytest.approx(60.0 * 0.05, rel=0.02)
+    spectrum = np.abs(np.fft.rfft(wave[:-1]))
+    assert np.argmax(spectrum) == wheel.grouser_count
+
+
+def test_sideways_sliding_costs_nothing_straight_ahead(wheel, soil, steady):
+    ahead = steady | {"slip_angle": np.zeros(1)}
+    bare, same = (
+        under(wheel, soil, ahead),
+        under(wheel, soil, ahead, "side-slip", {"k_growth": 1.2, "lateral": 4.0}),
+    )
+    np.testing.assert_allclose(same.drawbar_pull, bare.drawbar_pull, rtol=1e-10)
+    left, right = (
+        under(wheel, soil, steady | {"slip_angle": np.array([angle])}, "side-slip", {"lateral": 4.0})
+        for angle in (0.2, -0.2)
+    )
+    np.testing.assert_allclose(left.torque, right.torque, rtol=1e-12)
+
+
+def test_a_crust_bears_its_strength_and_a_hardpan_starts_at_its_top():
+    depth = np.array([0.0, 0.002, 0.01, 0.02, 0.04])
+    crust = effects.find("crust").laws["normal_stress"]
+    shares = crust({"normal_stress": 0.0, "depth": depth, "strength": 1.0, "thickness": 0.002})
+    np.testing.assert_allclose(shares, [0.0, 1.0 - 1.0 / np.e, 0.9932621, 1.0, 1.0], atol=1e-4)
+    hardpan = effects.find("hardpan").laws["normal_stress"]
+    into = hardpan({"normal_stress": 0.0, "depth": depth, "modulus": 1.0, "top": 0.01})
+    np.testing.assert_allclose(into[[0, 1, 3, 4]], [0.0, 0.0, 0.01, 0.03], atol=1e-15)
+    assert 0.0 < into[2] < 2e-4
+
+
+def test_curvature_turns_about_its_reference():
+    law = effects.find("strength-curvature").laws["shear_stress"]
+    stress = np.array([2.5e3, 10e3, 40e3])
+    q = {"normal_stress": stress, "shear_displacement": 1.0, "shear_modulus": 0.01, "tan_phi": 0.6, "B": 0.1}
+    np.testing.assert_allclose(
+        law(q | {"shear_stress": 500.0 + 0.6 * stress}) - 500.0,
+        0.6 * stress * (stress / 10e3) ** -0.1,
+        rtol=1e-12,
+    )
+
+
+def test_flexible_wheel_stands_on_the_contact_of_a_deeper_one():
+    """Half the contact's length is √(2 r (z + δ)), but for what keeps it finite at no sinkage."""
+    r, z, share = 0.15, 0.05, 0.06
+    radius = effects.find("flexible-wheel").laws["radius"](
+        {"radius": r, "wheel_radius": r, "sinkage": z, "deflection": share}
+    )
+    assert np.sqrt(2.0 * radius * z) == pytest.approx(np.sqrt(2.0 * r * (z + share * r)), rel=0.01)
+
+
+@pytest.mark.parametrize("quantity", ["torque", "load"])
+def test_effects_act_from_the_ground_to_the_sensor_however_they_are_listed(quantity):
+    every = tuple(effects.catalogue().values())
+    order = [[e.kind for e in Model(effects=listed).changing(quantity)] for listed in (every, every[::-1])]
+    assert order[0] == order[1]
+    assert order[0] == sorted(order[0], key=KINDS.index, reverse=quantity == "load")
+    assert len(set(order[0])) > 1

@@ -1,0 +1,169 @@
+"""Every parameter of the catalogue, found again in what other code makes of the effect.
+
+The truth is of the tests' simulator: scalar, by adaptive quadrature, with its own laws. Soil and
+effect are fitted together, to sinkage, torque and drawbar pull without noise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from simulator.drive import Drive, Track
+from simulator.effects import base_contact
+from simulator.profiles import steps, undulation, wave
+from simulator.run import simulate
+from simulator.soils import DRY_SAND
+from simulator.wheel import Wheel
+
+from terrain_cli import effects
+from terrain_cli.mechanics import rates
+from terrain_cli.mechanics.dual import slopes, value
+from terrain_cli.mechanics.model import Model, WheelGeometry, predict
+
+WHEEL = Wheel(0.125, 0.1, grouser_height=0.01, grouser_count=12)
+SECONDS = 24.0
+SOIL = base_contact(DRY_SAND)
+OUTPUTS = ("sinkage", "torque", "drawbar_pull")
+
+#: The truth, and how near to it the fit must come, as a share of the parameter's scale.
+TRUTH = {
+    "slip-sinkage": ({"n1": 0.4}, 1e-4),
+    "max-stress-angle": ({"c1": 0.4, "c2": 0.25}, 1e-4),
+    "rear-contact": ({"c3": 0.25}, 1e-4),
+    "grousers": ({"lambda_s": 0.7}, 1e-4),
+    "bulldozing": ({"factor": 0.15}, 1e-4),
+    "side-slip": ({"k_growth": 1.2, "lateral": 4.0}, 0.05),
+    "multi-pass": ({"stiffness_gain": 0.4, "cohesion_gain": 0.2, "shear_modulus_gain": -0.2}, 1e-3),
+    "drivetrain-friction": ({"Tc": 0.6, "Bv": 0.3}, 1e-3),
+    "gear-efficiency": ({"eta": 0.8}, 1e-4),
+    "motor-temperature": ({"alpha": -0.0011}, 1e-4),
+    "rate-dependence": ({"beta": 0.06}, 1e-4),
+    "slope": ({"factor": 1.0}, 1e-4),
+    "load-transfer": ({"ratio": 0.25}, 1e-4),
+    "load-bias": ({"gain": 0.96, "offset": 12.0}, 1e-3),
+    "sinkage-bias": ({"offset": 0.003}, 1e-4),
+    "wheel-radius": ({"relative_error": 0.04}, 1e-4),
+    # Rates are slopes over some samples, and the wheel's angle a sum: not exact.
+    "sensor-lag": ({"torque_lag": 0.15, "drawbar_pull_lag": 0.1, "sinkage_lag": 0.05}, 0.05),
+    "acceleration-torque": ({"J": 0.8}, 0.05),
+    "shear-modulus": ({"k1": 1.5}, 1e-4),
+    "post-peak-softening": ({"loss": 0.4, "length": 0.03}, 1e-3),
+    "strength-curvature": ({"B": 0.12}, 1e-4),
+    "hardpan": ({"modulus": 4e6, "top": 0.016}, 0.05),
+    "crust": ({"strength": 2e3, "thickness": 0.004}, 1e-3),
+    "flexible-wheel": ({"deflection": 0.06}, 1e-3),
+    "grouser-ripple": (
+        {
+            "torque_sine": 0.03,
+            "torque_cosine": -0.02,
+            "pull_sine": 0.05,
+            "pull_cosine": 0.02,
+            "sinkage_sine": -0.04,
+            "sinkage_cosine": 0.03,
+        },
+        0.05,
+    ),
+}
+
+
+def measured(name, values):
+    """Drive with an effect, everything varying, and return the channels that a model may read."""
+    track = Track(
+        "wheel",
+        [(SOIL, SECONDS)],
+        load=undulation(80.0, 0.5, 9.0, seed=1),
+        slip=wave(0.42, 0.9, 13.0),
+        pass_number=steps([(0.0, 8.0), (1.0, 7.0), (2.0, 9.0)]),
+        motor_temperature=undulation(45.0, 0.6, 11.0, seed=2),
+    )
+    fast = name in {"sensor-lag", "acceleration-torque", "grouser-ripple"}
+    drive = Drive(
+        [track],
+        wheel=WHEEL,
+        speed=undulation(0.12, 0.6, 7.0, seed=3),
+        pitch=wave(0.05, 4.0, 8.0),
+        slip_angle=wave(0.05, 6.0, 6.0),
+        effects={name: values},
+        rate=20.0 if fast else 2.0,
+        channels=(
+            *("load", "torque", "sinkage", "angular_velocity", "velocity", "slip", "drawbar_pull", "pitch"),
+            *("acceleration", "motor_temperature", "pass_number", "slip_angle"),
+        ),
+    )
+    channels = simulate(drive).wheels["wheel"].aligned()
+    time = channels.pop("time")
+    stretch = np.zeros(len(time), dtype=int)
+    channels["wheel_angle"] = rates.wheel_angle(time, stretch, channels["angular_velocity"])
+    for channel in ("torque", "drawbar_pull", "sinkage", "angular_velocity"):
+        channels[f"{channel}_rate"] = rates.rate(time, stretch, channels[channel])
+    return channels
+
+
+def fit(model, channels):
+    """Fit soil and effect, from another soil and no effect; where it has a shape, from its typical size."""
+    soil = {
+        "cohesion": 1500.0,
+        "tan_phi": 0.6,
+        "shear_modulus": 0.022,
+        "stiffness": 1.2e6,
+        "sinkage_exponent": 1.0,
+    }
+    start = soil | model.nulls()
+    if any(p.shape for p in model.parameters.values()):
+        start |= {q: p.null + p.scale for q, p in model.parameters.items() if not p.shape}
+    scale = np.array([model.parameters[q].scale if q in model.parameters else soil[q] for q in start])
+    low = [model.parameters[q].lower if q in model.parameters else 0.05 * soil[q] for q in start]
+    high = [model.parameters[q].upper if q in model.parameters else 20.0 * soil[q] for q in start]
+    wheel = WheelGeometry(WHEEL.radius, WHEEL.width, WHEEL.grouser_height, WHEEL.grouser_count)
+    spread = {output: np.std(channels[output]) for output in OUTPUTS}
+    last = {}
+
+    def residuals(x):
+        p = predict(
+            model, wheel, channels, dict(zip(start, x * scale, strict=True)), given="load", by=tuple(start)
+        )
+        rows, jacobian = [], []
+        for output in OUTPUTS:
+            number = getattr(p, output)
+            known = np.isfinite(value(number))
+            rows.append(np.where(known, (value(number) - channels[output]) / spread[output], 3.0))
+            jacobian.append(
+                [
+                    np.where(known, np.broadcast_to(slopes(number).get(q, 0.0), known.shape), 0.0)
+                    / spread[output]
+                    for q in start
+                ]
+            )
+        last["jacobian"] = np.concatenate([np.array(part).T for part in jacobian]) * scale
+        return np.concatenate(rows)
+
+    found = least_squares(
+        residuals,
+        np.clip(list(start.values()) / scale, np.array(low) / scale + 1e-6, np.array(high) / scale - 1e-6),
+        jac=lambda _x: last["jacobian"],
+        bounds=(low / scale, high / scale),
+        x_scale="jac",
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-14,
+        max_nfev=200,
+    )
+    return dict(zip(start, found.x * scale, strict=True))
+
+
+def test_every_effect_has_a_truth():
+    assert TRUTH.keys() == set(effects.NAMES)
+    for name, (values, _) in TRUTH.items():
+        assert list(values) == [p.name for p in effects.find(name).parameters]
+
+
+@pytest.mark.parametrize("name", effects.NAMES)
+def test_parameters_are_found_again(name):
+    truth, tolerance = TRUTH[name]
+    effect = effects.find(name)
+    found = fit(Model("wong-reece", (effect,)), measured(name, truth))
+    for p in effect.parameters:
+        assert found[effect.qualified(p)] == pytest.approx(truth[p.name], abs=tolerance * p.scale), p.name
+    assert found["cohesion"] == pytest.approx(SOIL.cohesion, rel=max(tolerance, 1e-3))
+    assert found["tan_phi"] == pytest.approx(SOIL.tan_phi, rel=max(tolerance, 1e-3))

@@ -1,0 +1,357 @@
+"""The fit of the full wheel model: truth regained, errors honest, what is not known said."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from wheel_samples import EXPONENT, KC, KPHI, PHI, SHEAR_MODULUS, WHEEL, free, paper
+
+from terrain_cli.errors import ConfigurationError, InputError, UsageError
+from terrain_cli.estimation import estimate_windows
+from terrain_cli.estimation.wheel_fit import Noise, Prior, as_window_estimates, fit
+from terrain_cli.mechanics.linear import line_coordinates
+from terrain_cli.mechanics.model import Model, WheelGeometry
+
+GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
+BASE = Model()
+EVEN = np.linspace(0.0, 1.0, 201)
+
+
+def between(low, high):
+    return low + (high - low) * EVEN
+
+
+#: Means and variances of the ranges from which the tests draw.
+PRIORS = {
+    "cohesion": Prior.of(between(0.5e3, 10e3)),
+    "tan_phi": Prior.of(np.tan(np.radians(between(*PHI)))),
+    "shear_modulus": Prior.of(between(*SHEAR_MODULUS), positive=True),
+    "stiffness": Prior.of(np.add.outer(between(*KC) / WHEEL.width, between(*KPHI)).ravel(), positive=True),
+    "sinkage_exponent": Prior.of(between(*EXPONENT)),
+}
+
+
+def run(channels, bounds, *, model=BASE, leave_out=(), **options):
+    options = {"correlated": False, "priors": PRIORS, **options}
+    kept = {name: column for name, column in channels.items() if name not in leave_out}
+    return fit(model, GEOMETRY, kept, bounds, **options)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.mark.parametrize("slip", [0.1, 0.4, 0.78])
+def test_noise_free_samples_give_the_soil_back_with_k_unknown(slip):
+    truth = paper(12, 5, 1, slip)
+    channels = truth.measured(0, 0.0)
+    # Nothing is said of the soil nor of the noise.
+    result = fit(BASE, GEOMETRY, {k: channels[k] for k in ("load", "torque", "sinkage", "slip")}, truth.bounds)
+    assert result.converged.all()
+    assert rms(result.values["cohesion"] - truth.cohesion) < 1.0
+    assert np.degrees(rms(result.phi - truth.phi)) < 0.01
+    np.testing.assert_allclose(result.values["shear_modulus"], truth.shear_modulus, rtol=1e-3)
+    np.testing.assert_allclose(result.values["sinkage_exponent"], truth.exponent, atol=1e-3)
+    assert not any(open_.any() for open_ in result.undetermined.values())
+    assert max(np.nanmax(np.abs(r)) for r in result.residuals.values()) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("truth", "noise"),
+    [(paper(30, 10, 2, 0.3), 0.03), (paper(30, 10, 2, 0.3), 0.1), (free(40, 10, 3), 0.02)],
+    ids=["3 %", "10 %", "wide"],
+)
+def test_errors_are_as_large_as_they_are_said_to_be(truth, noise):
+    repeat = 20
+    windows = repeat * len(truth.soils)
+    channels = truth.measured(4, noise, repeat=repeat)
+    result = run(channels, np.arange(windows + 1) * 10, noise=Noise.equal(noise), leave_out=("drawbar_pull",))
+    c, phi = np.tile(truth.cohesion, repeat), np.tile(truth.phi, repeat)
+    deviations = {
+        "c": (result.values["cohesion"] - c) / result.errors["cohesion"],
+        "phi": (result.phi - phi) / result.phi_se,
+        "strength": (result.strength - c - result.sigma_star * np.tan(phi)) / result.strength_se,
+    }
+    assert result.converged.mean() > 0.99
+    assert np.nansum(result.chi2) == pytest.approx(np.nansum(result.dof), rel=0.05)
+    # Forty soils and no more: what is known of them beforehand is not averaged over.
+    for name, z in deviations.items():
+        assert 0.88 < np.mean(np.abs(z) < 1.96) < 0.995, name
+        assert rms(z) < 1.2, name
+    # No better than the prior would be strange, and far better than the bound impossible.
+    assert 0.75 < rms(result.values["cohesion"] - c) / rms(result.errors["cohesion"]) < 1.15
+    assert 0.75 < rms(result.phi - phi) / rms(result.phi_se) < 1.15
+
+
+def test_noise_in_sinkage_and_slip_does_not_bias():
+    truth = free(12, 25, 5)
+    repeat, noise = 60, 0.05
+    channels = truth.measured(6, noise, repeat=repeat, pull=0.5)
+    result = run(
+        channels,
+        np.arange(repeat * 12 + 1) * 25,
+        noise=Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), noise), {"drawbar_pull": 0.5}),
+        priors={},
+    )
+    error = (result.phi - np.tile(truth.phi, repeat)).reshape(repeat, 12)
+    # The mean over repetitions is known sixty times as well as one of them.
+    assert np.degrees(rms(error.mean(axis=0))) < 0.35 * np.degrees(rms(result.phi_se))
+
+
+def test_the_strength_is_what_is_known_best():
+    truth = paper(20, 10, 2, 0.3)
+    result = run(truth.measured(1, 0.03), truth.bounds, noise=Noise.equal(0.03))
+    names = result.names
+    for stress in (0.0, 0.5, 2.0):
+        a = np.zeros(len(names))
+        a[names.index("cohesion")] = 1.0
+        vector = np.tile(a, (len(result), 1))
+        vector[:, names.index("tan_phi")] = stress * result.sigma_star
+        se = np.sqrt(np.einsum("wa,wab,wb->w", vector, result.covariance, vector))
+        assert np.all(se >= result.strength_se * (1.0 - 1e-9))
+    np.testing.assert_allclose(
+        result.strength, result.values["cohesion"] + result.sigma_star * result.values["tan_phi"]
+    )
+
+
+def test_one_load_at_one_slip_leaves_c_and_phi_open_and_says_so():
+    truth = free(1, 1, 7)
+    channels = {name: np.repeat(column, 200) for name, column in truth.measured(0, 0.0).items()}
+    rng = np.random.default_rng(0)
+    noisy = {name: column * (1.0 + 0.02 * rng.standard_normal(200)) for name, column in channels.items()}
+    result = run(noisy, [0, 100, 200], noise=Noise.equal(0.02), leave_out=("drawbar_pull",), priors={})
+    assert set(result.status) == {"not-separable"}
+    assert all(result.undetermined[name].all() for name in ("cohesion", "tan_phi", "sinkage_exponent"))
+    # The balance alone fixes one of keq and n.
+    held = run(
+        noisy,
+        [0, 100, 200],
+        noise=Noise.equal(0.02),
+        leave_out=("drawbar_pull",),
+        fixed={"sinkage_exponent": truth.exponent[0]},
+    )
+    assert not held.undetermined["stiffness"].any()
+    np.testing.assert_allclose(held.values["stiffness"], truth.stiffness[0], rtol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("leave_out", "separable"),
+    [
+        ((), True),
+        (("drawbar_pull",), True),
+        (("torque",), True),
+        (("load",), True),
+        (("load", "torque"), True),
+        (("torque", "drawbar_pull"), False),
+    ],
+)
+def test_whichever_channels_there_are(leave_out, separable):
+    truth = free(20, 20, 8)
+    noise = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.01), {"drawbar_pull": 0.2})
+    result = run(truth.measured(1, 0.01, pull=0.2), truth.bounds, leave_out=leave_out, noise=noise)
+    z = (result.phi - truth.phi) / result.phi_se
+    assert rms(z) < 1.6
+    assert (np.mean(result.status == "not-separable") < 0.3) == separable
+    names = {"load", "torque", "drawbar_pull"}.difference(leave_out)
+    assert set(result.rmse) == set(result.residuals) == set(result.prediction) == names
+
+
+def test_samples_with_gaps_still_count():
+    truth = free(20, 20, 8)
+    channels = truth.measured(1, 0.01, pull=0.2)
+    rng = np.random.default_rng(2)
+    for column in channels.values():
+        column[rng.random(len(column)) < 0.1] = np.nan
+    noise = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.01), {"drawbar_pull": 0.2})
+    result = run(channels, truth.bounds, noise=noise)
+    usable = np.isfinite(channels["sinkage"]) & np.isfinite(channels["slip"])
+    usable &= np.any([np.isfinite(channels[name]) for name in ("load", "torque", "drawbar_pull")], axis=0)
+    np.testing.assert_array_equal(result.n, usable.reshape(20, 20).sum(axis=1))
+    np.testing.assert_array_equal(np.isfinite(result.prediction["torque"]), usable)
+    np.testing.assert_array_equal(
+        np.isfinite(result.residuals["torque"]), usable & np.isfinite(channels["torque"])
+    )
+    assert rms((result.phi - truth.phi) / result.phi_se) < 1.6
+
+
+def test_the_sinkage_can_be_solved_from_the_load():
+    truth = free(10, 15, 9)
+    noise = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.01), {"drawbar_pull": 0.2})
+    channels = truth.measured(1, 0.01, pull=0.2)
+    at_sinkage = run(channels, truth.bounds, noise=noise)
+    at_load = run(channels, truth.bounds, noise=noise, given="load")
+    np.testing.assert_allclose(at_load.phi, at_sinkage.phi, atol=0.3 * at_sinkage.phi_se.max())
+    unseen = run(channels, truth.bounds, noise=noise, given="load", leave_out=("sinkage",))
+    assert rms((unseen.phi - truth.phi) / unseen.phi_se) < 1.8
+    assert set(at_load.rmse) == {"sinkage", "torque", "drawbar_pull"}
+
+
+def test_fixed_parameters_are_held_and_priors_pull():
+    truth = free(10, 15, 9)
+    channels = truth.measured(1, 0.03, pull=1.0)
+    noise = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.03), {"drawbar_pull": 1.0})
+    held = run(
+        channels, truth.bounds, noise=noise, fixed={"shear_modulus": truth.shear_modulus, "sinkage_exponent": 1.0}
+    )
+    np.testing.assert_array_equal(held.values["shear_modulus"], truth.shear_modulus)
+    np.testing.assert_array_equal(held.errors["sinkage_exponent"], 0.0)
+    assert held.names == ("cohesion", "tan_phi", "stiffness")
+    assert np.isnan(held.correlation("cohesion", "shear_modulus")).all()
+    near = run(channels, truth.bounds, noise=noise, priors={**PRIORS, "tan_phi": Prior(0.6, 1e-4)})
+    np.testing.assert_allclose(near.values["tan_phi"], 0.6, atol=1e-3)
+    assert near.undetermined["tan_phi"].all()
+    assert np.all(near.phi_open > 10.0 * near.phi_se)
+    everything = run(
+        channels,
+        truth.bounds,
+        noise=noise,
+        fixed={
+            "cohesion": truth.cohesion,
+            "tan_phi": np.tan(truth.phi),
+            "shear_modulus": truth.shear_modulus,
+            "stiffness": truth.stiffness,
+            "sinkage_exponent": truth.exponent,
+        },
+    )
+    assert everything.names == ()
+    assert everything.converged.all()
+    assert np.nansum(everything.chi2) == pytest.approx(everything.dof.sum(), rel=0.2)
+
+
+def test_a_prior_with_the_moments_of_values():
+    values = np.array([0.01, 0.02, 0.04])
+    mean, sd = Prior.of(values, positive=True).of_logarithm()
+    assert mean == pytest.approx(np.log(values).mean())
+    assert sd == pytest.approx(np.log(values).std())
+    assert Prior.of(values) == Prior(float(values.mean()), float(values.std()))
+
+
+def test_the_linear_base_has_the_same_fit():
+    truth = free(10, 20, 10)
+    model = Model("linear")
+    priors = {name: PRIORS[name] for name in model.soil}
+    noise = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.02))
+    channels = truth.measured(1, 0.02)
+    result = fit(
+        model,
+        GEOMETRY,
+        {name: channels[name] for name in ("load", "torque", "sinkage", "slip")},
+        truth.bounds,
+        noise=noise,
+        priors=priors,
+    )
+    assert set(result.values) == {"cohesion", "tan_phi", "shear_modulus"}
+    # Triangular stresses are not those of the truth: off by some degrees, and by no more.
+    assert np.degrees(rms(result.phi - truth.phi)) < 10.0
+    assert set(as_window_estimates(result, linear_estimates(channels, truth.bounds)).method) == {"linear"}
+
+
+def linear_estimates(channels, bounds):
+    measured = {name: channels[name] for name in ("load", "torque", "sinkage", "slip")}
+    geometry = {"radius": WHEEL.radius, "width": WHEEL.width, "shear_modulus": 0.018}
+    x, y = line_coordinates(**measured, **geometry)
+    return estimate_windows(x, y, bounds, **measured, **geometry, correlated=False)
+
+
+def test_fits_fill_the_table_of_windows():
+    truth = free(6, 12, 11)
+    channels = truth.measured(1, 0.01)
+    line = linear_estimates(channels, truth.bounds)
+    result = run(channels, truth.bounds, noise=Noise.equal(0.01))
+    both = as_window_estimates(result, line)
+    assert set(both.method) == {"wong-reece"}
+    np.testing.assert_array_equal(both.c_ls, line.c_ls)
+    np.testing.assert_array_equal(both.phi, np.arctan(result.values["tan_phi"]))
+    np.testing.assert_array_equal(both.corr, result.correlation("cohesion", "tan_phi"))
+    assert np.all(both.torque_rmse < line.torque_rmse)
+    with pytest.raises(ValueError, match="6 windows"):
+        as_window_estimates(result, linear_estimates(channels, truth.bounds[:-1][:2] * 0 + [0, 72]))
+
+
+def test_few_and_no_samples():
+    truth = free(4, 10, 12)
+    channels = truth.measured(1, 0.01)
+    bounds = [0, 10, 13, 13, 40]
+    result = run(channels, bounds, noise=Noise.equal(0.01), min_samples=5)
+    np.testing.assert_array_equal(result.n, np.diff(bounds))
+    assert list(result.status[1:3]) == ["too-few-samples"] * 2
+    assert np.isfinite(result.values["cohesion"][[0, 1, 3]]).all()
+    for numbers in (*result.values.values(), *result.errors.values(), result.chi2, result.strength, result.phi):
+        assert np.isnan(numbers[2])
+    nothing = run({name: column[:0] for name, column in channels.items()}, [0])
+    assert len(nothing) == 0
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32), st.integers(1, 5), st.booleans())
+def test_a_window_does_not_depend_on_the_others(seed, kept, robust):
+    truth = free(6, 9, 13)
+    channels = truth.measured(seed, 0.03, pull=1.0)
+    noise = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.03), {"drawbar_pull": 1.0})
+    every = run(channels, truth.bounds, noise=noise, robust=robust)
+    some = run(
+        {name: column[: 9 * kept] for name, column in channels.items()},
+        truth.bounds[: kept + 1],
+        noise=noise,
+        robust=robust,
+    )
+    for name in every.values:
+        np.testing.assert_allclose(some.values[name], every.values[name][:kept], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(some.errors[name], every.errors[name][:kept], rtol=1e-6)
+    np.testing.assert_allclose(some.strength_se, every.strength_se[:kept], rtol=1e-6)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0.2, 5.0))
+def test_stronger_soil_under_a_heavier_wheel_is_the_same_fit(factor):
+    truth = free(5, 10, 14)
+    channels = truth.measured(3, 0.02)
+    scaled = {
+        name: column * factor if name in {"load", "torque", "drawbar_pull"} else column
+        for name, column in channels.items()
+    }
+    stronger = {
+        name: Prior(prior.mean * factor, prior.sd * factor) if name in {"cohesion", "stiffness"} else prior
+        for name, prior in PRIORS.items()
+    }
+    plain = run(channels, truth.bounds, noise=Noise.equal(0.02))
+    result = run(scaled, truth.bounds, noise=Noise.equal(0.02), priors=stronger)
+    np.testing.assert_allclose(result.phi, plain.phi, atol=1e-3)
+    np.testing.assert_allclose(result.strength, plain.strength * factor, rtol=1e-2)
+    np.testing.assert_allclose(result.phi_se, plain.phi_se, rtol=2e-2)
+
+
+def test_what_cannot_be_fitted_is_said_in_one_line():
+    truth = free(2, 5, 15)
+    channels = truth.measured(1, 0.0)
+    with pytest.raises(InputError, match="without sinkage") as error:
+        run(channels, truth.bounds, leave_out=("sinkage",))
+    assert "load" in error.value.hint
+    with pytest.raises(InputError, match="without slip"):
+        run(channels, truth.bounds, leave_out=("slip",))
+    with pytest.raises(InputError, match="nothing to fit"):
+        run(channels, truth.bounds, leave_out=("load", "torque", "drawbar_pull"))
+    with pytest.raises(InputError, match="no sample has sinkage and slip"):
+        halves = np.arange(10) % 2 == 0
+        run(
+            {
+                **channels,
+                "sinkage": np.where(halves, channels["sinkage"], np.nan),
+                "slip": np.where(halves, np.nan, channels["slip"]),
+            },
+            truth.bounds,
+        )
+    with pytest.raises(ConfigurationError, match="no parameter 'phi'"):
+        run(channels, truth.bounds, fixed={"phi": 0.5})
+    with pytest.raises(UsageError, match="prior of stiffness"):
+        run(channels, truth.bounds, priors={"stiffness": Prior(-1.0, 1.0)})
+    with pytest.raises(UsageError, match="fixed cohesion"):
+        run(channels, truth.bounds, fixed={"cohesion": np.array([1.0, 2.0, 3.0])})
+    with pytest.raises(UsageError, match="must be positive"):
+        run(channels, truth.bounds, fixed={"shear_modulus": 0.0})
+    with pytest.raises(ValueError, match="as long as the bounds"):
+        run(channels, [0, 5])
+    with pytest.raises(ValueError, match="bounds must rise"):
+        run(channels, [0, 8, 4, 10])

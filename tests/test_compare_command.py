@@ -1,0 +1,177 @@
+"""`terrain-est compare` on logs of the simulator, whose misfits are known."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from simulator import CHANNELS, DRY_SAND, Drive, Sensor, Track, simulate, steps, undulation, wave
+from simulator.effects import base_contact
+from simulator.logs import write_csv, write_parquet
+
+ROVER = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
+MODEL = 'format = "terrain-est/model/1"\nbase = "wong-reece"\neffects = ["slip-sinkage"]\n'
+KEYS = {"rmse", "heldout_rmse", "bias", "nrmse", "noise"}
+NAMES = {"torque", "drawbar_pull", "sinkage"}
+
+
+def log(effects=None, seed=1):
+    track = Track(
+        "wheel",
+        [(base_contact(DRY_SAND), 60.0)],
+        load=undulation(80.0, 0.2, 5.0, seed=5),
+        slip=wave(0.35, 0.6, 9.0),
+    )
+    noisy = ("load", "torque", "sinkage", "slip", "drawbar_pull")
+    return simulate(
+        Drive(
+            [track],
+            rate=10.0,
+            sensors={channel: Sensor(relative=0.02) for channel in noisy},
+            channels=(*CHANNELS, "slip", "drawbar_pull"),
+            effects=effects or {},
+            speed=steps([(0.1, 30.0), (0.15, 30.0)]),
+            seed=seed,
+        )
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Write a clean log, one with slip-sinkage, and a model that has it."""
+    path = tmp_path_factory.mktemp("logs")
+    (path / "rover.toml").write_text(ROVER)
+    (path / "model.toml").write_text(MODEL)
+    write_csv(log(), path / "clean.csv")
+    write_parquet(log({"slip-sinkage": {"n1": 0.4}}, seed=2), path / "sinks.parquet")
+    return path
+
+
+@pytest.fixture
+def compare(terrain_est):
+    def run(*args):
+        done = terrain_est("compare", *args, "--json", "-q")
+        assert (done.returncode, done.stderr) == (0, "")
+        return json.loads(done.stdout)
+
+    return run
+
+
+def test_clean_log_has_no_finding_and_errors_of_the_size_of_the_noise(folder, compare):
+    found = compare(folder / "clean.csv", "--segments", "none")
+    assert found["format"] == "terrain-est/comparison/1"
+    assert found["model"] == {"base": "wong-reece", "effects": []}
+    assert found["data"]["samples"] == 600
+    assert found["data"]["segments"] == 1
+    assert found["data"]["blocks"] > 7
+    assert found["failures"] == []
+    assert found["channels"].keys() == NAMES
+    for errors in found["channels"].values():
+        assert errors.keys() >= KEYS
+        assert errors["rmse"] == pytest.approx(errors["noise"], rel=0.15)
+        low, high = errors["heldout_interval"]
+        assert low < errors["heldout_rmse"] < high
+        assert errors["heldout_rmse"] == pytest.approx(errors["rmse"], rel=0.1)
+        assert abs(errors["bias"]) < errors["rmse"] / 5.0
+    (segment,) = found["segments"]
+    assert segment["c_kPa"] == pytest.approx(1.04, abs=4.0 * segment["c_se_kPa"])
+    assert segment["phi_deg"] == pytest.approx(28.0, abs=4.0 * segment["phi_se_deg"])
+    assert segment.keys() >= NAMES
+
+
+def test_missing_effect_is_seen_where_it_acts(folder, compare, terrain_est):
+    found = compare(folder / "sinks.parquet", "--segments", "none")
+    first = found["failures"][0]
+    assert first.keys() >= {"channel", "driver", "shape", "p_value", "share"}
+    # One effect, seen in every channel, but only as slip drives it.
+    assert {failure["driver"] for failure in found["failures"]} == {"slip"}
+    assert "sinkage" in {failure["channel"] for failure in found["failures"]}
+    assert first["p_value"] < 0.05
+    assert found["channels"]["sinkage"]["rmse"] > 1.5 * found["channels"]["sinkage"]["noise"]
+    told = terrain_est("compare", folder / "sinks.parquet", "--segments", "none", "-q").stdout
+    assert "held-out rmse" in told
+    assert first["sentence"] in told
+
+
+def test_two_models_side_by_side(folder, compare, terrain_est):
+    models = ["--model", "wong-reece", "--model", folder / "model.toml"]
+    found = compare(folder / "sinks.parquet", "--segments", "none", *models)
+    assert found["against"]["model"] == {"base": "wong-reece", "effects": ["slip-sinkage"]}
+    (parameters,) = found["against"]["parameters"]
+    n1 = parameters["slip-sinkage.n1"]
+    assert n1["value"] == pytest.approx(0.4, abs=4.0 * n1["se"])
+    (sinkage,) = (d for d in found["differences"] if d["name"] == "sinkage")
+    assert sinkage["moved"]
+    assert sinkage["second"] < sinkage["first"] / 1.5
+    assert sinkage["interval"][1] < 0.0
+    told = terrain_est("compare", folder / "sinks.parquet", "--segments", "none", *models, "-q").stdout
+    assert "B  wong-reece + slip-sinkage" in told
+    # A second model may need fewer words than the first, never another table.
+    assert told.count("held-out rmse") == 3
+
+
+def test_linear_base_predicts_torque_and_pull(folder, compare):
+    found = compare(folder / "clean.csv", "--segments", "none", "--model", "linear")
+    assert found["model"]["base"] == "linear"
+    assert found["channels"].keys() == {"torque", "drawbar_pull"}
+
+
+@pytest.mark.parametrize("absent", [("torque",), ("drawbar_pull",), ("torque", "drawbar_pull")])
+def test_whichever_channels_are_there(folder, tmp_path, compare, absent):
+    table = pd.read_csv(folder / "clean.csv").drop(columns=list(absent))
+    table.to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER)
+    found = compare(tmp_path / "run.csv")
+    assert found["channels"].keys() == NAMES.difference(absent)
+
+
+def test_steady_test_points_without_torque_or_time(folder, tmp_path, compare):
+    table = pd.read_csv(folder / "clean.csv").drop(columns=["torque", "time"]).iloc[::10]
+    table.to_csv(tmp_path / "bench.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER)
+    found = compare(tmp_path / "bench.csv")
+    assert found["data"]["samples"] == 60
+    assert found["channels"].keys() == {"drawbar_pull", "sinkage"}
+
+
+def test_further_column_is_found_as_a_driver(folder, tmp_path, compare):
+    table = pd.read_csv(folder / "clean.csv")
+    heat = np.cumsum(np.random.default_rng(4).normal(size=len(table)))
+    table["gearbox_heat"] = (heat - heat.min()) / np.ptp(heat)
+    table["torque"] += 0.8 * table["gearbox_heat"]
+    table.to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER)
+    first = compare(tmp_path / "run.csv", "--segments", "none")["failures"][0]
+    assert (first["channel"], first["driver"]) == ("torque", "gearbox_heat")
+
+
+def test_several_inputs_at_once(folder, compare):
+    found = compare(folder / "clean.csv", folder / "sinks.parquet", "--segments", "none")
+    assert len(found["data"]["sources"]) == 2
+    assert [segment["segment"] for segment in found["segments"]] == [1, 1]
+    assert all(math.isfinite(segment["phi_deg"]) for segment in found["segments"])
+
+
+def test_same_seed_same_answer(folder, terrain_est):
+    run = [
+        terrain_est("compare", folder / "sinks.parquet", "--json", "-q", "--seed", "7").stdout
+        for _ in range(2)
+    ]
+    assert run[0] == run[1]
+
+
+def test_three_models_are_refused(folder, terrain_est):
+    done = terrain_est("compare", folder / "clean.csv", *["--model", "linear"] * 3)
+    assert done.returncode == 2
+    assert "--model is given 3 times" in done.stderr
+
+
+def test_what_it_needs_beside_torque_is_asked_for(folder, tmp_path, terrain_est):
+    pd.read_csv(folder / "clean.csv").drop(columns=["sinkage"]).to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER)
+    done = terrain_est("compare", tmp_path / "run.csv")
+    assert (done.returncode, done.stdout) == (65, "")
+    assert "sinkage" in done.stderr

@@ -1,0 +1,394 @@
+"""`terrain-est estimate` with the full model and with model files, on logs of the simulator.
+
+The simulator integrates its own equations adaptively, one sample at a time; with the contact of
+the base, θm = θ1/2, the truth is in the model.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from io import StringIO
+
+import numpy as np
+import pandas as pd
+import pytest
+from simulator import (
+    CHANNELS,
+    DRY_SAND,
+    UPLAND_SANDY_LOAM,
+    Drive,
+    Sensor,
+    Track,
+    simulate,
+    steps,
+    undulation,
+    wave,
+)
+from simulator.effects import base_contact
+from simulator.logs import write_csv, write_parquet, write_ros1, write_ros2
+
+import terrain_cli as terrain
+from terrain_cli.errors import UsageError
+
+ROVER = """\
+[wheel]
+radius = 0.125
+width = 0.1
+[soil]
+shear_modulus = 0.025      # 0.018 in truth
+[channels]
+torque = { topic = "/joint_states", field = "effort", unit = "N m" }
+sinkage = { topic = "/wheel/sinkage", field = "data", unit = "m" }
+"""
+SOILS = [base_contact(DRY_SAND), base_contact(UPLAND_SANDY_LOAM)]
+NOISE = 0.01
+EFFECTS = {"slip-sinkage": {"n1": 0.4}, "drivetrain-friction": {"Tc": 0.5, "Bv": 0.0}}
+MODEL = 'format = "terrain-est/model/1"\nbase = "wong-reece"\n'
+
+
+def drive(effects=(), seed=1, seconds=15.0):
+    track = Track(
+        "wheel",
+        [(soil, seconds) for soil in SOILS],
+        load=undulation(80.0, 0.3, 6.0, seed=3),
+        slip=wave(0.35, 0.7, 7.0),
+    )
+    noisy = ("load", "torque", "sinkage", "slip", "drawbar_pull")
+    return Drive(
+        [track],
+        rate=10.0,
+        sensors={channel: Sensor(relative=NOISE) for channel in noisy},
+        channels=(*CHANNELS, "slip", "drawbar_pull"),
+        effects={name: EFFECTS[name] for name in effects},
+        speed=steps([(0.1, seconds / 2.0), (0.15, seconds)]),
+        seed=seed,
+    )
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return simulate(drive())
+
+
+@pytest.fixture(scope="module")
+def affected():
+    return simulate(drive(EFFECTS))
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rover.toml").write_text(ROVER, "utf-8")
+    return tmp_path
+
+
+def table(done):
+    assert done.returncode == 0, done.stderr
+    return pd.read_csv(StringIO(done.stdout))
+
+
+def summary(path="s.json"):
+    with open(path, encoding="utf-8") as file:  # noqa: PTH123
+        return json.load(file)
+
+
+def by_wheel(document):
+    return document["inputs"][0]["wheels"][0]["model"]
+
+
+def test_the_full_model_is_closer_to_the_truth_than_the_line(terrain_est, here, plain):
+    write_csv(plain, here / "run.csv", terrain=True)
+    options = ("--segments", "terrain", "--method", "wong-reece", "--summary", "s.json")
+    rows = table(terrain_est("estimate", "run.csv", *options))
+    assert rows["method"].tolist() == ["wong-reece"] * 2
+    assert rows["status"].tolist() == ["ok"] * 2
+    for row, soil in zip(rows.itertuples(), SOILS, strict=True):
+        c, phi = soil.cohesion / 1e3, math.degrees(soil.friction_angle)
+        assert abs(row.c_kPa - c) < 3.0 * row.c_se_kPa
+        assert abs(row.phi_deg - phi) < 3.0 * row.phi_se_deg
+        assert abs(row.c_kPa - c) < abs(row.c_ls_kPa - c)
+        assert abs(row.phi_deg - phi) < abs(row.phi_ls_deg - phi)
+        assert row.k_mm == pytest.approx(18.0, rel=0.2)
+        strength = soil.strength(row.sigma_star_kPa * 1e3) / 1e3
+        assert abs(row.strength_kPa - strength) < 3.0 * row.strength_se_kPa
+        # What the noise of load, sinkage and slip does to the torque included.
+        assert row.torque_rmse_Nm < 0.2
+
+    document = summary()
+    assert (document["settings"]["method"], document["settings"]["model"]) == ("wong-reece", None)
+    model = by_wheel(document)
+    assert (model["base"], model["effects"], model["parameters"]) == ("wong-reece", [], {})
+    for entry, soil in zip(document["terrains"], SOILS, strict=True):
+        assert entry["terrain"] == soil.name
+        assert entry["k_mm"]["mean"] == pytest.approx(18.0, rel=0.2)
+        assert entry["n"]["mean"] == pytest.approx(soil.exponent, abs=0.1)
+        assert entry["keq_kPa_per_m_n"]["mean"] == pytest.approx(soil.stiffness(0.1) / 1e3, rel=0.5)
+
+
+def test_parameters_of_effects_are_recovered(terrain_est, here, affected):
+    write_csv(affected, here / "run.csv", terrain=True)
+    new = ("--effect", "slip-sinkage", "--effect", "drivetrain-friction")
+    assert terrain_est("model", "new", "model.toml", *new).returncode == 0
+    options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
+    done = terrain_est("estimate", "run.csv", *options)
+    rows = table(done)
+    model = by_wheel(summary())
+    assert model["effects"] == ["slip-sinkage", "drivetrain-friction"]
+    assert summary()["settings"]["model"] == "model.toml"
+    for name, truth in (
+        ("slip-sinkage.n1", 0.4),
+        ("drivetrain-friction.Tc", 0.5),
+        ("drivetrain-friction.Bv", 0.0),
+    ):
+        entry = model["parameters"][name]
+        assert abs(entry["value"] - truth) < 3.0 * entry["se"]
+        assert name in done.stderr
+    assert model["parameters"]["slip-sinkage.n1"]["fixed_by_data"]
+    assert model["parameters"]["slip-sinkage.n1"]["unit"] == "1"
+    for row, soil in zip(rows.itertuples(), SOILS, strict=True):
+        assert abs(row.c_kPa - soil.cohesion / 1e3) < 3.0 * row.c_se_kPa
+        assert abs(row.phi_deg - math.degrees(soil.friction_angle)) < 3.0 * row.phi_se_deg
+
+
+def test_held_parameters_are_as_they_were_given(terrain_est, here, affected):
+    write_csv(affected, here / "run.csv", terrain=True)
+    (here / "model.toml").write_text(
+        MODEL + 'effects = ["slip-sinkage", "drivetrain-friction"]\nshared = ["sinkage_exponent"]\n'
+        "[fixed]\nshear_modulus = 0.018\nslip-sinkage.n1 = 0.4\n",
+        "utf-8",
+    )
+    options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
+    rows = table(terrain_est("estimate", "run.csv", *options))
+    np.testing.assert_allclose(rows["k_mm"], 18.0)
+    parameters = by_wheel(summary())["parameters"]
+    assert parameters["slip-sinkage.n1"] == {
+        "value": 0.4, "se": None, "unit": "1", "held": True, "because": None, "fixed_by_data": None,
+    }  # fmt: skip
+    assert parameters["sinkage_exponent"]["value"] == pytest.approx(SOILS[0].exponent, abs=0.2)
+
+
+FORMATS = [(write_csv, "r.csv"), (write_parquet, "r.parquet"), (write_ros1, "r.bag"), (write_ros2, "r.mcap")]
+
+
+def test_every_format_gives_one_answer(terrain_est, here, affected):
+    (here / "model.toml").write_text(MODEL + 'effects = ["drivetrain-friction"]\n', "utf-8")
+    answers = []
+    for write, name in FORMATS:
+        write(affected, here / name)
+        options = ("--model", "model.toml", "--segments", "none", "--where", "time < 15", "--quiet")
+        answers.append(table(terrain_est("estimate", name, *options)))
+    csv, parquet, ros1, ros2 = answers
+    # Bags have no channel for the slip, and derive it.
+    for one, other in ((csv, parquet), (ros1, ros2)):
+        for name in ("c_kPa", "phi_deg", "k_mm", "strength_kPa"):
+            np.testing.assert_allclose(one[name], other[name], rtol=1e-6)
+    assert abs(csv["strength_kPa"] - ros1["strength_kPa"])[0] < csv["strength_se_kPa"][0]
+
+
+def test_an_effect_of_the_user(terrain_est, here, affected):
+    write_csv(affected, here / "run.csv", terrain=True)
+    (here / "drag.toml").write_text(
+        """
+        id = "constant-drag"
+        title = "A seal rubs on the axle"
+        changes = "torque"
+        law = "torque + drag * tanh(angular_velocity / w0)"
+        needs = ["angular_velocity"]
+        [parameters.drag]
+        unit = "N cm"
+        null = 0.0
+        scale = 10.0
+        [parameters.w0]
+        unit = "rad/s"
+        null = 0.01
+        scale = 0.01
+        lower = 0.001
+        """,
+        "utf-8",
+    )
+    (here / "model.toml").write_text(
+        MODEL + 'effects = ["slip-sinkage", "drag.toml"]\n[fixed]\nconstant-drag.w0 = 0.01\n', "utf-8"
+    )
+    options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
+    table(terrain_est("estimate", "run.csv", *options))
+    drag = by_wheel(summary())["parameters"]["constant-drag.drag"]
+    assert drag["unit"] == "N cm"
+    assert abs(drag["value"] - 50.0) < 3.0 * drag["se"] < 75.0
+
+
+def test_what_a_parameter_needs_may_be_missing(terrain_est, here):
+    # Steady test points, whose slip is known and whose speed is not.
+    channels = ("load", "torque", "sinkage", "slip")
+    columns = simulate(replace(drive(EFFECTS), channels=channels)).columns(terrain=True)
+    pd.DataFrame(columns).drop(columns=["time", "wheel"]).to_csv(here / "bench.csv", index=False)
+    new = ("--effect", "slip-sinkage", "--effect", "drivetrain-friction")
+    assert terrain_est("model", "new", "model.toml", *new).returncode == 0
+    done = terrain_est("estimate", "bench.csv", "--model", "model.toml", "--summary", "s.json")
+    rows = table(done)
+    assert rows["terrain"].tolist() == sorted(soil.name for soil in SOILS)
+    parameters = by_wheel(summary())["parameters"]
+    assert parameters["drivetrain-friction.Bv"] == {
+        "value": 0.0,
+        "se": None,
+        "unit": "N m s/rad",
+        "held": True,
+        "because": "angular_velocity not measured",
+        "fixed_by_data": None,
+    }
+    assert "drivetrain-friction.Bv = 0 N m s/rad, held: angular_velocity not measured" in done.stderr
+    assert abs(parameters["slip-sinkage.n1"]["value"] - 0.4) < 3.0 * parameters["slip-sinkage.n1"]["se"]
+
+
+def test_each_wheel_and_input_is_fitted_on_its_own(terrain_est, here, plain, affected):
+    write_csv(plain, here / "a.csv", terrain=True)
+    write_csv(affected, here / "b.csv", terrain=True)
+    (here / "model.toml").write_text(MODEL + 'effects = ["slip-sinkage"]\n', "utf-8")
+    options = ("--segments", "terrain", "--model", "model.toml", "--quiet")
+    both = table(terrain_est("estimate", "a.csv", "b.csv", "--jobs", "2", *options, "--summary", "s.json"))
+    alone = [table(terrain_est("estimate", name, *options)) for name in ("a.csv", "b.csv")]
+    pd.testing.assert_frame_equal(both, pd.concat(alone, ignore_index=True))
+    models = [entry["wheels"][0]["model"] for entry in summary()["inputs"]]
+    assert [m["parameters"]["slip-sinkage.n1"]["value"] for m in models] == pytest.approx([0.0, 0.4], abs=0.1)
+
+
+def test_effects_on_the_linear_base(terrain_est, here, affected):
+    write_csv(affected, here / "run.csv", terrain=True)
+    (here / "model.toml").write_text(
+        MODEL.replace("wong-reece", "linear") + 'effects = ["drivetrain-friction"]\n', "utf-8"
+    )
+    options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
+    rows = table(terrain_est("estimate", "run.csv", *options))
+    assert rows["method"].tolist() == ["linear"] * 2
+    # k is assumed, as the other estimators of the linear model do.
+    np.testing.assert_allclose(rows["k_mm"], 25.0)
+    assert set(by_wheel(summary())["parameters"]) == {"drivetrain-friction.Tc", "drivetrain-friction.Bv"}
+
+
+def test_the_linear_model_is_the_default(terrain_est, here, plain):
+    write_csv(plain, here / "run.csv")
+    default = terrain_est("estimate", "run.csv", "--quiet")
+    assert default.returncode == 0
+    assert terrain_est("estimate", "run.csv", "--quiet", "--model", "linear").stdout == default.stdout
+    (here / "line.toml").write_text(MODEL.replace("wong-reece", "linear"), "utf-8")
+    assert terrain_est("estimate", "run.csv", "--quiet", "--model", "line.toml").stdout == default.stdout
+
+
+def test_model_and_method_say_the_same(terrain_est, here, plain):
+    write_csv(plain, here / "run.csv")
+    options = ("estimate", "run.csv", "--quiet", "--segments", "none")
+    method = terrain_est(*options, "--method", "wong-reece")
+    assert method.returncode == 0, method.stderr
+    assert terrain_est(*options, "--model", "wong-reece").stdout == method.stdout
+    (here / "rover.toml").write_text(ROVER + '[estimate]\nmodel = "full.toml"\n', "utf-8")
+    (here / "full.toml").write_text(MODEL, "utf-8")
+    assert terrain_est(*options).stdout == method.stdout
+    assert terrain_est(*options, env={"TERRAIN_EST_MODEL": "linear"}).stdout != method.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        (
+            ["--model", "linear", "--method", "wong-reece"],
+            2,
+            "--method wong-reece is not for the base linear",
+        ),
+        (["--model", "wong-reece", "--method", "ridge"], 2, "--method ridge is an estimator of the line"),
+        (
+            ["--model", "wong-reece", "--method", "recursive"],
+            2,
+            "--method recursive is an estimator of the line",
+        ),
+        (["--robust"], 2, "--robust is for the full model"),
+        (["--model", "gone.toml"], 78, "gone.toml: no such model file"),
+        (["--model", "bad.toml"], 78, "bad.toml: format is missing"),
+        (["--model", "lateral.toml"], 65, "run.csv: effect side-slip needs slip_angle, and nothing gives it"),
+        (["--model", "grousers.toml"], 78, "effect grousers needs grouser_height of rover.toml"),
+    ],
+)
+def test_what_does_not_go_together(terrain_est, here, plain, options, code, message):
+    write_csv(plain, here / "run.csv")
+    (here / "bad.toml").write_text('base = "linear"\n', "utf-8")
+    (here / "lateral.toml").write_text(MODEL + 'effects = ["side-slip"]\n', "utf-8")
+    (here / "grousers.toml").write_text(MODEL + 'effects = ["grousers"]\n', "utf-8")
+    done = terrain_est("estimate", "run.csv", *options)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert message in done.stderr.splitlines()[0]
+
+
+def test_the_hint_says_how_to_supply_a_channel(terrain_est, here, plain):
+    write_csv(plain, here / "run.csv")
+    (here / "lateral.toml").write_text(MODEL + 'effects = ["side-slip"]\n', "utf-8")
+    done = terrain_est("estimate", "run.csv", "--model", "lateral.toml")
+    assert 'slip_angle = { column = "…", unit = "rad" }' in done.stderr
+
+
+def test_known_noise_is_used(terrain_est, here, plain):
+    write_csv(plain, here / "run.csv", terrain=True)
+    given = "".join(f"{name} = {{ relative = 0.01 }}\n" for name in ("load", "torque", "sinkage", "slip"))
+    (here / "rover.toml").write_text(ROVER + f"[noise]\n{given}", "utf-8")
+    options = (
+        "estimate",
+        "run.csv",
+        "--segments",
+        "terrain",
+        "--method",
+        "wong-reece",
+        "--summary",
+        "s.json",
+    )
+    table(terrain_est(*options))
+    noise = by_wheel(summary())["noise"]
+    assert noise["torque"] == {"relative": 0.01, "absolute": 0.0, "unit": "N m", "given": True}
+    assert not noise["drawbar_pull"]["given"]
+    (here / "rover.toml").write_text(ROVER, "utf-8")
+    table(terrain_est(*options))
+    noise = by_wheel(summary())["noise"]
+    assert not noise["torque"]["given"]
+    assert noise["torque"]["relative"] == pytest.approx(NOISE, rel=0.5)
+
+
+def test_wild_samples_need_robustness(terrain_est, here):
+    sensors = {**drive().sensors, "torque": Sensor(relative=NOISE, outliers=0.05, outlier_size=3.0)}
+    write_csv(simulate(replace(drive(), sensors=sensors)), here / "run.csv", terrain=True)
+    options = ("estimate", "run.csv", "--segments", "terrain", "--method", "wong-reece", "--quiet")
+    errors = {}
+    for robust in (False, True):
+        rows = table(terrain_est(*options, *["--robust"] * robust))
+        truth = [math.degrees(soil.friction_angle) for soil in SOILS]
+        errors[robust] = np.abs(rows["phi_deg"] - truth).max()
+    assert errors[True] < errors[False]
+
+
+def test_few_samples_are_told(terrain_est, here, plain):
+    write_csv(plain, here / "run.csv")
+    options = (
+        "--method",
+        "wong-reece",
+        "--segments",
+        "fixed",
+        "--window-samples",
+        "4",
+        "--where",
+        "time < 2",
+    )
+    rows = table(terrain_est("estimate", "run.csv", *options))
+    assert set(rows["status"]) == {"too-few-samples"}
+
+
+def test_in_a_notebook(here, plain):
+    write_csv(plain, here / "run.csv", terrain=True)
+    (here / "model.toml").write_text(MODEL + 'effects = ["drivetrain-friction"]\n', "utf-8")
+    model = terrain.load_model("model.toml")
+    (wheel,) = terrain.read("run.csv", model=model)
+    cut = terrain.segment(wheel, "terrain")
+    rows = terrain.estimate(cut, model=model)
+    assert rows["method"].tolist() == ["wong-reece"] * 2
+    again = terrain.estimate(cut, "wong-reece", model="model.toml")
+    pd.testing.assert_frame_equal(again, rows)
+    with pytest.raises(UsageError, match="estimator of the line"):
+        terrain.estimate(cut, "ridge", model=model)
+    (entry, _) = terrain.summarise(cut, model=model)
+    assert entry["k_mm"]["mean"] == pytest.approx(18.0, rel=0.2)

@@ -1,0 +1,346 @@
+"""Model files: read strictly, written whole, and edited without losing what their user wrote."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import replace
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from terrain_cli import effects, models
+from terrain_cli import settings as choices
+from terrain_cli.errors import ConfigurationError
+from terrain_cli.mechanics import model as mechanics
+from terrain_cli.models import ModelFile, Prior
+
+HEAD = 'format = "terrain-est/model/1"\n'
+CONTRACT = """
+format = "terrain-est/model/1"
+base = "wong-reece"                # or "linear"
+effects = ["slip-sinkage"]         # ids of the catalogue, or paths of effect files, beside this file
+[fixed]                            # parameters held, with their values; the rest are estimated
+shear_modulus = 0.018
+[[history]]                        # written by model add / remove --data
+added = "slip-sinkage"
+before = { torque = 0.41, sinkage = 0.002 }
+"""
+CABLE = """
+id = "cable-drag"
+title = "Umbilical drags on the carriage"
+changes = "drawbar_pull"
+law = "drawbar_pull - cd * abs(yaw_rate)"
+needs = ["yaw_rate"]
+[parameters.cd]
+unit = "N s/rad"
+null = 0.0
+scale = 10.0
+lower = 0.0
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, name="model.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_the_example_of_the_contract(write):
+    file = models.load(write(CONTRACT))
+    assert file.model.base == "wong-reece"
+    assert [effect.id for effect in file.model.effects] == ["slip-sinkage"]
+    assert file.fixed == {"shear_modulus": 0.018}
+    assert file.history == ({"added": "slip-sinkage", "before": {"torque": 0.41, "sinkage": 0.002}},)
+
+
+def test_a_file_may_say_no_more_than_its_base(write):
+    file = models.load(write(HEAD + 'base = "linear"'))
+    assert (file.model.base, file.effects, file.fixed, file.history) == ("linear", (), {}, ())
+    assert file.plain
+    assert not models.load(write(HEAD + 'base = "wong-reece"')).plain
+    assert not models.load(write(HEAD + 'base = "linear"\n[fixed]\ntan_phi = 0.5')).plain
+
+
+@pytest.mark.parametrize(
+    "fixed",
+    [
+        '[fixed]\n"slip-sinkage.n1" = 0.4',
+        "[fixed]\nslip-sinkage.n1 = 0.4",
+        "[fixed.slip-sinkage]\nn1 = 0.4",
+        "[fixed]\nslip-sinkage = { n1 = 0.4 }",
+        'fixed."slip-sinkage.n1" = 0.4',
+    ],
+)
+def test_parameters_of_effects_are_named_in_any_way_that_toml_has(write, fixed):
+    file = models.load(write(f'{HEAD}base = "wong-reece"\neffects = ["slip-sinkage"]\n{fixed}\n'))
+    assert file.fixed == {"slip-sinkage.n1": 0.4}
+
+
+def test_effects_of_a_user_lie_beside_the_file(write, tmp_path, monkeypatch):
+    (tmp_path / "own").mkdir()
+    write(CABLE, "own/cable.toml")
+    path = write(f'{HEAD}base = "wong-reece"\neffects = ["own/cable.toml"]\n[fixed]\ncable-drag.cd = 12\n')
+    monkeypatch.chdir("/")
+    file = models.load(path)
+    assert file.model.needs == ("yaw_rate",)
+    assert file.fixed == {"cable-drag.cd": 12.0}
+    assert file.units["cable-drag.cd"] == "N s/rad"
+
+
+def test_values_are_in_the_unit_of_the_parameter(write, tmp_path):
+    write(CABLE.replace('"N s/rad"', '"N s/deg"'), "cable.toml")
+    text = f'{HEAD}base = "wong-reece"\neffects = ["cable.toml"]\n'
+    file = models.load(write(text + "[fixed]\ncable-drag.cd = 0.5\n"))
+    assert file.fixed["cable-drag.cd"] == pytest.approx(0.5 * 180.0 / math.pi)
+    models.save(replace(file, fixed={"cable-drag.cd": 0.25 * 180.0 / math.pi}), tmp_path / "model.toml")
+    assert '"cable-drag.cd" = 0.25' in (tmp_path / "model.toml").read_text("utf-8")
+    prior = models.load(write(text + "[priors]\ncable-drag.cd = { mean = 0.5, sd = 0.1 }\n")).priors
+    assert prior["cable-drag.cd"].sd == pytest.approx(0.1 * 180.0 / math.pi)
+
+
+def test_priors_and_shared_parameters(write):
+    text = f"""{HEAD}base = "wong-reece"
+        effects = ["slip-sinkage"]
+        shared = ["shear_modulus"]
+        [priors]
+        cohesion = {{ mean = 1000, sd = 500 }}
+        slip-sinkage.n1 = {{ mean = 0.4, sd = 0.2 }}
+        [priors.sinkage_exponent]
+        mean = 1.1
+        sd = 0.1
+        """
+    file = models.load(write(text))
+    assert file.shared == ("shear_modulus",)
+    assert file.priors == {
+        "cohesion": Prior(1000.0, 500.0),
+        "slip-sinkage.n1": Prior(0.4, 0.2),
+        "sinkage_exponent": Prior(1.1, 0.1),
+    }
+
+
+WR = HEAD + 'base = "wong-reece"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "format is missing"),
+        ('format = "terrain-est/model/2"\nbase = "linear"', "format is 'terrain-est/model/2'"),
+        ("format = 1", "format is 1"),
+        (HEAD, "base is missing"),
+        (
+            HEAD + 'base = "wong-rece"',
+            "base: must be one of linear, wong-reece, not 'wong-rece'; did you mean wong-reece?",
+        ),
+        (HEAD + "base = 3", "base: must be one of linear, wong-reece, not 3"),
+        (WR + 'efects = ["slip-sinkage"]', "efects: unknown key; did you mean effects?"),
+        (WR + 'effects = "slip-sinkage"', "effects: must be a list, not 'slip-sinkage'"),
+        (WR + "effects = [1]", "effects[0]: must be text, not 1"),
+        (WR + 'effects = ["slip-sinkag"]', "effects[0]: "),
+        (WR + 'effects = ["gone.toml"]', "effects[0]: "),
+        (WR + 'effects = ["slip-sinkage", "slip-sinkage"]', "effect slip-sinkage is in the model twice"),
+        (
+            HEAD + 'base = "linear"\neffects = ["slip-sinkage"]',
+            "effect slip-sinkage changes the sinkage exponent, which the base linear does not have",
+        ),
+        (WR + "fixed = 3", "fixed: must be a table, not 3"),
+        (
+            WR + "[fixed]\nshear_module = 0.018",
+            "fixed.shear_module: the model has no parameter 'shear_module'; did you mean shear_modulus?",
+        ),
+        (
+            HEAD + 'base = "linear"\n[fixed]\nstiffness = 1e6',
+            "fixed.stiffness: the model has no parameter 'stiffness'",
+        ),
+        (
+            WR + 'effects = ["slip-sinkage"]\n[fixed.slip-sinkage]\nn2 = 0.4',
+            "fixed.slip-sinkage.n2: the model has no parameter 'slip-sinkage.n2'; did you mean slip-sink",
+        ),
+        (WR + "[fixed]\nslip-sinkage.n1 = 0.4", "fixed.slip-sinkage.n1: the model has no parameter"),
+        (
+            WR + "[fixed]\nshear_modulus = 18",
+            "fixed.shear_modulus: must be a positive number, at most 1, not 18",
+        ),
+        (WR + "[fixed]\nstiffness = 0", "fixed.stiffness: must be a positive number, not 0"),
+        (WR + '[fixed]\ncohesion = "1 kPa"', "fixed.cohesion: must be a number, not '1 kPa'"),
+        (WR + "[fixed]\ncohesion = nan", "fixed.cohesion: must be a number, not nan"),
+        (WR + "[priors]\ncohesion = 3", "priors.cohesion: must be a table, not 3"),
+        (WR + "[priors]\ncohesion = { mean = 3 }", "priors.cohesion: sd is missing"),
+        (WR + "[priors]\ncohesion = { mean = 3, sd = 0 }", "priors.cohesion.sd: must be a positive number"),
+        (
+            WR + "[priors]\ncohesion = { mean = 3, std = 1 }",
+            "priors.cohesion.std: unknown key; did you mean sd?",
+        ),
+        (
+            WR + "[fixed]\ncohesion = 3\n[priors]\ncohesion = { mean = 3, sd = 1 }",
+            "priors.cohesion: is held by [fixed]",
+        ),
+        (
+            WR + 'shared = ["shear_module"]',
+            "shared[0]: the model has no parameter 'shear_module'; did you mean shear_modulus?",
+        ),
+        (WR + "history = 3", "history: must be a list, not 3"),
+        (WR + "history = [3]", "history[0]: must be a table, not 3"),
+        (WR + "base = ", "not TOML: "),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_place(write, text, message):
+    path = write(text)
+    with pytest.raises(ConfigurationError) as error:
+        models.load(path)
+    assert str(error.value).startswith(f"{path}: {message}")
+    assert "\n" not in str(error.value)
+    assert error.value.exit_code == 78
+
+
+def test_an_unknown_effect_names_the_nearest(write):
+    with pytest.raises(ConfigurationError) as error:
+        models.load(write(WR + 'effects = ["slip-sinkag"]'))
+    assert "did you mean slip-sinkage?" in str(error.value)
+
+
+def test_a_base_is_a_model():
+    assert models.resolve("linear").plain
+    assert models.resolve("wong-reece") == ModelFile()
+    with pytest.raises(ConfigurationError, match="wong-rece: no such model file; did you mean wong-reece"):
+        models.resolve("wong-rece")
+
+
+def test_options_and_models_have_the_same_bases():
+    assert set(choices.BASES) == set(mechanics.BASES)
+
+
+numbers = st.floats(1e-6, 1.0)
+
+
+@st.composite
+def files(draw):
+    names = draw(st.lists(st.sampled_from(list(effects.NAMES)), unique=True, max_size=4))
+    file = models.build("wong-reece", names)
+    known = list(file.units)
+    bounds = {name: (p.lower, p.upper) for name, p in file.model.parameters.items()}
+
+    def value(name):
+        low, high = bounds.get(name, (1e-3, 1.0))
+        return draw(st.floats(max(low, -1e3), min(high, 1e3)))
+
+    held = draw(st.lists(st.sampled_from(known), unique=True, max_size=4))
+    known = [name for name in known if name not in held]
+    prior = draw(st.lists(st.sampled_from(known), unique=True, max_size=3)) if known else []
+    entry = st.dictionaries(st.text("abc.é ", min_size=1), st.text() | st.integers(0, 9) | st.lists(numbers))
+    return replace(
+        file,
+        fixed={name: value(name) for name in held},
+        priors={name: Prior(value(name), draw(numbers)) for name in prior},
+        shared=tuple(draw(st.lists(st.sampled_from(file.model.soil), unique=True, max_size=2))),
+        history=tuple(draw(st.lists(entry, max_size=3))),
+    )
+
+
+anywhere = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+
+
+@anywhere
+@given(files())
+def test_what_is_written_reads_back(tmp_path, file):
+    path = tmp_path / "model.toml"
+    models.save(file, path)
+    assert replace(models.load(path), path=None) == file
+
+
+@anywhere
+@given(files(), files())
+def test_what_is_edited_reads_back(tmp_path, before, after):
+    path = tmp_path / "model.toml"
+    models.save(before, path)
+    after = replace(after, history=(*before.history, *after.history), text=path.read_text("utf-8"))
+    models.save(after, path)
+    assert replace(models.load(path), path=None) == after
+
+
+WRITTEN = """\
+# The front wheels, tuned by hand.
+format = "terrain-est/model/1"
+base = "wong-reece"      # as in the paper
+effects = [
+    "slip-sinkage",      # it digs
+    "drivetrain-friction",
+]
+
+[fixed]
+shear_modulus = 0.018    # m, from the plate test
+"slip-sinkage.n1" = 0.4
+
+[[history]]              # the first night
+added = "slip-sinkage"
+"""
+
+
+def test_an_edit_keeps_comments_and_order(write):
+    path = write(WRITTEN)
+    file = models.load(path)
+    change = {"removed": "slip-sinkage", "heldout": {"torque": [0.2, 0.21]}}
+    models.save(
+        replace(
+            file,
+            model=replace(file.model, effects=file.model.effects[1:]),
+            effects=file.effects[1:],
+            fixed={"shear_modulus": 0.02, "cohesion": 500.0},
+            history=(*file.history, change),
+        ),
+        path,
+    )
+    assert (
+        path.read_text("utf-8")
+        == """\
+# The front wheels, tuned by hand.
+format = "terrain-est/model/1"
+base = "wong-reece"      # as in the paper
+effects = ["drivetrain-friction"]
+
+[fixed]
+shear_modulus = 0.02    # m, from the plate test
+cohesion = 500.0
+
+[[history]]              # the first night
+added = "slip-sinkage"
+
+[[history]]
+removed = "slip-sinkage"
+heldout = { torque = [0.2, 0.21] }
+"""
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        WR + "fixed = { cohesion = 3, shear_modulus = 0.01 }",
+        WR + "fixed.cohesion = 3  # known\nfixed.shear_modulus = 0.01",
+        WR + "[fixed]\ncohesion = 3\nshear_modulus = 0.01  # known",
+    ],
+)
+def test_every_layout_can_be_edited(write, text):
+    path = write(text)
+    file = models.load(path)
+    models.save(replace(file, fixed={"cohesion": 3.0, "tan_phi": 0.5}), path)
+    assert models.load(path).fixed == {"cohesion": 3.0, "tan_phi": 0.5}
+
+
+def test_nothing_is_written_where_nothing_has_changed(write):
+    path = write(WRITTEN)
+    models.save(models.load(path), path)
+    assert path.read_text("utf-8") == WRITTEN
+
+
+def test_a_new_file_explains_itself(tmp_path):
+    file = models.build("wong-reece", ["slip-sinkage"], {"shear_modulus": 0.018})
+    text = models.new(file)
+    assert tomllib.loads(text)["fixed"] == {"shear_modulus": 0.018}
+    assert "cohesion (Pa), tan_phi (1), shear_modulus (m)" in text

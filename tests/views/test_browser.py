@@ -1,0 +1,209 @@
+"""The page in a real browser, without a network."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+
+import numpy as np
+import pytest
+from compared import comparison_of
+from matplotlib import image
+
+from terrain_cli.views import report
+
+pytestmark = pytest.mark.real("chromium", "chromedriver")
+
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    *("--disable-default-apps", "--disable-extensions", "--hide-scrollbars"),
+    # Whatever were asked for would fail, and show in the log.
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+)
+#: Lets every chart be drawn, and says whether one was not.
+DRAWN = "return document.querySelectorAll('.chart').length === document.querySelectorAll('.chart svg').length"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = shutil.which("chromium")
+    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    service = webdriver.ChromeService(executable_path=shutil.which("chromedriver"))
+    driver = webdriver.Chrome(options=options, service=service)
+    driver.set_window_size(1280, 900)
+    yield driver
+    driver.quit()
+
+
+def opened(browser, path):
+    """Open a page, wait until its charts are drawn, and return what the log then holds."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    browser.get("about:blank")
+    browser.get_log("performance")
+    browser.get_log("browser")
+    browser.get(path.as_uri())
+    WebDriverWait(browser, 60).until(lambda driver: driver.execute_script(DRAWN))
+    asked = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    return {
+        "console": browser.get_log("browser"),
+        "asked": [
+            message["params"]["request"]["url"]
+            for message in asked
+            if message["method"] == "Network.requestWillBeSent"
+        ],
+    }
+
+
+@pytest.fixture(scope="module")
+def path(comparison, tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "run.html"
+    report.write(comparison, path)
+    return path
+
+
+@pytest.fixture
+def shown(browser, path):
+    """Show the page, whatever was shown before."""
+    if browser.current_url != path.as_uri():
+        opened(browser, path)
+    return path
+
+
+def pixels(element):
+    return image.imread(io.BytesIO(element.screenshot_as_png))[..., :3]
+
+
+def elements(browser, selector):
+    return browser.find_elements("css selector", selector)
+
+
+def choose(browser, number):
+    from selenium.webdriver.support.ui import Select
+
+    Select(browser.find_element("id", "segment")).select_by_index(number)
+
+
+def test_nothing_is_asked_for_but_the_page_and_nothing_complains(browser, path):
+    log = opened(browser, path)
+    assert log["console"] == []
+    assert [url for url in log["asked"] if not url.startswith(("data:", "chrome:"))] == [path.as_uri()]
+
+
+def test_every_picture_shows_something(browser, shown):
+    charts = elements(browser, ".chart")
+    assert len(charts) > 20
+    for chart in charts:
+        shown = pixels(chart)
+        assert shown.shape[0] > 100
+        assert shown.shape[1] > 150
+        # More than one frame and its axes: marks in colours or greys.
+        assert 0.01 < (shown < 0.85).any(axis=2).mean() < 0.9
+
+
+def test_keyboard_reaches_all_that_can_be_used(browser, path):
+    from selenium.webdriver.common.keys import Keys
+
+    opened(browser, path)
+    reached = []
+    for _ in range(40):
+        browser.switch_to.active_element.send_keys(Keys.TAB)
+        focus = browser.switch_to.active_element
+        what = focus.get_attribute("id") or focus.get_attribute("class") or focus.get_attribute("href")
+        if what in reached or focus.tag_name == "body":
+            break
+        reached.append(what)
+    assert reached[0] == "skip"
+    assert "segment" in reached
+    links = [link.get_attribute("href") for link in elements(browser, "nav a")]
+    assert set(links) <= set(reached)
+    assert "scroll" in reached
+
+
+def test_pictures_keep_their_descriptions(browser, shown):
+    for picture in elements(browser, ".picture"):
+        assert picture.get_attribute("role") == "img"
+        assert len(picture.get_attribute("aria-label")) > 20
+
+
+def test_focus_can_be_seen(browser, shown):
+    browser.execute_script("document.getElementById('segment').focus({focusVisible: true})")
+    choice = browser.find_element("id", "segment")
+    assert choice.value_of_css_property("outline-style") == "solid"
+
+
+def test_skip_link_leads_to_the_content(browser, shown):
+    from selenium.webdriver.common.keys import Keys
+
+    browser.find_element("class name", "skip").send_keys(Keys.ENTER)
+    assert browser.switch_to.active_element.get_attribute("id") == "main"
+
+
+def test_choosing_a_segment_by_keyboard_changes_the_pictures(browser, shown):
+    from selenium.webdriver.common.keys import Keys
+
+    choose(browser, 0)
+    charts = elements(browser, ".picture")
+    course = next(c for c in charts if "along the segment" in c.get_attribute("aria-label"))
+    before = pixels(course), pixels(charts[0])
+    browser.find_element("id", "segment").send_keys(Keys.ARROW_DOWN)
+    assert browser.find_element("id", "segment").get_property("selectedIndex") == 1
+    for old, chart in zip(before, (course, charts[0]), strict=True):
+        new = pixels(chart)
+        assert new.shape != old.shape or np.abs(new - old).max() > 0.2
+
+
+def test_hover_says_the_values(browser, shown):
+    from selenium.webdriver import ActionChains
+
+    chart = elements(browser, ".chart")[0]
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", chart)
+    line = chart.find_elements("css selector", ".mark-line path")[-1]
+    ActionChains(browser).move_to_element(line).perform()
+    tip = browser.find_element("id", "vg-tooltip-element")
+    assert "segment" in tip.text
+    assert "strength" in tip.text
+
+
+def test_fits_a_telephone(browser, path):
+    size = {"width": 390, "height": 800, "deviceScaleFactor": 1, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        opened(browser, path)
+        assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+        for chart in elements(browser, ".chart svg")[:8]:
+            assert chart.size["width"] <= 390
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+        browser.get("about:blank")
+
+
+def test_print_leaves_out_what_paper_cannot_do(browser, shown):
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        assert not browser.find_element("css selector", "nav").is_displayed()
+        assert browser.find_element("css selector", ".choose").is_displayed()
+        assert elements(browser, ".scroll")[1].value_of_css_property("max-height") == "none"
+    finally:
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+    paper = browser.execute_cdp_cmd("Page.printToPDF", {})
+    assert len(paper["data"]) > 50_000
+
+
+def test_hostile_names_do_nothing(browser, run, tmp_path):
+    name = "</script><script>document.title = 'run'</script><img src=x onerror=\"document.title = 'run'\">"
+    hostile = comparison_of(run, source=name, extra=name, warnings=[name])
+    report.write(hostile, tmp_path / "hostile.html")
+    log = opened(browser, tmp_path / "hostile.html")
+    assert browser.title == f"Wheel and soil: {name}"
+    assert log["console"] == []
+    assert elements(browser, "img") == []
+    choose(browser, 1)
+    assert browser.title == f"Wheel and soil: {name}"

@@ -1,0 +1,196 @@
+"""Figures: what stands on their axes, and that they draw whatever the data are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from compared import ABOVE, EXCESS, comparison_of, drive
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from simulator.run import simulate
+
+from terrain_cli import results
+from terrain_cli.views import figures, samples, soil, style
+
+pytestmark = pytest.mark.filterwarnings("ignore:Glyph .* missing from:UserWarning")
+
+
+@pytest.fixture(autouse=True)
+def _style():
+    with mpl.rc_context(style.SETTINGS):
+        yield
+
+
+def drawn(figure):
+    """Draw a figure, and return its pixels."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3]
+    assert np.ptp(pixels) > 100
+    return pixels
+
+
+def labels(figure):
+    return {(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes}
+
+
+def texts(figure):
+    from matplotlib.text import Text
+
+    return " ".join(text.get_text() for text in figure.findobj(Text))
+
+
+def test_predicted_against_measured(comparison):
+    figure = figures.predicted_measured(comparison)
+    drawn(figure)
+    assert labels(figure) == {
+        ("measured torque T (N m)", "predicted torque T (N m)"),
+        ("measured drawbar pull DP (N)", "predicted drawbar pull DP (N)"),
+        ("measured sinkage z (mm)", "predicted sinkage z (mm)"),
+    }
+    assert {"front-left", "front-right", "predicted = measured"} <= {
+        text.get_text() for text in figure.axes[0].get_legend().get_texts()
+    }
+    # Sinkages are some centimetres: shown in mm.
+    assert 5.0 < figure.axes[2].get_xlim()[1] < 100.0
+
+
+@pytest.fixture
+def many():
+    return comparison_of(simulate(drive(seconds=60.0, rate=30.0)))
+
+
+def test_many_samples_are_counted(many):
+    figure = figures.predicted_measured(many)
+    drawn(figure)
+    assert [axes.get_xlabel() for axes in figure.axes].count("samples") == 3
+    counts = figure.axes[0].collections[0].get_array()
+    assert counts.sum() == sum(len(wheel.windows.rows) for wheel in many.wheels)
+
+
+def test_residual_against_its_drivers(comparison):
+    figure = figures.residuals(comparison, "torque")
+    drawn(figure)
+    # That of the finding first; what does not vary drives nothing.
+    assert [axes.get_xlabel() for axes in figure.axes] == [
+        *("slip i", "load W (N)", "sinkage z (mm)", "pitch (°)", "terrain", "time t (s)", "bus_voltage"),
+    ]
+    assert "measured − predicted torque T (N m)" in texts(figure)
+    assert {"median", "5 to 95 %", "± 1.96 × noise"} <= {
+        text.get_text() for text in figure.legends[0].get_texts()
+    }
+    slip, median = figure.axes[0].lines[-1].get_xydata().T
+    assert np.median(median[slip > ABOVE + 0.02]) == pytest.approx(EXCESS, abs=0.1)
+    assert np.median(median[slip < ABOVE - 0.02]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_residual_of_many_samples(many):
+    figure = figures.residuals(many, "drawbar_pull")
+    drawn(figure)
+    assert all(axes.collections[0].get_array() is not None for axes in figure.axes)
+
+
+def test_strength(comparison):
+    figure = figures.strength(soil.table(comparison))
+    drawn(figure)
+    assert labels(figure) == {
+        ("cohesion c (kPa)", "friction angle φ (°)"),
+        ("normal stress σ (kPa)", "shear strength c + σ tan φ (kPa)"),
+    }
+    assert {"dry sand", "sandy loam"} <= {text.get_text() for text in figure.legends[0].get_texts()}
+    assert figure.axes[0].patches
+
+
+def test_track(comparison):
+    misfit = samples.misfit(comparison, "torque")
+    figure = figures.track(soil.table(comparison), {"rms misfit of torque (N m)": misfit})
+    drawn(figure)
+    said = texts(figure)
+    for text in ("x (m)", "y (m)", "strength at σ* (kPa)", "rms misfit of torque (N m)", "front-left"):
+        assert text in said
+    maps = [axes for axes in figure.axes if axes.get_aspect() == 1.0]
+    assert len(maps) == 4
+    drawn_misfit = maps[1].collections[0].get_array()
+    np.testing.assert_allclose(drawn_misfit, misfit[: len(drawn_misfit)])
+
+
+def test_misfit_of_a_segment_is_the_rms_of_its_residual(comparison):
+    wheel = comparison.wheels[1]
+    n = len(comparison.wheels[0].windows)
+    here = slice(*wheel.windows.bounds[2:4])
+    series = wheel.series["sinkage"]
+    expected = 1e3 * np.sqrt(np.mean((series.measured[here] - series.predicted[here]) ** 2))
+    assert samples.misfit(comparison, "sinkage")[n + 2] == pytest.approx(expected)
+
+
+def test_no_track_without_places(comparison):
+    table = {**soil.table(comparison)}
+    table["WKT"] = [""] * len(table["WKT"])
+    assert figures.track(table, {}) is None
+
+
+def test_track_of_places_that_do_not_move(comparison):
+    table = {**soil.table(comparison)}
+    table["WKT"] = [f"POINT ({j} 0.0)" for j in range(len(table["WKT"]))]
+    drawn(figures.track(table, {}))
+
+
+def test_convergence(comparison):
+    trace = results.trace(comparison.wheels[0].windows)
+    figure = figures.convergence(trace)
+    drawn(figure)
+    assert [axes.get_ylabel() for axes in figure.axes] == ["cohesion c (kPa)", "friction angle φ (°)"]
+    assert figure.axes[1].get_xlabel() == "sample"
+    assert "± 1.96 s.e." in texts(figure)
+    x, phi = figure.axes[1].lines[0].get_xydata().T
+    assert phi[-1] == pytest.approx(trace["phi_deg"][int(x[-1]) - 1])
+
+
+def test_rim_stress(comparison):
+    figure = figures.rim_stress(soil.moments(comparison))
+    drawn(figure)
+    assert labels(figure) == {("angle from the vertical θ (°), forward positive", "stress (kPa)")}
+    angle, normal = figure.axes[0].lines[1].get_xydata().T
+    assert angle[0] == pytest.approx(0.0, abs=1.0)
+    # θm = θ1/2 without effects.
+    assert angle[np.argmax(normal)] == pytest.approx(angle[-1] / 2.0, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["$x^2$", "<script>", "a\nb", "速度", "{}", "%s", "\\alpha"])
+def test_names_from_files_are_drawn_as_they_are(run, name):
+    odd = comparison_of(run, source=f"{name}.csv", extra=name)
+    odd.wheels[0] = replace(odd.wheels[0], wheel=name)
+    drawn(figures.predicted_measured(odd))
+    figure = figures.residuals(odd, "torque")
+    drawn(figure)
+    assert name in [axes.get_xlabel() for axes in figure.axes]
+    table = {**soil.table(odd)}
+    table["terrain"] = [name, *table["terrain"][1:]]
+    drawn(figures.strength(table))
+
+
+def test_estimates_without_errors(comparison):
+    table = {**soil.table(comparison)}
+    nothing = np.full(len(table["segment"]), np.nan)
+    for names in (
+        ("c_se_kPa", "phi_se_deg", "corr_c_phi"),
+        ("c_kPa", "phi_deg"),
+        ("strength_kPa", "sigma_star_kPa"),
+    ):
+        table = {**table, **dict.fromkeys(names, nothing)}
+        drawn(figures.strength(table))
+
+
+def test_channel_that_is_measured_on_one_wheel_only(run):
+    partial = comparison_of(run)
+    wheel = partial.wheels[1]
+    del wheel.series["drawbar_pull"], wheel.drivers["pitch"]
+    series = wheel.series["torque"]
+    wheel.series["torque"] = replace(series, measured=np.full(len(series.measured), np.nan))
+    drawn(figures.predicted_measured(partial))
+    drawn(figures.residuals(partial, "drawbar_pull"))
+    misfit = samples.misfit(partial, "torque")
+    assert np.isfinite(misfit[: len(partial.wheels[0].windows)]).all()
+    assert np.isnan(misfit[len(partial.wheels[0].windows) :]).all()

@@ -1,0 +1,208 @@
+"""The page as text: what it says, that it holds everything, and that nothing from a file is HTML in it."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+from compared import comparison_of, drive
+from simulator.run import simulate
+
+from formats import CannotWriteError
+from terrain_cli.errors import ConfigurationError
+from terrain_cli.views import report
+from terrain_cli.views.report import Section, Table
+from terrain_cli.views.report.page import page
+
+HOSTILE = "<script>alert('1')</script>\"&{{ 7 * 7 }}</textarea>"
+VOID = {"meta", "link", "br"}
+
+
+class Outline(HTMLParser):
+    """Elements of a page, and the text of each kind."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.elements, self.open, self.texts = [], [], {}
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open:
+            self.texts.setdefault(self.open[-1], []).append(data.strip())
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture(scope="module")
+def text(comparison):
+    return page(comparison)
+
+
+@pytest.fixture(scope="module")
+def outline(text):
+    return Outline(text)
+
+
+def specs(text):
+    return json.loads(re.search(r"^const specs = (.*);$", text, re.MULTILINE)[1])
+
+
+def test_elements_are_closed(outline):
+    assert outline.open == []
+
+
+def test_headings_are_those_of_the_contract(outline):
+    assert outline.texts["h1"] == ["Wheel and soil: run.csv"]
+    assert outline.texts["h2"] == ["Summary", "Soil", "Predicted against measured", "Where it fails"]
+
+
+def test_links_of_the_page_lead_somewhere(outline):
+    ids = [attributes["id"] for _, attributes in outline.elements if "id" in attributes]
+    assert len(set(ids)) == len(ids)
+    for attributes in outline.all("a"):
+        assert attributes["href"].removeprefix("#") in ids
+
+
+def test_every_table_has_a_caption_and_headings(outline):
+    assert len(outline.all("caption")) == len(outline.all("table")) == 3
+    assert {attributes["scope"] for attributes in outline.all("th")} == {"col", "row"}
+
+
+def test_every_picture_is_described(outline, text):
+    pictures = [a for a in outline.all("div") if a.get("class") == "picture"]
+    assert len(pictures) == len(specs(text)) == len(outline.all("figcaption")) > 20
+    for attributes in pictures:
+        assert attributes["role"] == "img"
+        assert len(attributes["aria-label"]) > 20
+
+
+def test_control_has_a_label(outline):
+    (choice,) = outline.all("select")
+    (label,) = outline.all("label")
+    assert label["for"] == choice["id"] == "segment"
+    (selected,) = [a["value"] for a in outline.all("option") if "selected" in a]
+    assert selected in [a["value"] for a in outline.all("option")]
+
+
+def test_says_what_was_found(text):
+    assert "Torque is under-predicted by 0.6 N m above slip 0.4." in text
+
+
+def test_numbers_are_in_the_unit_shown(comparison, outline):
+    errors = comparison.channels["sinkage"]
+    cells = outline.texts["td"]
+    assert f"{1e3 * errors.rmse:.3g}" in cells
+
+
+def test_fetches_nothing(outline, text):
+    for _, attributes in outline.elements:
+        for name in ("src", "href", "action", "data", "srcset", "poster"):
+            assert attributes.get(name, "#").startswith(("#", "data:"))
+    (policy,) = [a["content"] for a in outline.all("meta") if "http-equiv" in a]
+    assert "default-src 'none'" in policy
+    assert "unsafe-eval" not in policy
+    assert "@import" not in text
+    assert not re.search(r"url\(\s*['\"]?(?!data:|#)[a-z]*:?//", text)
+
+
+def test_charts_are_data_of_their_own(text):
+    for spec in specs(text):
+        assert "$schema" not in spec
+        assert '"url"' not in json.dumps({**spec, "datasets": {}})
+        # Nothing of a log is in what Vega takes for an expression.
+        assert set(re.findall(r'"filter": "([^"]*)"', json.dumps(spec))) <= {
+            "datum.s == segment",
+            "split(datum.s, ':')[0] == split(segment, ':')[0]",
+            "datum.pivot",
+            "datum.alone",
+        }
+
+
+def test_names_from_files_are_text(run):
+    hostile = comparison_of(run, source=HOSTILE, extra=HOSTILE, warnings=[HOSTILE])
+    hostile.wheels[0] = replace(hostile.wheels[0], wheel=HOSTILE)
+    finding = replace(hostile.failures[0], sentence=HOSTILE, worst_segments=((HOSTILE, HOSTILE, 1),))
+    text = page(replace(hostile, failures=[finding], model={"base": "wong-reece", "effects": [HOSTILE]}))
+    assert HOSTILE not in text
+    assert "<script>alert" not in text
+    assert "49" not in re.findall(r"\{\{.*?\}\}|49", text)[:1]
+    outline = Outline(text)
+    assert outline.open == []
+    assert len(outline.all("script")) == 2
+    assert any(HOSTILE in said for said in outline.texts["h1"])
+    assert any(HOSTILE in said for said in outline.texts["li"])
+
+
+def test_nothing_found_is_said(run):
+    text = page(comparison_of(run, failures=False))
+    assert "Nothing was found that the misfit follows" in text
+    assert "What the misfit follows" not in text
+
+
+def test_further_sections_are_shown_where_there_is_something(comparison):
+    table = Table("Candidates", ("Effect", "Score"), [("slip-sinkage", "12")], frozenset({1}))
+    text = page(
+        comparison,
+        further=[
+            Section("ranking", "Which effect is missing", parts=[table]),
+            Section("ladder", "Error ladder"),
+        ],
+    )
+    outline = Outline(text)
+    assert outline.texts["h2"][-1] == "Which effect is missing"
+    assert "#ranking" in [attributes["href"] for attributes in outline.all("a")]
+    assert "ladder" not in [attributes.get("id") for _, attributes in outline.elements]
+    assert "slip-sinkage" in outline.texts["th"]
+
+
+def test_without_a_place_there_is_no_map(run):
+    lost = comparison_of(run)
+    for wheel in lost.wheels:
+        for name in ("x", "y"):
+            del wheel.samples.channels[name]
+    assert "Track by" not in page(lost)
+
+
+def test_label_is_a_driver_by_name(text):
+    (chart, *_) = [s for s in specs(text) if "terrain" in json.dumps(s["layer"])]
+    assert {row["x"] for row in chart["datasets"]["data-1"]} == {"dry sand", "sandy loam"}
+
+
+def test_same_comparison_same_page(comparison, text):
+    assert page(comparison) == text
+
+
+def test_many_samples_keep_the_page_small(text):
+    many = page(comparison_of(simulate(drive(seconds=100.0, rate=100.0))))
+    assert len(many.encode()) < 6e6
+    assert len(many) < 3 * len(text)
+
+
+def test_is_written_whole_or_not_at_all(comparison, tmp_path, monkeypatch):
+    monkeypatch.setattr("terrain_cli.views.report.page.page", lambda *_, **__: "whole")
+    report.write(comparison, tmp_path / "run.html")
+    assert (tmp_path / "run.html").read_text() == "whole"
+    with pytest.raises(CannotWriteError, match="no such folder"):
+        report.write(comparison, tmp_path / "none" / "run.html")
+
+
+@pytest.mark.parametrize("library", ["altair", "vl_convert"])
+def test_missing_extra_says_what_to_install(comparison, tmp_path, monkeypatch, library):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ConfigurationError, match=library) as error:
+        report.write(comparison, tmp_path / "run.html")
+    assert error.value.hint == "pip install 'terrain-est[report]'"

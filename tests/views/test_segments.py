@@ -1,0 +1,95 @@
+"""The table of segments as pictures use it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from terrain_cli.views import segments
+
+
+def table(**columns):
+    n = len(next(iter(columns.values())))
+    base = {
+        "source": ["run.csv"] * n,
+        "wheel": ["wheel"] * n,
+        "segment": np.arange(1, n + 1),
+        "terrain": [""] * n,
+        "longitude_deg": np.full(n, np.nan),
+    }
+    return {**base, **columns}
+
+
+def test_names_say_no_more_than_is_needed():
+    assert segments.names(table(segment=np.array([1, 2]))) == ["1", "2"]
+    assert segments.names(table(wheel=["a", "b"])) == ["a 1", "b 2"]
+    assert segments.names(table(source=["x", "y"], wheel=["a", "b"])) == ["x a 1", "y b 2"]
+
+
+def test_groups_are_terrains_else_wheels_else_all():
+    assert segments.groups(table(terrain=["sand", ""]), 7) == ["sand", "not labelled"]
+    assert segments.groups(table(wheel=["a", "b"]), 7) == ["a", "b"]
+    assert segments.groups(table(wheel=["a", "b", "c"]), 2) == ["all segments"] * 3
+
+
+def test_paths_are_read_as_they_were_written():
+    lines, dot, nowhere = segments.paths(
+        table(WKT=["LINESTRING (1.5 -2.0, 3.0 4e-05)", "POINT (7.0 8.0)", ""])
+    )
+    np.testing.assert_array_equal(lines, [[1.5, -2.0], [3.0, 4e-5]])
+    np.testing.assert_array_equal(dot, [[7.0, 8.0]])
+    assert nowhere.shape == (0, 2)
+
+
+def test_ellipse_holds_95_per_cent():
+    one = table(c_kPa=[1.0], c_se_kPa=[0.5], phi_deg=[30.0], phi_se_deg=[3.0], corr_c_phi=[-0.8])
+    outline = segments.ellipse(one, 0, 400)
+    covariance = np.array([[0.25, -1.2], [-1.2, 9.0]])
+    away = outline - [1.0, 30.0]
+    distance = np.einsum("ni,ij,nj->n", away, np.linalg.inv(covariance), away)
+    # The 95 % quantile of χ² with two degrees of freedom.
+    np.testing.assert_allclose(distance, 5.991, rtol=1e-3)
+
+
+def test_strength_is_surest_at_the_pivot():
+    one = table(
+        c_kPa=[1.0],
+        phi_deg=[30.0],
+        phi_se_deg=[3.0],
+        sigma_star_kPa=[10.0],
+        strength_kPa=[1.0 + 10.0 * np.tan(np.radians(30.0))],
+        strength_se_kPa=[0.2],
+    )
+    stress = np.array([0.0, 10.0, 20.0])
+    value, error = segments.strength(one, 0, stress)
+    np.testing.assert_allclose(value, 1.0 + stress * np.tan(np.radians(30.0)))
+    assert error[1] == pytest.approx(0.2)
+    assert error[0] == pytest.approx(error[2])
+    # The derivative of tan φ against a difference.
+    slope = (np.tan(np.radians(30.1)) - np.tan(np.radians(29.9))) / 0.2
+    assert error[0] == pytest.approx(np.hypot(0.2, 10.0 * 3.0 * slope), rel=1e-4)
+
+
+def test_limits_show_what_is_sure_and_not_what_is_wild():
+    n = 101
+    c, phi = segments.estimate_limits(
+        table(
+            c_kPa=np.append(np.ones(n - 1), 500.0),
+            c_se_kPa=np.full(n, 0.1),
+            phi_deg=np.full(n, 30.0),
+            phi_se_deg=np.full(n, 1.0),
+            status=["ok"] * (n - 1) + ["not-separable"],
+        )
+    )
+    assert c[0] < 1.0 - 2.4477 * 0.1
+    assert 1.0 + 2.4477 * 0.1 < c[1] < 5.0
+    assert phi[0] < 30.0 - 2.4 < 30.0 + 2.4 < phi[1]
+
+
+def test_map_of_longitudes_is_stretched_by_latitude():
+    one = table(longitude_deg=[1.0])
+    *_, stretch = segments.frame(one, np.array([[1.0, 60.0], [1.1, 60.0]]))
+    assert stretch == pytest.approx(2.0)
+    across, up, stretch = segments.frame(table(x=[1.0]), np.array([[0.0, 0.0], [9.0, 0.0]]))
+    assert stretch == 1.0
+    assert (up[1] - up[0]) >= (across[1] - across[0]) / 3.0 * 0.999
