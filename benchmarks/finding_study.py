@@ -101,9 +101,11 @@ def report(clean, misfits):
 
 
 def main(clean=60, misfits=20):
-    text = "\n".join(report(clean, misfits)) + "\n"
-    RESULT.write_text(text, encoding="utf-8")
-    print(text, end="")
+    lines = []
+    for line in report(clean, misfits):
+        print(line, flush=True)
+        lines.append(line)
+    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

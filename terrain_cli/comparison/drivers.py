@@ -17,14 +17,30 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Channels that are predicted, or say the same as another in another frame.
-_LEFT_OUT = frozenset(
-    {"time", "torque", "drawbar_pull", "entry_angle", "longitude", "latitude", "motor_current"}
-)
+#: Channels that are predicted, or what predicted ones were derived from.
+_LEFT_OUT = frozenset({"time", "torque", "drawbar_pull", "entry_angle", "motor_current"})
+#: The place, where x and y do not say it.
+_PLACE = frozenset({"longitude", "latitude"})
 #: Angle through which the wheel has turned: what grousers and an eccentric hub follow.
 ANGLE = "wheel_angle"
 #: Labels that tell one part of the data from another, and nothing of what drives a residual.
 PARTS = frozenset({"segment"})
+
+
+def at_rows(column: Array, rows: NDArray[np.intp]) -> Array:
+    """Return some values of a column: the column itself, not a copy, where these are all.
+
+    Parameters
+    ----------
+    column : ndarray, shape (n,)
+    rows : ndarray of int
+
+    Returns
+    -------
+    ndarray
+    """
+    whole = len(rows) == len(column) and bool(np.all(rows[1:] > rows[:-1]))
+    return column if whole else column[rows]
 
 
 def of_wheel(windows: Windows) -> dict[str, Driver]:
@@ -43,18 +59,21 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
     samples, rows = windows.samples, windows.rows
     found: dict[str, Driver] = {}
     for name, column in {**samples.drivers, **samples.channels}.items():
-        if name in _LEFT_OUT or name == ANGLE or (name.endswith("_rate") and name not in CHANNELS):
+        # Rates of channels are there only where an effect asked for them.
+        asked = name not in CHANNELS and name.removesuffix("_rate") in CHANNELS
+        twice = name in _PLACE and "x" in samples.channels
+        if name in _LEFT_OUT or name == ANGLE or asked or twice:
             continue
         channel = CHANNELS.get(name)
         if channel is not None and channel.dimension == LABEL:
             continue
         unit = channel.unit.symbol if channel is not None and channel.unit is not None else ""
-        values = column[rows]
+        values = at_rows(column, rows)
         if np.isfinite(values).any():
             found[name] = Driver(name, unit, values)
     stretch = samples.stretch[rows]
     if samples.time is not None:
-        time = samples.time[rows]
+        time = at_rows(samples.time, rows)
         found["time"] = Driver("time", "s", time)
         if "acceleration" not in found and "velocity" in found:
             slope = rates.rate(time, stretch, found["velocity"].values)

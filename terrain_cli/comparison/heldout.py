@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,7 @@ def folds(window: Index, block: Index) -> Index:
     Parameters
     ----------
     window, block : ndarray of int, shape (n,)
+        The samples of a window are contiguous.
 
     Returns
     -------
@@ -37,13 +39,12 @@ def folds(window: Index, block: Index) -> Index:
     """
     fold = block.copy()
     free = int(block.max(initial=0)) + 1
-    for label in np.unique(window):
-        rows = np.flatnonzero(window == label)
-        if len(rows) < 2 or np.any(block[rows] != block[rows[0]]):
-            continue
-        parts = min(PARTS, len(rows))
-        fold[rows] = free + (np.arange(len(rows)) * parts) // len(rows)
-        free += parts
+    starts = np.flatnonzero(np.concatenate([[True], window[1:] != window[:-1]])) if len(window) else []
+    for low, high in pairwise([*starts, len(window)]):
+        if high - low > 1 and np.all(block[low:high] == block[low]):
+            parts = min(PARTS, high - low)
+            fold[low:high] = free + (np.arange(high - low) * parts) // (high - low)
+            free += parts
     return np.unique(fold, return_inverse=True)[1].astype(np.intp)
 
 
@@ -128,32 +129,45 @@ def _leave_out(
     whole, pull = np.zeros((windows, *prior.shape)), np.zeros((windows, len(prior)))
     np.add.at(whole, window, information)
     np.add.at(pull, window, score)
-    base = _solve(whole, pull, prior, local)
+    every = _reduce(whole, pull, prior, local)
+    left, right = every.left.sum(axis=0) + prior[local:, local:], every.right.sum(axis=0)
+    base = every.solve(left, right)
     moved = np.zeros_like(score)
-    shared = len(prior) > local
-    for label in np.unique(fold):
-        cells = np.flatnonzero(fold == label)
+    order = np.argsort(fold, kind="stable")
+    for cells in np.split(order, np.flatnonzero(np.diff(fold[order])) + 1):
         touched = window[cells]
-        if shared:
-            less, weaker = whole.copy(), pull.copy()
-        else:
-            less, weaker = whole[touched].copy(), pull[touched].copy()
-        at = touched if shared else np.arange(len(cells))
-        less[at] -= information[cells]
-        weaker[at] -= score[cells]
-        moved[cells] = _solve(less, weaker, prior, local)[at] - base[touched]
+        rest = _reduce(whole[touched] - information[cells], pull[touched] - score[cells], prior, local)
+        without = rest.solve(
+            left + (rest.left - every.left[touched]).sum(axis=0),
+            right + (rest.right - every.right[touched]).sum(axis=0),
+        )
+        moved[cells] = without - base[touched]
     return moved
 
 
-def _solve(information: Array, score: Array, prior: Array, local: int) -> Array:
-    """Solve the arrow of windows for the parameters of each and the common ones, shape (windows, size)."""
-    own = information[:, :local, :local] + prior[:local, :local]
-    inverse = np.linalg.inv(own) if local else np.zeros((len(score), 0, 0))
+class _Reduced(NamedTuple):
+    """Windows whose own parameters are eliminated, and what they say of the common ones."""
+
+    own: Array
+    gain: Array
+    left: Array
+    right: Array
+
+    def solve(self, left: Array, right: Array) -> Array:
+        """Return the parameters of each window and the common ones behind them, shape (windows, size)."""
+        common = np.linalg.solve(left, right) if len(right) else right
+        return np.concatenate(
+            [self.own - self.gain @ common, np.broadcast_to(common, (len(self.own), len(common)))], axis=1
+        )
+
+
+def _reduce(information: Array, score: Array, prior: Array, local: int) -> _Reduced:
+    inverse = np.linalg.inv(information[:, :local, :local] + prior[:local, :local])
     mixed = information[:, :local, local:]
     gain = inverse @ mixed
-    left = information[:, local:, local:].sum(axis=0) + prior[local:, local:]
-    left = left - np.einsum("wab,wac->bc", mixed, gain)
-    right = score[:, local:].sum(axis=0) - np.einsum("wab,wa->b", gain, score[:, :local])
-    common = np.linalg.solve(left, right) if len(right) else right
-    soil = np.einsum("wab,wb->wa", inverse, score[:, :local]) - gain @ common
-    return np.concatenate([soil, np.broadcast_to(common, (len(score), len(common)))], axis=1)
+    return _Reduced(
+        np.einsum("wab,wb->wa", inverse, score[:, :local]),
+        gain,
+        information[:, local:, local:] - np.einsum("wab,wac->wbc", mixed, gain),
+        score[:, local:] - np.einsum("wab,wa->wb", gain, score[:, :local]),
+    )

@@ -251,15 +251,14 @@ class Search:
         if len(candidates) == 0:
             return None
         near = candidates[total[candidates] >= (1.0 - _PLAINER) * total[candidates].max()]
-        # An offset of torque is one of drawbar pull times the radius: friction in the drive is commoner
-        # than a wrong load cell.
-        channels = list(self.shapes)
-
-        def rank(place: int) -> tuple[int, int, float]:
-            channel, shape = self.terms[place]
-            return _PLAIN.index(shape.name), channels.index(channel), -float(total[place])
-
-        return int(min(near, key=rank))
+        best = int(min(near, key=lambda place: (_PLAIN.index(self.terms[place].shape.name), -total[place])))
+        # What is added to the torque is, over the radius, added to the drawbar pull: friction in the
+        # drive is commoner than a load cell that is off.
+        term = self.terms[best]
+        twin = Term("torque", term.shape)
+        if term.channel == "drawbar_pull" and any(self.terms[place] == twin for place in near):
+            best = next(int(place) for place in near if self.terms[place] == twin)
+        return best
 
     def _alternatives(self, best: int, cross: Array, testable: NDArray[np.bool_]) -> tuple[str, ...]:
         term = self.terms[best]

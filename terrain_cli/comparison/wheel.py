@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import drivers, noise, prediction
+from terrain_cli.comparison.drivers import at_rows
 from terrain_cli.comparison.neighbours import from_neighbours
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
 NOISY = ("load", "sinkage", "slip")
 #: Drivers whose noise is that of the slip computed from them.
 _WITH_SLIP = ("velocity", "angular_velocity")
+#: Channels that a model without effects reads, explains or is compared with.
+_READ = (*NOISY, *_WITH_SLIP, "torque", "drawbar_pull")
+#: Most samples to which one soil is fitted.
+_MOST_COMMON = 30_000
 #: Longest memory of noise, in samples, that is waited for: beyond it neighbours tell too little.
 _LONGEST = 25
 
@@ -76,10 +81,10 @@ class Wheel:
         samples = windows.samples
         self.geometry = samples.geometry.wheel
         every = {**samples.drivers, **samples.channels}
+        read = {*_READ, *(name for effect in model.effects for name in effect.reads)}
+        columns = {name: at_rows(column, windows.rows) for name, column in every.items() if name in read}
         self.channels: dict[str, Array] = {
-            name: column[windows.rows]
-            for name, column in every.items()
-            if np.isfinite(column[windows.rows]).any()
+            name: column for name, column in columns.items() if np.isfinite(column).any()
         }
         self.ordered = samples.time is not None
         self.fit: Fit = fit(
@@ -141,16 +146,16 @@ class Wheel:
         -------
         wheel : Wheel
             Its samples ordered by terrain.
-        order : ndarray of int, shape (n,)
-            Which usable sample of this wheel each of its samples is.
+        order : ndarray of int
+            Which usable sample of this wheel each of its samples is; evenly thinned if they are many.
 
         None where each segment is on a terrain of its own.
         """
         samples, rows = self.windows.samples, self.windows.rows
         labels = samples.labels.get("terrain")
         terrain = np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
-        order = np.argsort(terrain, kind="stable")
-        names, counts = np.unique(terrain, return_counts=True)
+        order = np.argsort(terrain, kind="stable")[:: max(1, -(-len(rows) // _MOST_COMMON))]
+        names, counts = np.unique(terrain[order], return_counts=True)
         if len(names) >= len(self.windows):
             return None
         joined = replace(

@@ -166,7 +166,7 @@ def _scenario(content: Mapping[str, Any], places_of: Mapping[str, str], folder: 
 def _model(
     content: Mapping[str, Any], places_of: Mapping[str, str], folder: Path
 ) -> tuple[Base, dict[str, Chosen]]:
-    name = content.get("model", BASES[0])
+    name = content.get("model", "wong-reece")
     if name not in BASES and places_of["model"] != COMMAND_LINE:
         name = str(folder / name)
     found = models.resolve(name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -20,12 +21,15 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison import Comparison
     from terrain_cli.pipeline import Outcome
+    from terrain_cli.windows import Windows
 
     Picture = tuple[str, Figure | None]
 
 ENDINGS = (".png", ".svg")
 #: Wheels whose recursive estimate is drawn.
 MOST_TRACES = 8
+#: Samples of each, where the picture is of a comparison.
+MOST_TRACED = 200_000
 
 
 def write(
@@ -97,7 +101,16 @@ def _of_comparison(comparison: Comparison) -> Iterator[Picture]:
     moments = soil.moments(comparison)
     yield "rim-stress", figures.rim_stress(moments) if moments else None
     driven = [wheel.windows for wheel in comparison.wheels if "torque" in wheel.series]
-    yield from _convergence([results.trace(windows) for windows in driven[:MOST_TRACES]])
+    yield from _convergence([results.trace(_begun(windows)) for windows in driven[:MOST_TRACES]])
+
+
+def _begun(windows: Windows) -> Windows:
+    """Keep the first samples of a wheel: later ones do not show how an estimate converges."""
+    n = min(len(windows.rows), MOST_TRACED)
+    bounds = windows.bounds[windows.bounds < n]
+    return replace(
+        windows, rows=windows.rows[:n], bounds=np.append(bounds, n), x=windows.x[:n], y=windows.y[:n]
+    )
 
 
 def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Picture]:

@@ -186,6 +186,26 @@ def usual(values: Array) -> tuple[float, float]:
     return float(near.min()), float(near.max())
 
 
+def strength_limits(table: Table) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return ranges of normal stress and strength, in kPa, in which the strength lines can be seen.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+        With segments that were tested.
+
+    Returns
+    -------
+    stress, strength : (float, float)
+    """
+    known = tested(table)
+    pivot, value = (
+        np.asarray(table[name], dtype=float)[known] for name in ("sigma_star_kPa", "strength_kPa")
+    )
+    low, high = usual(value)
+    return (0.0, 1.5 * usual(pivot)[1]), (min(0.0, 1.5 * low), max(1.5 * high, 0.5 * abs(low)))
+
+
 def tested(table: Table) -> NDArray[np.intp]:
     """Find the segments whose strength is known at a stress that can be.
 

@@ -51,7 +51,9 @@ class Truth:
     def shear_modulus(self) -> np.ndarray:
         return np.array([soil.shear_modulus for soil in self.soils])
 
-    def measured(self, seed: int, noise: float, *, pull: float = 0.0, repeat: int = 1) -> dict[str, np.ndarray]:
+    def measured(
+        self, seed: int, noise: float, *, pull: float = 0.0, repeat: int = 1
+    ) -> dict[str, np.ndarray]:
         """Return the channels with relative noise, and of the drawbar pull with one of `pull` newtons."""
         rng = np.random.default_rng(seed)
         noisy = {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -195,6 +196,20 @@ def test_print_leaves_out_what_paper_cannot_do(browser, shown):
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
     paper = browser.execute_cdp_cmd("Page.printToPDF", {})
     assert len(paper["data"]) > 50_000
+
+
+def test_segment_of_which_nothing_is_known(browser, run, tmp_path):
+    partial = comparison_of(run)
+    for wheel in partial.wheels:
+        series = wheel.series["sinkage"]
+        predicted = series.predicted.copy()
+        predicted[wheel.windows.bounds[1] : wheel.windows.bounds[3]] = np.nan
+        wheel.series["sinkage"] = replace(series, predicted=predicted)
+    report.write(partial, tmp_path / "partial.html")
+    log = opened(browser, tmp_path / "partial.html")
+    for number in (1, 2, 3):
+        choose(browser, number)
+    assert log["console"] == browser.get_log("browser") == []
 
 
 def test_hostile_names_do_nothing(browser, run, tmp_path):

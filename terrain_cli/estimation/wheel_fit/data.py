@@ -133,11 +133,22 @@ class Data:
         spread = np.repeat(self.count / np.maximum(count, 1), count)
         return np.repeat(self.bounds[:-1], count) + ((place + 0.5) * spread).astype(np.intp), count
 
-    def blocks(self) -> Iterator[NDArray[np.intp]]:
-        """Yield runs of whole windows of about `_BLOCK` samples."""
+    def blocks(self, size: int = _BLOCK) -> Iterator[NDArray[np.intp]]:
+        """Yield runs of whole windows.
+
+        Parameters
+        ----------
+        size : int
+            Samples at the most, save in a window that has more.
+
+        Yields
+        ------
+        ndarray of int
+            Windows, counted within this data.
+        """
         first, last, windows = 0, 0, len(self.windows)
         while last < windows:
-            last = int(np.searchsorted(self.bounds, self.bounds[first] + _BLOCK, side="right")) - 1
+            last = int(np.searchsorted(self.bounds, self.bounds[first] + size, side="right")) - 1
             last = min(max(last, first + 1), windows)
             yield np.arange(first, last)
             first = last

@@ -14,7 +14,7 @@ from terrain_cli.estimation.wheel_fit import start
 from terrain_cli.estimation.wheel_fit.data import BALANCE, collect
 from terrain_cli.estimation.wheel_fit.linearise import Problem
 from terrain_cli.estimation.wheel_fit.noise import CHANNELS, assumed, from_differences, inner
-from terrain_cli.estimation.wheel_fit.refine import posterior
+from terrain_cli.estimation.wheel_fit.refine import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.result import Fit, parameters
 from terrain_cli.estimation.wheel_fit.solve import accumulate, eliminate, initial, solve
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -47,6 +47,8 @@ _LEAST = 1e-6
 #: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
 #: windows above which it is the model, not the search, that fails.
 _BAD, _FEW_BAD = 6.0, 0.2
+#: Samples fitted at a time, where windows share nothing.
+_GROUP = 100_000
 
 
 def fit(
@@ -123,8 +125,7 @@ def fit(
     else:
         problem = Problem(model, wheel, given, sought, noise, robust)
     order = _order(problem.noise, data)
-    state = _search(problem, data, order)
-    found = posterior(problem, data, state, order=order, correlated=correlated)
+    found, converged = _all(problem, data, order, correlated=correlated)
     known = data.count > 0
     about = parameters(model.soil, sought, found, known, spread)
     residuals, prediction, rmse = _residuals(
@@ -142,7 +143,7 @@ def fit(
         residuals=residuals,
         prediction=prediction,
         rmse=rmse,
-        converged=state.converged,
+        converged=converged,
         min_samples=min_samples,
     )
 
@@ -156,6 +157,27 @@ def _order(noise: Noise, data: Data) -> int | None:
             if deviation < _FINE * size:
                 return None
     return _COARSE
+
+
+def _all(
+    problem: Problem, data: Data, order: int | None, *, correlated: bool
+) -> tuple[Posterior, NDArray[np.bool_]]:
+    """Fit all windows: together where they share something, else in groups that bound the memory."""
+    groups = [np.arange(len(data.windows))] if problem.unknowns.shared else list(data.blocks(_GROUP))
+    parts, converged = [], []
+    for group in groups or [np.arange(0)]:
+        part = data if len(group) == len(data.windows) else data.only(group)
+        state = _search(problem, part, order)
+        parts.append(posterior(problem, part, state, order=order, correlated=correlated))
+        converged.append(state.converged)
+    one = parts[0]
+    together = {
+        f.name: getattr(one, f.name)
+        if f.name in {"common", "shared"}
+        else np.concatenate([getattr(part, f.name) for part in parts])
+        for f in fields(one)
+    }
+    return Posterior(**together), np.concatenate(converged)
 
 
 def _search(problem: Problem, data: Data, order: int | None) -> State:

@@ -6,9 +6,9 @@ covariance P = (I + 1)⁻¹ (Tierney & Kadane 1986; the part of it that is there
 is the bias of Box 1971).
 
 The design at the estimated true values û is noisy too, which makes the information look larger by
-ΔI = Σ A'ᵀ S⁻¹ A' var û. The covariance is (I − ΔI + 1)⁻¹ + P ΔI P, which to first order in ΔI is the
-sandwich of White 1982, with I for the variance of the scores and I − ΔI for their slope, and
-which tends to the prior where all of the information is the noise's.
+ΔI = Σ A'ᵀ S⁻¹ A' var û. The scores u have the variance I but the slope H = I − ΔI, so that the data
+alone give the unknowns with the information H I⁻¹ H, by H I⁻¹ u (the sandwich of White 1982). With
+these in the place of I and u, what is known tends to the prior where all information is feigned.
 
 Both are sums over the samples of a window, which change little from one sample to the next: some
 samples of each window are enough for them.
@@ -45,9 +45,9 @@ _SAMPLES, _SAMPLES_SHARED, _ORDER = 6, 30, 5
 #: Length of a difference, in posterior standard deviations and in those of the noise.
 _STEP = 0.3
 #: The mean is never taken to be further than this from the mode, in posterior standard deviations.
-_FARTHEST = 1.0
-#: Information of a prior ten times as wide.
-_WIDE = 0.01
+_FARTHEST = 2.0
+#: Information of a prior ten times as wide, and of nothing.
+_WIDE, _NOTHING = 0.01, 1e-9
 
 
 @dataclass(frozen=True)
@@ -115,36 +115,36 @@ def posterior(
     last = _Last(data, own, gain, held)
     t, common = _within(problem, state.t + move, state.common + move_shared)
     normal = accumulate(problem, data, t, common, state.latent, order=order, each=last.keep)
+    taken = np.einsum("wab,wba->w", normal.information[:, :local, :local], eliminate(normal, local)[0])
+    dof = segment_sum(data.seen.sum(axis=0).astype(float), data.bounds) - taken
+
+    honest, sure = _honest(normal, noise)
+    own, gain, shared = eliminate(honest, local)
+    held = inverse(shared)
     # A step of the search from there leads back to the mode, and tells how far away it still was.
-    step, shift, _ = newton(normal, problem.unknowns, t, common)
+    step, shift, _ = newton(honest, problem.unknowns, t, common)
     t = t + _bounded(step + move, own)
     common = common + _bounded((shift + move_shared)[None], held[None])[0]
     t, common = _within(problem, t, common)
 
-    own, gain, shared = eliminate(normal, local)
-    held = inverse(shared)
-    inner = normal.information[:, :local, :local]
-    taken = np.einsum("wab,wba->w", inner, own)
-    dof = segment_sum(data.seen.sum(axis=0).astype(float), data.bounds) - taken
     scatter = excess(last.residual, data.seen, data.bounds, dof)[:, None, None]
     lasting, lasting_shared = np.ones((local, len(t))), np.ones((len(held), 1))
     if correlated:
         lasting, lasting_shared = last.memory()
-
+    inner = honest.information[:, :local, :local]
+    more = _lengthen(scatter * inner, last.axes, lasting.T) - inner
     along = np.concatenate([gain, np.broadcast_to(np.eye(len(shared)), (len(gain), *shared.shape))], axis=1)
-    on_shared: Array = np.einsum("wax,wab,wby->xy", along, scatter * normal.information, along)
-    more_shared = _lengthen(on_shared, last.axes_shared, lasting_shared[:, 0]) - np.einsum(
-        "wax,wab,wby->xy", along, normal.information - noise, along
+    plain, larger = (
+        np.asarray(np.einsum("wax,wab,wby->xy", along, factor * honest.information, along), dtype=float)
+        for factor in (1.0, scatter)
     )
-    more = _lengthen(scatter * inner, last.axes, lasting.T) - inner + noise[:, :local, :local]
-    true = replace(normal, information=_beyond(normal.information, noise))
-    own_true, _, shared_true = eliminate(true, local)
-    sure = replace(normal, information=_beyond(normal.information, 2.0 * noise) / scatter)
+    more_shared = _lengthen(larger, last.axes_shared, lasting_shared[:, 0]) - plain
+    sure = replace(sure, information=sure.information / scatter)
     return Posterior(
         t=t,
         common=common,
-        own=own_true + own @ more @ own,
-        shared=inverse(shared_true) + held @ more_shared @ held,
+        own=own + own @ more @ own,
+        shared=held + held @ more_shared @ held,
         gain=gain,
         sure=_width(sure, local, prior=1.0),
         wide=_width(sure, local, prior=_WIDE),
@@ -154,18 +154,35 @@ def posterior(
     )
 
 
+def _honest(normal: Normal, noise: Array) -> tuple[Normal, Normal]:
+    """Return what is left of the normal equations without that which the noise of the design feigns.
+
+    First by the best weight of the data against the priors, then beyond twice the noise.
+    """
+    information = normal.information
+    size, axes = np.linalg.eigh(information)
+    root = np.sqrt(np.maximum(size, 0.0) + _NOTHING)
+    scaled = axes / root[:, None, :]
+    share, turn = np.linalg.eigh(np.swapaxes(scaled, 1, 2) @ noise @ scaled)
+    # I = Q Qᵀ and ΔI = Q diag(share) Qᵀ.
+    q = (axes * root[:, None, :]) @ turn
+    back = np.swapaxes(turn, 1, 2) @ np.swapaxes(scaled, 1, 2)
+    left = np.clip(1.0 - share, 0.0, 1.0)[:, None, :]
+    sure = np.clip(1.0 - 2.0 * share, 0.0, 1.0)[:, None, :]
+    across = np.swapaxes(q, 1, 2)
+    score = np.einsum("wab,wb->wa", (q * left) @ back, normal.score)
+    return (
+        Normal((q * left**2) @ across, score, normal.misfit),
+        Normal((q * sure) @ across, score, normal.misfit),
+    )
+
+
 def _lengthen(scores: Array, axes: Array, lasting: Array) -> Array:
     """Return the variance of scores whose parts along some axes last for several samples."""
     inside = np.swapaxes(axes, -1, -2) @ scores @ axes
     back = inverse(axes)
     root = np.sqrt(lasting)
     return np.asarray(np.swapaxes(back, -1, -2) @ (root[..., :, None] * inside * root[..., None, :]) @ back)
-
-
-def _beyond(information: Array, noise: Array) -> Array:
-    """Return what is left of the information without that which noise may have made."""
-    size, axes = np.linalg.eigh(information - noise)
-    return np.asarray((axes * np.maximum(size, 0.0)[:, None, :]) @ np.swapaxes(axes, 1, 2))
 
 
 def _width(normal: Normal, local: int, *, prior: float) -> Array:

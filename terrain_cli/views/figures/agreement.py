@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+#: Points that an SVG holds one by one; more are an image in it.
+MOST_DRAWN = 500
 #: Drivers in one picture.
 MOST_DRIVERS = 9
 
@@ -78,7 +80,7 @@ def _points(axes: Axes, comparison: Comparison, pooled: samples.Pairs) -> None:
             color=COLOURS[style],
             alpha=0.7,
             label=label,
-            rasterized=here.sum() > 2000,
+            rasterized=bool(here.sum() > MOST_DRAWN),
         )
 
 
@@ -136,7 +138,15 @@ def _along(axes: Axes, along: samples.Along, residual: Array, noise: float) -> N
         near = known[(residual[known] >= low) & (residual[known] <= high)]
         _counts(axes, binning.grid(driver[near], residual[near], 50))
     else:
-        axes.plot(driver[known], residual[known], ".", color=FAINT, markersize=2.5, alpha=0.6)
+        axes.plot(
+            driver[known],
+            residual[known],
+            ".",
+            color=FAINT,
+            markersize=2.5,
+            alpha=0.6,
+            rasterized=len(known) > MOST_DRAWN,
+        )
     if math.isfinite(noise):
         for sign in (-1.0, 1.0):
             axes.axhline(

@@ -101,7 +101,6 @@ def _lines(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
     )
     if not len(known):
         return
-    reach = 1.5 * segments.usual(pivots[known])[1]
     for row in known:
         style = styles[kinds[row]]
         colour, marker, line = COLOURS[style], MARKERS[style], LINES[style]
@@ -124,5 +123,5 @@ def _lines(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
             capsize=2.0,
             elinewidth=0.9,
         )
-    low, high = segments.usual(np.asarray(table["strength_kPa"], dtype=float)[known])
-    axes.set(xlim=(0.0, reach), ylim=(min(0.0, low), 1.5 * high if high > 0.0 else None))
+    across, up = segments.strength_limits(table)
+    axes.set(xlim=across, ylim=up)

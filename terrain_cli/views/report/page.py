@@ -102,5 +102,7 @@ def _library() -> str:
     import vl_convert
 
     version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
+    # Without a snippet it is the whole library, which its type does not say.
+    library = vl_convert.javascript_bundle(vl_version=version)  # type: ignore[call-arg]
     # A script ends at this tag wherever it stands, even within a string.
-    return vl_convert.javascript_bundle(None, vl_version=version).replace("</script", "<\\/script")
+    return library.replace("</script", "<\\/script")

@@ -88,7 +88,10 @@ def of(comparison: Comparison, progress: Callable[[str], None]) -> tuple[list[Se
     content = _content(comparison)
     worst = content.order[0]
     choices = [
-        (str(content.keys[row]), f"{content.names[row]}{' (worst misfit)' if row == worst else ''}")
+        (
+            str(content.keys[row]),
+            f"{content.names[row]}{' (worst misfit)' if row == worst and len(content.kept) > 1 else ''}",
+        )
         for row in content.kept
     ]
     sections = []

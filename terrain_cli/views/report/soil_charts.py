@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import altair as alt
 import numpy as np
 
-from terrain_cli.views import segments
+from terrain_cli.views import binning, segments
 from terrain_cli.views.report.sheet import CHOSEN, Sheet, scale
 from terrain_cli.views.style import COLOURS, SCALE
 
@@ -81,6 +81,8 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
     known = values[np.isfinite(values)]
     # The same for all wheels.
     ends = [float(known.min()), float(known.max())] if len(known) else [0.0, 1.0]
+    if ends[0] == ends[1]:
+        ends = list(binning.limits(known))
     colour = alt.Color(
         "v:Q",
         scale=alt.Scale(scheme=SCALE, domain=ends),
@@ -128,6 +130,8 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
     ).encode(
         x=x,
         y=y,
+        # What the drive does not settle is faint.
+        opacity=alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35)),
         shape=alt.Shape(
             "kind:N", title=None, scale=alt.Scale(domain=_unique(kinds), range=_some(_SHAPES, kinds))
         ),
@@ -182,6 +186,7 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
     kinds = segments.groups(table, len(COLOURS))
     pivots = np.asarray(table["sigma_star_kPa"], dtype=float)
     known = segments.tested(table)
+    across, up = segments.strength_limits(table)
     # Far from σ* the drive has not tried the soil.
     steps = 5 if len(known) > _MOST_ELLIPSES else 9
     stress = pivots[known, None] * np.linspace(0.5, 1.5, steps)
@@ -199,8 +204,8 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
         name=name[number],
         kind=[kinds[j] for j in number],
     ).encode(
-        x=alt.X("x:Q", title="normal stress σ (kPa)", scale=alt.Scale(zero=True)),
-        y=alt.Y("y:Q", title="shear strength c + σ tan φ (kPa)", scale=alt.Scale(zero=True)),
+        x=alt.X("x:Q", title="normal stress σ (kPa)", scale=scale(*across)),
+        y=alt.Y("y:Q", title="shear strength c + σ tan φ (kPa)", scale=scale(*up)),
         detail="s:N",
         tooltip=[
             alt.Tooltip("name:N", title="segment"),
@@ -215,12 +220,14 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
     )
     marked = base.transform_filter("datum.s == segment")
     layers = [
-        base.mark_line(strokeWidth=1.2)
+        base.mark_line(strokeWidth=1.2, clip=True)
         .encode(color=_colour(kinds), strokeDash=dashes)
         .interactive(name="zoom"),
-        base.mark_point(size=30, filled=True).encode(color=_colour(kinds)).transform_filter("datum.pivot"),
-        marked.mark_area(opacity=0.25, color=CHOSEN).encode(y="low:Q", y2="high:Q"),
-        marked.mark_line(strokeWidth=3, color=CHOSEN),
+        base.mark_point(size=30, filled=True, clip=True)
+        .encode(color=_colour(kinds))
+        .transform_filter("datum.pivot"),
+        marked.mark_area(opacity=0.25, color=CHOSEN, clip=True).encode(y="low:Q", y2="high:Q"),
+        marked.mark_line(strokeWidth=3, color=CHOSEN, clip=True),
     ]
     return sheet.finished(layers, 320)
 

@@ -1,0 +1,172 @@
+"""Findings on drives of the simulator: none on clean ones, the right ones on known misfits."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from known_misfits import MISFITS, Kind, samples_of, windows_of
+
+from formats import Labels
+from terrain_cli.comparison import against, compare
+from terrain_cli.mechanics.model import Model
+from terrain_cli.windows import Windows
+
+
+def all_of(samples, bounds=None):
+    n = len(samples)
+    return Windows(samples, np.arange(n), np.array(bounds or [0, n]), np.zeros(n), np.zeros(n))
+
+
+def some_of(samples, rows, **changed):
+    """Return some of the samples, with some of what they are changed."""
+    own = {
+        "channels": {name: column[rows] for name, column in samples.channels.items()},
+        "time": samples.time[rows],
+        "stretch": samples.stretch[rows],
+        "distance": samples.distance[rows],
+        "set_aside": Labels(np.full(len(rows), -1, dtype=np.int32), ()),
+    }
+    return replace(samples, **{**own, **changed})
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return compare([windows_of(1, Kind())], Model())
+
+
+@pytest.fixture(scope="module")
+def biased():
+    effects, _ = MISFITS["torque bias 0.25 N m"]
+    return compare([windows_of(1, Kind(effects))], Model())
+
+
+def test_a_clean_drive_has_no_findings_and_its_errors_are_the_noise(clean):
+    assert clean.failures == []
+    assert clean.warnings == []
+    for errors in clean.channels.values():
+        assert errors.noise == pytest.approx(errors.rmse, rel=0.06)
+        assert errors.heldout_low < errors.heldout_rmse < errors.heldout_high
+        assert errors.rmse <= errors.heldout_rmse < 1.02 * errors.rmse
+        assert abs(errors.bias) < 0.1 * errors.rmse
+    # 3 % of each channel, and what the noise of slip and sinkage makes of the torque.
+    assert 0.03 < clean.channels["torque"].nrmse < 0.07
+    assert clean.channels["sinkage"].unit == "m"
+
+
+@pytest.mark.parametrize("kind", [Kind(memory=0.8), Kind(share=0.1), Kind(varies=True, runs=True)])
+def test_neither_do_those_with_other_noise_or_soil_that_varies(kind):
+    assert [compare([windows_of(seed, kind)], Model()).failures for seed in (1, 2)] == [[], []]
+
+
+@pytest.mark.parametrize("name", MISFITS)
+def test_a_known_misfit_is_found_in_its_channel_with_its_driver(name):
+    effects, right = MISFITS[name]
+    found = compare([windows_of(2, Kind(effects))], Model()).failures
+    assert any({f.driver, *f.alternatives} & set(right.get(f.channel, ())) for f in found)
+
+
+def test_a_misfit_is_told_from_noise(biased, clean):
+    torque = biased.channels["torque"]
+    assert torque.rmse > 1.3 * torque.noise
+    # The noise of the sinkage reaches the torque through another soil.
+    assert torque.noise == pytest.approx(clean.channels["torque"].noise, rel=0.3)
+
+
+def test_a_finding_says_what_where_and_how_much(biased):
+    (found,) = biased.failures
+    assert (found.channel, found.driver, found.shape, found.unit) == ("torque", "", "constant", "N m")
+    assert found.amplitude == pytest.approx(0.25, rel=0.1)
+    assert found.p_value < 0.01
+    assert 0.7 < found.share <= 1.0
+    assert found.sentence == "torque is under-predicted by 0.25 N m throughout"
+    assert found.worst_segments == (("drive 1", "wheel", 1),)
+
+
+def test_what_each_segments_own_soil_hides_is_found_between_segments():
+    effects, _ = MISFITS["second pass 40 % stiffer"]
+    found = compare([windows_of(1, Kind(effects, runs=True))], Model()).failures
+    assert ("sinkage", "pass_number") in [(f.channel, f.driver) for f in found]
+
+
+def test_two_models_are_compared_on_the_same_blocks(clean):
+    wheels = [one.windows for one in clean.wheels]
+    held = compare(wheels, Model(), fixed={"shear_modulus": 0.1}, like=clean)
+    assert np.array_equal(held.wheels[0].blocks, clean.wheels[0].blocks)
+    differences = {(d.name, d.where): d for d in against(clean, held)}
+    torque = differences["torque", None]
+    assert torque.moved
+    assert torque.low > 0.0
+    assert torque.second == pytest.approx(held.channels["torque"].heldout_rmse)
+    assert differences["c", ("drive 1", "wheel", 1)].unit == "Pa"
+    assert not any(d.moved for d in against(clean, clean))
+
+
+def test_whatever_is_measured_is_compared():
+    samples = samples_of(1, Kind())
+    rows = np.arange(1200)
+
+    def without(*names):
+        one = some_of(samples, rows)
+        channels = {name: column for name, column in one.channels.items() if name not in names}
+        return set(compare([all_of(replace(one, channels=channels))], Model()).channels)
+
+    assert without() == {"torque", "drawbar_pull", "sinkage"}
+    assert without("torque") == {"drawbar_pull", "sinkage"}
+    assert without("load", "drawbar_pull") == {"torque"}
+    assert without("sinkage") == {"torque", "drawbar_pull"}
+
+
+def test_the_linear_base_predicts_no_sinkage():
+    samples = samples_of(1, Kind())
+    assert set(compare([all_of(samples)], Model("linear")).channels) == {"torque", "drawbar_pull"}
+
+
+def test_test_points_without_repeats_do_not_tell_their_noise():
+    samples = some_of(samples_of(1, Kind()), np.arange(0, 2400, 60), time=None)
+    compared = compare([all_of(samples)], Model())
+    assert np.isnan(compared.channels["torque"].noise)
+    assert len(compared.warnings) == 3
+    assert np.isfinite(compared.channels["torque"].heldout_high)
+
+
+def test_a_few_samples_are_compared_but_prove_nothing():
+    compared = compare([all_of(some_of(samples_of(1, Kind()), np.arange(30)))], Model())
+    assert compared.failures == []
+    assert "cannot be told from chance" in compared.warnings[0]
+    assert np.isfinite(compared.channels["torque"].heldout_rmse)
+
+
+def test_wheels_of_one_input_share_the_times_of_their_blocks():
+    samples = samples_of(1, Kind())
+    later = some_of(samples, np.arange(300, 2000), wheel="other")
+    compared = compare([all_of(samples), all_of(later, [0, 700, 1700])], Model())
+    first, second = (one.blocks for one in compared.wheels)
+    assert np.array_equal(first[300:2000], second)
+    assert compared.channels["torque"].n == len(first) + len(second)
+    assert all(np.all(np.diff(one) >= 0) for one in (first, second))
+
+
+def test_a_bias_of_one_wheel_is_found_with_its_name():
+    samples = samples_of(1, Kind())
+    wrong = {**samples.channels, "torque": samples.channels["torque"] + 0.3}
+    wheels = [all_of(samples), all_of(replace(samples_of(4, Kind()), source=samples.source, wheel="second"))]
+    wheels.append(all_of(replace(samples, wheel="third", channels=wrong)))
+    found = compare(wheels, Model()).failures
+    assert ("torque", "wheel") in [(f.channel, f.driver) for f in found]
+    assert any("third" in f.sentence for f in found)
+
+
+def test_the_same_seed_gives_the_same_findings():
+    effects, _ = MISFITS["motor −0.3 %/K"]
+    windows = windows_of(1, Kind(effects))
+    one, other = (compare([windows], Model(), seed=5) for _ in range(2))
+    assert one.failures == other.failures
+    assert one.channels == other.channels
+
+
+def test_progress_is_told():
+    said = []
+    compare([all_of(some_of(samples_of(1, Kind()), np.arange(400)))], Model(), progress=said.append)
+    assert said[0] == "fitting wheel wheel"
+    assert all(a != b for a, b in pairwise(said))

@@ -1,0 +1,84 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from known_misfits import Kind, windows_of
+
+from terrain_cli.comparison import heldout, prediction
+from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.estimation.wheel_fit import fit
+from terrain_cli.mechanics.model import Model
+
+SETTINGS = Settings({}, {}, (), None)
+
+
+def test_blocks_are_left_out_and_parts_of_a_window_that_is_one_block():
+    window = np.repeat([0, 1], [30, 20])
+    block = np.repeat([0, 1, 2], [10, 20, 20])
+    fold = heldout.folds(window, block)
+    assert [len(np.unique(fold[part])) for part in (slice(0, 10), slice(10, 30), slice(30, 50))] == [1, 1, 4]
+    assert np.unique(np.bincount(fold)).tolist() == [5, 10, 20]
+
+
+def test_one_step_is_near_a_fit_without_the_block():
+    windows = windows_of(3, Kind(), "none")
+    block = np.arange(len(windows.rows)) // 320
+    wheel = Wheel(windows, Model(), SETTINGS)
+    scale = {name: level.deviation for name, level in wheel.noise.items()}
+    out = heldout.predict(wheel, block, scale)
+    for left in (0, 4):
+        kept = block != left
+        refitted = fit(
+            Model(),
+            wheel.geometry,
+            {name: column[kept] for name, column in wheel.channels.items()},
+            [0, kept.sum()],
+            noise=wheel.fit.noise,
+        )
+        values = {name: column[0] for name, column in refitted.values.items()}
+        expected = prediction.values(
+            Model(),
+            wheel.geometry,
+            {name: column[~kept] for name, column in wheel.channels.items()},
+            lambda rows, values=values: {name: np.full(len(rows), v) for name, v in values.items()},
+        )
+        for name, deviation in scale.items():
+            assert np.abs(out[name][~kept] - expected[name]).max() < 0.1 * deviation
+
+
+def test_heldout_errors_are_larger_where_a_window_is_short():
+    windows = windows_of(3, Kind(), "none")
+    short = replace(windows, bounds=np.arange(0, len(windows.rows) + 1, 40))
+    wheel = Wheel(short, Model(), SETTINGS)
+    block = np.arange(len(windows.rows)) // 40
+    out = heldout.predict(wheel, block, {name: level.deviation for name, level in wheel.noise.items()})
+    inside = np.sqrt(np.nanmean(wheel.residuals["torque"] ** 2))
+    outside = np.sqrt(np.nanmean((wheel.measured["torque"] - out["torque"]) ** 2))
+    assert inside < outside < 2.0 * inside
+
+
+def test_derivatives_are_those_of_the_predictions():
+    windows = windows_of(3, Kind(), "none")
+    wheel = Wheel(windows, Model(), SETTINGS)
+    rows = np.arange(0, len(windows.rows), 97)
+    # On the model's own surface, where the sinkage measured is the one predicted.
+    channels = {name: column[rows] for name, column in wheel.channels.items()}
+    channels["sinkage"] = wheel.predicted["sinkage"][rows]
+    names = wheel.soil
+    table = prediction.derivatives(
+        Model(), wheel.geometry, channels, lambda some: wheel.of_samples(rows[some]), names
+    )
+    for column, name in enumerate(names):
+
+        def moved(by, name=name):
+            def parameters(some):
+                found = wheel.of_samples(rows[some])
+                return {**found, name: found[name] * (1.0 + by)}
+
+            return prediction.values(Model(), wheel.geometry, channels, parameters)
+
+        up, down = moved(1e-4), moved(-1e-4)
+        step = 2e-4 * wheel.parameters[name][0]
+        for channel, slopes in table.items():
+            expected = (up[channel] - down[channel]) / step
+            assert slopes[:, column] == pytest.approx(expected, rel=1e-3, abs=1e-6 * np.abs(expected).max())

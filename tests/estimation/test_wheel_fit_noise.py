@@ -1,0 +1,150 @@
+"""Noise that the data tell, outliers, and residuals that follow each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from wheel_samples import WHEEL, free
+
+from terrain_cli.errors import UsageError
+from terrain_cli.estimation.wheel_fit import Noise, fit
+from terrain_cli.estimation.wheel_fit.misfit import excess, memory
+from terrain_cli.mechanics.model import Model, WheelGeometry
+
+GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
+FOUR = ("load", "torque", "sinkage", "slip")
+
+
+def run(channels, bounds, **options):
+    return fit(Model(), GEOMETRY, {name: channels[name] for name in FOUR}, bounds, **options)
+
+
+def smooth(size, seed):
+    """Return one window of noise-free samples along a slow drive, and its soil's φ."""
+    from simulator import forces
+
+    truth = free(1, 1, seed)
+    step = np.arange(size)
+    z, i = 0.018 * (1.0 + 0.3 * np.sin(step / 23.0)), 0.4 * (1.0 + 0.5 * np.sin(step / 31.0))
+    found = [forces(truth.soils[0], WHEEL, a, b) for a, b in zip(z, i, strict=True)]
+    channels = {
+        "load": np.array([f.load for f in found]),
+        "torque": np.array([f.torque for f in found]),
+        "sinkage": z,
+        "slip": i,
+    }
+    return channels, truth.phi[0]
+
+
+def test_noise_of_test_points_is_learnt_from_their_scatter():
+    truth = free(60, 10, 31)
+    result = run(truth.measured(1, 0.02), truth.bounds, correlated=False)
+    assert result.noise_from == "residuals"
+    assert result.noise.relative == pytest.approx(dict.fromkeys(FOUR, 0.02), rel=0.1)
+    given = run(truth.measured(1, 0.02), truth.bounds, correlated=False, noise=Noise.equal(0.02))
+    assert given.noise_from == "given"
+    np.testing.assert_allclose(result.phi_se, given.phi_se, rtol=0.25)
+
+
+def test_noise_of_a_log_is_learnt_channel_by_channel():
+    channels, _ = smooth(400, 32)
+    levels = {"load": 0.01, "torque": 0.03, "sinkage": 0.05, "slip": 0.02}
+    rng = np.random.default_rng(3)
+    noisy = {name: x * (1.0 + levels[name] * rng.standard_normal(400)) for name, x in channels.items()}
+    result = run(noisy, [0, 200, 400])
+    assert result.noise_from == "differences"
+    assert result.noise.relative == pytest.approx(levels, rel=0.2)
+
+
+def test_few_points_know_their_noise_badly_and_their_errors_show_it():
+    truth = free(1, 6, 33)
+    one = run(truth.measured(1, 0.02), truth.bounds, correlated=False)
+    known = run(truth.measured(1, 0.02), truth.bounds, correlated=False, noise=one.noise)
+    assert np.all(one.errors["cohesion"] > 1.05 * known.errors["cohesion"])
+
+
+def test_outliers_are_given_less_weight_on_request():
+    truth = free(40, 25, 34)
+    clean = truth.measured(1, 0.02)
+    noisy = {name: column.copy() for name, column in clean.items()}
+    rng = np.random.default_rng(5)
+    for name in ("load", "torque", "sinkage"):
+        hit = rng.random(1000) < 0.02
+        noisy[name][hit] *= 1.0 + rng.choice([-0.6, 0.8], hit.sum())
+    options = {"correlated": False, "noise": Noise.equal(0.02)}
+
+    def error(channels, **more):
+        result = run(channels, truth.bounds, **options, **more)
+        return np.degrees(np.sqrt(np.mean((result.phi - truth.phi) ** 2)))
+
+    assert error(noisy, robust=True) < 1.6 * error(clean)
+    assert error(noisy) > 2.0 * error(noisy, robust=True)
+    # 5 % of the efficiency is 2.6 % of the error.
+    assert error(clean, robust=True) < 1.15 * error(clean)
+    plain, robust = (run(clean, truth.bounds, **options, robust=r) for r in (False, True))
+    assert 1.0 < np.median(robust.errors["cohesion"] / plain.errors["cohesion"]) < 1.1
+    result = run(noisy, truth.bounds, correlated=False, robust=True)
+    assert result.noise.relative["torque"] == pytest.approx(0.02, rel=0.3)
+
+
+def test_residuals_that_follow_each_other_widen_the_errors():
+    channels, phi = smooth(400, 35)
+    rng = np.random.default_rng(7)
+    deviations = {True: [], False: []}
+    for _ in range(25):
+        noise = rng.standard_normal((4, 400))
+        for step in range(1, 400):
+            noise[:, step] = 0.9 * noise[:, step - 1] + np.sqrt(1.0 - 0.81) * noise[:, step]
+        noisy = {name: x * (1.0 + 0.02 * e) for (name, x), e in zip(channels.items(), noise, strict=True)}
+        for correlated, found in deviations.items():
+            result = run(noisy, [0, 400], noise=Noise.equal(0.02), correlated=correlated)
+            found.append((result.phi[0] - phi) / result.phi_se[0])
+    naive, allowed = (np.sqrt(np.mean(np.square(deviations[correlated]))) for correlated in (False, True))
+    assert naive > 1.5
+    assert allowed < 1.4
+    assert allowed < 0.6 * naive
+
+
+def test_white_residuals_are_left_alone():
+    truth = free(60, 20, 36)
+    options = {"noise": Noise.equal(0.02)}
+    result = run(truth.measured(1, 0.02), truth.bounds, **options)
+    assert np.mean(result.inflation == 1.0) > 0.6
+    assert result.inflation.mean() < 1.3
+
+
+def test_more_scatter_than_the_noise_says_widens_the_errors():
+    truth = free(20, 20, 37)
+    noisy = truth.measured(1, 0.04)
+    honest = run(noisy, truth.bounds, noise=Noise.equal(0.04), correlated=False)
+    bold = run(noisy, truth.bounds, noise=Noise.equal(0.01), correlated=False)
+    assert np.median(bold.inflation) == pytest.approx(16.0, rel=0.4)
+    assert np.median(bold.phi_se / honest.phi_se) == pytest.approx(1.0, abs=0.35)
+
+
+def test_memory_of_a_first_order_process():
+    rng = np.random.default_rng(8)
+    series = rng.standard_normal((2, 20_000))
+    for step in range(1, 20_000):
+        series[1, step] = 0.6 * series[1, step - 1] + 0.8 * series[1, step]
+    found = memory(series, np.array([0, 20_000]))
+    np.testing.assert_allclose(found[:, 0], [1.0, 4.0], rtol=0.1)
+    together = memory(series, np.arange(0, 20_001, 100), together=True)
+    np.testing.assert_allclose(together[:, 0], [1.0, 4.0], rtol=0.1)
+
+
+def test_a_scatter_that_may_be_chance_is_not_counted():
+    rng = np.random.default_rng(9)
+    residual = rng.standard_normal((2, 400))
+    seen = np.ones((2, 400), dtype=bool)
+    bounds = np.arange(0, 401, 20)
+    dof = np.full(20, 36.0)
+    assert np.mean(excess(residual, seen, bounds, dof) == 1.0) > 0.9
+    np.testing.assert_allclose(excess(3.0 * residual, seen, bounds, dof).mean(), 11.0, rtol=0.3)
+
+
+def test_noise_without_meaning_is_refused():
+    with pytest.raises(UsageError, match="noise of torque"):
+        Noise({"torque": -0.1})
+    with pytest.raises(UsageError, match="'speed'"):
+        Noise(absolute={"speed": 0.1})

@@ -1,0 +1,194 @@
+"""Parameters with one value for all windows: the arrow against the dense system, and effects regained."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from wheel_samples import WHEEL, free
+
+from terrain_cli.effects.effect import Effect, Parameter
+from terrain_cli.errors import ConfigurationError
+from terrain_cli.estimation.wheel_fit import Noise, Prior, fit
+from terrain_cli.estimation.wheel_fit.solve import Normal, eliminate, newton
+from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+from terrain_cli.mechanics.model import Model, WheelGeometry
+
+GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
+NOISE = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.01), {"drawbar_pull": 0.3})
+FRICTION = Effect(
+    "friction",
+    "Constant friction",
+    "sensor",
+    (Parameter("tc", "N m", 0.0, 1.0),),
+    {"torque": lambda q: q["torque"] + q["tc"]},
+)
+SOFTENING = Effect(
+    "softening",
+    "n grows with slip",
+    "soil",
+    (Parameter("n1", "1", 0.0, 0.5, lower=0.0, upper=2.0),),
+    {"sinkage_exponent": lambda q: q["sinkage_exponent"] + q["n1"] * np.abs(q["slip"])},
+)
+
+
+def unknown(name, reach=1e9):
+    return Unknown(name, logarithm=False, mean=0.0, sd=1.0, lower=-reach, upper=reach, step=1e9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 6), st.integers(0, 3), st.integers(1, 3), st.integers(0, 2**32))
+def test_eliminating_windows_solves_the_dense_system(windows, local, shared, seed):
+    rng = np.random.default_rng(seed)
+    size = local + shared
+    root = rng.standard_normal((windows, size, size + 2))
+    normal = Normal(root @ np.swapaxes(root, 1, 2), rng.standard_normal((windows, size)), np.zeros(windows))
+    t, common = rng.standard_normal((windows, local)), rng.standard_normal(shared)
+    sought = Unknowns(
+        tuple(unknown(f"l{k}") for k in range(local)), tuple(unknown(f"s{k}") for k in range(shared)), {}
+    )
+    step, shift, _ = newton(normal, sought, t, common)
+
+    total = windows * local + shared
+    dense, score = np.eye(total), np.concatenate([-t.ravel(), -common])
+    for w in range(windows):
+        at = np.concatenate([w * local + np.arange(local), windows * local + np.arange(shared)])
+        dense[np.ix_(at, at)] += normal.information[w]
+        score[at] += normal.score[w]
+    expected = np.linalg.solve(dense, score)
+    np.testing.assert_allclose(np.concatenate([step.ravel(), shift]), expected, rtol=1e-6, atol=1e-9)
+
+    own, gain, information = eliminate(normal, local)
+    covariance = np.linalg.inv(dense)
+    held = np.linalg.inv(information)
+    np.testing.assert_allclose(held, covariance[windows * local :, windows * local :], rtol=1e-6, atol=1e-12)
+    first = own[0] + gain[0] @ held @ gain[0].T
+    np.testing.assert_allclose(first, covariance[:local, :local], rtol=1e-6, atol=1e-12)
+
+
+def test_an_unknown_stays_within_its_bounds_and_the_others_know_it():
+    rng = np.random.default_rng(1)
+    root = rng.standard_normal((1, 2, 4))
+    normal = Normal(root @ np.swapaxes(root, 1, 2), np.array([[40.0, 3.0]]), np.zeros(1))
+    sought = Unknowns((unknown("a", reach=0.5), unknown("b")), (), {})
+    step, _, _ = newton(normal, sought, np.zeros((1, 2)), np.zeros(0))
+    assert step[0, 0] == pytest.approx(0.5)
+    information = normal.information[0] + np.eye(2)
+    assert step[0, 1] == pytest.approx((3.0 - information[1, 0] * 0.5) / information[1, 1], rel=1e-6)
+
+
+def channels_with(model, values, *, seed, windows=24, size=16):
+    """Noisy channels of a model with effects, by the model itself: effects have simulators elsewhere."""
+    from terrain_cli.mechanics.model import predict
+
+    truth = free(windows, size, 21)
+    soil = {
+        "cohesion": truth.cohesion,
+        "tan_phi": np.tan(truth.phi),
+        "shear_modulus": truth.shear_modulus,
+        "stiffness": truth.stiffness,
+        "sinkage_exponent": truth.exponent,
+    }
+    exact = {name: truth.channels[name] for name in ("sinkage", "slip")}
+    found = predict(
+        model, GEOMETRY, exact, {**{name: np.repeat(x, size) for name, x in soil.items()}, **values}
+    )
+    rng = np.random.default_rng(seed)
+    exact |= {"load": found.load, "torque": found.torque}
+    noisy = {name: x * (1.0 + 0.01 * rng.standard_normal(len(x))) for name, x in exact.items()}
+    noisy["drawbar_pull"] = found.drawbar_pull + 0.3 * rng.standard_normal(windows * size)
+    return truth, noisy
+
+
+@pytest.mark.parametrize(
+    ("model", "values"),
+    [
+        (Model(effects=(FRICTION,)), {"friction.tc": 0.4}),
+        (Model(effects=(SOFTENING,)), {"softening.n1": 0.3}),
+        (Model(effects=(FRICTION, SOFTENING)), {"friction.tc": 0.4, "softening.n1": 0.3}),
+    ],
+    ids=["torque", "soil", "both"],
+)
+def test_effects_are_regained_within_their_errors(model, values):
+    deviations = []
+    for seed in range(8):
+        truth, channels = channels_with(model, values, seed=seed)
+        result = fit(model, GEOMETRY, channels, truth.bounds, noise=NOISE, correlated=False)
+        assert result.converged.all()
+        deviations.append(
+            [(result.shared[name] - x) / result.shared_errors[name] for name, x in values.items()]
+        )
+    z = np.array(deviations)
+    assert np.all(np.abs(z.mean(axis=0)) < 1.1)
+    assert np.all(z.std(axis=0) < 1.8)
+    assert not any(result.undetermined[name].any() for name in values)
+    assert set(result.shared) == set(values)
+    assert result.names == (*model.soil, *values)
+
+
+def test_an_absent_effect_is_found_absent():
+    model = Model(effects=(SOFTENING,))
+    truth, channels = channels_with(model, {"softening.n1": 0.0}, seed=1)
+    result = fit(model, GEOMETRY, channels, truth.bounds, noise=NOISE, correlated=False)
+    # Its lower bound is zero.
+    assert 0.0 <= result.shared["softening.n1"] < 4.0 * result.shared_errors["softening.n1"]
+    held = fit(
+        model, GEOMETRY, channels, truth.bounds, noise=NOISE, correlated=False, fixed={"softening.n1": 0.0}
+    )
+    assert held.shared == {}
+    plain = fit(Model(), GEOMETRY, channels, truth.bounds, noise=NOISE, correlated=False)
+    np.testing.assert_allclose(held.phi, plain.phi, rtol=1e-6)
+
+
+def test_a_shared_shear_modulus_is_known_better_than_each_window_knows_it():
+    truth = free(1, 240, 22)
+    channels = truth.measured(1, 0.02, pull=0.5)
+    bounds = np.arange(0, 241, 12)
+    noise = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.02), {"drawbar_pull": 0.5})
+    own = fit(Model(), GEOMETRY, channels, bounds, noise=noise, correlated=False)
+    common = fit(Model(), GEOMETRY, channels, bounds, noise=noise, correlated=False, shared=["shear_modulus"])
+    k = truth.shear_modulus[0]
+    assert abs(common.shared["shear_modulus"] - k) < 3.0 * common.shared_errors["shear_modulus"]
+    assert common.shared_errors["shear_modulus"] < 0.5 * np.median(own.errors["shear_modulus"])
+    assert np.median(common.phi_se) < np.median(own.phi_se)
+    np.testing.assert_allclose(common.values["shear_modulus"], common.shared["shear_modulus"])
+    # Its error is part of those of the windows' own parameters.
+    assert np.all(np.abs(common.correlation("cohesion", "shear_modulus")) > 0.0)
+    held = fit(
+        Model(),
+        GEOMETRY,
+        channels,
+        bounds,
+        noise=noise,
+        correlated=False,
+        fixed={"shear_modulus": common.shared["shear_modulus"]},
+    )
+    assert np.median(held.errors["cohesion"] / common.errors["cohesion"]) < 1.0
+
+
+def test_every_soil_parameter_may_be_shared():
+    truth = free(1, 60, 23)
+    channels = truth.measured(2, 0.01, pull=0.2)
+    noise = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.01), {"drawbar_pull": 0.2})
+    model = Model()
+    pooled = fit(
+        model, GEOMETRY, channels, np.arange(0, 61, 12), noise=noise, correlated=False, shared=model.soil
+    )
+    one = fit(model, GEOMETRY, channels, [0, 60], noise=noise, correlated=False)
+    assert len(set(pooled.phi)) == 1
+    np.testing.assert_allclose(pooled.phi[0], one.phi[0], atol=0.2 * one.phi_se[0])
+    np.testing.assert_allclose(pooled.errors["cohesion"][0], one.errors["cohesion"][0], rtol=0.3)
+
+
+def test_only_parameters_of_the_model_can_be_shared():
+    truth = free(1, 60, 23)
+    with pytest.raises(ConfigurationError, match="no parameter 'k'"):
+        fit(
+            Model(),
+            GEOMETRY,
+            truth.measured(1, 0.0),
+            [0, 60],
+            shared=["k"],
+            priors={"cohesion": Prior(1e3, 1e3)},
+        )

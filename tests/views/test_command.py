@@ -1,0 +1,73 @@
+"""`terrain-est report` as users call it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLE = ROOT / "sample_data" / "run.csv"
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """Return the first part of the sample drive, with its rover file beside it."""
+    folder = tmp_path_factory.mktemp("drive")
+    lines = SAMPLE.read_text("utf-8").splitlines(keepends=True)
+    (folder / "run.csv").write_text("".join(lines[:900]), "utf-8")
+    (folder / "rover.toml").write_bytes((ROOT / "sample_data" / "rover.toml").read_bytes())
+    return folder / "run.csv"
+
+
+def test_writes_a_page(terrain_est, short, tmp_path):
+    page = tmp_path / "run.html"
+    done = terrain_est("report", short, "-o", page, "--segments", "none", "--seed", "3")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    text = page.read_text("utf-8")
+    assert text.startswith("<!DOCTYPE html>")
+    assert 1e6 < page.stat().st_size < 6e6
+    for said in ("Errors of the prediction", "torque T (N m)", "wong-reece", str(short)):
+        assert said in text
+    again = tmp_path / "again.html"
+    assert terrain_est("report", short, "-o", again, "--segments", "none", "--seed", "3").returncode == 0
+    assert again.read_bytes() == page.read_bytes()
+
+
+def test_takes_another_model_and_one_wheel(terrain_est, short, tmp_path):
+    page = tmp_path / "run.html"
+    done = terrain_est("report", short, "-o", page, "--model", "linear", "--wheel", "front-left", "-q")
+    assert (done.returncode, done.stderr) == (0, "")
+    text = page.read_text("utf-8")
+    assert "The model linear" in text
+    assert not re.search(r"<th scope=.row.>sinkage", text)
+
+
+def test_needs_a_place_to_write_to(terrain_est, short):
+    done = terrain_est("report", short)
+    assert done.returncode == 2
+    assert "--output" in done.stderr
+
+
+def test_says_what_to_install(short, tmp_path):
+    code = (
+        "import sys; sys.modules['altair'] = None\n"
+        "from terrain_cli.app import main\n"
+        f"main(['report', {str(short)!r}, '-o', {str(tmp_path / 'run.html')!r}])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (78, "")
+    assert done.stderr.splitlines() == [
+        "terrain-est: a report needs altair, which is not installed",
+        "  pip install 'terrain-est[report]'",
+    ]
+
+
+def test_compare_draws_pictures(terrain_est, short, tmp_path):
+    done = terrain_est("compare", short, "--segments", "none", "--plot", tmp_path / "pictures")
+    assert done.returncode == 0, done.stderr
+    names = {path.name for path in (tmp_path / "pictures").iterdir()}
+    assert {"predicted-measured.png", "residual-torque.svg", "strength.png", "rim-stress.svg"} <= names
