@@ -23,7 +23,12 @@ Examples:
 )
 @options.inputs
 @click.option(
-    "-o", "--output", type=options.FILE, required=True, metavar="FILE.html", help="Write the page here."
+    "-o",
+    "--output",
+    type=options.FILE,
+    required=True,
+    metavar="FILE.html",
+    help="Write the page here; - is the standard output.",
 )
 @options.rover
 @click.option(
@@ -58,4 +63,9 @@ def command(context: click.Context, /, **_: Any) -> None:
         rover, cut = comparing.read(context, [file], progress)
         comparison = comparing.compared(cut, file, rover, given["seed"], progress)
         progress.advance()
-        report.write(comparison, given["output"], progress=partial(progress.say, given["output"]))
+        say = partial(progress.say, given["output"])
+        if given["output"] != "-":
+            report.write(comparison, given["output"], progress=say)
+            return
+        text = report.page(comparison, progress=say)
+    click.echo(text, nl=False)

@@ -39,8 +39,8 @@ def folds(window: Index, block: Index) -> Index:
     """
     fold = block.copy()
     free = int(block.max(initial=0)) + 1
-    starts = np.flatnonzero(np.concatenate([[True], window[1:] != window[:-1]])) if len(window) else []
-    for low, high in pairwise([*starts, len(window)]):
+    change = np.flatnonzero(np.diff(window)) + 1
+    for low, high in pairwise([0, *change.tolist(), len(window)]):
         if high - low > 1 and np.all(block[low:high] == block[low]):
             parts = min(PARTS, high - low)
             fold[low:high] = free + (np.arange(high - low) * parts) // (high - low)

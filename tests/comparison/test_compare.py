@@ -170,3 +170,25 @@ def test_progress_is_told():
     compare([all_of(some_of(samples_of(1, Kind()), np.arange(400)))], Model(), progress=said.append)
     assert said[0] == "fitting wheel wheel"
     assert all(a != b for a, b in pairwise(said))
+
+
+def test_a_further_column_is_a_driver():
+    samples = samples_of(1, Kind())
+    cable = np.abs(np.sin(samples.time / 3.0))
+    pulled = {**samples.channels, "drawbar_pull": samples.channels["drawbar_pull"] - 2.0 * (cable > 0.8)}
+    compared = compare([all_of(replace(samples, channels=pulled, drivers={"cable": cable}))], Model())
+    (found,) = compared.failures
+    assert (found.channel, found.driver, found.shape) == ("drawbar_pull", "cable", "step")
+    assert found.at == pytest.approx(0.8, abs=0.08)
+    assert found.amplitude == pytest.approx(-2.0, rel=0.15)
+    assert found.sentence.startswith("drawbar pull is over-predicted by ")
+
+
+def test_one_soil_is_fitted_to_each_terrain_between_segments():
+    samples = samples_of(1, Kind())
+    n = len(samples)
+    terrain = Labels((np.arange(n) // 640 % 2).astype(np.int32), ("sand", "gravel"))
+    bounds = list(range(0, n + 1, 160))
+    compared = compare([all_of(replace(samples, labels={"terrain": terrain}), bounds)], Model())
+    assert compared.failures == []
+    assert compared.wheels[0].drivers["terrain"].labels == ("sand", "gravel")

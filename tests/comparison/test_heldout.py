@@ -20,6 +20,35 @@ def test_blocks_are_left_out_and_parts_of_a_window_that_is_one_block():
     assert np.unique(np.bincount(fold)).tolist() == [5, 10, 20]
 
 
+def test_leaving_out_is_solving_the_rest():
+    """The arrow against dense normal equations, window by window and fold by fold."""
+    rng = np.random.default_rng(1)
+    windows, local, size = 4, 2, 3
+    window, fold = np.repeat(np.arange(windows), 3), np.tile([0, 1, 2], windows)
+    fold[6:9] += 3
+    design, error = rng.normal(size=(12, 20, size)), rng.normal(size=(12, 20))
+    information, score = np.einsum("cni,cnj->cij", design, design), np.einsum("cni,cn->ci", design, error)
+    prior = np.diag(rng.uniform(0.5, 1.0, size))
+
+    def places(one):
+        return np.r_[one * local : (one + 1) * local, windows * local]
+
+    def solved(kept):
+        whole = np.diag(np.append(np.tile(np.diag(prior)[:local], windows), prior[-1, -1]))
+        pull = np.zeros(len(whole))
+        for cell in np.flatnonzero(kept):
+            at = places(window[cell])
+            whole[np.ix_(at, at)] += information[cell]
+            pull[at] += score[cell]
+        return np.linalg.solve(whole, pull)
+
+    moved = heldout._leave_out(information, score, window, fold, prior, local)
+    every = solved(np.ones(12, dtype=bool))
+    for cell in range(12):
+        expected = (solved(fold != fold[cell]) - every)[places(window[cell])]
+        assert moved[cell] == pytest.approx(expected, abs=1e-12)
+
+
 def test_one_step_is_near_a_fit_without_the_block():
     windows = windows_of(3, Kind(), "none")
     block = np.arange(len(windows.rows)) // 320

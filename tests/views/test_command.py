@@ -37,6 +37,13 @@ def test_writes_a_page(terrain_est, short, tmp_path):
     assert again.read_bytes() == page.read_bytes()
 
 
+def test_writes_to_the_standard_output(terrain_est, short):
+    done = terrain_est("report", short, "-o", "-", "--segments", "none", "-q")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("<!DOCTYPE html>")
+    assert done.stdout.rstrip().endswith("</html>")
+
+
 def test_takes_another_model_and_one_wheel(terrain_est, short, tmp_path):
     page = tmp_path / "run.html"
     done = terrain_est("report", short, "-o", page, "--model", "linear", "--wheel", "front-left", "-q")

@@ -15,8 +15,7 @@ from simulator.run import simulate
 from formats import CannotWriteError
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.views import report
-from terrain_cli.views.report import Section, Table
-from terrain_cli.views.report.page import page
+from terrain_cli.views.report import Section, Table, page
 
 HOSTILE = "<script>alert('1')</script>\"&{{ 7 * 7 }}</textarea>"
 VOID = {"meta", "link", "br"}
@@ -193,7 +192,7 @@ def test_many_samples_keep_the_page_small(text):
 
 
 def test_is_written_whole_or_not_at_all(comparison, tmp_path, monkeypatch):
-    monkeypatch.setattr("terrain_cli.views.report.page.page", lambda *_, **__: "whole")
+    monkeypatch.setattr(sys.modules[report.write.__module__], "page", lambda *_, **__: "whole")
     report.write(comparison, tmp_path / "run.html")
     assert (tmp_path / "run.html").read_text() == "whole"
     with pytest.raises(CannotWriteError, match="no such folder"):

@@ -183,14 +183,30 @@ def _all(
 def _search(problem: Problem, data: Data, order: int | None) -> State:
     """Find the most probable unknowns, from several beginnings where one does not suffice."""
     t, common = start.centre(problem, data)
+    begun = [common, *start.of_shapes(problem, common)]
+    if len(begun) > 1:
+        ends = [_towards(problem, data, t, one, order) for one in begun]
+        return min(ends, key=lambda end: float(end.merit.sum() + np.sum(end.common**2)))
+    state = _towards(problem, data, t, common, order)
+    if problem.unknowns.shared:
+        return state
+    return _elsewhere(problem, data, state, common, order)
+
+
+def _towards(problem: Problem, data: Data, t: Array, common: Array, order: int | None) -> State:
+    """Search from one beginning: with few samples and nodes, then with all."""
     rows, count = data.thin(_SOME)
     some = data.take(rows, count, np.arange(len(count)))
     rough = solve(problem, some, initial(some, t, common), order=_COARSE, iterations=_ROUGH)
     state = solve(problem, data, initial(data, rough.t, rough.common), order=_COARSE)
     if order != _COARSE:
         state = solve(problem, data, state, order=order)
-    if problem.unknowns.shared:
-        return state
+    return state
+
+
+def _elsewhere(problem: Problem, data: Data, state: State, common: Array, order: int | None) -> State:
+    """Search again, from elsewhere, in the windows that fit badly."""
+    t = state.t
     usual = segment_sum(data.seen.sum(axis=0).astype(float), data.bounds) + t.shape[1]
     bad = np.flatnonzero(~state.converged | (state.merit > usual + _BAD * np.sqrt(2.0 * usual)))
     if len(bad) == 0 or len(bad) > max(_FEW_BAD * len(t), 5):
@@ -223,6 +239,8 @@ def _learn(problem: Problem, data: Data, *, ordered: bool) -> tuple[Problem, flo
     local = len(problem.unknowns.local)
     t, common = start.centre(problem, sample)
     state, dof = initial(sample, t, common), 1.0
+    if next(start.of_shapes(problem, common), None) is not None:
+        state = _search(problem, sample, _order(problem.noise, sample))
     for _ in range(_ROUNDS):
         order = _order(problem.noise, sample)
         state = solve(problem, sample, state, order=order)

@@ -46,6 +46,8 @@ _SAMPLES, _SAMPLES_SHARED, _ORDER = 6, 30, 5
 _STEP = 0.3
 #: The mean is never taken to be further than this from the mode, in posterior standard deviations.
 _FARTHEST = 2.0
+#: Beyond this many of them a correction of shared unknowns is none.
+_SMALL = 1.0
 #: Information of a prior ten times as wide, and of nothing.
 _WIDE, _NOTHING = 0.01, 1e-9
 
@@ -238,6 +240,10 @@ def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -
     for axis in np.linalg.cholesky(held).T if len(held) else held:
         there, there_shared = volume(few.normal(_STEP * gain @ axis, _STEP * axis))
         move_shared -= 0.5 * axis * (float(np.sum(there - base)) + there_shared - base_shared) / _STEP
+    if np.any(np.abs(move_shared) > _SMALL * np.sqrt(np.diagonal(held))):
+        # Not a correction of second order any more, and for unknowns that all windows share there is
+        # no other window to average it out: the mode is kept.
+        move_shared[:] = 0.0
     return move + gain @ move_shared, move_shared
 
 

@@ -51,8 +51,8 @@ class Fit:
         Of these, in their own units; shared ones and their influence on the others included.
     shared_covariance : ndarray, shape (q, q)
     sigma_star, strength, strength_se : ndarray, shape (w,)
-        Stress at which the strength c + σ* tan φ is not correlated with tan φ, that strength and
-        its standard error, Pa. NaN where c or φ is fixed.
+        Stress at which the strength c + σ* tan φ is not correlated with tan φ, or 0 where that is
+        negative, that strength and its standard error, Pa. NaN where c or φ is fixed.
     undetermined : dict of str to ndarray of bool, shape (w,)
         For each parameter sought, whether the data leave it open: had all priors been ten times as
         wide, its standard error would exceed that of its prior as it is; or it ran to its bound.
@@ -234,8 +234,9 @@ def parameters(
         for a, b in (("cohesion", "cohesion"), ("cohesion", "tan_phi"), ("tan_phi", "tan_phi"))
     )
     with np.errstate(invalid="ignore", divide="ignore"):
-        sigma_star = -cov / var_t if pivot else np.full(windows, np.nan)
-        strength_se = np.sqrt(np.maximum(var_c + sigma_star * cov, 0.0))
+        # Where c and φ err the same way no stress makes their errors cancel, and none below 0 is one.
+        sigma_star = np.maximum(-cov / var_t, 0.0) if pivot else np.full(windows, np.nan)
+        strength_se = np.sqrt(np.maximum(var_c + 2.0 * sigma_star * cov + sigma_star**2 * var_t, 0.0))
     return Parameters(
         values={name: values[name] for name in soil},
         errors={name: errors[name] for name in soil},

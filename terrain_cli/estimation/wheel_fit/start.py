@@ -69,6 +69,44 @@ def others(problem: Problem, data: Data, common: Array) -> Iterator[Array]:
         yield carried(problem, data, np.clip(t, low, high), common)
 
 
+def of_shapes(problem: Problem, common: Array) -> Iterator[Array]:
+    """Yield beginnings for effects whose shape has no influence while the effect is absent.
+
+    There the data say nothing of where the shape's parameters are to go, and the search may end in
+    another valley.
+
+    Parameters
+    ----------
+    problem : Problem
+    common : ndarray, shape (q,)
+
+    Yields
+    ------
+    ndarray, shape (q,)
+        The effects present by one scale, to either side of their null value; nothing where no
+        effect has a shape.
+    """
+    column = {u.name: j for j, u in enumerate(problem.unknowns.shared)}
+    sizes = {
+        column[effect.qualified(p)]: p
+        for effect in problem.model.effects
+        if any(p.shape for p in effect.parameters)
+        for p in effect.parameters
+        if not p.shape and effect.qualified(p) in column
+    }
+    if not sizes:
+        return
+    for side in (1.0, -1.0):
+        begun = common.copy()
+        for j, parameter in sizes.items():
+            unknown = problem.unknowns.shared[j]
+            present = parameter.null + side * parameter.scale
+            inside = parameter.lower <= present <= parameter.upper
+            begun[j] = (present - unknown.mean) / unknown.sd if inside else common[j]
+        if np.any(begun != common):
+            yield begun
+
+
 def carried(problem: Problem, data: Data, t: Array, common: Array) -> Array:
     """Choose each window's stiffness so that the soil carries the load.
 

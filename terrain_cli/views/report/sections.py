@@ -144,7 +144,7 @@ def _summary(content: _Content) -> Section:
     text = [fitted]
     points = [_sentence(finding.sentence) for finding in comparison.failures[:5]]
     if not points:
-        text.append("Nothing was found that the misfit follows: what remains looks like noise.")
+        text.append("Nothing that was recorded explains the misfit better than chance could.")
     points += [_sentence(f"Note: {warning}") for warning in comparison.warnings]
     rows = []
     for name in samples.channels(comparison):
