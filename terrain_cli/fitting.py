@@ -18,7 +18,7 @@ from terrain_cli.settings import FIT_SAMPLES
 from terrain_cli.telemetry.needs import CONSTANTS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Noise as SensorNoise
     from terrain_cli.settings import LineMethod, Method
+    from terrain_cli.telemetry import Samples
     from terrain_cli.windows import Windows
 
     Array = NDArray[np.float64]
@@ -163,6 +164,45 @@ def _channels(windows: Windows, file: ModelFile) -> dict[str, Array]:
     return channels
 
 
+def assumed(
+    several: Sequence[Windows], file: ModelFile
+) -> tuple[dict[str, float], dict[str, Prior], Noise | None]:
+    """Return what a fit takes for known before it has seen the data of some wheels.
+
+    Parameters
+    ----------
+    several : sequence of Windows
+        Of one rover.
+    file : ModelFile
+
+    Returns
+    -------
+    held : dict of str to float
+        Parameters that are not sought: those of the file, and those whose channels a wheel lacks.
+    priors : dict of str to Prior
+    noise : Noise or None
+        Of the sensors, if rover.toml gives it for every channel that the fit weighs.
+    """
+    held: dict[str, float] = {}
+    measured: set[str] = set()
+    for windows in several:
+        samples, rows = windows.samples, windows.rows
+        there = {
+            name: column[rows]
+            for name, column in {**samples.drivers, **samples.channels}.items()
+            if np.isfinite(column[rows]).any()
+        }
+        held |= _held(windows, file, there)[0]
+        measured |= there.keys() & set(NOISY)
+    samples = several[0].samples
+    given = {name: samples.noise[name] for name in measured & samples.noise.keys()}
+    return held, _priors(samples, file), _noise(given) if given.keys() == measured else None
+
+
+def _priors(samples: Samples, file: ModelFile) -> dict[str, Prior]:
+    return {"shear_modulus": Prior.factor(samples.geometry.shear_modulus, K_FACTOR), **file.priors}
+
+
 def _held(
     windows: Windows, file: ModelFile, channels: Mapping[str, Array]
 ) -> tuple[dict[str, float], dict[str, str]]:
@@ -189,10 +229,7 @@ def _fit(
     robust: bool,
 ) -> Fit:
     samples = windows.samples
-    priors = {
-        "shear_modulus": Prior.factor(samples.geometry.shear_modulus, K_FACTOR),
-        **file.priors,
-    }
+    priors = _priors(samples, file)
 
     def run(noise: Noise | None) -> Fit:
         return wheel_fit.fit(

@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from terrain_cli.commands import comparing, options
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from terrain_cli.comparison import Comparison
 
 
 @click.command(
@@ -49,7 +44,7 @@ Examples:
     "--plot",
     type=options.FILE,
     metavar="DIR",
-    help="Write pictures into this folder, as PNG and SVG (extra: plot).",
+    help="Write pictures into this folder, as PNG and SVG, of the last model (extra: plot).",
 )
 @options.quiet
 @click.pass_context
@@ -77,10 +72,10 @@ def command(context: click.Context, /, **_: Any) -> None:
     with Progress(
         len(context.params["inputs"]) + len(files), enabled=not context.params["quiet"]
     ) as progress:
-        rover, cut = comparing.read(context, files, progress)
+        cut = comparing.read(context, files, progress)
         outcomes = []
         for file in files:
-            outcomes.append(comparing.compared(cut, file, rover, seed, progress))
+            outcomes.append(comparing.compared(cut, file, seed, progress))
             progress.advance()
     first, second = outcomes[0], outcomes[1] if len(outcomes) > 1 else None
     differences = against(first, second, seed=seed) if second else []
@@ -92,12 +87,8 @@ def command(context: click.Context, /, **_: Any) -> None:
         if second:
             click.echo("\n" + document.text_of_two(first, second, differences))
     if context.params["plot"]:
-        written = _pictures(outcomes[-1], context.params["plot"])
+        from terrain_cli.views import plots
+
+        written = plots.write(outcomes[-1], context.params["plot"])
         if not context.params["quiet"]:
             click.echo(f"{len(written)} pictures in {context.params['plot']}", err=True)
-
-
-def _pictures(comparison: Comparison, folder: str) -> list[Path]:
-    from terrain_cli.views import plots
-
-    return plots.write(comparison, folder)

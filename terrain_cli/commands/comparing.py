@@ -63,9 +63,7 @@ def cutting(command: options.F) -> options.F:
     return reduce(lambda decorated, option: option(decorated), reversed(_CUTTING), command)
 
 
-def read(
-    context: click.Context, model: Sequence[ModelFile], progress: Progress
-) -> tuple[Rover, list[Windows]]:
+def read(context: click.Context, model: Sequence[ModelFile], progress: Progress) -> list[Windows]:
     """Read every input, with all that the models need, and cut it into windows.
 
     Parameters
@@ -77,8 +75,7 @@ def read(
 
     Returns
     -------
-    rover : Rover
-    windows : list of Windows
+    list of Windows
         Of every wheel of every input that has usable samples.
 
     Raises
@@ -107,7 +104,7 @@ def read(
             f"{', '.join(paths)}: no sample can be used",
             hint="terrain-est inspect shows what each channel is read from",
         )
-    return rover, cut
+    return cut
 
 
 def _cut(path: str, rover: Rover, effects: Sequence[Any], given: Mapping[str, Any]) -> list[Windows]:
@@ -128,16 +125,13 @@ def _cut(path: str, rover: Rover, effects: Sequence[Any], given: Mapping[str, An
     ]
 
 
-def compared(
-    cut: Sequence[Windows], file: ModelFile, rover: Rover, seed: int, progress: Progress
-) -> Comparison:
+def compared(cut: Sequence[Windows], file: ModelFile, seed: int, progress: Progress) -> Comparison:
     """Compare a model with windows that were read.
 
     Parameters
     ----------
     cut : sequence of Windows
     file : ModelFile
-    rover : Rover
     seed : int
     progress : Progress
 
@@ -145,15 +139,17 @@ def compared(
     -------
     Comparison
     """
+    from terrain_cli import fitting
     from terrain_cli.comparison import compare
 
-    del rover
+    fixed, priors, noise = fitting.assumed(cut, file)
     return compare(
         cut,
         file.model,
-        fixed=file.fixed,
-        priors=file.priors,
-        shared=file.shared,
+        fixed=fixed,
+        priors=priors,
+        shared=[name for name in file.shared if name not in fixed],
+        noise=noise,
         seed=seed,
         progress=partial(progress.say, str(file.path or file.model.base)),
     )

@@ -31,7 +31,7 @@ Examples:
   terrain-est estimate bench.csv --where "slip_angle_deg == 0" --segments none
   terrain-est estimate run.bag --method recursive --trace convergence.csv
   terrain-est estimate run.bag --method wong-reece --summary soil.json
-  terrain-est estimate run.bag --model model.toml
+  terrain-est estimate run.bag --model model.toml --plot pictures
   terrain-est estimate run.bag | ogr2ogr -f GPKG soil.gpkg CSV:/vsistdin/ \\
       -oo AUTODETECT_TYPE=YES -oo EMPTY_STRING_AS_NULL=YES -a_srs IAU_2015:49900
 """,
@@ -107,6 +107,13 @@ Examples:
     help="With --method recursive: write the estimate after each sample here.",
 )
 @click.option(
+    "--plot",
+    type=options.FILE,
+    metavar="DIR",
+    help="Write pictures into this folder, as PNG and SVG (extra: plot). With --method recursive also "
+    "how it converges.",
+)
+@click.option(
     "--jobs",
     type=click.IntRange(min=1),
     default=1,
@@ -138,6 +145,10 @@ def command(context: click.Context, /, **_: Any) -> None:
     if given["trace"] and given["method"] != "recursive":
         raise UsageError("--trace shows the recursive estimate", hint="add --method recursive")
     # Before the work, not after it.
+    if given["plot"]:
+        from terrain_cli.views import extras
+
+        extras.need("plot")
     for name in ("output", "rejects", "trace"):
         if given[name]:
             formats.output_kind(given[name])
@@ -181,6 +192,10 @@ def _write(outcomes: Sequence[Outcome], settings: Settings, given: Mapping[str, 
         formats.write_table(results.join([t for outcome in outcomes for t in outcome.trace]), given["trace"])
     estimates = estimation.join([part for outcome in outcomes for part in outcome.estimates])
     document = summary.document(table, estimates, [outcome.account for outcome in outcomes], settings)
+    if given["plot"]:
+        from terrain_cli.views import plots
+
+        plots.write(outcomes, given["plot"])
     if given["summary"]:
         text = json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False)
         with formats.replacing(given["summary"]) as temporary:

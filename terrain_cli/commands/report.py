@@ -60,8 +60,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     given = context.params
     file = models.resolve(given["model"])
     with Progress(len(given["inputs"]) + 2, enabled=not given["quiet"]) as progress:
-        rover, cut = comparing.read(context, [file], progress)
-        comparison = comparing.compared(cut, file, rover, given["seed"], progress)
+        cut = comparing.read(context, [file], progress)
+        comparison = comparing.compared(cut, file, given["seed"], progress)
         progress.advance()
         say = partial(progress.say, given["output"])
         if given["output"] != "-":

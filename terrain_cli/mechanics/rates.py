@@ -11,11 +11,12 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Samples on either side of the one whose slope is taken.
-_REACH = 2
+#: Neighbours on either side among which is chosen, and samples that are enough to choose by.
+_REACHES = (2, 4, 8, 16, 32)
+_TELLING = 20_000
 
 
-def rate(time: ArrayLike, stretch: ArrayLike, values: ArrayLike, *, reach: int = _REACH) -> Array:
+def rate(time: ArrayLike, stretch: ArrayLike, values: ArrayLike, *, reach: int | None = None) -> Array:
     """Differentiate a channel by time: the slope of a line through each sample and its neighbours.
 
     Parameters
@@ -25,8 +26,9 @@ def rate(time: ArrayLike, stretch: ArrayLike, values: ArrayLike, *, reach: int =
     stretch : array_like of int, shape (n,)
         Samples of different stretches are no neighbours.
     values : array_like, shape (n,)
-    reach : int
-        Neighbours on either side; fewer at the ends of a stretch.
+    reach : int, optional
+        Neighbours on either side; fewer at the ends of a stretch. If not given, as many as let the
+        line predict best the samples that it passes (leave-one-out): the noisier the channel, the more.
 
     Returns
     -------
@@ -35,8 +37,19 @@ def rate(time: ArrayLike, stretch: ArrayLike, values: ArrayLike, *, reach: int =
     """
     time, values = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
     stretch = np.asarray(stretch)
+    if reach is None:
+        some = slice(0, _TELLING)
+        errors = [_left_out(_sums(time[some], stretch[some], values[some], near)) for near in _REACHES]
+        reach = _REACHES[int(np.argmin(errors))]
+    count, st, sv, stt, stv = _sums(time, stretch, values, reach)
+    spread = count * stt - st * st
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(spread > 0.0, (count * stv - st * sv) / spread, np.nan))
+
+
+def _sums(time: Array, stretch: NDArray[np.intp], values: Array, reach: int) -> Array:
+    """Return number of neighbours and Σ t, Σ v, Σ t², Σ t v about each sample, so that nothing cancels."""
     n = len(time)
-    # Sums over the neighbours, about the sample itself so that nothing cancels.
     sums = np.zeros((5, n))
     for shift in range(-reach, reach + 1):
         own = np.arange(max(0, -shift), min(n, n - shift))
@@ -45,10 +58,19 @@ def rate(time: ArrayLike, stretch: ArrayLike, values: ArrayLike, *, reach: int =
         known = np.isfinite(dv)
         own, dt, dv = own[known], dt[known], dv[known]
         sums[:, own] += (np.ones_like(dt), dt, dv, dt * dt, dt * dv)
+    return sums
+
+
+def _left_out(sums: Array) -> float:
+    """Return the mean square by which lines through the neighbours alone miss the samples."""
     count, st, sv, stt, stv = sums
     spread = count * stt - st * st
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(spread > 0.0, (count * stv - st * sv) / spread, np.nan))
+    enough = (count >= 4.0) & (spread > 0.0)
+    if not enough.any():
+        return np.inf
+    count, st, sv, stt, stv, spread = (part[enough] for part in (*sums, spread))
+    level, leverage = (stt * sv - st * stv) / spread, stt / spread
+    return float(np.mean((level / (1.0 - leverage)) ** 2))
 
 
 def wheel_angle(time: ArrayLike, stretch: ArrayLike, angular_velocity: ArrayLike) -> Array:
