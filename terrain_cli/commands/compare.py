@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from terrain_cli.commands import comparing, options
+
+if TYPE_CHECKING:
+    from terrain_cli.comparison import Comparison
 
 
 @click.command(
@@ -73,9 +76,10 @@ def command(context: click.Context, /, **_: Any) -> None:
         len(context.params["inputs"]) + len(files), enabled=not context.params["quiet"]
     ) as progress:
         cut = comparing.read(context, files, progress)
-        outcomes = []
+        outcomes: list[Comparison] = []
         for file in files:
-            outcomes.append(comparing.compared(cut, file, seed, progress))
+            like = outcomes[0] if outcomes else None
+            outcomes.append(comparing.compared(cut, file, seed, progress, like))
             progress.advance()
     first, second = outcomes[0], outcomes[1] if len(outcomes) > 1 else None
     differences = against(first, second, seed=seed) if second else []

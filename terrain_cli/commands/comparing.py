@@ -125,7 +125,13 @@ def _cut(path: str, rover: Rover, effects: Sequence[Any], given: Mapping[str, An
     ]
 
 
-def compared(cut: Sequence[Windows], file: ModelFile, seed: int, progress: Progress) -> Comparison:
+def compared(
+    cut: Sequence[Windows],
+    file: ModelFile,
+    seed: int,
+    progress: Progress,
+    like: Comparison | None = None,
+) -> Comparison:
     """Compare a model with windows that were read.
 
     Parameters
@@ -134,6 +140,8 @@ def compared(cut: Sequence[Windows], file: ModelFile, seed: int, progress: Progr
     file : ModelFile
     seed : int
     progress : Progress
+    like : Comparison, optional
+        Of another model with the same windows, whose blocks are taken.
 
     Returns
     -------
@@ -151,5 +159,6 @@ def compared(cut: Sequence[Windows], file: ModelFile, seed: int, progress: Progr
         shared=[name for name in file.shared if name not in fixed],
         noise=noise,
         seed=seed,
+        like=like,
         progress=partial(progress.say, str(file.path or file.model.base)),
     )

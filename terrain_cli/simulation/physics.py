@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import effects
+from terrain_cli.channels import CHANNELS
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.dual import seed, slopes, value
@@ -93,7 +94,8 @@ class Physics:
         self.effect_values = scenario.effect_values()
         self.angle = np.zeros(len(ride.time))
         reads = {name for chosen in scenario.effects for name in chosen.effect.reads}
-        wanted = sorted(name for name in reads if name.endswith(_RATE))
+        # The yaw rate is a channel of its own.
+        wanted = sorted(name for name in reads - CHANNELS.keys() if name.endswith(_RATE))
         # What is measured depends on what is predicted, and the other way round.
         changed = map(scenario.model.changes, ("load", "slip"))
         self.coupled = any(changed) or bool(reads & {"torque", "drawbar_pull"})

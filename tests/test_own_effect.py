@@ -1,0 +1,61 @@
+"""An effect of a user's own, from its file to its parameter: checked, simulated, missed, found."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+EFFECT = """\
+id = "cable-drag"
+title = "Umbilical drags on the carriage"
+changes = "drawbar_pull"
+law = "drawbar_pull - cd * abs(yaw_rate)"
+needs = ["yaw_rate"]
+[parameters.cd]
+unit = "N s/rad"
+null = 0.0
+scale = 10.0
+lower = 0.0
+"""
+SIZE = 60.0
+
+
+@pytest.fixture
+def run(terrain_est):
+    def succeed(*args):
+        done = terrain_est(*args)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    return succeed
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.bag"])
+def test_from_file_to_parameter(name, tmp_path, run):
+    effect, log, model = tmp_path / "cable-drag.toml", tmp_path / name, tmp_path / "model.toml"
+    effect.write_text(EFFECT)
+    assert "nothing is wrong" in run("effects", "check", effect)
+    drive = ["--drive", "mixed", "--duration", "60", "--noise", "2%", "--seed", "5"]
+    run("simulate", "-o", log, *drive, "--effect", f"{effect}:cd={SIZE}", "-q")
+
+    found = json.loads(run("compare", log, "--segments", "none", "--json", "-q"))
+    first = found["failures"][0]
+    assert (first["channel"], first["driver"]) == ("drawbar_pull", "yaw_rate")
+
+    run("model", "new", model, "--effect", effect)
+    summary = tmp_path / "soil.json"
+    run("estimate", log, "--model", model, "--segments", "none", "--summary", summary, "-q")
+    (wheel,) = json.loads(summary.read_text())["inputs"][0]["wheels"]
+    size = wheel["model"]["parameters"]["cable-drag.cd"]
+    assert size["fixed_by_data"]
+    assert size["unit"] == "N s/rad"
+    assert size["value"] == pytest.approx(SIZE, abs=4.0 * size["se"])
+    assert size["se"] < SIZE / 10.0
+
+    models = ["--model", "wong-reece", "--model", model]
+    found = json.loads(run("compare", log, "--segments", "none", "--json", "-q", *models))
+    (pull,) = (d for d in found["differences"] if d["name"] == "drawbar_pull")
+    assert pull["moved"]
+    assert pull["second"] < pull["first"]
+    assert found["against"]["failures"] == []
