@@ -77,7 +77,7 @@ class Problem:
             Local unknowns of the windows of `data`.
         common : ndarray, shape (q,)
         by : bool
-            Differentiate by the unknowns and the inputs.
+            Differentiate by the unknowns, and by the inputs that are not exact.
         order : int or None
             Nodes on each arc.
         latent : ndarray, shape (inputs, n), optional
@@ -91,13 +91,16 @@ class Problem:
         if latent is not None:
             channels = {**channels, **dict(zip(data.inputs, latent, strict=True))}
         sought = (*self.unknowns.local, *self.unknowns.shared)
+        noisy = [
+            name for name in data.inputs if self.noise.relative.get(name) or self.noise.absolute.get(name)
+        ]
         return predict(
             self.model,
             self.wheel,
             channels,
             self.unknowns.values(t, common, data.count, data.windows),
             given=self.given,
-            by=(*(u.name for u in sought), *data.inputs) if by else (),
+            by=(*(u.name for u in sought), *noisy) if by else (),
             order=order,
         )
 
