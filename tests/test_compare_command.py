@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -175,3 +176,11 @@ def test_what_it_needs_beside_torque_is_asked_for(folder, tmp_path, terrain_est)
     done = terrain_est("compare", tmp_path / "run.csv")
     assert (done.returncode, done.stdout) == (65, "")
     assert "sinkage" in done.stderr
+
+
+def test_keys_are_documented(folder, compare):
+    text = (Path(__file__).parent.parent / "docs" / "compare.md").read_text("utf-8")
+    models = ["--model", "wong-reece", "--model", folder / "model.toml"]
+    found = compare(folder / "sinks.parquet", "--segments", "none", *models)
+    keys = {*found, *found["data"], *found["channels"]["torque"], *found["failures"][0]}
+    assert not {key for key in keys - {"channels", "failures"} if f"`{key}`" not in text}
