@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypedDict
 
 import numpy as np
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
     from terrain_cli.settings import Segments
     from terrain_cli.telemetry.samples import Samples
+
+#: Samples of an unbroken piece where windows are thinned, the fewest pieces of a window, and what is
+#: kept of one at least.
+_PIECE, _FEWEST, _LEAST_KEPT = 1000, 4, 200
 
 
 class Measured(TypedDict):
@@ -165,3 +169,40 @@ def cut(
     else:
         bounds = segmentation.whole_windows(len(rows), breaks=breaks)
     return Windows(samples, rows, bounds, x, y)
+
+
+def thinned(windows: Windows, share: float) -> Windows:
+    """Keep a share of the samples of every window, in unbroken pieces spread evenly over it.
+
+    Parameters
+    ----------
+    windows : Windows
+    share : float
+        Between 0 and 1; of short windows more is kept.
+
+    Returns
+    -------
+    Windows
+        The same windows. Samples of different pieces belong to different stretches.
+    """
+    kept, sizes = [], []
+    for start, stop in zip(windows.bounds[:-1], windows.bounds[1:], strict=True):
+        size = int(stop - start)
+        wanted = min(size, max(_LEAST_KEPT, round(size * share)))
+        pieces = max(_FEWEST, round(wanted / _PIECE)) if wanted < size else 1
+        length = wanted // pieces
+        begins = np.linspace(0, size - length, pieces).astype(int)
+        kept.append(start + (begins[:, None] + np.arange(length)).ravel())
+        sizes.append(pieces * length)
+    index = np.concatenate([np.zeros(0, dtype=np.intp), *kept])
+    rows = windows.rows[index]
+    stretch = windows.samples.stretch.copy()
+    breaks = (np.diff(index) != 1) | (np.diff(stretch[rows]) != 0)
+    stretch[rows] = np.cumsum(np.concatenate([[False], breaks])[: len(rows)])
+    return Windows(
+        replace(windows.samples, stretch=stretch),
+        rows,
+        np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp),
+        windows.x[index],
+        windows.y[index],
+    )

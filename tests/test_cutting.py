@@ -25,6 +25,7 @@ from simulator import (
 import terrain_cli as terrain
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.rover import Rover, Wheel
+from terrain_cli.windows import thinned
 
 ROVER = Rover(default=Wheel(radius=Drive([]).wheel.radius, width=Drive([]).wheel.width), shear_modulus=0.018)
 
@@ -151,3 +152,24 @@ def test_the_windows_of_each_wheel_are_its_own():
     left, right = terrain.from_frame(frame, ROVER)
     assert cuts(left) == pytest.approx([20.0], abs=1.0)
     assert cuts(right) == pytest.approx([25.0], abs=1.0)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.5, 1.0])
+def test_thinned_windows_are_whole_pieces_spread_over_each(share):
+    frame = pd.DataFrame(simulate(one_wheel([(DRY_SAND, 600.0)], rate=50.0)).columns())
+    frame["run"] = np.where(frame["time"] < 300.0, "a", "b")
+    (wheel,) = terrain.from_frame(frame.drop(columns=["angular_velocity"]), ROVER)
+    whole = terrain.segment(wheel, "none")
+    few = thinned(whole, share)
+    assert len(few) == len(whole) == 2
+    assert len(few.rows) == pytest.approx(share * len(whole.rows), rel=0.01)
+    for j in range(2):
+        (rows, all_rows) = (w.rows[w.bounds[j] : w.bounds[j + 1]] for w in (few, whole))
+        assert np.isin(rows, all_rows).all()
+        assert (rows[0], rows[-1]) == (all_rows[0], all_rows[-1])
+    step, stretch = np.diff(few.rows), np.diff(few.samples.stretch[few.rows])
+    assert np.array_equal(step != 1, (stretch != 0) & (step != 1))
+    assert np.median(np.unique(few.samples.stretch[few.rows], return_counts=True)[1]) > 150
+    assert np.array_equal(few.x, whole.x[np.searchsorted(whole.rows, few.rows)])
+    # The original is as it was.
+    assert wheel.stretch.max() == 1

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Rover
     from terrain_cli.windows import Windows
 
+#: More than these are thinned: they bound time and memory, and tell what there is to tell.
+MOST_SAMPLES = 200_000
 _CUTTING = (
     click.option(
         "--segments",
@@ -147,11 +149,16 @@ def compared(
     -------
     Comparison
     """
-    from terrain_cli import fitting
+    from dataclasses import replace
+
+    from terrain_cli import fitting, windows
     from terrain_cli.comparison import compare
 
     fixed, priors, noise = fitting.assumed(cut, file)
-    return compare(
+    samples = sum(len(one.rows) for one in cut)
+    if samples > MOST_SAMPLES:
+        cut = [windows.thinned(one, MOST_SAMPLES / samples) for one in cut]
+    comparison = compare(
         cut,
         file.model,
         fixed=fixed,
@@ -162,3 +169,8 @@ def compared(
         like=like,
         progress=partial(progress.say, str(file.path or file.model.base)),
     )
+    used = sum(len(one.rows) for one in cut)
+    if used == samples:
+        return comparison
+    said = f"{used} of {samples} samples are compared, in unbroken pieces spread over every segment"
+    return replace(comparison, warnings=[said, *comparison.warnings])
