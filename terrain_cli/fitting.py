@@ -213,8 +213,8 @@ def _held(
         if missing and name not in held:
             held[name] = parameter.null
             because[name] = f"{' and '.join(missing)} not measured"
-    assumed = {*file.fixed, *file.priors, *file.shared}.isdisjoint({"shear_modulus"})
-    if file.model.base == "linear" and assumed:
+    said = "shear_modulus" in {*file.fixed, *file.priors, *file.shared}
+    if file.model.base == "linear" and not said:
         held["shear_modulus"] = windows.samples.geometry.shear_modulus
     return held, because
 

@@ -35,10 +35,9 @@ Examples:
     type=options.FILE,
     envvar="TERRAIN_EST_MODEL",
     default=("wong-reece",),
-    show_default="wong-reece",
     metavar="FILE|linear|wong-reece",
     help="Model of wheel and soil: a base, or a model file that adds effects to one. "
-    "Given twice, two models side by side on the same blocks.",
+    "Given twice, two models side by side on the same blocks.  [wong-reece]",
 )
 @options.wheel
 @comparing.cutting
@@ -56,7 +55,7 @@ def command(context: click.Context, /, **_: Any) -> None:
 
     Torque, drawbar pull and sinkage are compared, whichever are there; a log without torque will
     do. The model is fitted to each segment; the held-out error is of stretches of the data that the
-    fit has not seen. A finding is what chance gives in one of twenty clean logs at the most.
+    fit has not seen. docs/compare.md tells how often chance alone makes a finding.
     """
     from terrain_cli import models
     from terrain_cli.commands.progress import Progress

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options
-from terrain_cli.settings import CUT_SAMPLES, MIN_DISTANCE, SEGMENTS
+from terrain_cli.settings import CUT_SAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -19,35 +19,16 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Rover
     from terrain_cli.windows import Windows
 
-#: More than these are thinned: they bound time and memory, and tell what there is to tell.
-MOST_SAMPLES = 200_000
 _CUTTING = (
-    click.option(
-        "--segments",
-        type=click.Choice(SEGMENTS),
-        default=SEGMENTS[0],
-        show_default=True,
-        help="Windows: where the soil's line changes, of a fixed length, by terrain label, or none.",
-    ),
+    options.segments,
     click.option(
         "--min-samples",
         type=click.IntRange(min=3),
         metavar="N",
         help=f"Fewest samples of a window that auto cuts.  [{CUT_SAMPLES}]",
     ),
-    click.option(
-        "--window-distance",
-        type=click.FloatRange(min=0, min_open=True),
-        metavar="M",
-        help="Length of a window in metres: exact for fixed, the least for auto.  "
-        f"[auto: {MIN_DISTANCE:.2f}]",
-    ),
-    click.option(
-        "--window-samples",
-        type=click.IntRange(min=3),
-        metavar="N",
-        help="Length of a fixed window in samples.",
-    ),
+    options.window_distance,
+    options.window_samples,
     options.where,
     click.option(
         "--seed",
@@ -149,16 +130,11 @@ def compared(
     -------
     Comparison
     """
-    from dataclasses import replace
-
-    from terrain_cli import fitting, windows
+    from terrain_cli import fitting
     from terrain_cli.comparison import compare
 
     fixed, priors, noise = fitting.assumed(cut, file)
-    samples = sum(len(one.rows) for one in cut)
-    if samples > MOST_SAMPLES:
-        cut = [windows.thinned(one, MOST_SAMPLES / samples) for one in cut]
-    comparison = compare(
+    return compare(
         cut,
         file.model,
         fixed=fixed,
@@ -169,8 +145,3 @@ def compared(
         like=like,
         progress=partial(progress.say, str(file.path or file.model.base)),
     )
-    used = sum(len(one.rows) for one in cut)
-    if used == samples:
-        return comparison
-    said = f"{used} of {samples} samples are compared, in unbroken pieces spread over every segment"
-    return replace(comparison, warnings=[said, *comparison.warnings])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options
-from terrain_cli.settings import CUT_SAMPLES, FIT_SAMPLES, METHODS, MIN_DISTANCE, SEGMENTS, Settings
+from terrain_cli.settings import CUT_SAMPLES, FIT_SAMPLES, METHODS, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -56,28 +56,15 @@ Examples:
     help="Estimator. auto: what fits the model; of the linear one least squares where well conditioned, "
     "ridge else. recursive: Kalman filter. wong-reece: the full model, with k estimated.",
 )
-@click.option(
-    "--segments",
-    type=click.Choice(SEGMENTS),
-    default=SEGMENTS[0],
-    show_default=True,
-    help="Windows: where the soil's line changes, of a fixed length, by terrain label, or none.",
-)
+@options.segments
 @click.option(
     "--min-samples",
     type=click.IntRange(min=3),
     metavar="N",
     help=f"Fewest samples of a window.  [{CUT_SAMPLES} to cut, {FIT_SAMPLES} to estimate]",
 )
-@click.option(
-    "--window-distance",
-    type=click.FloatRange(min=0, min_open=True),
-    metavar="M",
-    help=f"Length of a window in metres: exact for fixed, the least for auto.  [auto: {MIN_DISTANCE:.2f}]",
-)
-@click.option(
-    "--window-samples", type=click.IntRange(min=3), metavar="N", help="Length of a fixed window in samples."
-)
+@options.window_distance
+@options.window_samples
 @click.option(
     "--folds",
     type=click.IntRange(min=2),

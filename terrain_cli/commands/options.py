@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from terrain_cli.settings import MIN_DISTANCE, SEGMENTS
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
@@ -39,6 +41,22 @@ wheel = click.option(
     envvar="TERRAIN_EST_WHEEL",
     metavar="NAME",
     help="Only this wheel (repeatable).",
+)
+segments = click.option(
+    "--segments",
+    type=click.Choice(SEGMENTS),
+    default=SEGMENTS[0],
+    show_default=True,
+    help="Windows: where the soil's line changes, of a fixed length, by terrain label, or none.",
+)
+window_distance = click.option(
+    "--window-distance",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="M",
+    help=f"Length of a window in metres: exact for fixed, the least for auto.  [auto: {MIN_DISTANCE:.2f}]",
+)
+window_samples = click.option(
+    "--window-samples", type=click.IntRange(min=3), metavar="N", help="Length of a fixed window in samples."
 )
 where = click.option(
     "--where",

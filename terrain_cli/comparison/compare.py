@@ -12,6 +12,7 @@ from terrain_cli.comparison.bootstrap import resample
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.parts import UNITS, ChannelErrors, Comparison, Series, WheelComparison
 from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.windows import thinned
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
+#: More samples than these are thinned: they bound time and memory, and tell what there is to tell.
+MOST_SAMPLES = 200_000
 #: Runs from which on they are the blocks; fewer are cut further, as few blocks prove nothing.
 ENOUGH_RUNS = 12
 #: Blocks below which no finding is possible.
@@ -93,6 +96,14 @@ def compare(
         Nothing that the model predicts was measured.
     """
     settings = Settings(fixed or {}, priors or {}, shared, noise)
+    warnings: list[str] = []
+    total = sum(len(windows.rows) for windows in wheels)
+    if total > MOST_SAMPLES:
+        wheels = [thinned(windows, MOST_SAMPLES / total) for windows in wheels]
+        used = sum(len(windows.rows) for windows in wheels)
+        warnings.append(
+            f"{used} of {total} samples are compared, in unbroken pieces spread over every segment"
+        )
     fitted = []
     for windows in wheels:
         progress(f"fitting wheel {windows.samples.wheel}")
@@ -102,7 +113,6 @@ def compare(
     scale = {name: _scale(fitted, name, levels[name]) for name in channels}
     channels = [name for name in channels if scale[name] > 0.0]
     scale = {name: scale[name] for name in channels}
-    warnings: list[str] = []
     made = _blocks(fitted) if like is None else _Blocks([one.blocks for one in like.wheels])
     count = 1 + max(int(block.max(initial=-1)) for block in made.of)
     failures = []

@@ -39,7 +39,7 @@ def document(
     """
     result = {
         "format": FORMAT,
-        **_model(comparison),
+        "model": comparison.model,
         "data": {
             "sources": list(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
             "samples": sum(len(wheel.windows.rows) for wheel in comparison.wheels),
@@ -49,13 +49,9 @@ def document(
         **_outcome(comparison),
     }
     if second is not None:
-        result["against"] = {**_model(second), **_outcome(second)}
+        result["against"] = {"model": second.model, **_outcome(second)}
         result["differences"] = [_difference(one) for one in differences]
     return result
-
-
-def _model(comparison: Comparison) -> dict[str, Any]:
-    return {"model": {name: comparison.model[name] for name in ("base", "effects")}}
 
 
 def _outcome(comparison: Comparison) -> dict[str, Any]:

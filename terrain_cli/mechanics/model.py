@@ -277,7 +277,6 @@ class _Block:
             for effect in model.effects
         }
         measured = {name: seed(column, name) if name in by else column for name, column in channels.items()}
-        self.measured = measured
         self.shape = np.shape(next(iter(channels.values())))
         self.start = _Missing(measured)
         for name in ("torque", "drawbar_pull"):
