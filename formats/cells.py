@@ -26,9 +26,10 @@ MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "<na>", "nat"})
 MISSING_SPELLINGS = ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "<NA>", "NaT")
 
 #: Integers beyond this lose digits as float64.
-_EXACT = 2.0**53
+EXACT = 2.0**53
 
-_NUMBER = r"^[+-]?(\d+{point}?\d*|{point}\d+)([eE][+-]?\d+)?$|^[+-]?inf(inity)?$"
+# Written so that no text of digits can be parted in two ways: that would take time with its square.
+_NUMBER = r"^[+-]?(\d+({point}\d*)?|{point}\d+)([eE][+-]?\d+)?$|^[+-]?inf(inity)?$"
 _TIME = re.compile(
     r"(\d{4}-\d\d-\d\d)(?:[T ](\d\d:\d\d(?::\d\d)?)(?:[.,](\d+))?\s*(?:Z|([+-])(\d\d):?(\d\d)?)?)?",
     re.IGNORECASE | re.ASCII,
@@ -126,7 +127,7 @@ def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:
         float64, NaN where null; int64 where all are integers, of which float64 loses digits.
     """
     floats = values.to_numpy(zero_copy_only=False)
-    if not values.null_count and (np.abs(floats) >= _EXACT).any():
+    if not values.null_count and (np.abs(floats) >= EXACT).any():
         with contextlib.suppress(pa.ArrowInvalid):
             return np.asarray(pc.cast(origin, pa.int64()))
     return np.asarray(floats)

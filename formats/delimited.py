@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
 
+from formats import clean
 from formats.cells import MISSING, MISSING_SPELLINGS, Names, kind_of, numbers, times
 from formats.dialect import SAMPLE_ROWS, Dialect, examine, split_line
 from formats.errors import DamagedError, FormatError
+from formats.salvage import HINT, Recovery
+from formats.salvage.text import SalvagedText
 from formats.streams import STANDARD_INPUT, TextStream
 from formats.table import BATCH_ROWS, Field, Source, Stream
 
@@ -59,6 +63,8 @@ class DelimitedSource(Source):
         As the user named it.
     file : str
         Where it is.
+    salvage : bool
+        Read a table that is cut off in the middle of a row up to that row.
 
     Attributes
     ----------
@@ -70,11 +76,12 @@ class DelimitedSource(Source):
     FormatError
     """
 
-    def __init__(self, path: str, file: str) -> None:
+    def __init__(self, path: str, file: str, *, salvage: bool = False) -> None:
         super().__init__(path, "csv")
         self._label = STANDARD_INPUT if path == "-" else path
         self._file = file
-        stream = TextStream(self._label, file)
+        self.recovery = Recovery("rows", bytes_expected=Path(file).stat().st_size) if salvage else None
+        stream = self._open()
         try:
             head = stream.read(_HEAD_BYTES)
             whole = not stream.read(1)
@@ -89,8 +96,13 @@ class DelimitedSource(Source):
             *self._dialect.remarks,
         ]
         self._said: dict[tuple[str, str], str] = {}
+        self._kinds: dict[str, Kind] = {}
         self._kinds = dict(zip(self._dialect.names, self._look_ahead(), strict=True))
         self.skipped = 0
+
+    def _open(self) -> TextStream:
+        kind = TextStream if self.recovery is None else SalvagedText
+        return kind(self._label, self._file)
 
     def streams(self) -> tuple[Stream, ...]:
         """Return the one table.
@@ -157,6 +169,8 @@ class DelimitedSource(Source):
         kind = self._kinds[field]
         if kind == "text":
             return names[field].labels(cells)
+        if pa.types.is_floating(cells.type):
+            return np.asarray(cells.to_numpy(zero_copy_only=False))
         values: Column
         values, bad = times(cells) if kind == "time" else numbers(cells, self._dialect.decimal)
         if bad.any():
@@ -169,7 +183,37 @@ class DelimitedSource(Source):
     def _rows(
         self, places: list[int], findings: _Findings
     ) -> Iterator[tuple[NDArray[np.int64], list[pa.Array]]]:
-        """Read the cells of some fields as text, with the number of each row."""
+        """Read the cells of some fields, with the number of each row: as numbers, else as text."""
+        done = 0
+        if places and self._dialect.decimal == "." and self.recovery is None:
+            stream = TextStream(self._label, self._file)
+            kinds = {
+                j: pa.float64() if self._kinds.get(self._dialect.names[j]) == "number" else pa.string()
+                for j in places
+            }
+            try:
+                stream.read(self._dialect.offset)
+                for block in clean.columns(stream, self._dialect.delimiter, len(self._dialect.names), kinds):
+                    begin = self._dialect.first_row + done
+                    done += len(block[0])
+                    yield np.arange(begin, begin + len(block[0])), block
+            except clean.OddError:
+                pass
+            else:
+                self.skipped = 0
+                return
+            finally:
+                stream.close()
+        # Once more from the beginning, without the rows that were passed on.
+        for rows, block in self._texts(places, findings):
+            known = int(np.searchsorted(rows, self._dialect.first_row + done))
+            if known < len(rows):
+                yield rows[known:], [cells.slice(known) for cells in block]
+
+    def _texts(
+        self, places: list[int], findings: _Findings
+    ) -> Iterator[tuple[NDArray[np.int64], list[pa.Array]]]:
+        """Read the cells of some fields as text, whatever the rows are like."""
         if not places:
             return
         keys = [str(j) for j in range(len(self._dialect.names))]
@@ -180,8 +224,8 @@ class DelimitedSource(Source):
             return "skip"
 
         self.skipped = 0
-        stream = TextStream(self._label, self._file)
-        mend = _Mending(self._dialect, places, uneven, findings)
+        stream = self._open()
+        mend = _Mending(self._label, self._dialect, places, uneven, findings)
         try:
             stream.read(self._dialect.offset)
             reader = pc.open_csv(
@@ -204,12 +248,14 @@ class DelimitedSource(Source):
             )
         except pa.ArrowInvalid as error:
             after = f"after row {mend.row - 1}"
-            if "straddl" in str(error):
-                raise DamagedError(self._label, f"{after}: a quote that is not closed") from error
-            raise DamagedError(self._label, f"{after}: {str(error).splitlines()[0]}") from error
+            what = "a quote that is not closed" if "straddl" in str(error) else str(error).splitlines()[0]
+            raise DamagedError(self._label, f"{after}: {what}", hint="open it in an editor there") from error
         finally:
             self.skipped = mend.skipped
             stream.close()
+        if self.recovery is not None and isinstance(stream, SalvagedText):
+            stream.account(self.recovery, mend.row - self._dialect.first_row - self.skipped, mend.row)
+            self.remarks += [text for text in self.recovery.sentences() if text not in self.remarks]
         if stream.nul_bytes:
             passed_over = f"{stream.nul_bytes} NUL bytes passed over, as a power cut leaves them"
             findings["bytes", "NUL"] = _Finding(passed_over, "bytes", 1)
@@ -237,6 +283,7 @@ class _Mending:
 
     def __init__(
         self,
+        path: str,
         dialect: Dialect,
         places: list[int],
         uneven: list[tuple[int, str]],
@@ -244,6 +291,7 @@ class _Mending:
     ) -> None:
         self.row = dialect.first_row
         self.skipped = 0
+        self._path = path
         self._dialect = dialect
         self._places = places
         self._uneven = uneven
@@ -295,10 +343,8 @@ class _Mending:
         while len(fields) > width and not fields[-1].strip():
             fields.pop()
         if cut and len(fields) < width:
-            # Its last cell may have lost digits.
-            self._note("cut", f"row {row}, the last, is cut off: set aside")
-            self.skipped += 1
-            return []
+            what = f"cut off in row {row}: its last row has {len(fields)} of {width} fields"
+            raise DamagedError(self._path, what, hint=HINT)
         if len(fields) > width:
             self._note(
                 "long", f"row {row} has {len(fields)} fields where the header names {width}: set aside"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from formats.cells import kind_of, number_pattern
 from formats.errors import FormatError
+from formats.limits import COLUMNS
 
 if TYPE_CHECKING:
     from formats.table import Kind
@@ -81,6 +82,8 @@ def examine(path: str, head: str, *, whole: bool) -> Dialect:
         header, begin, rows = _split(path, lines, first, delimiter)
     except csv.Error as error:
         raise FormatError(path, "a cell is longer than 128 KiB: a quote that is not closed?") from error
+    if len(header) > COLUMNS:
+        raise FormatError(path, f"has {len(header):,} columns; {COLUMNS:,} at most are read")
     names = _names(path, header, rows)
     decimal = _decimal(delimiter, rows)
     columns = [[row[j] for row in rows if j < len(row)] for j in range(len(names))]

@@ -24,6 +24,8 @@ _ENDINGS = {
     ".db3": "db3",
 }
 _PACKINGS = (".gz", ".zst", ".bz2")
+#: Folders of partitions within each other.
+_DEEPEST = 20
 
 
 def expand(inputs: Sequence[str]) -> list[str]:
@@ -81,12 +83,14 @@ def promised_kind(path: str) -> str | None:
     return None if packed and kind != "csv" else kind
 
 
-def parquet_parts(folder: Path) -> list[str]:
+def parquet_parts(folder: Path, above: tuple[Path, ...] = ()) -> list[str]:
     """List the files below a folder that holds nothing but Parquet.
 
     Parameters
     ----------
     folder : Path
+    above : tuple of Path
+        The folders it is in: a link back to one of them would never end.
 
     Returns
     -------
@@ -94,9 +98,14 @@ def parquet_parts(folder: Path) -> list[str]:
         In natural order; empty if there is anything else.
     """
     parts: list[str] = []
+    own = folder.resolve()
+    if own in above or len(above) > _DEEPEST:
+        return []
     for entry in _entries(folder):
         below = (
-            parquet_parts(entry) if entry.is_dir() else [str(entry)] * (entry.suffix.lower() == ".parquet")
+            parquet_parts(entry, (*above, own))
+            if entry.is_dir()
+            else [str(entry)] * (entry.suffix.lower() == ".parquet")
         )
         if not below:
             return []

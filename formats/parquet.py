@@ -13,6 +13,9 @@ import pyarrow.parquet as pq
 
 from formats.cells import MISSING, Names, exact, kind_of, numbers
 from formats.errors import DamagedError, FormatError, NotFoundError
+from formats.limits import PARQUET_ROWS, PARQUET_ROWS_PER_BYTE, TooMuchError
+from formats.parquet_pages import check_pages
+from formats.salvage import Recovery
 from formats.streams import STANDARD_INPUT
 from formats.table import BATCH_ROWS, Field, Labels, Source, Stream
 
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
 
     from formats.table import Batch, Column, Kind
 
+#: What to do about a damaged file.
+_LOST = "Parquet keeps its index at the end: copy the file again, or write it anew"
 #: What Hive writes for a partition without a value.
 _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
 
@@ -36,6 +41,8 @@ class ParquetSource(Source):
         As the user named it.
     files : sequence of str
         The parts; folders named ``key=value`` below `path` become columns.
+    salvage : bool
+        Leave out the parts that cannot be read.
 
     Raises
     ------
@@ -45,16 +52,18 @@ class ParquetSource(Source):
         Cut off or corrupt.
     """
 
-    def __init__(self, path: str, files: Sequence[str]) -> None:
+    def __init__(self, path: str, files: Sequence[str], *, salvage: bool = False) -> None:
         super().__init__(path, "parquet")
         self._label = STANDARD_INPUT if path == "-" else path
         self._parts = {file: _partition(Path(file), Path(path)) for file in files}
+        if salvage:
+            files = self._readable(files)
         self._kinds: dict[str, Kind] = {}
         self._rows = 0
         passed_over: dict[str, None] = {}
         for file in files:
             with self._open(file) as part:
-                self._rows += part.metadata.num_rows
+                self._rows += self._rows_of(file, part)
                 for field in part.schema_arrow:
                     kind = _kind(field.type)
                     if kind is None:
@@ -116,7 +125,9 @@ class ParquetSource(Source):
             with self._open(file) as part:
                 stored = [f for f in fields if f not in self._partitions and f in part.schema_arrow.names]
                 batches = part.iter_batches(batch_rows, columns=stored)
+                rows = 0
                 while (batch := self._next(file, batches)) is not None:
+                    rows += len(batch)
                     yield {
                         field: _column(batch.column(field), self._kinds[field], names[field])
                         if field in stored
@@ -124,27 +135,72 @@ class ParquetSource(Source):
                         for field in fields
                     }
 
+                if stored and rows != part.metadata.num_rows:
+                    stated = f"{part.metadata.num_rows:,} rows are stated, {rows:,} can be read"
+                    raise DamagedError(self._name(file), f"is corrupt: {stated}", hint=_LOST)
+
+    def _readable(self, files: Sequence[str]) -> list[str]:
+        """Set aside the parts that cannot be read, and tell of them; fail where there is no other."""
+        self.recovery = Recovery("parts", checked=True)
+        readable = []
+        for file in files:
+            size = Path(file).stat().st_size
+            try:
+                with self._open(file):
+                    pass
+            except DamagedError as error:
+                if len(files) == 1:
+                    raise
+                self.recovery.damage.append(str(error))
+                self.recovery.lost = [(None, None)]
+                del self._parts[file]
+            else:
+                readable.append(file)
+                self.recovery.bytes_read += size
+            self.recovery.bytes_expected = (self.recovery.bytes_expected or 0) + size
+        if not readable:
+            raise DamagedError(self._label, f"none of its {len(files)} parts is whole", hint=_LOST)
+        self.recovery.read, self.recovery.expected = len(readable), len(files)
+        self.remarks += self.recovery.sentences()
+        return readable
+
+    def _rows_of(self, file: str, part: Any) -> int:
+        """Return how many rows a part has, if that can be."""
+        rows, most = int(part.metadata.num_rows), PARQUET_ROWS_PER_BYTE * Path(file).stat().st_size
+        if not 0 <= rows <= max(PARQUET_ROWS, most):
+            raise DamagedError(
+                self._name(file), f"claims {rows:,} rows, more than a file of its size can hold", hint=_LOST
+            )
+        try:
+            check_pages(file)
+        except TooMuchError as error:
+            raise DamagedError(self._name(file), f"is not read, for {error}", hint=_LOST) from error
+        return rows
+
     def _name(self, file: str) -> str:
         return file if len(self._parts) > 1 else self._label
 
     def _open(self, file: str) -> Any:
         try:
             # The default reads ahead without bound: gigabytes on a long log.
-            return pq.ParquetFile(file, pre_buffer=False, buffer_size=1 << 20)
+            return pq.ParquetFile(
+                file, pre_buffer=False, buffer_size=1 << 20, page_checksum_verification=True
+            )
         except PermissionError as error:
             raise NotFoundError(self._name(file), "no permission to read it") from error
-        except (OSError, pa.ArrowException) as error:
+        except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise DamagedError(
                 self._name(file),
                 "is not a whole Parquet file: its footer is missing or corrupt",
-                hint="Parquet keeps its index at the end: copy the file again, or write it anew",
+                hint=f"{_LOST}; without it nothing tells where its columns are, so --salvage cannot help",
             ) from error
 
     def _next(self, file: str, batches: Iterator[Any]) -> Any:
         try:
             return next(batches, None)
         except (OSError, pa.ArrowException) as error:
-            raise DamagedError(self._name(file), f"is corrupt: {str(error).splitlines()[0]}") from error
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            raise DamagedError(self._name(file), f"is corrupt: {reason[:160]}", hint=_LOST) from error
 
 
 def _partition(file: Path, folder: Path) -> dict[str, str]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from formats.errors import CannotWriteError, FormatError
 from formats.inputs import parquet_parts, promised_kind
+from formats.limits import METADATA_BYTES
 from formats.streams import COMPRESSED, STANDARD_INPUT, content, failure, first_bytes
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 _NAMES = {"csv": "a text table", "parquet": "Parquet", "ros1": "a ROS 1 bag", "mcap": "MCAP", "db3": "SQLite"}
 
 
-def open_source(path: str) -> Source:
+def open_source(path: str, *, salvage: bool = False) -> Source:
     """Open one input by what it holds, whatever its name ends with.
 
     Parameters
@@ -30,6 +31,8 @@ def open_source(path: str) -> Source:
     path : str
         A file, a rosbag2 folder, a folder of Parquet, or "-" for CSV or Parquet on the
         standard input.
+    salvage : bool
+        Read what is left of a damaged one, and tell in `Source.recovery` what that is.
 
     Returns
     -------
@@ -39,55 +42,57 @@ def open_source(path: str) -> Source:
     ------
     NotFoundError
         No such file, or no permission to read it.
+    DamagedError
+        It is damaged; with salvage, so much that nothing can be read.
     FormatError
         Empty, of a kind that is not read, or not what it promises.
     """
     if path == "-":
-        return _open_copy(path, sys.stdin.buffer)
+        return _open_copy(path, sys.stdin.buffer, salvage=salvage)
     try:
         mode = os.stat(path).st_mode  # noqa: PTH116 (follows /dev/fd/63 as open does)
         if stat.S_ISDIR(mode):
-            return _open_folder(path)
+            return _open_folder(path, salvage=salvage)
         if not stat.S_ISREG(mode):
             # A pipe, such as the shell's <(…), can be read only once.
             with Path(path).open("rb") as stream:
-                return _open_copy(path, stream)
+                return _open_copy(path, stream, salvage=salvage)
     except OSError as error:
         raise failure(path, error) from error
-    return _open_file(path, path)
+    return _open_file(path, path, salvage=salvage)
 
 
-def _open_file(path: str, file: str) -> Source:
+def _open_file(path: str, file: str, *, salvage: bool) -> Source:
     label = STANDARD_INPUT if path == "-" else path
     kind = content(label, first_bytes(label, file))
     source: Source
     if kind == "parquet":
         from formats.parquet import ParquetSource
 
-        source = ParquetSource(path, [file])
+        source = ParquetSource(path, [file], salvage=salvage)
     elif kind == "csv" or kind in COMPRESSED:
         from formats.delimited import DelimitedSource
 
-        source = DelimitedSource(path, file)
+        source = DelimitedSource(path, file, salvage=salvage)
     elif path != file:
         raise FormatError(label, "a bag cannot be read from a pipe", hint="give the path of its file")
     else:
         from formats.rosbag import open_bag
 
-        source = open_bag(path, kind)
+        source = open_bag(path, kind, salvage=salvage)
     if promised_kind(path) not in (None, source.kind):
         source.remarks.append(f"holds {_NAMES[source.kind]}, whatever its name says")
     return source
 
 
-def _open_copy(path: str, stream: BinaryIO) -> Source:
+def _open_copy(path: str, stream: BinaryIO, *, salvage: bool) -> Source:
     """Open what can be read only once, from a copy that is gone with the source."""
     copy = ""
     try:
         handle, copy = tempfile.mkstemp(prefix="terrain-est-")
         with os.fdopen(handle, "wb") as target:
             shutil.copyfileobj(stream, target, 1 << 20)
-        source = _open_file(path, copy)
+        source = _open_file(path, copy, salvage=salvage)
     except BaseException as error:
         Path(copy).unlink(missing_ok=True) if copy else None
         if isinstance(error, OSError):
@@ -100,17 +105,21 @@ def _open_copy(path: str, stream: BinaryIO) -> Source:
     return source
 
 
-def _open_folder(path: str) -> Source:
+def _open_folder(path: str, *, salvage: bool) -> Source:
     metadata = Path(path) / "metadata.yaml"
     if metadata.is_file():
         from formats.rosbag import open_bag
 
-        text = metadata.read_text(encoding="utf-8", errors="replace")
+        with metadata.open(encoding="utf-8", errors="replace") as file:
+            text = file.read(METADATA_BYTES)
         storage = re.search(r"storage_identifier:\s*[\"']?(\w+)", text)
-        return open_bag(path, "mcap" if storage and storage[1] == "mcap" else "db3")
+        kind = "mcap" if storage and storage[1] == "mcap" else "db3"
+        if storage is None and any(Path(path).glob("*.mcap")):
+            kind = "mcap"
+        return open_bag(path, kind, salvage=salvage)
     parts = parquet_parts(Path(path))
     if not parts:
         raise FormatError(path, "is a folder, but neither a rosbag2 log nor one of Parquet files alone")
     from formats.parquet import ParquetSource
 
-    return ParquetSource(path, parts)
+    return ParquetSource(path, parts, salvage=salvage)

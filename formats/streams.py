@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from formats.errors import DamagedError, FormatError, NotFoundError
+from formats.limits import TEXT_BYTES, UNPACKED_RATIO
+from formats.salvage import HINT
 
 STANDARD_INPUT = "standard input"
 #: Enough for every signature below.
@@ -150,6 +152,7 @@ class TextStream(io.RawIOBase):
         kind = content(path, head)
         self.packing = kind if kind in COMPRESSED else ""
         self._inner: Any = pa.OSFile(file)
+        self._unpacked, self._limit = 0, max(TEXT_BYTES, UNPACKED_RATIO * self._inner.size())
         if self.packing:
             self._inner = pa.CompressedInputStream(self._inner, self.packing)
         self._buffer = self._unpack(HEAD_BYTES)
@@ -213,13 +216,23 @@ class TextStream(io.RawIOBase):
 
     def _unpack(self, size: int) -> bytes:
         try:
-            return bytes(self._inner.read(size))
+            data = bytes(self._inner.read(size))
         except OSError as error:
             if "runcated" in str(error):
-                raise DamagedError(self.path, f"is cut off: its {self.packing} data end too early") from error
+                what = f"is cut off: its {self.packing} data end too early"
+                raise DamagedError(self.path, what, hint=HINT) from error
             if self.packing:
-                raise DamagedError(self.path, f"its {self.packing} data are corrupt ({error})") from error
+                raise DamagedError(
+                    self.path,
+                    f"its {self.packing} data are corrupt ({error})",
+                    hint="copy it again: from where on they are wrong, nothing tells",
+                ) from error
             raise failure(self.path, error) from error
+        self._unpacked += len(data)
+        if self.packing and self._unpacked > self._limit:
+            what = f"unpacks to more than {self._limit:,} bytes, {UNPACKED_RATIO} times its size"
+            raise DamagedError(self.path, what, hint="if that is right, unpack it first")
+        return data
 
     def _as_utf8(self, data: bytes) -> bytes:
         # Nearly every log is plain ASCII, and that is cheap to see.

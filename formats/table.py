@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
+
+    from formats.salvage import Recovery
 
 BATCH_ROWS = 65_536
 
@@ -107,11 +109,14 @@ class Source(ABC):
     remarks : list of str
         What a person should know about how the file was read (delimiter, decimal comma,
         rows passed over and why); complete only once it has been read.
+    recovery : Recovery or None
+        What was saved and what was lost, where it was opened with salvage.
     """
 
     path: str
     kind: str
     remarks: list[str] = field(default_factory=list)
+    recovery: Recovery | None = None
 
     @abstractmethod
     def streams(self) -> tuple[Stream, ...]:
@@ -138,3 +143,26 @@ class Source(ABC):
         ------
         formats.errors.FormatError
         """
+
+    def read_together(
+        self, fields: Mapping[str, Sequence[str]], batch_rows: int = BATCH_ROWS
+    ) -> Iterator[tuple[str, Batch]]:
+        """Read the named fields of several topics, in one pass where the kind of file allows it.
+
+        Parameters
+        ----------
+        fields : mapping of str to sequence of str
+            topic → names as for `read`.
+        batch_rows : int
+
+        Yields
+        ------
+        topic : str
+        batch : dict of str to ndarray or Labels
+
+        Raises
+        ------
+        formats.errors.FormatError
+        """
+        for topic, names in fields.items():
+            yield from ((topic, batch) for batch in self.read(topic, names, batch_rows))

@@ -1,4 +1,4 @@
-"""Tables to files: CSV, Parquet, JSON, GeoJSON and GeoPackage."""
+"""Tables to files: CSV, Parquet, JSON, GeoJSON, sequences of it, and GeoPackage."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from formats.output.atomic import explained, replacing
 from formats.output.crs import check_crs
 from formats.output.table import normalise
 from formats.output.text import write_text
+from formats.output.wkt import LAYER
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from formats.output.table import Values
 
 __all__ = ["check_crs", "output_kind", "replacing", "write_table"]
 
-_TEXT_KINDS = ("csv", "json", "geojson")
-_KINDS = {f".{kind}": kind for kind in ("csv", "parquet", "json", "geojson", "gpkg")}
+_TEXT_KINDS = ("csv", "json", "geojson", "geojsonl", "geojsons")
+_KINDS = {f".{kind}": kind for kind in ("csv", "parquet", "json", "geojson", "gpkg", "geojsonl", "geojsons")}
 
 
 def output_kind(destination: str) -> str:
@@ -32,7 +33,7 @@ def output_kind(destination: str) -> str:
 
     Returns
     -------
-    {"csv", "parquet", "json", "geojson", "gpkg"}
+    {"csv", "parquet", "json", "geojson", "gpkg", "geojsonl", "geojsons"}
 
     Raises
     ------
@@ -58,11 +59,15 @@ def write_table(
     kind: str | None = None,
     crs: str | None = None,
     geometry: str = "WKT",
+    layer: str = LAYER,
+    layers: Mapping[str, Mapping[str, Values]] | None = None,
+    graduated: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
     """Write a table, whole or not at all.
 
     Numbers keep every digit (the shortest text that gives the same float64 back); NaN is an
-    empty cell, or null. A GeoPackage and GeoJSON hold the geometry in place of its column.
+    empty cell, or null. A GeoPackage and GeoJSON hold the geometry in place of its column,
+    Parquet beside it.
 
     Parameters
     ----------
@@ -70,7 +75,7 @@ def write_table(
         Of one length: arrays of numbers, `Labels`, or sequences of str or of numbers, None where empty.
     destination : str or text stream
         A path, or "-" for the standard output.
-    kind : {"csv", "parquet", "json", "geojson", "gpkg"}, optional
+    kind : {"csv", "parquet", "json", "geojson", "gpkg", "geojsonl", "geojsons"}, optional
         By the ending of the path, or CSV to a stream, if not given.
     crs : str, optional
         Reference system of the geometry as GDAL takes it, such as "EPSG:4326" or
@@ -78,13 +83,19 @@ def write_table(
         not given.
     geometry : str
         The column that holds WKT (POINT or LINESTRING), if there is one.
+    layer : str
+        What a GIS shows as the name of the table.
+    layers : mapping of str to mapping, optional
+        Further tables by the names of their layers, which only a GeoPackage has.
+    graduated : mapping of str to sequence of str, optional
+        Layer → columns by which QGIS can colour it.
 
     Raises
     ------
     CannotWriteError
         No space, no permission, no such folder, an unknown ending, a kind that no stream takes.
     FormatError
-        GDAL does not know the reference system.
+        GDAL does not know the reference system, or only pyproj would.
     BrokenPipeError
         Whoever read the standard output has gone.
     """
@@ -98,7 +109,7 @@ def write_table(
         if kind not in _TEXT_KINDS:
             raise CannotWriteError("standard output", f"{kind} needs a file", hint="give -o FILE")
         with explained("standard output"):
-            write_text(table, destination, kind, crs, geometry)
+            write_text(table, destination, kind, crs, geometry, layer)
             destination.flush()
         return
     kind = kind or output_kind(destination)
@@ -107,12 +118,15 @@ def write_table(
     with replacing(destination) as temporary:
         if kind in _TEXT_KINDS:
             with Path(temporary).open("w", encoding="utf-8", newline="") as stream:
-                write_text(table, stream, kind, crs, geometry)
+                write_text(table, stream, kind, crs, geometry, layer)
         elif kind == "parquet":
             from formats.output.parquet import write_parquet
 
-            write_parquet(table, temporary)
+            write_parquet(table, temporary, crs, geometry)
         else:
-            from formats.output.geopackage import write_geopackage
+            from formats.output.geopackage import Layer, write_geopackage
 
-            write_geopackage(table, destination, temporary, crs, geometry)
+            tables = {layer: table, **{name: normalise(more) for name, more in (layers or {}).items()}}
+            styled = graduated or {}
+            parts = [Layer(name, some, styled.get(name, ())) for name, some in tables.items()]
+            write_geopackage(parts, destination, temporary, crs, geometry)

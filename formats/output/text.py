@@ -1,4 +1,4 @@
-"""CSV, JSON and GeoJSON."""
+"""CSV, JSON, GeoJSON and sequences of GeoJSON."""
 
 from __future__ import annotations
 
@@ -17,18 +17,27 @@ if TYPE_CHECKING:
     from formats.output.table import Table
 
 
-def write_text(table: Table, stream: TextIO, kind: str, crs: str | None, geometry: str) -> None:
+#: What stands before each feature: the record separator of RFC 8142, or nothing.
+_SEPARATORS = {"geojsonl": "", "geojsons": "\x1e"}
+
+
+def write_text(
+    table: Table, stream: TextIO, kind: str, crs: str | None, geometry: str, layer: str = LAYER
+) -> None:
     """Write a table as text.
 
     Parameters
     ----------
     table : dict of str to Cells
     stream : text stream
-    kind : {"csv", "json", "geojson"}
+    kind : {"csv", "json", "geojson", "geojsonl", "geojsons"}
+        The last two are sequences: one feature in each line, and with the separators of RFC 8142.
     crs : str or None
         Only GeoJSON says it.
     geometry : str
         The column of WKT; only GeoJSON takes it apart.
+    layer : str
+        The name that a collection of features has.
     """
     if kind == "csv":
         writer = csv.writer(stream, lineterminator="\n")
@@ -38,19 +47,42 @@ def write_text(table: Table, stream: TextIO, kind: str, crs: str | None, geometr
         _write_list(stream, (_strict(dict(zip(table, row, strict=True))) for row in _rows(table)))
         stream.write("\n")
     else:
-        _write_geojson(table, stream, crs, geometry)
+        # A reader that does not know the name of a reference system takes the Earth's.
+        check_crs(crs)
+        features = (_feature(dict(zip(table, row, strict=True)), geometry) for row in _rows(table))
+        if kind == "geojson":
+            _write_collection(features, stream, _system(crs), layer)
+        else:
+            _write_sequence(features, stream, _system(crs), _SEPARATORS[kind])
 
 
-def _write_geojson(table: Table, stream: TextIO, crs: str | None, geometry: str) -> None:
-    # A reader that does not know the name of a reference system takes the Earth's.
-    check_crs(crs)
-    stream.write(f'{{"type": "FeatureCollection", "name": "{LAYER}", ')
-    if crs is None or not is_wgs84(crs):
-        name = SITE_FRAME if crs is None else urn(crs)
-        stream.write(f'"crs": {json.dumps({"type": "name", "properties": {"name": name}})}, ')
+def _system(crs: str | None) -> dict[str, Any]:
+    """Return the member that names a reference system, which WGS 84 needs none of."""
+    if crs is not None and is_wgs84(crs):
+        return {}
+    return {"crs": {"type": "name", "properties": {"name": SITE_FRAME if crs is None else urn(crs)}}}
+
+
+def _write_collection(
+    features: Iterator[dict[str, Any]], stream: TextIO, system: dict[str, Any], layer: str
+) -> None:
+    stream.write(f'{{"type": "FeatureCollection", "name": {json.dumps(layer)}, ')
+    stream.writelines(f'"{name}": {json.dumps(value)}, ' for name, value in system.items())
     stream.write('"features": ')
-    _write_list(stream, (_feature(dict(zip(table, row, strict=True)), geometry) for row in _rows(table)))
+    _write_list(stream, features)
     stream.write("}\n")
+
+
+def _write_sequence(
+    features: Iterator[dict[str, Any]], stream: TextIO, system: dict[str, Any], separator: str
+) -> None:
+    """Write one feature in each line.
+
+    There is nothing around the features that could name the reference system for all of them.
+    """
+    for feature in features:
+        text = json.dumps({**feature, **system}, ensure_ascii=False, allow_nan=False)
+        stream.write(f"{separator}{text}\n")
 
 
 def _rows(table: Table) -> Iterator[tuple[Any, ...]]:

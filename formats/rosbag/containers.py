@@ -2,39 +2,49 @@
 
 from __future__ import annotations
 
-import shutil
-import struct
-import sys
 import weakref
-from contextlib import ExitStack, closing
-from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from rosbags.rosbag1 import Reader as Ros1Reader
-from rosbags.rosbag2.storage_mcap import McapReader
-from ruamel.yaml import YAML
 
 from formats.errors import DamagedError, FormatError, NotFoundError
+from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, TooMuchError
+from formats.rosbag.chunks import RUN_BYTES
 from formats.rosbag.damage import HINTS, check, damaged
-from formats.rosbag.db3 import Db3Reader
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
+from formats.rosbag.db3 import Db3File
+from formats.rosbag.mcap import McapFile
+from formats.rosbag.messages import of_payloads
+from formats.rosbag.recording import Recording
+from formats.rosbag.ros1 import Ros1File
+from formats.rosbag.unpacking import bound_rosbags, unpack, unpacks
+from formats.salvage import Recovery, salvaged
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Collection, Iterator
 
     from rosbags.interfaces import Connection
 
+    from formats.rosbag.chunks import Run
+    from formats.rosbag.messages import Messages
+    from formats.salvage.pieces import SalvagedFile
+
+#: What to do where not even salvage helps.
+LOST = "copy or record it again"
+
+bound_rosbags()
+
 
 class Reader(Protocol):
-    """What rosbags' readers of one file have in common."""
+    """What the files of all kinds have in common."""
 
     connections: list[Connection]
+
+    @property
+    def spans(self) -> dict[int, tuple[int, int]]:
+        """First and last log time in ns of connections, by their number, where an index tells them."""
 
     def open(self) -> None:
         """Read the index."""
@@ -42,8 +52,8 @@ class Reader(Protocol):
     def close(self) -> None:
         """Close the file."""
 
-    def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield connection, log time in ns and payload."""
+    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
+        """Yield the messages of some connections, in the order of their log times."""
 
 
 class Container:
@@ -54,17 +64,18 @@ class Container:
     path : str
         A file, or the folder of a rosbag2 recording.
     kind : {"ros1", "mcap", "db3"}
+    salvage : bool
+        Read what is left of a damaged one, and tell in `recovery` what that is.
 
     Raises
     ------
     NotFoundError, DamagedError, FormatError
     """
 
-    def __init__(self, path: str, kind: str) -> None:
+    def __init__(self, path: str, kind: str, *, salvage: bool = False) -> None:
         self.path = path
         self.kind = kind
-        self.remarks: list[str] = []
-        self._compressed_messages = False
+        self.recovery = Recovery() if salvage else None
         self._stack = ExitStack()
         # A source has no end that a caller would announce.
         self.close = weakref.finalize(self, self._stack.close)
@@ -73,17 +84,18 @@ class Container:
         #: Each file, and the places of its connections by their number in it.
         self._readers: list[tuple[Reader, dict[int, int]]] = []
         try:
-            for file in self._files():
-                reader = self._open(file)
+            self._recording = Recording(path, kind, self._stack, salvage=salvage)
+            for reader in self._opened():
                 places = {
                     connection.id: place
                     for place, connection in enumerate(reader.connections, len(self.connections))
                 }
                 self._readers.append((reader, places))
                 self.connections += reader.connections
+                self._check_connections()
         except OSError as error:
             self.close()
-            reason = f"cannot be read: {error.strerror}"
+            reason = f"cannot be read: {error.strerror or error}"
             if isinstance(error, FileNotFoundError):
                 reason = "no such file"
             raise NotFoundError(str(error.filename or path), reason) from error
@@ -91,29 +103,52 @@ class Container:
             self.close()
             raise
 
-    def messages(self, wanted: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
-        """Yield the messages of some connections, file after file, in the order of their log times.
+    def _check_connections(self) -> None:
+        """Refuse more connections, or more text of their definitions, than any log has."""
+        texts = {connection.msgdef.data for connection in self.connections}
+        if len(self.connections) > CONNECTIONS:
+            raise damaged(self.path, self.kind, TooMuchError(f"it has more than {CONNECTIONS:,} connections"))
+        if sum(map(len, texts)) > DEFINITIONS_CHARACTERS:
+            most = f"{DEFINITIONS_CHARACTERS:,} characters"
+            raise damaged(
+                self.path, self.kind, TooMuchError(f"its message definitions have more than {most}")
+            )
+
+    @property
+    def remarks(self) -> list[str]:
+        """What a person should know about which files were read."""
+        return self._recording.remarks
+
+    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
+        """Read the messages of some connections, file after file.
 
         Parameters
         ----------
         wanted : collection of int
             Places in `connections`.
+        size : int
+            How many bytes are read at a time; 1 reads as little as can be.
 
         Yields
         ------
-        place : int
-        log_time : int
-            ns
-        payload : bytes
+        dict of int to Messages
+            By place. In one file no message is earlier than one of its connection yielded before.
+
+        Raises
+        ------
+        DamagedError
         """
         for reader, places in self._readers:
             chosen = [connection for connection in reader.connections if places[connection.id] in wanted]
+            if not chosen:
+                continue
             count = 0
             try:
-                for connection, log_time, payload in _messages(reader, chosen):
-                    count += 1
-                    data = zstd.decompress(payload) if self._compressed_messages else payload
-                    yield places[connection.id], log_time, data
+                for run in reader.runs({connection.id for connection in chosen}, size):
+                    count += sum(map(len, run.values()))
+                    yield {places[number]: self._decompressed(messages) for number, messages in run.items()}
+            except GeneratorExit:
+                raise
             except Exception as error:
                 raise damaged(self.path, self.kind, error) from error
             stated = sum(connection.msgcount for connection in chosen)
@@ -125,116 +160,97 @@ class Container:
                     hint=HINTS[self.kind],
                 )
 
+    def _decompressed(self, messages: Messages) -> Messages:
+        if not self._recording.compressed_messages:
+            return messages
+        if self.recovery is not None:
+            messages = self._unpackable(messages)
+        payloads = [unpack(messages.payload(row), "zstd") for row in range(len(messages))]
+        return replace(of_payloads(payloads), times=messages.times, order=messages.order)
+
+    def _unpackable(self, messages: Messages) -> Messages:
+        """Leave out what is packed, and damaged."""
+        right = [row for row in range(len(messages)) if unpacks(messages.payload(row), "zstd")]
+        return messages.take(np.array(right, dtype=np.int64))
+
     def span(self, wanted: Collection[int]) -> tuple[int, int] | None:
         """Return first and last log time of some connections in ns, if the indexes tell them."""
+        spans = []
+        for reader, places in self._readers:
+            for connection in reader.connections:
+                if places[connection.id] in wanted and connection.msgcount:
+                    if connection.id not in reader.spans:
+                        return None
+                    spans.append(reader.spans[connection.id])
+        return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
+
+    def _opened(self) -> Iterator[Reader]:
+        """Open each file."""
+        if self.recovery is None:
+            for file in self._recording.files:
+                yield self._open(file)
+            return
+        errors: list[FormatError] = []
+        found = False
+        self.recovery.damage += self._recording.damage
+        for file in self._recording.files:
+            try:
+                reader = self._salvage(file)
+            except FormatError as error:
+                errors.append(error)
+                self.recovery.damage.append(str(error).removeprefix(f"{self.path}: "))
+                continue
+            if found:
+                self.recovery.add(reader.recovery)
+            else:
+                reader.recovery.damage[:0] = self.recovery.damage
+                self.recovery, found = reader.recovery, True
+            yield reader
+        if errors and not found:
+            raise errors[0]
+        if errors or self._recording.missing:
+            self.recovery.expected = None
+            self.recovery.lost.append((None, None))
+        self._recording.complete(self.recovery)
+
+    def _salvage(self, file: Path) -> SalvagedFile:
+        """Open what is left of a file."""
+        name = self._name(file)
+        check(file, self.kind, name, salvage=True)
+        reader = salvaged(file, self.kind)
         try:
-            spans = [
-                _span(reader, connection.id)
-                for reader, places in self._readers
-                for connection in reader.connections
-                if places[connection.id] in wanted and connection.msgcount
-            ]
-        except Exception as error:  # a damaged index, see _open
-            raise damaged(self.path, self.kind, error) from error
-        known = [span for span in spans if span is not None]
-        if not known or len(known) < len(spans):
-            return None
-        return min(start for start, _ in known), max(end for _, end in known)
+            reader.open()
+        except OSError:
+            raise
+        except TooMuchError as error:
+            raise damaged(name, self.kind, error) from error
+        except Exception as error:  # whatever is left of a file, a person reads one line
+            reason = " ".join(str(error).split())[:160] or type(error).__name__
+            raise DamagedError(name, f"nothing can be read of it: {reason}", hint=LOST) from error
+        self._stack.callback(reader.close)
+        if reader.recovery.damaged and not reader.recovery.read:
+            told = "; ".join(reader.recovery.damage[:2])
+            raise DamagedError(name, f"nothing can be read of it: {told}", hint=LOST)
+        return reader
+
+    def _name(self, file: Path) -> str:
+        return self.path if file == Path(self.path) else str(Path(self.path, file.name))
 
     def _open(self, file: Path) -> Reader:
-        name = self.path if file == Path(self.path) else str(Path(self.path, file.name))
+        name = self._name(file)
         check(file, self.kind, name)
         reader: Reader
         if self.kind == "ros1":
-            reader = Ros1Reader(file)
+            reader = Ros1File(file)
         elif self.kind == "mcap":
-            reader = McapReader(file)
+            reader = McapFile(file)
         else:
-            reader = Db3Reader(file)
+            reader = Db3File(file)
         try:
             reader.open()
         except Exception as error:  # rosbags answers damaged bytes with any exception there is
+            with suppress(Exception):
+                reader.close()
             raise damaged(name, self.kind, error) from error
         self._stack.callback(reader.close)
         return reader
-
-    def _files(self) -> Sequence[Path]:
-        path = Path(self.path)
-        if not path.is_dir():
-            return [path]
-        metadata = path / "metadata.yaml"
-        if not metadata.exists():
-            # Split recordings are numbered: run_9 comes before run_10.
-            files = sorted(path.glob(f"*.{self.kind}"), key=lambda file: (len(file.name), file.name))
-            if not files:
-                raise NotFoundError(self.path, f"the folder has neither metadata.yaml nor a {self.kind} file")
-            self.remarks.append("metadata.yaml is missing; every bag file in the folder is read")
-            return files
-        text = metadata.read_bytes()
-        try:
-            content = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
-            # Older versions wrote the paths with the folder in front.
-            files = [path / PurePosixPath(name).name for name in content["relative_file_paths"]]
-            mode = (content.get("compression_mode") or "none").lower()
-            compression = content.get("compression_format") or ""
-        except Exception as error:  # ruamel.yaml has no common class for what it raises
-            raise damaged(str(metadata), self.kind, error) from error
-        if missing := [file.name for file in files if not file.exists()]:
-            raise NotFoundError(
-                self.path, f"metadata.yaml names files that are not there: {', '.join(missing)}"
-            )
-        if mode != "none" and compression != "zstd":
-            raise FormatError(self.path, f"compressed with {compression!r}; only zstd can be read")
-        self._compressed_messages = mode == "message"
-        return self._unpack(files) if mode == "file" else files
-
-    def _unpack(self, files: Sequence[Path]) -> list[Path]:
-        folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="bag-")))
-        unpacked = []
-        for file in files:
-            target = folder / file.stem
-            try:
-                with zstd.open(file, "rb") as source, target.open("wb") as sink:
-                    shutil.copyfileobj(source, sink)
-            except (zstd.ZstdError, EOFError) as error:
-                raise damaged(str(file), self.kind, error) from error
-            unpacked.append(target)
-        return unpacked
-
-
-def _messages(reader: Reader, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
-    if not connections:
-        return
-    if not isinstance(reader, McapReader) or reader.chunks:
-        yield from reader.messages(connections)
-        return
-    # rosbags walks a file without chunks with the one position it has, so that two topics read by
-    # turns would disturb each other; and its messages() wants the log times in order.
-    walker = McapReader(reader.path)
-    walker.open()
-    with closing(walker):
-        yield from walker.messages_scan(connections)
-
-
-def _span(reader: Reader, connection: int) -> tuple[int, int] | None:
-    if isinstance(reader, Ros1Reader):
-        index = reader.indexes[connection]
-        return index[0].time, index[-1].time
-    if isinstance(reader, Db3Reader):
-        return reader.spans[connection]
-    return _span_mcap(reader, connection) if isinstance(reader, McapReader) else None
-
-
-def _span_mcap(reader: McapReader, connection: int) -> tuple[int, int] | None:
-    """Least and greatest time in the message indexes of one channel, which stand behind each chunk."""
-    times = []
-    for chunk in reader.chunks:
-        if (offset := chunk.message_index_offsets.get(connection)) is not None and reader.bio is not None:
-            reader.bio.seek(offset)
-            # Opcode (1 byte), length of the record (8), channel (2), length of the list (4);
-            # then pairs of time and offset.
-            (size,) = struct.unpack_from("<I", reader.bio.read(15), 11)
-            times.append(np.frombuffer(reader.bio.read(size), "<u8")[::2])
-    if not times:
-        return None
-    return int(min(part.min() for part in times)), int(max(part.max() for part in times))

@@ -7,6 +7,8 @@ import struct
 from typing import TYPE_CHECKING
 
 from formats.errors import DamagedError, FormatError
+from formats.limits import TooMuchError
+from formats.salvage import HINT
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -14,14 +16,14 @@ if TYPE_CHECKING:
 MAGIC = {"ros1": b"#ROSBAG V2.0\n", "mcap": b"\x89MCAP0\r\n", "db3": b"SQLite format 3\x00"}
 TITLES = {"ros1": "a ROS 1 bag (version 2.0)", "mcap": "an MCAP file", "db3": "an SQLite file"}
 HINTS = {
-    "ros1": "repair a copy with: rosbag reindex FILE",
-    "mcap": "save what is left with: mcap recover FILE -o RECOVERED.mcap",
-    "db3": "save what is left with: sqlite3 FILE .recover | sqlite3 RECOVERED.db3",
+    "ros1": f"{HINT}, or repair a copy with: rosbag reindex FILE",
+    "mcap": f"{HINT}, or save that with: mcap recover FILE -o RECOVERED.mcap",
+    "db3": f"{HINT}, or save that with: sqlite3 FILE .recover | sqlite3 RECOVERED.db3",
 }
 HEAD = 4_200
 
 
-def check(path: Path, kind: str, name: str) -> None:
+def check(path: Path, kind: str, name: str, *, salvage: bool = False) -> None:
     """Look at both ends of a file for what can be seen without reading it.
 
     Parameters
@@ -30,6 +32,8 @@ def check(path: Path, kind: str, name: str) -> None:
     kind : {"ros1", "mcap", "db3"}
     name : str
         What to call the file.
+    salvage : bool
+        Let pass what is cut off or never closed.
 
     Raises
     ------
@@ -59,10 +63,13 @@ def check(path: Path, kind: str, name: str) -> None:
             if older
             else "check that this is the file you meant",
         )
+    if salvage:
+        return
     if kind == "ros1":
         _check_ros1(name, head, size)
     elif kind == "mcap":
-        _check_mcap(name, head, tail)
+        _check_profile(name, head)
+        _check_mcap(name, tail, size)
     else:
         _check_db3(path, name, head, size)
 
@@ -85,18 +92,25 @@ def _check_ros1(name: str, head: bytes, size: int) -> None:
         )
 
 
-def _check_mcap(name: str, head: bytes, tail: bytes) -> None:
+def _check_mcap(name: str, tail: bytes, size: int) -> None:
     if tail != MAGIC["mcap"]:
         raise DamagedError(
-            name, "cut off: the end of the file and with it the index are missing", hint=HINTS["mcap"]
+            name,
+            f"cut off at byte {size:,}: the end of the file and with it the index are missing",
+            hint=HINTS["mcap"],
         )
+
+
+def _check_profile(name: str, head: bytes) -> None:
     # Record header of opcode 1: length of the record (8 bytes), length of the profile, profile.
+    if len(head) < 21:
+        return
     (length,) = struct.unpack_from("<I", head, 17)
     profile = head[21 : 21 + length]
-    if profile != b"ros2":
+    if profile != b"ros2" and len(head) >= 21 + length:
         raise FormatError(
             name,
-            f"its MCAP profile is {profile.decode(errors='replace')!r}, and only 'ros2' can be read",
+            f"its MCAP profile is {profile[:40].decode(errors='replace')!r}, and only 'ros2' can be read",
             hint="convert the recording to ROS 2, or export the topics to CSV",
         )
 
@@ -111,10 +125,11 @@ def _check_db3(path: Path, name: str, head: bytes, size: int) -> None:
     for ending in ("-wal", "-journal"):
         beside = path.with_name(path.name + ending)
         if beside.exists() and beside.stat().st_size > 0:
+            finish = f"sqlite3 {shlex.quote(str(path))} 'PRAGMA journal_mode=DELETE'"
             raise DamagedError(
                 name,
                 f"the recording was not closed: messages are left in {beside.name}",
-                hint=f"finish it once with: sqlite3 {shlex.quote(str(path))} 'PRAGMA journal_mode=DELETE'",
+                hint=f"{HINT}, or finish it once with: {finish}",
             )
 
 
@@ -129,5 +144,7 @@ def damaged(name: str, kind: str, error: Exception) -> DamagedError:
     error : Exception
         From rosbags, or from a library below it.
     """
+    if isinstance(error, TooMuchError):
+        return DamagedError(name, f"is not read, for {error}", hint="docs/damage.md tells the limits")
     detail = " ".join(str(error).split()) or type(error).__name__
     return DamagedError(name, f"corrupt or cut off ({detail[:160]})", hint=HINTS[kind])

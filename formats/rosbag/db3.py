@@ -6,6 +6,7 @@ no definition, as ROS 2 records them, and cannot open a path with ``?``, ``#`` o
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from typing import TYPE_CHECKING
 
@@ -16,14 +17,20 @@ from rosbags.interfaces import (
     MessageDefinitionFormat,
 )
 
+from formats.limits import CHUNK_BYTES, TooMuchError
+from formats.rosbag.chunks import RUN_BYTES
+from formats.rosbag.messages import collected
+
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from pathlib import Path
 
+    from formats.rosbag.chunks import Run
+
 FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 
 
-class Db3Reader:
+class Db3File:
     """One file, with the interface of rosbags' own readers of files.
 
     Parameters
@@ -58,12 +65,16 @@ class Db3Reader:
             self._database = None
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
+        _refuse_what_calculates(database)
         spans = {
             topic: (count, start, end)
             for topic, count, start, end in database.execute(
                 "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
             )
         }
+        if not all(isinstance(time, int) for _, *ends in spans.values() for time in ends):
+            # SQLite takes anything in any column.
+            raise ValueError("a log time is no whole number")
         definitions = self._read_definitions(database)
         columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
         digest = "type_description_hash" if "type_description_hash" in columns else "''"
@@ -96,15 +107,38 @@ class Db3Reader:
             if encoding in FORMATS
         }
 
-    def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield connection, log time in ns and payload, in the order of the log times."""
+    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
+        """Read the messages of some connections.
+
+        Parameters
+        ----------
+        wanted : collection of int
+            Their numbers.
+        size : int
+            Bytes that are read at a time.
+
+        Yields
+        ------
+        dict of int to Messages
+            In the order of the log times.
+        """
         if self._database is None:
             raise ValueError("not open")
-        by_id = {connection.id: connection for connection in connections}
-        places = ",".join("?" * len(by_id))
+        places = ",".join("?" * len(wanted))
         query = (
             "SELECT topic_id, timestamp, data FROM messages"  # noqa: S608  only question marks are put in
             f" WHERE topic_id IN ({places}) ORDER BY timestamp, id"
         )
-        for topic, timestamp, data in self._database.execute(query, tuple(by_id)):
-            yield by_id[topic], timestamp, data
+        yield from collected(self._database.execute(query, tuple(wanted)), size)
+
+
+def _refuse_what_calculates(database: sqlite3.Connection) -> None:
+    """Refuse a file whose tables are views or make up values: such a query need never end."""
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, CHUNK_BYTES)
+    database.execute("PRAGMA trusted_schema = OFF")
+    for name, kind, root, statement in database.execute(
+        "SELECT name, type, rootpage, sql FROM sqlite_master"
+        " WHERE lower(name) IN ('topics', 'messages', 'message_definitions')"
+    ):
+        if kind != "table" or not root or re.search(r"\bAS\b", str(statement), re.IGNORECASE):
+            raise TooMuchError(f"its {name} are no plain table")

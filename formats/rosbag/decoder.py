@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from formats.rosbag.columns import extract
-from formats.rosbag.cursor import UnevenError, gather
+from formats.rosbag.columns import elements_of, extract
+from formats.rosbag.cursor import UnevenError, elements, gather
 from formats.table import STAMP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from formats.rosbag.columns import Request, Values
+    from formats.rosbag.cursor import Elements
     from formats.rosbag.definitions import Definition, Leaf
+    from formats.rosbag.messages import Messages
 
 
 class UndecodableError(Exception):
@@ -41,12 +43,12 @@ class Decoder:
     def __init__(self, definition: Definition) -> None:
         self.definition = definition
 
-    def columns(self, payloads: Sequence[bytes], requests: Sequence[Request]) -> list[tuple[Values, bool]]:
+    def columns(self, messages: Messages, requests: Sequence[Request]) -> list[tuple[Values, bool]]:
         """Take one value per request from each message.
 
         Parameters
         ----------
-        payloads : sequence of bytes
+        messages : Messages
         requests : sequence of Request
 
         Returns
@@ -61,14 +63,37 @@ class Decoder:
         leaves = [self._leaf(request) for request in requests]
         wanted = [(leaf, request) for leaf, request in zip(leaves, requests, strict=True) if leaf is not None]
         try:
-            found = iter(gather(self.definition, payloads, wanted))
+            found = iter(gather(self.definition, messages, wanted))
         except UnevenError:
-            messages = [self.message(payload, row) for row, payload in enumerate(payloads)]
-            found = iter([extract(messages, leaf, request) for leaf, request in wanted])
+            decoded = [self.message(messages.payload(row), row) for row in range(len(messages))]
+            found = iter([extract(decoded, leaf, request) for leaf, request in wanted])
         return [
-            (request.blank(len(payloads)), False) if leaf is None else next(found)
+            (request.blank(len(messages)), False) if leaf is None else next(found)
             for leaf, request in zip(leaves, requests, strict=True)
         ]
+
+    def elements(self, message: Messages, lists: Sequence[Leaf]) -> list[Elements]:
+        """Tell how the elements of lists are called in one message; see `columns.elements_of`.
+
+        Parameters
+        ----------
+        message : Messages
+            One.
+        lists : sequence of Leaf
+
+        Returns
+        -------
+        list of (tuple of str, bool)
+
+        Raises
+        ------
+        UndecodableError
+        """
+        try:
+            return elements(self.definition, message, lists)
+        except UnevenError:
+            decoded = self.message(message.payload(0))
+            return [elements_of(decoded, leaf) for leaf in lists]
 
     def message(self, payload: bytes, row: int = 0) -> object:
         """Decode one message with rosbags."""

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 from rosbags.interfaces import MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+from formats.limits import DEPTH, TooMuchError
+from formats.rosbag.bounds import check_idl, checked, msg_text
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -150,11 +153,13 @@ def _from_file(connection: Connection, *, ros1: bool) -> Typestore:
     store = get_typestore(Stores.EMPTY)
     try:
         types = (
-            get_types_from_msg(text, connection.msgtype)
+            get_types_from_msg(msg_text(text), connection.msgtype)
             if connection.msgdef.format == MessageDefinitionFormat.MSG
             else _types_from_idl(text)
         )
-        store.register({name: types[name] for name in types if name not in store.fielddefs})
+        store.register(checked({name: types[name] for name in types if name not in store.fielddefs}))
+    except TooMuchError as error:
+        raise UnusableError(str(error)) from error
     except Exception as error:  # a damaged text makes rosbags' parser fail in any way
         raise UnusableError("its definition in the file cannot be parsed") from error
     return store
@@ -162,6 +167,7 @@ def _from_file(connection: Connection, *, ros1: bool) -> Typestore:
 
 def _types_from_idl(text: str) -> Typesdict:
     types: Typesdict = {}
+    check_idl(text)
     for part in text.split("=" * 80 + "\n"):
         if part.strip():
             types.update(get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part))
@@ -204,6 +210,8 @@ def find_leaves(store: Typestore, type_name: str) -> dict[str, Leaf]:
 def _leaves(store: Typestore, type_name: str, path: Path = (), within: Path = ()) -> Iterator[Leaf]:
     if type_name in within:
         raise UnusableError(f"the definition of {type_name} contains itself")
+    if len(within) >= DEPTH:
+        raise UnusableError(f"its members nest deeper than {DEPTH}")
     within = (*within, type_name)
     members = _members(store, type_name)
     texts = {name for name, desc in members if _list_of(desc, "string")}

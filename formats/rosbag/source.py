@@ -3,35 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cached_property
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from formats.errors import DamagedError, FormatError
-from formats.rosbag.columns import NAT, Request, elements_of, labels
+from formats.errors import FormatError
+from formats.rosbag.chunks import RUN_BYTES
+from formats.rosbag.columns import Request
 from formats.rosbag.containers import Container
-from formats.rosbag.damage import damaged
 from formats.rosbag.decoder import Decoder, UndecodableError
-from formats.rosbag.definitions import STAMP as HEADER_STAMP
 from formats.rosbag.definitions import UnusableError, define
-from formats.table import BATCH_ROWS, LOG_TIME, STAMP, Field, Source, Stream
+from formats.rosbag.reading import Reading, nearest
+from formats.salvage.decodable import Decodable
+from formats.table import BATCH_ROWS, Field, Source, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from rosbags.interfaces import Connection
 
-    from formats.rosbag.columns import Values
+    from formats.rosbag.chunks import Run
     from formats.rosbag.definitions import Leaf
     from formats.table import Batch
 
-#: A batch ends when its messages have this many bytes, however few they are.
-BATCH_BYTES = 16 << 20
 #: A list with more elements is cut in what `streams` tells; any place of it can be read.
 MOST_ELEMENTS = 256
-ZERO = np.datetime64(0, "ns")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,20 +47,25 @@ class BagSource(Source):
     ----------
     path : str
     kind : {"ros1", "mcap", "db3"}
+    salvage : bool
+        Read what is left of a damaged one.
 
     Raises
     ------
     NotFoundError
         No such file, or no permission to read it.
     DamagedError
-        Cut off, corrupt or without index.
+        Cut off, corrupt or without index; with salvage, nothing of it can be read.
     FormatError
     """
 
-    def __init__(self, path: str, kind: str) -> None:
+    def __init__(self, path: str, kind: str, *, salvage: bool = False) -> None:
         super().__init__(path, kind)
-        self._container = Container(path, kind)
+        self._container = Container(path, kind, salvage=salvage)
         self.remarks += self._container.remarks
+        self.recovery = self._container.recovery
+        self._decodable = Decodable(self.recovery, self.remarks) if self.recovery else None
+        self._decoders: dict[tuple[object, ...], Decoder] = {}
 
     def streams(self) -> tuple[Stream, ...]:
         """Return the topics, in the order in which the file names them.
@@ -99,7 +99,7 @@ class BagSource(Source):
         unusable: dict[int, str] = {}
         for place in places:
             try:
-                decoders[place] = Decoder(define(connections[place], ros1=self.kind == "ros1"))
+                decoders[place] = self._decoder(connections[place])
             except UnusableError as error:
                 unusable[place] = f"{connections[place].msgtype}: {error}"
         self.remarks += sorted({f"{name} cannot be read: {reason}" for reason in unusable.values()})
@@ -125,6 +125,13 @@ class BagSource(Source):
         names = {field: frozenset(texts) for field, (texts, named) in elements.items() if named}
         return _Topic(stream, decoders, unusable, names)
 
+    def _decoder(self, connection: Connection) -> Decoder:
+        """Return the decoder of a type; wheels of one kind often have a topic each."""
+        key = connection.msgtype, connection.msgdef, connection.digest
+        if key not in self._decoders:
+            self._decoders[key] = Decoder(define(connection, ros1=self.kind == "ros1"))
+        return self._decoders[key]
+
     def _elements(self, topic: str, decoders: dict[int, Decoder]) -> dict[str, tuple[tuple[str, ...], bool]]:
         """Return the elements of each list in the first message, and whether they are names."""
         lists = [
@@ -135,14 +142,18 @@ class BagSource(Source):
         ]
         if not lists:
             return {}
-        for place, _, payload in self._container.messages(decoders.keys()):
+        for run in self._runs(decoders, 1):
+            if not run:
+                continue
+            place = min(run, key=lambda place: (int(run[place].times[0]), int(run[place].order[0])))
+            own = decoders[place].definition.leaves
+            found = [leaf for leaf in lists if own.get(leaf.name) == leaf]
             try:
-                message = decoders[place].message(payload)
+                elements = decoders[place].elements(run[place].take(slice(1)), found)
             except UndecodableError as error:
                 self.remarks.append(f"{topic}: message 1 cannot be decoded ({error})")
                 return {}
-            own = decoders[place].definition.leaves
-            return {leaf.name: elements_of(message, leaf) for leaf in lists if own.get(leaf.name) == leaf}
+            return {leaf.name: named for leaf, named in zip(found, elements, strict=True)}
         return {}
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
@@ -170,10 +181,43 @@ class BagSource(Source):
         FormatError
             There is no such topic, field or element, or no definition of the type.
         """
+        return (batch for _, batch in self.read_together({topic: fields}, batch_rows))
+
+    def read_together(
+        self, fields: Mapping[str, Sequence[str]], batch_rows: int = BATCH_ROWS
+    ) -> Iterator[tuple[str, Batch]]:
+        """Read several topics in one pass: what decompresses a bag once instead of once for each.
+
+        Parameters
+        ----------
+        fields : mapping of str to sequence of str
+            topic → names as for `read`.
+        batch_rows : int
+
+        Yields
+        ------
+        topic : str
+        batch : dict of str to ndarray or Labels
+            As from `read`, each topic in the order of its log times.
+
+        Raises
+        ------
+        DamagedError, FormatError
+        """
+        readings: dict[int, Reading] = {}
+        for topic, names in fields.items():
+            found = self._usable(topic)
+            reading = Reading(
+                self.path, found.stream, found.decoders, [self._request(found, n) for n in names], batch_rows
+            )
+            readings |= dict.fromkeys(found.decoders, reading)
+        return self._batches(readings)
+
+    def _usable(self, topic: str) -> _Topic:
         found = self._topics.get(topic)
         if found is None:
             raise FormatError(
-                self.path, f"has no topic {topic!r}", hint=_nearest(topic, self._topics, "topics")
+                self.path, f"has no topic {topic!r}", hint=nearest(topic, self._topics, "topics")
             )
         for reason in found.unusable.values():
             raise FormatError(
@@ -181,7 +225,7 @@ class BagSource(Source):
                 f"{topic} cannot be read: {reason}",
                 hint="record it where the message package is installed, or export the topic to CSV",
             )
-        return self._batches(found, [self._request(found, name) for name in fields], batch_rows)
+        return found
 
     def _request(self, topic: _Topic, asked: str) -> Request:
         stream = topic.stream
@@ -192,7 +236,7 @@ class BagSource(Source):
             raise FormatError(
                 self.path,
                 f"{stream.topic} has no field {asked!r}",
-                hint=_nearest(name, fields, "fields"),
+                hint=nearest(name, fields, "fields"),
             )
         if field.kind not in {"numbers", "texts"}:
             if bracket:
@@ -215,87 +259,24 @@ class BagSource(Source):
             asked, name, "number" if field.kind == "numbers" else "text", int(text) if by_place else text
         )
 
-    def _batches(self, topic: _Topic, requests: list[Request], batch_rows: int) -> Iterator[Batch]:
-        asked = [*requests, Request(STAMP, HEADER_STAMP, "time")]
-        absent = {request.asked: request for request in requests if request.key is not None}
-        done = 0
-        for places, times, payloads in self._rows(topic, batch_rows):
-            values = [request.blank(len(payloads)) for request in asked]
-            for place in np.unique(places):
-                rows = np.flatnonzero(places == place)
-                columns = self._decode(topic, place, [payloads[row] for row in rows], asked, done + 1 + rows)
-                for request, whole, (part, present) in zip(asked, values, columns, strict=True):
-                    whole[rows] = part
-                    if present:
-                        absent.pop(request.asked, None)
-            done += len(payloads)
-            stamps = values.pop()
-            stamps[stamps == ZERO] = NAT
-            batch: Batch = {
-                request.asked: labels(column) if request.kind == "text" else column
-                for request, column in zip(requests, values, strict=True)
-            }
-            yield batch | {LOG_TIME: times, STAMP: stamps}
-        if done:
-            for request in absent.values():
-                self._absent(topic.stream, request)
+    def _runs(self, decoders: Mapping[int, Decoder], size: int = RUN_BYTES) -> Iterator[Run]:
+        runs = self._container.runs(decoders.keys(), size)
+        return self._decodable.only(runs, decoders) if self._decodable else runs
 
-    def _rows(
-        self, topic: _Topic, batch_rows: int
-    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.datetime64], list[bytes]]]:
-        """Gather raw messages: place of their connection, log time, payload."""
-        messages = self._container.messages(topic.decoders.keys())
-        while True:
-            rows, size = [], 0
-            for message in messages:
-                rows.append(message)
-                size += len(message[2])
-                if len(rows) >= batch_rows or size >= BATCH_BYTES:
-                    break
-            if not rows:
-                return
-            places, times, payloads = zip(*rows, strict=True)
-            try:
-                clock = np.array(times, dtype=np.int64).view("datetime64[ns]")
-            except OverflowError as error:
-                raise damaged(self.path, self.kind, error) from error
-            yield np.array(places), clock, list(payloads)
-
-    def _decode(
-        self,
-        topic: _Topic,
-        place: int,
-        payloads: list[bytes],
-        asked: list[Request],
-        numbers: NDArray[np.int64],
-    ) -> list[tuple[Values, bool]]:
-        try:
-            return topic.decoders[place].columns(payloads, asked)
-        except UndecodableError as error:
-            raise DamagedError(
-                self.path,
-                f"{topic.stream.topic}: message {numbers[error.row]} does not fit its definition ({error})",
-                hint="the recording is damaged there, or its definition is not the one it was written with",
-            ) from error
-
-    def _absent(self, stream: Stream, request: Request) -> NoReturn:
-        elements = next(field.elements for field in stream.fields if field.name == request.field)
-        raise FormatError(
-            self.path,
-            f"{stream.topic}: no message has the element {request.key!r} of {request.field}",
-            hint=_nearest(str(request.key), elements, "elements"),
-        )
+    def _batches(self, readings: Mapping[int, Reading]) -> Iterator[tuple[str, Batch]]:
+        every = list(dict.fromkeys(readings.values()))
+        decoders = {place: reading.decoders[place] for place, reading in readings.items()}
+        for run in self._runs(decoders):
+            for reading in every:
+                own = {place: run[place] for place in sorted(run) if readings[place] is reading}
+                for piece in reading.pieces(own):
+                    reading.add(piece)
+                    yield from ((reading.topic, batch) for batch in reading.batches())
+        for reading in every:
+            yield from ((reading.topic, batch) for batch in reading.batches(last=True))
 
 
-def _nearest(name: str, choices: Iterable[str], what: str) -> str:
-    choices = list(choices)
-    close = get_close_matches(name, choices, n=3, cutoff=0.5)
-    return (
-        f"did you mean {' or '.join(close)}?" if close else f"its {what}: {', '.join(choices[:20]) or 'none'}"
-    )
-
-
-def open_bag(path: str, kind: str) -> BagSource:
+def open_bag(path: str, kind: str, *, salvage: bool = False) -> BagSource:
     """Open a bag.
 
     Parameters
@@ -304,6 +285,8 @@ def open_bag(path: str, kind: str) -> BagSource:
         A file, or the folder of a rosbag2 recording.
     kind : {"ros1", "mcap", "db3"}
         By content, not by the ending of the name.
+    salvage : bool
+        Read what is left of a damaged one.
 
     Returns
     -------
@@ -313,4 +296,4 @@ def open_bag(path: str, kind: str) -> BagSource:
     ------
     NotFoundError, DamagedError, FormatError
     """
-    return BagSource(path, kind)
+    return BagSource(path, kind, salvage=salvage)

@@ -153,11 +153,10 @@ def test_rows_of_unequal_length(make):
     ]
 
 
-def test_last_row_cut_off_is_set_aside(make):
-    source, columns = table(make("a,b\n1,2.5\n3,4.5\n5"))
-    same(columns["a"], [1, 3])
-    assert source.skipped == 1
-    assert source.remarks == ["row 4, the last, is cut off: set aside"]
+def test_last_row_cut_off_is_an_error_with_its_remedy(make):
+    with pytest.raises(DamagedError, match="cut off in row 4: its last row has 1 of 2 fields") as caught:
+        table(make("a,b\n1,2.5\n3,4.5\n5"))
+    assert "--salvage" in caught.value.hint
 
 
 def test_nul_bytes_after_a_power_cut(make):

@@ -5,101 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bags import message, typestore
+from drawn import NAMES, Values, types
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 
 from formats.rosbag.columns import Request, extract
 from formats.rosbag.cursor import UnevenError, gather
 from formats.rosbag.decoder import Decoder, UndecodableError
-from formats.rosbag.definitions import CODES, DURATION, FILLER, TIME, Definition, find_leaves
-
-NAMES = ("fl", "fr", "rl", "rr", "ä", "")
-INTEGERS = [base for base in CODES if base not in {"bool", "float32", "float64"}]
-base = st.sampled_from([*CODES, "string", "float64", "string"]).map(lambda name: (Nodetype.BASE, (name, 0)))
-clock = st.sampled_from([TIME, DURATION]).map(lambda name: (Nodetype.NAME, name))
-
-
-def members(inner):
-    """Members of a message; `inner` are the types it may be made of."""
-    element = st.one_of(base, clock, *([st.sampled_from(inner)] if inner else []))
-    desc = st.one_of(
-        element,
-        st.tuples(st.just(Nodetype.SEQUENCE), st.tuples(element, st.just(0))),
-        st.tuples(st.just(Nodetype.ARRAY), st.tuples(element, st.integers(1, 3))),
-    )
-    named = st.sampled_from(
-        [
-            [],
-            [("name", (Nodetype.BASE, ("string", 0)))],
-            [("name", (Nodetype.SEQUENCE, ((Nodetype.BASE, ("string", 0)), 0)))],
-        ]
-    )
-    plain = st.lists(desc, min_size=1, max_size=5).map(lambda d: [(f"m{i}", x) for i, x in enumerate(d)])
-    return st.tuples(named, plain, st.booleans()).map(lambda t: t[0] + t[1] if t[2] else t[1] + t[0])
-
-
-@st.composite
-def types(draw):
-    made = {}
-    for i in range(draw(st.integers(1, 3))):
-        inner = [(Nodetype.NAME, name) for name in made]
-        made[f"x_msgs/msg/T{i}"] = ([], draw(members(inner)))
-    return made
-
-
-class Values:
-    """Random messages; `even` lists have one length per member, others one per message."""
-
-    def __init__(self, store, seed, *, even_numbers, even_items):
-        self.store = store
-        self.random = np.random.default_rng(seed)
-        self.even_numbers, self.even_items = even_numbers, even_items
-        self.lengths = {}
-
-    def length(self, key, *, even):
-        drawn = int(self.random.integers(0, 4))
-        return self.lengths.setdefault(key, drawn) if even else drawn
-
-    def message(self, type_name, where=()):
-        members = self.store.fielddefs[type_name][1]
-        return self.store.types[type_name](
-            *(self.member(desc, (*where, name)) for name, desc in members if name != FILLER)
-        )
-
-    def member(self, desc, where):
-        kind, rest = desc
-        if kind == Nodetype.NAME:
-            return self.message(rest, where)
-        if kind == Nodetype.BASE:
-            return self.text(where) if rest[0] == "string" else self.numbers(rest[0], 1)[0].item()
-        element, count = rest
-        numbers = element[0] == Nodetype.BASE and element[1][0] != "string"
-        if kind == Nodetype.SEQUENCE:
-            count = self.length(where, even=self.even_numbers if numbers else self.even_items)
-        if numbers:
-            return self.numbers(element[1][0], count)
-        return [self.member(element, (*where, i)) for i in range(count)]
-
-    def text(self, where):
-        if where[-1] == "name" or "name" in where[-2:]:
-            return NAMES[self.random.integers(len(NAMES))]
-        return "é" * self.length(where, even=self.even_numbers)
-
-    def numbers(self, name, count):
-        code = np.dtype(CODES[name])
-        raw = self.random.integers(0, 256, count * code.itemsize, dtype=np.uint8).view(code)
-        if name == "bool":
-            return raw % 2 == 1
-        if name in INTEGERS:
-            return raw
-        special = np.array([np.nan, np.inf, -0.0, 5e-324], dtype=code)
-        return np.where(
-            self.random.random(count) < 0.2,
-            self.random.choice(special, count),
-            self.random.normal(size=count).astype(code),
-        )
+from formats.rosbag.definitions import Definition, find_leaves
+from formats.rosbag.messages import of_payloads
 
 
 def requests(definition):
@@ -129,12 +44,12 @@ def compare(definition, payloads, *, must_be_fast):
     messages = [decoder.message(payload) for payload in payloads]
     slow = [extract(messages, *pair) for pair in wanted]
     try:
-        fast = gather(definition, payloads, wanted)
+        fast = gather(definition, of_payloads(payloads), wanted)
     except UnevenError:
         assert not must_be_fast
         fast = slow
     same(fast, slow, wanted)
-    same(decoder.columns(payloads, [request for _, request in wanted]), slow, wanted)
+    same(decoder.columns(of_payloads(payloads), [request for _, request in wanted]), slow, wanted)
     return dict(zip((request.asked for _, request in wanted), (values for values, _ in fast), strict=True))
 
 
@@ -220,7 +135,7 @@ def test_names_may_change_their_order_and_number_of_letters(order):
     definition, payloads = pack("string[] name\nfloat64[] effort\n", rows, order)
     leaf = definition.leaves["effort"]
     wanted = [(leaf, Request("e", "effort", "number", key)) for key in ("fl", "front_right", "rl", 1)]
-    columns = [values.tolist() for values, _ in gather(definition, payloads, wanted)]
+    columns = [values.tolist() for values, _ in gather(definition, of_payloads(payloads), wanted)]
     np.testing.assert_array_equal(
         columns, [[1, 1.5, 1.25, np.nan], [2, 2.5, np.nan, np.nan], [np.nan] * 3 + [9], [2, 1.5, 9, np.nan]]
     )
@@ -241,7 +156,7 @@ def test_lists_of_messages_by_place_and_by_name(order):
     assert list(definition.leaves) == ["wheels.name", "wheels.torque", "wheels.sinkage", "end"]
     leaf = definition.leaves["wheels.sinkage"]
     wanted = [(leaf, Request("s", "wheels.sinkage", "number", key)) for key in ("fl", "rear", "x", 1, 2)]
-    results = gather(definition, payloads, wanted)
+    results = gather(definition, of_payloads(payloads), wanted)
     nan = np.nan
     np.testing.assert_array_equal(
         [values for values, _ in results],
@@ -257,9 +172,9 @@ def test_lists_that_go_the_plain_way(order, counts):
     rows = [{"wheels": [{"name": f"w{i}", "torque": i} for i in range(n)], "end": 5} for n in counts]
     definition, payloads = pack("Wheel[] wheels\nuint8 end\n", rows, order)
     with pytest.raises(UnevenError):
-        gather(definition, payloads, requests(definition))
+        gather(definition, of_payloads(payloads), requests(definition))
     columns = Decoder(definition).columns(
-        payloads,
+        of_payloads(payloads),
         [Request("t", "wheels.torque", "number", "w1"), Request("end", "end", "number")],
     )
     np.testing.assert_array_equal(columns[0][0], [np.nan if counts[0] == 1 else 1, 1])
@@ -286,7 +201,7 @@ def test_a_message_cut_anywhere_is_never_read_as_something_else(order):
     asked = [request for _, request in requests(definition)]
     for size in range(len(whole)):
         with pytest.raises(UndecodableError) as caught:
-            decoder.columns([whole, whole[:size], whole], asked)
+            decoder.columns(of_payloads([whole, whole[:size], whole]), asked)
         assert caught.value.row == 1
 
 
@@ -296,9 +211,9 @@ def test_bytes_left_over(order):
     decoder = Decoder(definition)
     asked = [Request("end", "end", "number")]
     if order != "ros1":  # CDR may be padded
-        assert decoder.columns([whole, whole + bytes(3)], asked)[0][0].tolist() == [9, 9]
+        assert decoder.columns(of_payloads([whole, whole + bytes(3)]), asked)[0][0].tolist() == [9, 9]
     with pytest.raises(UndecodableError) as caught:
-        decoder.columns([whole, whole, whole + bytes(4)], asked)
+        decoder.columns(of_payloads([whole, whole, whole + bytes(4)]), asked)
     assert caught.value.row == 2
 
 
@@ -316,10 +231,11 @@ def test_damaged_bytes_give_an_error_or_what_the_plain_way_gives(data, order):
     except UndecodableError as error:
         assume("utf-8" not in str(error))  # only texts that are asked for are decoded the fast way
         with pytest.raises(UndecodableError):
-            decoder.columns([whole, bytes(broken)], [request for _, request in wanted])
+            decoder.columns(of_payloads([whole, bytes(broken)]), [request for _, request in wanted])
     else:
         slow = [extract(messages, *pair) for pair in wanted]
-        same(decoder.columns([whole, bytes(broken)], [request for _, request in wanted]), slow, wanted)
+        both = of_payloads([whole, bytes(broken)])
+        same(decoder.columns(both, [request for _, request in wanted]), slow, wanted)
 
 
 @orders
@@ -327,12 +243,12 @@ def test_a_text_that_is_not_utf8_harms_only_who_asks_for_it(order):
     definition, (whole,) = pack("string s\nuint16 end\n", [{"s": "ab", "end": 9}], order)
     broken = whole.replace(b"ab", b"\xe4b")
     decoder = Decoder(definition)
-    assert decoder.columns([broken], [Request("end", "end", "number")])[0][0].tolist() == [9]
+    assert decoder.columns(of_payloads([broken]), [Request("end", "end", "number")])[0][0].tolist() == [9]
     with pytest.raises(UndecodableError):
-        decoder.columns([broken], [Request("s", "s", "text")])
+        decoder.columns(of_payloads([broken]), [Request("s", "s", "text")])
 
 
 def test_an_encapsulation_that_is_not_plain_cdr():
     definition, (whole,) = pack("int32 a\n", [{"a": 1}], "<")
     with pytest.raises(UndecodableError, match="encapsulation"):
-        Decoder(definition).columns([b"\x00\x07" + whole[2:]], [Request("a", "a", "number")])
+        Decoder(definition).columns(of_payloads([b"\x00\x07" + whole[2:]]), [Request("a", "a", "number")])

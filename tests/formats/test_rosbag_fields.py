@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 
 from formats.errors import DamagedError, FormatError
-from formats.rosbag import open_bag, source
+from formats.rosbag import open_bag
 from formats.table import LOG_TIME, STAMP, Labels
 
 JOINTS, FLOAT = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
@@ -224,14 +224,6 @@ def test_a_stamp_is_that_of_a_header_at_the_beginning(tmp_path):
     (batch,) = opened.read("/late", ["header.stamp"])
     assert np.isnat(batch[STAMP]).all()
     assert batch["header.stamp"].astype(int).tolist() == [3 * 10**9]
-
-
-def test_large_messages_end_a_batch_early(tmp_path, monkeypatch):
-    monkeypatch.setattr(source, "BATCH_BYTES", 10_000)
-    rows = [("/image", "sensor_msgs/msg/Image", i, {"height": i, "data": bytes(4_000)}) for i in range(10)]
-    batches = list(bag(tmp_path, rows).read("/image", ["height"]))
-    assert [len(batch["height"]) for batch in batches] == [3, 3, 3, 1]
-    assert np.concatenate([batch["height"] for batch in batches]).tolist() == list(range(10))
 
 
 @pytest.fixture

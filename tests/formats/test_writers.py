@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from formats import CannotWriteError, FormatError, check_crs, output_kind, replacing, write_table
 from formats.output.wkt import parse
 
-ENDINGS = ["csv", "parquet", "json", "geojson", "gpkg"]
+ENDINGS = ["csv", "parquet", "json", "geojson", "gpkg", "geojsonl", "geojsons"]
 
 LINE = "LINESTRING (137.4 -4.5, 137.4000001 -4.6)"
 POINT = "POINT (137.5 -4.7)"
@@ -80,8 +80,13 @@ def test_parquet(columns, tmp_path):
         "double",
         "double",
         "string",
+        "binary",
     ]
-    assert [list(row.values()) for row in table.to_pylist()] == ROWS
+    assert [list(row.values())[:-1] for row in table.to_pylist()] == ROWS
+    # The text stays, for readers that do not know GeoParquet.
+    assert [shape and parse(shape).wkb() for shape in table["WKT"].to_pylist()] == table[
+        "geometry"
+    ].to_pylist()
     assert table["k_mm"].null_count == 4
 
 
@@ -181,7 +186,7 @@ def test_well_known_text_that_is_empty_or_wrong():
             parse(text)
 
 
-@pytest.mark.parametrize("ending", ["geojson", "gpkg"])
+@pytest.mark.parametrize("ending", ["geojson", "gpkg", "parquet", "geojsonl", "geojsons"])
 @pytest.mark.parametrize("crs", ["EPSG:999999", "Mars"])
 def test_unknown_reference_system(columns, tmp_path, ending, crs):
     with pytest.raises(FormatError, match=f"{crs}: GDAL knows no such reference system") as caught:
@@ -201,7 +206,7 @@ def test_kind_by_ending(tmp_path):
         with pytest.raises(CannotWriteError, match="is not known") as caught:
             output_kind(name)
         assert caught.value.exit_code == 73
-        assert ".csv, .parquet, .json, .geojson, .gpkg" in caught.value.hint
+        assert ".csv, .parquet, .json, .geojson, .gpkg, .geojsonl, .geojsons" in caught.value.hint
     with pytest.raises(CannotWriteError, match="gpkg needs a file"):
         write_table({"a": [1]}, "-", kind="gpkg")
 

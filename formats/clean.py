@@ -1,0 +1,116 @@
+"""Tables of text in which nothing is odd: parsed to numbers at once, pieces of them side by side.
+
+The parser of `delimited` tells of every odd row, for which it must work through the file in one
+thread and make texts, that become numbers afterwards. Here each piece goes to a thread, which makes
+numbers of its cells while it parses. On two cores that is 2 to 3 times as fast.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pc
+
+from formats.cells import EXACT, MISSING_SPELLINGS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from formats.streams import TextStream
+
+#: More bytes fall out of the processor's cache, fewer are not worth a thread's while.
+_PIECE_BYTES = 1 << 20
+#: A line that is longer than this is no row of numbers.
+_LONGEST_LINE = 1 << 18
+_THREADS = 2
+
+
+class OddError(Exception):
+    """There is something that needs the texts of cells, or their rows looked at."""
+
+
+def columns(
+    stream: TextStream, delimiter: str, width: int, kinds: Mapping[int, pa.DataType]
+) -> Iterator[list[pa.Array]]:
+    """Read some columns of the rows that a stream still has.
+
+    Parameters
+    ----------
+    stream : TextStream
+    delimiter : str
+    width : int
+        Number of columns of the table.
+    kinds : mapping of int to DataType
+        Place of a column → its type: float64 or string.
+
+    Yields
+    ------
+    list of pyarrow.Array
+        In the order of `kinds`, with nothing left out so far.
+
+    Raises
+    ------
+    OddError
+        A row has more or fewer cells, a cell of a number is none, float64 would lose digits of it,
+        or there are quote marks or NUL bytes. What was yielded before is right.
+    """
+    names = [str(place) for place in range(width)]
+    convert = pc.ConvertOptions(
+        include_columns=[names[place] for place in kinds],
+        column_types={names[place]: kind for place, kind in kinds.items()},
+        strings_can_be_null=True,
+        null_values=list(MISSING_SPELLINGS),
+    )
+    parse = partial(_parse, names=names, delimiter=delimiter, convert=convert)
+    with ThreadPoolExecutor(_THREADS) as pool:
+        waiting: deque[Future[list[pa.Array]]] = deque()
+        for piece in _pieces(stream):
+            waiting.append(pool.submit(parse, piece))
+            if len(waiting) > _THREADS:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def _pieces(stream: TextStream) -> Iterator[bytes]:
+    """Cut a stream after ends of lines."""
+    rest = b""
+    while data := stream.read(_PIECE_BYTES):
+        end = data.rfind(b"\n") + 1
+        if b'"' in data or stream.nul_bytes or len(data) - end > _LONGEST_LINE:
+            raise OddError
+        if end:
+            yield rest + data[:end]
+            rest = data[end:]
+        else:
+            rest += data
+    if rest:
+        yield rest
+
+
+def _parse(
+    piece: bytes, *, names: Sequence[str], delimiter: str, convert: pc.ConvertOptions
+) -> list[pa.Array]:
+    try:
+        table = pc.read_csv(
+            pa.BufferReader(piece),
+            read_options=pc.ReadOptions(
+                use_threads=False, block_size=len(piece) + 1, column_names=list(names)
+            ),
+            parse_options=pc.ParseOptions(delimiter=delimiter, quote_char=False),
+            convert_options=convert,
+        ).combine_chunks()
+    except pa.ArrowInvalid as error:
+        raise OddError from error
+    found = [column.chunk(0) if column.num_chunks else pa.array([], column.type) for column in table.columns]
+    for cells in found:
+        if pa.types.is_floating(cells.type):
+            values = cells.to_numpy(zero_copy_only=False)
+            if (np.abs(values) >= EXACT).any():
+                raise OddError
+    return found

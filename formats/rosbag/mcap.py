@@ -1,0 +1,145 @@
+"""MCAP files, read through their index in bulk."""
+
+from __future__ import annotations
+
+import struct
+from contextlib import closing
+from functools import partial
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from rosbags.rosbag2.storage_mcap import McapReader, decompress
+
+from formats.rosbag.chunks import RUN_BYTES, Chunk, runs
+from formats.rosbag.messages import collected, numbers_at
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+    from numpy.typing import NDArray
+    from rosbags.rosbag2.storage_mcap import ChunkInfo
+
+    from formats.rosbag.chunks import Run
+    from formats.rosbag.messages import Index
+
+_ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
+#: Opcode and length of a record; before the entries of an index its channel and their length in
+#: bytes; before a payload channel, sequence, log time and time of publication.
+_RECORD, _INDEX, _MESSAGE = 9, 6, 22
+_MESSAGE_CODE = 0x05
+
+
+class McapFile(McapReader):
+    """One file. Its summary is read by rosbags, its messages here.
+
+    Parameters
+    ----------
+    path : Path
+    """
+
+    entry = _ENTRY
+
+    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
+        """Read the messages of some connections.
+
+        Parameters
+        ----------
+        wanted : collection of int
+            Their numbers.
+        size : int
+            As for `chunks.runs`.
+
+        Yields
+        ------
+        dict of int to Messages
+        """
+        if self.bio is None:
+            raise ValueError("not open")
+        if not self.chunks:
+            yield from self._walked(wanted, size)
+            return
+        chunks = [
+            Chunk(
+                chunk.chunk_start_offset,
+                chunk.chunk_length,
+                partial(_unpack, chunk),
+                bool(chunk.compression),
+                chunk.message_start_time,
+                self._index(chunk),
+            )
+            for chunk in sorted(self.chunks, key=lambda chunk: chunk.chunk_start_offset)
+        ]
+        yield from runs(self.bio, chunks, wanted, self, size)
+
+    def open(self) -> None:
+        """Read the summary, and see what the indexes span."""
+        #: First and last log time of each connection that an index mentions, by its number.
+        self.spans: dict[int, tuple[int, int]] = {}
+        super().open()
+        if len({chunk.chunk_start_offset for chunk in self.chunks}) < len(self.chunks):
+            # A few bytes of index could make this unpack one chunk without end.
+            raise ValueError("its index names a chunk twice")
+        for chunk in self.chunks:
+            for connection, begin, count in self._index(chunk) or ():
+                if self.bio is not None and count > 0:
+                    self.bio.seek(begin)
+                    times, _ = self.entries(np.frombuffer(self.bio.read(count * _ENTRY.itemsize), _ENTRY))
+                    first, last = int(times.min()), int(times.max())
+                    start, end = self.spans.get(connection, (first, last))
+                    self.spans[connection] = min(start, first), max(end, last)
+
+    def _walked(self, wanted: Collection[int], size: int) -> Iterator[Run]:
+        """Read a file without chunks, message by message, in the order of the file."""
+        # Topics read by turns would disturb each other, for rosbags walks a file with the one
+        # position it has; and its messages() wants the log times in order.
+        walker = McapReader(self.path)
+        walker.open()
+        with closing(walker):
+            found = walker.messages_scan([c for c in self.connections if c.id in wanted])
+            yield from collected(((connection.id, time, data) for connection, time, data in found), size)
+
+    @staticmethod
+    def _index(chunk: ChunkInfo) -> tuple[tuple[int, int, int], ...] | None:
+        if not chunk.message_index_offsets:
+            return None
+        return tuple(
+            (connection, offset + _RECORD + _INDEX, chunk.channel_count.get(connection, 0))
+            for connection, offset in chunk.message_index_offsets.items()
+        )
+
+    def entries(self, of: NDArray[Any]) -> tuple[Index, Index]:
+        """Return log times in ns and places in the chunk; see `chunks.Layout`."""
+        return of["time"].astype(np.int64), of["place"].astype(np.int64)
+
+    def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
+        """Return starts and sizes of payloads; see `chunks.Layout`."""
+        right = numbers_at(buffer, records, "|u1") == _MESSAGE_CODE
+        right &= numbers_at(buffer, records + _RECORD, "<u2") == connection
+        right &= numbers_at(buffer, records + _RECORD + 6, "<i8") == times
+        if not right.all():
+            raise ValueError("an index and the message it points at differ")
+        return records + _RECORD + _MESSAGE, numbers_at(buffer, records + 1, "<i8") - _MESSAGE
+
+    def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
+        """Make the index of a chunk that has none; see `chunks.Layout`."""
+        found: dict[int, list[tuple[int, int]]] = {}
+        at = 0
+        while at < len(chunk):
+            code, length = struct.unpack_from("<BQ", chunk, at)
+            if code == _MESSAGE_CODE:
+                connection, _, time = struct.unpack_from("<HIQ", chunk, at + _RECORD)
+                found.setdefault(connection, []).append((time, at))
+            at += _RECORD + length
+        return {connection: np.array(entries, _ENTRY) for connection, entries in found.items()}
+
+
+def _unpack(chunk: ChunkInfo, record: bytes) -> bytes | memoryview:
+    """Return the messages in the record of a chunk, decompressed and checked."""
+    # First and last log time, size, checksum, name of the compression, stored size.
+    _, _, size, checksum, letters = struct.unpack_from("<QQQII", record, _RECORD)
+    (stored,) = struct.unpack_from("<Q", record, begin := _RECORD + 32 + letters)
+    contents = memoryview(record)[begin + 8 :]
+    if (size, stored) != (chunk.uncompressed_size, chunk.compressed_size) or stored > len(contents):
+        raise ValueError("a chunk is not as its index says")
+    # Whatever it is packed in, rosbags takes any bytes.
+    return decompress(cast("bytes", contents[:stored]), chunk.compression, size, checksum)

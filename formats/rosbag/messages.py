@@ -1,0 +1,164 @@
+"""Raw messages of one connection, many at a time: where each lies in one buffer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Messages:
+    """Messages of one connection, in the order of their log times.
+
+    Parameters
+    ----------
+    buffer : bytes
+        May hold more than these messages.
+    starts, sizes : ndarray of int64, shape (n,)
+        Of each payload, in bytes.
+    times : ndarray of int64, shape (n,)
+        Log times, ns.
+    order : ndarray of int64, shape (n,)
+        Rising with the place in the file: what decides between equal times.
+    """
+
+    buffer: bytes
+    starts: Index
+    sizes: Index
+    times: Index
+    order: Index
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def payload(self, row: int) -> bytes:
+        """Return one message.
+
+        Parameters
+        ----------
+        row : int
+
+        Returns
+        -------
+        bytes
+        """
+        start = int(self.starts[row])
+        return bytes(self.buffer[start : start + int(self.sizes[row])])
+
+    def take(self, rows: Index | NDArray[np.bool_] | slice) -> Messages:
+        """Return some of them, in the same buffer.
+
+        Parameters
+        ----------
+        rows : ndarray or slice
+
+        Returns
+        -------
+        Messages
+        """
+        return Messages(self.buffer, self.starts[rows], self.sizes[rows], self.times[rows], self.order[rows])
+
+    def sorted(self) -> Messages:
+        """Return them in the order of their log times, equal ones in that of the file.
+
+        Returns
+        -------
+        Messages
+        """
+        later = self.times[1:] > self.times[:-1]
+        later |= (self.times[1:] == self.times[:-1]) & (self.order[1:] > self.order[:-1])
+        return self if later.all() else self.take(np.lexsort((self.order, self.times)))
+
+
+def of_payloads(
+    payloads: Sequence[bytes], times: Sequence[int] | None = None, order: Sequence[int] | None = None
+) -> Messages:
+    """Join single messages.
+
+    Parameters
+    ----------
+    payloads : sequence of bytes
+    times : sequence of int, optional
+        Log times in ns; zero if not given.
+    order : sequence of int, optional
+        As in `Messages`; rising by one if not given.
+
+    Returns
+    -------
+    Messages
+
+    Raises
+    ------
+    OverflowError
+        A time is beyond the year 2262.
+    """
+    rows = len(payloads)
+    sizes = np.fromiter(map(len, payloads), np.int64, rows)
+    clock = np.zeros(rows, np.int64) if times is None else np.array(times, dtype=np.int64)
+    places = np.arange(rows) if order is None else np.array(order, dtype=np.int64)
+    return Messages(b"".join(payloads), np.cumsum(sizes) - sizes, sizes, clock, places)
+
+
+def collected(
+    messages: Iterable[tuple[int, int, bytes]], size: int, most: int = 64
+) -> Iterator[dict[int, Messages]]:
+    """Collect single messages by connection.
+
+    Parameters
+    ----------
+    messages : iterable of (int, int, bytes)
+        Number of the connection, log time in ns and payload.
+    size : int
+        Bytes after which those collected are yielded.
+    most : int
+        Messages that are taken before their bytes are counted.
+
+    Yields
+    ------
+    dict of int to Messages
+    """
+    rows = iter(messages)
+    done = 0
+    while waiting := list(islice(rows, most)):
+        held = sum(len(row[2]) for row in waiting)
+        while held < size and (more := list(islice(rows, most))):
+            waiting += more
+            held += sum(len(row[2]) for row in more)
+        connections, times, payloads = zip(*waiting, strict=True)
+        joined = of_payloads(payloads, times, range(done, done + len(waiting)))
+        done += len(waiting)
+        numbers = np.array(connections)
+        yield {int(number): joined.take(numbers == number) for number in np.unique(numbers)}
+
+
+def numbers_at(buffer: bytes | NDArray[np.uint8], places: Index, code: str) -> NDArray[Any]:
+    """Read a number at each of some places, wherever they are.
+
+    Parameters
+    ----------
+    buffer : bytes
+    places : ndarray of int64, shape (n,)
+    code : str
+        NumPy's, such as "<u4".
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    IndexError
+        A place is beyond the buffer.
+    """
+    count = max(0, len(buffer) - int(code[2:]) + 1)
+    return np.asarray(np.ndarray((count,), code, buffer, strides=(1,))[places])

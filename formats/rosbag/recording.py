@@ -1,0 +1,158 @@
+"""Which files a bag stands for: itself, or those of the folder that rosbag2 wrote."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from ruamel.yaml import YAML
+
+from formats.errors import DamagedError, FormatError, NotFoundError
+from formats.limits import METADATA_BYTES, TooMuchError, unpacked_limit
+from formats.rosbag.damage import damaged
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+if TYPE_CHECKING:
+    from contextlib import ExitStack
+
+    from formats.salvage import Recovery
+
+_BLOCK = 1 << 20
+#: A file of a recording is never larger than this, however it is packed.
+_LARGEST = 1 << 40
+
+
+class Recording:
+    """The files of a bag, unpacked where they were packed as a whole.
+
+    Parameters
+    ----------
+    path : str
+        A file, or the folder of a rosbag2 recording.
+    kind : {"ros1", "mcap", "db3"}
+    stack : ExitStack
+        Removes what was unpacked.
+    salvage : bool
+        Go on where metadata.yaml is damaged, files are missing or packed data are cut off.
+
+    Attributes
+    ----------
+    files : list of Path
+    remarks, damage : list of str
+    missing : bool
+        Files are not there.
+    compressed_messages : bool
+        Each message is packed by itself.
+    """
+
+    def __init__(self, path: str, kind: str, stack: ExitStack, *, salvage: bool) -> None:
+        self.path, self.kind = path, kind
+        self.remarks: list[str] = []
+        self.damage: list[str] = []
+        self.missing = False
+        self.compressed_messages = False
+        self._salvage = salvage
+        self._told: dict[str, Any] = {}
+        folder = Path(path)
+        self.files = [folder]
+        if folder.is_dir():
+            self.files, mode = self._listed(folder)
+            self.compressed_messages = mode == "message"
+            if mode == "file":
+                self.files = self._unpack(stack)
+
+    def complete(self, recovery: Recovery) -> None:
+        """Fill in what metadata.yaml tells of the log as a whole.
+
+        Parameters
+        ----------
+        recovery : Recovery
+            Of all files.
+        """
+        try:
+            count = int(self._told["message_count"])
+            start = int(self._told["starting_time"]["nanoseconds_since_epoch"])
+            end = start + int(self._told["duration"]["nanoseconds"])
+        except (KeyError, TypeError, ValueError):
+            return
+        if recovery.damage and recovery.expected is None and count >= recovery.read:
+            recovery.expected = count
+        recovery.lost = [
+            (begin, end if last is None and begin is not None and begin <= end else last)
+            for begin, last in recovery.lost
+        ]
+
+    def _listed(self, folder: Path) -> tuple[list[Path], str]:
+        """Return the files of a folder, and what of them is packed: "none", "file" or "message"."""
+        metadata = folder / "metadata.yaml"
+        if not metadata.exists():
+            self.remarks.append("metadata.yaml is missing; every bag file in the folder is read")
+            return self._found(folder), "none"
+        try:
+            self._told = _load(metadata)
+            # Older versions wrote the paths with the folder in front.
+            files = [folder / PurePosixPath(name).name for name in self._told["relative_file_paths"]]
+            mode = str(self._told.get("compression_mode") or "none").lower()
+            compression = str(self._told.get("compression_format") or "")
+        except Exception as error:  # ruamel.yaml has no common class for what it raises
+            if not self._salvage:
+                raise damaged(str(metadata), self.kind, error) from error
+            self.damage.append("metadata.yaml is damaged; every bag file in the folder is read")
+            return self._found(folder), "none"
+        if missing := [file.name for file in files if not file.is_file()]:
+            text = f"metadata.yaml names files that are not there: {', '.join(missing)}"
+            files = [file for file in files if file.is_file()]
+            if not (self._salvage and files):
+                raise NotFoundError(self.path, text)
+            self.damage.append(text)
+            self.missing = True
+        if mode != "none" and compression != "zstd":
+            raise FormatError(self.path, f"compressed with {compression!r}; only zstd can be read")
+        return files, mode
+
+    def _found(self, folder: Path) -> list[Path]:
+        # Split recordings are numbered: run_9 comes before run_10.
+        files = sorted(folder.glob(f"*.{self.kind}"), key=lambda file: (len(file.name), file.name))
+        if not files:
+            raise NotFoundError(self.path, f"the folder has neither metadata.yaml nor a {self.kind} file")
+        return files
+
+    def _unpack(self, stack: ExitStack) -> list[Path]:
+        folder = Path(stack.enter_context(TemporaryDirectory(prefix="bag-")))
+        unpacked = []
+        for file in self.files:
+            target = folder / file.stem
+            try:
+                self._unpack_file(file, target)
+            except (zstd.ZstdError, EOFError, TooMuchError) as error:
+                if not self._salvage or isinstance(error, TooMuchError):
+                    raise damaged(str(file), self.kind, error) from error
+                self.damage.append(f"{file.name}: its zstd data are cut off or damaged")
+            unpacked.append(target)
+        return unpacked
+
+    @staticmethod
+    def _unpack_file(file: Path, target: Path) -> None:
+        limit = unpacked_limit(file.stat().st_size, _LARGEST)
+        size = 0
+        with zstd.open(file, "rb") as source, target.open("wb") as sink:
+            while block := source.read(_BLOCK):
+                size += len(block)
+                if size > limit:
+                    raise TooMuchError(f"it unpacks to more than {limit:,} bytes")
+                sink.write(block)
+
+
+def _load(metadata: Path) -> dict[str, Any]:
+    with metadata.open("rb") as file:
+        text = file.read(METADATA_BYTES + 1)
+    if len(text) > METADATA_BYTES:
+        raise DamagedError(str(metadata), f"is longer than {METADATA_BYTES:,} bytes")
+    content: dict[str, Any] = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
+    return content

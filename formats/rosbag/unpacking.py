@@ -1,0 +1,121 @@
+"""Chunks and messages unpacked within bounds: a few bytes must not become gigabytes."""
+
+from __future__ import annotations
+
+import sys
+from bz2 import BZ2Decompressor
+from typing import TYPE_CHECKING, Any
+
+import lz4.frame  # type: ignore[import-untyped]
+from rosbags.rosbag1 import reader as rosbag1
+from rosbags.rosbag2 import storage_mcap
+
+from formats.limits import CHUNK_BYTES, TooMuchError, unpacked_limit
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_MAKERS: dict[str, Callable[[], Any]] = {
+    "lz4": lz4.frame.LZ4FrameDecompressor,
+    "zstd": zstd.ZstdDecompressor,
+    "bz2": BZ2Decompressor,
+}
+
+#: LZ4 packs 255 times at its best: as much as this cannot become more than 1 GiB.
+_LZ4_AT_ONCE = 4 << 20
+
+
+def unpack(packed: bytes | memoryview, packing: str) -> bytes:
+    """Unpack a chunk or a message.
+
+    Parameters
+    ----------
+    packed : bytes-like
+    packing : {"lz4", "zstd", "bz2", "none", ""}
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    TooMuchError
+        It becomes more than `formats.limits.unpacked_limit` allows.
+    ValueError
+        It is cut off, or packed in an unknown way.
+    Exception
+        What the library below says of corrupt bytes.
+    """
+    if packing in {"", "none"}:
+        return bytes(packed)
+    if packing not in _MAKERS:
+        raise ValueError(f"packed with {packing[:40]!r}, which is not known")
+    limit = unpacked_limit(len(packed))
+    parts, size, rest = [], 0, bytes(packed)
+    while rest:
+        if packing == "lz4" and len(rest) <= _LZ4_AT_ONCE and _claimed(rest) <= limit - size:
+            part, rest = _lz4_frame(rest)
+            size += len(part)
+        else:
+            unpacker = _MAKERS[packing]()
+            part = unpacker.decompress(rest, max_length=limit - size + 1)
+            size += len(part)
+            if size <= limit and not unpacker.eof:
+                raise ValueError(f"its {packing} data end too early")
+            rest = unpacker.unused_data or b""
+        if size > limit:
+            ratio = "" if limit == CHUNK_BYTES else f", from {len(packed):,} packed with {packing}"
+            raise TooMuchError(f"a chunk unpacks to more than {limit:,} bytes{ratio}")
+        parts.append(part)
+    return b"".join(parts)
+
+
+def _lz4_frame(data: bytes) -> tuple[bytes, bytes]:
+    """Unpack one frame in half the time of a decompressor; return what follows it too."""
+    try:
+        part, read = lz4.frame.decompress(data, return_bytes_read=True)
+    except RuntimeError as error:
+        if "incomplete" in str(error):
+            raise ValueError("its lz4 data end too early") from error
+        raise
+    return part, data[read:]
+
+
+def _claimed(data: bytes) -> int:
+    """Return the size that a frame states, if any: lz4 makes room for it at once, be it true or not."""
+    return int.from_bytes(data[6:14], "little") if len(data) > 4 and data[4] & 0x08 else 0
+
+
+def unpacks(packed: bytes, packing: str) -> bool:
+    """Tell whether something can be unpacked.
+
+    Parameters
+    ----------
+    packed : bytes
+    packing : str
+        As for `unpack`.
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        unpack(packed, packing)
+    except Exception:  # noqa: BLE001 - the libraries raise anything
+        return False
+    return True
+
+
+def bound_rosbags() -> None:
+    """Let rosbags' readers unpack within the same bounds: its own unpacking has none."""
+    storage_mcap.DECOMPRESSORS.update(
+        {packing: lambda data, _, packing=packing: unpack(data, packing) for packing in ("lz4", "zstd")}  # type: ignore[misc]
+    )
+    rosbag1.decompressors.update(
+        {packing: lambda data, packing=packing: unpack(data, packing) for packing in ("lz4", "bz2")}  # type: ignore[misc]
+    )

@@ -1,0 +1,47 @@
+"""What can be read of files that are cut off, damaged or without their index.
+
+Knows what whole files look like; what reads those is in the modules beside this package. Nothing is
+guessed: a message is given as it was recorded, or not at all.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from formats.salvage.recovery import Recovery, told
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from formats.salvage.pieces import SalvagedFile
+
+__all__ = ["HINT", "Recovery", "salvaged", "told"]
+
+#: What to do about a damaged file.
+HINT = "add --salvage to read what is left of it"
+
+
+def salvaged(file: Path, kind: str) -> SalvagedFile:
+    """Return what reads one damaged file of a bag.
+
+    Parameters
+    ----------
+    file : Path
+    kind : {"ros1", "mcap", "db3"}
+
+    Returns
+    -------
+    SalvagedFile
+        Not opened yet.
+    """
+    if kind == "ros1":
+        from formats.salvage.ros1 import SalvagedRos1
+
+        return SalvagedRos1(file)
+    if kind == "mcap":
+        from formats.salvage.mcap import SalvagedMcap
+
+        return SalvagedMcap(file)
+    from formats.salvage.db3 import SalvagedDb3
+
+    return SalvagedDb3(file)

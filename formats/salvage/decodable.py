@@ -1,0 +1,98 @@
+"""Salvaged messages that follow their definition; the others are set aside."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from formats.rosbag.columns import Request, elements_of
+from formats.rosbag.cursor import UnevenError, gather
+from formats.rosbag.decoder import UndecodableError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from formats.rosbag.chunks import Run
+    from formats.rosbag.decoder import Decoder
+    from formats.rosbag.definitions import Leaf
+    from formats.rosbag.messages import Messages
+    from formats.salvage.recovery import Recovery
+
+
+class Decodable:
+    """Sets aside the messages of a damaged bag that cannot be decoded.
+
+    Parameters
+    ----------
+    recovery : Recovery
+        Where they are counted.
+    remarks : list of str
+        Begins with what `recovery` has to say, and is kept up to date.
+    """
+
+    def __init__(self, recovery: Recovery, remarks: list[str]) -> None:
+        self._recovery = recovery
+        self._remarks = remarks
+        self._told = recovery.sentences()
+        self._known: set[tuple[int, int]] = set()
+        remarks[:0] = self._told
+
+    def only(self, runs: Iterable[Run], decoders: Mapping[int, Decoder]) -> Iterator[Run]:
+        """Leave out of each run what cannot be decoded.
+
+        Parameters
+        ----------
+        runs : iterable of dict
+        decoders : mapping of int to Decoder
+
+        Yields
+        ------
+        dict of int to Messages
+        """
+        for run in runs:
+            kept = {place: self._kept(place, messages, decoders[place]) for place, messages in run.items()}
+            yield {place: messages for place, messages in kept.items() if len(messages)}
+
+    def _kept(self, place: int, messages: Messages, decoder: Decoder) -> Messages:
+        if not len(messages):
+            return messages
+        try:
+            gather(decoder.definition, messages, _texts(decoder, messages))
+        except (UnevenError, UndecodableError):
+            right = np.array([_decodes(decoder, messages, row) for row in range(len(messages))])
+            self._note(place, messages.order[~right].tolist())
+            return messages.take(right)
+        return messages
+
+    def _note(self, place: int, orders: list[int]) -> None:
+        new = {(place, order) for order in orders} - self._known
+        if not new:
+            return
+        self._known |= new
+        self._recovery.aside += len(new)
+        self._recovery.read -= len(new)
+        for sentence in self._told:
+            self._remarks.remove(sentence)
+        self._told = self._recovery.sentences()
+        self._remarks[:0] = self._told
+
+
+def _texts(decoder: Decoder, messages: Messages) -> list[tuple[Leaf, Request]]:
+    """Ask for every text of the messages: numbers are right in any bytes, texts are not."""
+    leaves = decoder.definition.leaves.values()
+    wanted = [(leaf, Request(leaf.name, leaf.name, "text")) for leaf in leaves if leaf.kind == "text"]
+    if lists := [leaf for leaf in leaves if leaf.kind == "texts"]:
+        first = decoder.message(messages.payload(0))
+        for leaf in lists:
+            places = range(len(elements_of(first, leaf)[0]))
+            wanted += [(leaf, Request(f"{leaf.name}[{place}]", leaf.name, "text", place)) for place in places]
+    return wanted
+
+
+def _decodes(decoder: Decoder, messages: Messages, row: int) -> bool:
+    try:
+        decoder.message(messages.payload(row))
+    except UndecodableError:
+        return False
+    return True

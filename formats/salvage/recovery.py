@@ -1,0 +1,203 @@
+"""What was saved of a damaged file, and what was lost: in words, and for machines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+NS = 1e-9
+#: Damage of one kind is told so many times.
+_TOLD = 3
+
+
+#: How the sentences begin that tell of it.
+_BEGINNINGS = ("damaged: ", "salvaged: ", "lost: ")
+
+
+def told(remarks: Iterable[str]) -> list[str]:
+    """Return the remarks that tell what was saved and what was lost.
+
+    Parameters
+    ----------
+    remarks : iterable of str
+
+    Returns
+    -------
+    list of str
+    """
+    return [remark for remark in remarks if remark.startswith(_BEGINNINGS)]
+
+
+@dataclass
+class Recovery:
+    """What was found in a file that was read with salvage.
+
+    Parameters
+    ----------
+    what : str
+        What is counted: "messages", "rows" or "parts".
+    damage : list of str
+        What is wrong with the file, in the order of its bytes; nothing for a whole file.
+    read : int
+        Messages or rows that can be read.
+    expected : int, optional
+        How many there were, where something tells it.
+    aside : int
+        Messages that are there, but cannot be trusted or decoded.
+    bytes_read, bytes_expected : int, optional
+        Of the file: those that made sense, and those it had when it was whole (or has, where that
+        cannot be known).
+    whole_known : bool
+        `bytes_expected` is the size of the whole file.
+    lost : list of (int or None, int or None)
+        Stretches of log time without what was lost, in ns; None where an end is not known.
+    first : int, optional
+        The least log time that can be read, in ns.
+    goes_on : int, optional
+        A log time that was reached at least, where the end is not known, in ns.
+    checked : bool
+        Checksums in the file vouch for each value. Otherwise a changed byte inside a value cannot be
+        seen.
+    """
+
+    what: str = "messages"
+    damage: list[str] = field(default_factory=list)
+    read: int = 0
+    expected: int | None = None
+    aside: int = 0
+    bytes_read: int = 0
+    bytes_expected: int | None = None
+    whole_known: bool = False
+    lost: list[tuple[int | None, int | None]] = field(default_factory=list)
+    first: int | None = None
+    goes_on: int | None = None
+    checked: bool = False
+
+    @property
+    def damaged(self) -> bool:
+        """Something is wrong with the file."""
+        return bool(self.damage or self.aside)
+
+    @property
+    def fraction(self) -> float | None:
+        """Share of the messages or rows that was saved, of the bytes where their number is not known."""
+        if not self.damaged:
+            return 1.0
+        if self.expected:
+            return min(1.0, self.read / self.expected)
+        if self.bytes_expected:
+            return min(1.0, self.bytes_read / self.bytes_expected)
+        return None
+
+    @property
+    def lost_s(self) -> float | None:
+        """Seconds without what was lost; None where that cannot be known."""
+        if any(start is None or end is None for start, end in self.lost):
+            return None
+        return sum((end - start) * NS for start, end in self.lost if start is not None and end is not None)
+
+    @property
+    def lost_at_least_s(self) -> float:
+        """Seconds that are known to be without what was lost."""
+        ends = [(start, self.goes_on if end is None else end) for start, end in self.lost]
+        return sum((end - start) * NS for start, end in ends if start is not None and end is not None)
+
+    def add(self, other: Recovery) -> None:
+        """Take in what was found in another file of the same log.
+
+        Parameters
+        ----------
+        other : Recovery
+        """
+        self.damage += other.damage
+        self.checked = self.checked and other.checked
+        known = self.expected is not None and other.expected is not None
+        self.expected = (self.expected or 0) + (other.expected or 0) if known else None
+        for name in ("read", "aside", "bytes_read"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        if other.bytes_expected is not None:
+            self.bytes_expected = (self.bytes_expected or 0) + other.bytes_expected
+        self.whole_known = self.whole_known and other.whole_known
+        if self.lost and other.first is not None:
+            # What is missing at the end of a file is missing until the next begins.
+            start, end = self.lost[-1]
+            self.lost[-1] = start, max(other.first, start or 0) if end is None else end
+        self.lost += other.lost
+        self.goes_on = other.goes_on
+
+    def sentences(self) -> list[str]:
+        """Tell a person.
+
+        Returns
+        -------
+        list of str
+            Nothing for a whole file.
+        """
+        if not self.damaged:
+            return []
+        more = len(self.damage) - _TOLD
+        lines = [f"damaged: {text}" for text in self.damage[:_TOLD]]
+        if more > 0:
+            lines.append(f"damaged: and {more} more places")
+        lines.append(f"salvaged: {self.read:,} {self.what}{self._share()}")
+        if self.aside:
+            lines.append(f"salvaged: {self.aside:,} {self.what} set aside, which contradict themselves")
+        if self.lost:
+            lines.append(f"lost: {self._time_lost()}")
+        if not self.checked:
+            lines.append("no checksum vouches for the values: a changed byte in one cannot be seen")
+        return lines
+
+    def _share(self) -> str:
+        share = self.fraction
+        if share is None:
+            return ""
+        # Never 100 % of what is not whole.
+        percent = f"{min(100 * share, 99.9):.1f} %"
+        if self.expected:
+            return f" of {self.expected:,} ({percent})"
+        if self.whole_known:
+            return f", from {percent} of the bytes of the whole file"
+        return f", from {percent} of the bytes that are there; how many there were is not known"
+
+    def _time_lost(self) -> str:
+        if self.lost_s is not None:
+            stretches = len(self.lost)
+            return f"{self.lost_s:.3f} s in {stretches} stretch{'es' * (stretches != 1)} of the log"
+        least = self.lost_at_least_s
+        told = f"at least {least:.3f} s, and " if least else ""
+        where = (
+            "what is missing" if any(start is None for start, _ in self.lost) else "what came after the last"
+        )
+        return f"{told}{where}; how much that was cannot be known"
+
+    def document(self) -> dict[str, Any]:
+        """Tell a machine.
+
+        Returns
+        -------
+        dict
+            Ready for JSON; null where not known.
+        """
+        return {
+            "damage": list(self.damage),
+            "what": self.what,
+            "read": self.read,
+            "expected": self.expected,
+            "set_aside": self.aside,
+            "fraction": self.fraction,
+            "fraction_of": (
+                self.what
+                if self.expected or not self.damaged
+                else "bytes"
+                if self.whole_known
+                else "bytes that are there"
+            ),
+            "lost_s": self.lost_s if self.lost or not self.damaged else None,
+            "lost_at_least_s": self.lost_at_least_s,
+            "lost": [[None if end is None else end * NS for end in stretch] for stretch in self.lost],
+            "checked": self.checked,
+        }

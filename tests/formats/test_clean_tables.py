@@ -1,0 +1,111 @@
+"""Tables of text read as numbers at once give what reading their texts gives, however odd they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from formats import clean
+from formats.delimited import DelimitedSource
+from formats.errors import FormatError
+from formats.table import Labels
+
+numbers = st.one_of(
+    st.floats(allow_nan=False).map(repr),
+    st.integers(-(2**62), 2**62).map(str),
+    st.integers(-99, 99).map(str),
+    st.sampled_from(["1e400", "-0", "+5", " 7", "7 ", "inf", "-Infinity", ".5", "5.", "1E5", "0x10"]),
+)
+cells = st.one_of(
+    numbers, numbers, numbers, st.sampled_from(["", "NaN", "nan", "NULL", "-nan", "x", '"3"', '"', "1,5"])
+)
+row = st.lists(numbers, min_size=3, max_size=3)
+odd = st.lists(cells, min_size=1, max_size=5)
+ends = st.sampled_from(["\n", "\n", "\n", "\r\n", "\n\n"])
+
+
+def read(path, *, at_once, batch_rows=7):
+    """Return columns, remarks and rows set aside, or the error."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(clean, "_PIECE_BYTES", 64)
+        if not at_once:
+
+            def refuse(*_):
+                raise clean.OddError
+                yield
+
+            patch.setattr(clean, "columns", refuse)
+        try:
+            source = DelimitedSource("t.csv", str(path))
+            batches = list(source.read("", [f.name for f in source.streams()[0].fields], batch_rows))
+        except FormatError as error:
+            return str(error)
+    columns = {}
+    for name in batches[0]:
+        parts = [batch[name] for batch in batches]
+        if isinstance(parts[0], Labels):
+            parts = [np.array([*part.names, ""], dtype=object)[part.codes] for part in parts]
+        columns[name] = np.concatenate(parts)
+    return columns, source.remarks, source.skipped
+
+
+def assert_same(path):
+    fast, slow = read(path, at_once=True), read(path, at_once=False)
+    if isinstance(slow, str) or isinstance(fast, str):
+        assert fast == slow
+        return
+    # Blocks end elsewhere, so that columns may be complained of in another order.
+    assert (sorted(fast[1]), fast[2]) == (sorted(slow[1]), slow[2])
+    assert list(fast[0]) == list(slow[0])
+    for name, column in slow[0].items():
+        if column.dtype == object:
+            assert fast[0][name].tolist() == column.tolist()
+            continue
+        np.testing.assert_array_equal(fast[0][name], column, err_msg=name)
+        np.testing.assert_array_equal(np.signbit(fast[0][name]), np.signbit(column))
+
+
+@settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))
+@example([["1", "2", "3"]] * 40, [], 0, "\n", True)
+@example([["1", "2", "3"]] * 40, [["4", "5"]], 30, "\n", True)
+@example([["1", "2", "3"]] * 40, [["9007199254740993", "1", "1"]], 35, "\n", True)
+@example([["1", "2", "3"]] * 9, [["4", "5"]], 9, "\n", False)
+@given(
+    st.lists(row, min_size=1, max_size=30), st.lists(odd, max_size=2), st.integers(0, 30), ends, st.booleans()
+)
+def test_the_same_as_from_texts(tmp_path_factory, rows, others, where, end, closed):
+    rows[where:where] = others
+    path = tmp_path_factory.mktemp("table") / "t.csv"
+    text = end.join(["a,b,c", *(",".join(row) for row in rows)]) + (end if closed else "")
+    path.write_bytes(text.encode())
+    assert_same(path)
+
+
+def test_what_is_even_is_read_at_once(tmp_path, monkeypatch):
+    path = tmp_path / "t.csv"
+    path.write_text(
+        "time,torque,terrain\n"
+        + "".join(f"{i},{i / 8},{'sand' if i % 2 else 'clay'}\n" for i in range(5_000))
+    )
+    source = DelimitedSource("t.csv", str(path))
+    monkeypatch.setattr(DelimitedSource, "_texts", None)
+    batches = list(source.read("", ["torque", "terrain"], 1_000))
+    assert np.concatenate([batch["torque"] for batch in batches]).tolist() == [i / 8 for i in range(5_000)]
+    assert batches[-1]["terrain"].names == ("clay", "sand")
+
+
+def test_what_was_passed_on_is_not_read_twice(tmp_path, monkeypatch):
+    """An odd row near the end: the rows before it came as numbers, the rest as texts."""
+    monkeypatch.setattr(clean, "_PIECE_BYTES", 1_000)
+    path = tmp_path / "t.csv"
+    lines = [f"{i},{2 * i}" for i in range(2_000)]
+    lines[1_900] += ",7"
+    path.write_text("a,b\n" + "\n".join(lines) + "\n")
+    source = DelimitedSource("t.csv", str(path))
+    batches = list(source.read("", ["a", "b"], 100))
+    kept = [i for i in range(2_000) if i != 1_900]
+    assert np.concatenate([batch["a"] for batch in batches]).tolist() == kept
+    assert source.skipped == 1
+    assert any("row 1902 has 3 fields" in remark for remark in source.remarks)
