@@ -1,0 +1,121 @@
+"""What decides on the numbers of an estimate, and the hash that stands for it in the manifest."""
+
+from __future__ import annotations
+
+import json
+import platform
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
+from importlib.metadata import entry_points, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from terrain_cli import __version__, effects, fitting, models, strict
+
+if TYPE_CHECKING:
+    from terrain_cli.models import ModelFile
+    from terrain_cli.rover import Rover
+    from terrain_cli.settings import Settings
+
+FORMAT = "terrain-est/batch-configuration/1"
+_LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "rosbags")
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """What is the same for all inputs of a batch.
+
+    Parameters
+    ----------
+    rover : Rover
+    settings : Settings
+        As they were given.
+    model : ModelFile or None
+        The model that `settings` name, read once: a file that is changed during a batch changes
+        nothing of it.
+    crs : str or None
+    document : dict
+        All that decides on the numbers, for JSON.
+    """
+
+    rover: Rover
+    settings: Settings
+    model: ModelFile | None
+    crs: str | None
+    document: dict[str, Any]
+
+    @property
+    def hash(self) -> str:
+        """Stands for `document`."""
+        text = json.dumps(self.document, sort_keys=True, ensure_ascii=True, allow_nan=False)
+        return sha256(text.encode()).hexdigest()[:16]
+
+    @property
+    def resolved(self) -> Settings:
+        """The settings with the model itself in place of its path."""
+        return self.settings if self.model is None else replace(self.settings, model=self.model)
+
+
+def gather(rover: Rover, settings: Settings, crs: str | None) -> Configuration:
+    """Read all that decides on the numbers.
+
+    Parameters
+    ----------
+    rover : Rover
+    settings : Settings
+    crs : str or None
+
+    Returns
+    -------
+    Configuration
+
+    Raises
+    ------
+    UsageError, ConfigurationError
+        As from `fitting.choose`.
+    """
+    file = fitting.choose(settings.method, settings.model, robust=settings.robust)
+    model = None
+    if file is not None:
+        model = {
+            "base": file.model.base,
+            "text": file.text,
+            "effects": {name: _effect(name, file) for name in file.effects},
+        }
+    document = {
+        "format": FORMAT,
+        "terrain-est": __version__,
+        # A file is told by what it says, not by where it lies.
+        "options": {**asdict(replace(settings, model=None, places=None)), "crs": crs},
+        "places": settings.places.digest if settings.places else None,
+        "rover": strict.read_text(rover.path) if rover.path else None,
+        "model": model,
+    }
+    return Configuration(rover, settings, file, crs, document)
+
+
+def _effect(name: str, file: ModelFile) -> str:
+    """Return what an effect is: the text of its file, or the package it comes from."""
+    if models.is_path(name):
+        folder = file.path.parent if file.path else Path()
+        return strict.read_text(folder / name)
+    if name in effects.NAMES:
+        return f"terrain-est {__version__}"
+    packages = {
+        point.dist.name: point.dist.version for point in entry_points(group=effects.GROUP) if point.dist
+    }
+    return ", ".join(f"{package} {number}" for package, number in sorted(packages.items()))
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this program and of what it computes with.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    return {
+        "terrain-est": __version__,
+        "python": platform.python_version(),
+        **{name: version(name) for name in _LIBRARIES},
+    }

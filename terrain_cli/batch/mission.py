@@ -1,0 +1,206 @@
+"""The mission table and its summary: a function of what the manifest holds, whatever came before.
+
+So a batch that was killed, retried or done in another order ends with the same bytes: rows stand in
+the order of the inputs' names, each content once, under the first of its names.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from formats.inputs import natural
+from terrain_cli.batch.folder import STATE
+from terrain_cli.batch.tasks import Reply
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from terrain_cli.batch.folder import Folder
+    from terrain_cli.batch.manifest import Entry
+    from terrain_cli.batch.records import Pointer
+    from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.results import Table
+    from terrain_cli.settings import Settings
+
+TABLE, SUMMARY = "segments", "summary.json"
+_TEXT = frozenset({"source", "wheel", "terrain", "method", "status", "WKT"})
+_WHOLE = frozenset({"segment", "n_samples", "n_rejected"})
+
+
+@dataclass(frozen=True)
+class Part:
+    """One content of the mission.
+
+    Parameters
+    ----------
+    path : str
+        The first of its names.
+    record : (int, int, str)
+    configuration : str
+        It was computed with.
+    """
+
+    path: str
+    record: Pointer
+    configuration: str
+
+
+def parts(folder: Folder) -> list[Part]:
+    """Return what the mission consists of, in the order of the names.
+
+    Parameters
+    ----------
+    folder : Folder
+
+    Returns
+    -------
+    list of Part
+    """
+    found = []
+    for sha256, entries in _by_content(folder).items():
+        # A content done with several options counts once, with those of its last result.
+        results = [entry for entry in entries if entry.status == "ok"] or entries
+        last = results[-1]
+        record = folder.kept.get((sha256, last.configuration))
+        first = min(entries, key=_order)
+        if record:
+            found.append((_order(first), Part(first.path, record, last.configuration)))
+    return [part for _, part in sorted(found, key=lambda pair: pair[0])]
+
+
+def _by_content(folder: Folder) -> dict[str, list[Entry]]:
+    names: dict[str, list[Entry]] = {}
+    for entry in folder.latest.values():
+        if entry.sha256 and entry.status != "failed":
+            names.setdefault(entry.sha256, []).append(entry)
+    return names
+
+
+def account(folder: Folder) -> dict[str, Any]:
+    """Return what the summary says of the inputs that gave no rows.
+
+    Parameters
+    ----------
+    folder : Folder
+
+    Returns
+    -------
+    dict
+    """
+    entries = sorted(folder.latest.values(), key=_order)
+    # By name, not by who came first: that may differ from one run to the next.
+    named = [sorted(same, key=_order) for same in _by_content(folder).values()]
+    copies = {copy.location: same[0].path for same in named for copy in same[1:]}
+    return {
+        "inputs": len(entries),
+        "status": dict(sorted(Counter(entry.status for entry in entries).items())),
+        "failed": [
+            {
+                "path": entry.path,
+                "error_class": entry.error_class,
+                "error": entry.error,
+                "exit_code": entry.exit_code,
+            }
+            for entry in entries
+            if entry.status == "failed"
+        ],
+        "duplicates": [
+            {"path": entry.path, "of": copies[entry.location]}
+            for entry in entries
+            if entry.location in copies
+        ],
+    }
+
+
+def _order(entry: Entry) -> tuple[list[tuple[int, int | str]], str]:
+    return natural(entry.path), entry.location
+
+
+@dataclass(frozen=True)
+class Assemble:
+    """Write the table and the summary, ready to be put in their place.
+
+    In a process of its own: the keeper stays small, and can be interrupted.
+
+    Parameters
+    ----------
+    folder : str
+        Of the batch.
+    parts : sequence of Part
+    account : dict
+        From `account`.
+    settings : Settings
+    crs : str or None
+    kinds : sequence of str
+        Of the table: "parquet" and others that `formats.output_kind` knows.
+    """
+
+    folder: str
+    parts: Sequence[Part]
+    account: Mapping[str, Any]
+    settings: Settings
+    crs: str | None
+    kinds: Sequence[str]
+
+    def run(self) -> Reply:
+        """Write them into the folder of what is not ready."""
+        import formats
+        from terrain_cli import outputs, results
+
+        state = Path(self.folder, STATE)
+        table, document = self._read()
+        crs = results.reference_system(table, self.crs)
+        for kind in self.kinds:
+            outputs.write(table, str(state / f"{TABLE}.{kind}"), crs)
+        text = json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False)
+        with formats.replacing(str(state / SUMMARY)) as temporary:
+            Path(temporary).write_text(text + "\n", encoding="utf-8")
+        return Reply()
+
+    def _read(self) -> tuple[Table, dict[str, Any]]:
+        from terrain_cli import estimation, results, summary
+        from terrain_cli.batch.records import decode
+
+        read = [decode(record, part.path) for part, record in self._records()]
+        batch = {
+            **self.account,
+            "configurations": dict(sorted(Counter(part.configuration for part in self.parts).items())),
+        }
+        if not read:
+            empty = _empty(results.COLUMNS)
+            return empty, {"format": summary.FORMAT, "batch": batch, "inputs": [], "terrains": []}
+        table = results.join([rows for rows, _, _ in read])
+        estimates: WindowEstimates = estimation.join([some for _, some, _ in read])
+        accounts = [told for _, _, told in read]
+        return table, {"batch": batch, **summary.document(table, estimates, accounts, self.settings)}
+
+    def _records(self) -> list[tuple[Part, bytes]]:
+        from terrain_cli.batch.records import Records
+        from terrain_cli.errors import InputError
+
+        if not self.parts:
+            return []
+        file = Records(Path(self.folder, STATE, "records"))
+        found = [(part, file.read(part.record)) for part in self.parts]
+        file.close()
+        damaged = [part.path for part, record in found if record is None]
+        if damaged:
+            others = f" and {len(damaged) - 1} more" if len(damaged) > 1 else ""
+            raise InputError(
+                f"{self.folder}: what was kept of {damaged[0]}{others} is damaged",
+                hint="run again with --force for these inputs",
+            )
+        return [(part, record) for part, record in found if record is not None]
+
+
+def _empty(columns: Sequence[str]) -> Table:
+    import numpy as np
+
+    return {
+        name: [] if name in _TEXT else np.zeros(0, np.int64 if name in _WHOLE else np.float64)
+        for name in columns
+    }

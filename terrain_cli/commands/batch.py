@@ -1,0 +1,226 @@
+"""`terrain-est batch INPUT… -o DIR`."""
+
+from __future__ import annotations
+
+import os
+import signal
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from terrain_cli.commands import options
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.batch.configuration import Configuration
+    from terrain_cli.batch.inputs import Input
+    from terrain_cli.batch.keeper import Tally
+    from terrain_cli.batch.manifest import Entry
+    from terrain_cli.batch.run import Order
+
+#: Of a batch that has finished, with failures.
+FAILURES = 75
+_GIGA = 1e9
+
+
+@click.command(
+    "batch",
+    context_settings=options.CONTEXT,
+    short_help="Estimate many files into one folder, resumable.",
+    epilog="""\b
+Examples:
+  terrain-est batch downlink/ -o mission
+  terrain-est batch sol*/*.bag -o mission --method wong-reece --timeout 600
+  terrain-est batch downlink/ -o mission --dry-run
+  terrain-est batch downlink/ -o mission --retry-failed
+  terrain-est batch downlink/ -o mission --watch
+  terrain-est batch 's3://rover/sol*/*.mcap' -o mission --scheduler tcp://cluster:8786
+""",
+)
+@options.inputs
+@click.option(
+    "-o",
+    "--output",
+    type=options.FILE,
+    required=True,
+    metavar="DIR",
+    help="The folder of the batch: results, manifest.jsonl, segments.parquet and summary.json.",
+)
+@click.option(
+    "--format",
+    "kind",
+    envvar="TERRAIN_EST_FORMAT",
+    type=click.Choice(("parquet", "csv")),
+    default="parquet",
+    show_default=True,
+    help="Of the result of each input.",
+)
+@click.option(
+    "--also",
+    multiple=True,
+    metavar="KIND",
+    help="Write the mission table as this kind too, such as gpkg, geojson or csv (repeatable).",
+)
+@options.estimation
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Worker processes.  [one for each core]",
+)
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Use the workers of this Dask scheduler instead, such as tcp://host:8786 (extra: distributed).",
+)
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="S",
+    help="Give up an input after so many seconds.  [never]",
+)
+@click.option(
+    "--memory",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="GB",
+    help="Give up an input whose worker needs more address space than this.  [no limit]",
+)
+@click.option(
+    "--largest",
+    type=click.FloatRange(min=0, min_open=True),
+    default=16.0,
+    show_default=True,
+    metavar="GB",
+    help="Copy nothing larger from a store.",
+)
+@click.option("--force", is_flag=True, help="Do again what is done.")
+@click.option("--retry-failed", is_flag=True, help="Do again what failed, although nothing has changed.")
+@click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
+@click.option("--dry-run", is_flag=True, help="Only list what would be done, and why.")
+@click.option("--watch", is_flag=True, help="Go on taking what arrives, until interrupted.")
+@click.option(
+    "--settle",
+    type=click.FloatRange(min=0),
+    default=5.0,
+    show_default=True,
+    metavar="S",
+    help="With --watch: take a file when it has not grown for so long.",
+)
+@click.option("--seed", type=int, metavar="N", help="Accepted by every verb; batch draws nothing at random.")
+@options.quiet
+@options.verbose
+@click.pass_context
+def command(context: click.Context, /, **_: Any) -> int:
+    """Estimate many inputs, each as estimate does, into one folder.
+
+    INPUT is a file, a folder, a pattern, or the address of a store (s3://…, https://…; extra:
+    remote). Run again, only what is new or changed is done: inputs, options, rover file, model,
+    version. A file that fails is listed, and does not stop the rest.
+
+    However it ends, nothing that was done is lost: the same command goes on from there.
+    """
+    from terrain_cli.batch import configuration, inputs, run
+
+    names = context.params["inputs"]
+    found = inputs.discover(names)
+    rover = options.load_rover(context.params["rover"], [item.path for item in found] or names)
+    options.with_defaults(context, rover.estimate)
+    given = context.params
+    _check_kinds(given["also"])
+    gathered = configuration.gather(rover, options.settings(given), given["crs"])
+    order = run.Order(
+        kind=given["kind"],
+        also=tuple(given["also"]),
+        jobs=given["jobs"] or _cores(),
+        scheduler=given["scheduler"],
+        timeout=given["timeout"],
+        memory=int(given["memory"] * _GIGA) if given["memory"] else None,
+        largest=int(given["largest"] * _GIGA),
+        force=given["force"],
+        retry_failed=given["retry_failed"],
+        fail_fast=given["fail_fast"],
+        settle=given["settle"] if given["watch"] else None,
+    )
+    if given["dry_run"]:
+        for why, item in run.preview(found, given["output"], gathered, order):
+            click.echo(f"{why}\t{item.path}")
+        return 0
+    return _run(found, gathered, order, given)
+
+
+def _cores() -> int:
+    # Those that this process may use, where the system says so.
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _check_kinds(kinds: tuple[str, ...]) -> None:
+    import formats
+    from terrain_cli.errors import UsageError
+
+    for kind in kinds:
+        try:
+            formats.output_kind(f"segments.{kind}")
+        except formats.CannotWriteError as error:
+            raise UsageError(f"--also {kind}: no such kind of table", hint=error.hint) from None
+
+
+def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: dict[str, Any]) -> int:
+    from terrain_cli.batch import run
+    from terrain_cli.commands.rate import Rate
+
+    before = signal.signal(signal.SIGTERM, _stop)
+    progress = Rate(enabled=not given["quiet"])
+    try:
+        tally = run.run(given["inputs"], found, given["output"], gathered, order, progress.show)
+    except KeyboardInterrupt:
+        # A second Ctrl-C is for the same.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        progress.close()
+        _interrupted(progress.tally, given["output"])
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        progress.close()
+    if not given["quiet"]:
+        click.echo(_told(tally, progress.seconds), err=True)
+    for entry in tally.failures.values():
+        click.echo(_line(entry), err=True)
+    if not tally.failures:
+        return 0
+    if any(not entry.passing for entry in tally.failures.values()) and not given["quiet"]:
+        click.echo(
+            f"  hints: {given['output']}/manifest.jsonl; --retry-failed tries again what has not changed",
+            err=True,
+        )
+    return FAILURES
+
+
+def _stop(*_: object) -> NoReturn:
+    raise KeyboardInterrupt
+
+
+def _told(tally: Tally, seconds: float) -> str:
+    words = {
+        "ok": "done",
+        "restored": "known already",
+        "duplicate": "duplicates",
+        "as before": "as before",
+        "failed": "failed",
+        "failed before": "failed before and unchanged",
+    }
+    counts = [f"{tally.counts[name]} {word}" for name, word in words.items() if tally.counts[name]]
+    return f"{', '.join(counts) or 'nothing to do'} · {seconds:.1f} s"
+
+
+def _line(entry: Entry) -> str:
+    return f"failed ({entry.exit_code}): {entry.error}"
+
+
+def _interrupted(tally: Tally | None, folder: str) -> NoReturn:
+    from terrain_cli.errors import InterruptedBatchError
+
+    done = f"{tally.done} of {tally.total} inputs done" if tally else "no input done"
+    raise InterruptedBatchError(
+        f"{folder}: interrupted; {done}, and kept",
+        hint="run the same command again to go on; the mission table is written at the end",
+    ) from None

@@ -1,0 +1,130 @@
+"""A batch that is killed at any write, or whose disk is full from there on, and is run again.
+
+`benchmarks/batch_kills.py` does the same at every single point, and with the real command many times.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import missions
+import pytest
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+
+
+@pytest.mark.parametrize(("mode", "step"), [("kill", 9), ("torn", 3), ("full", 13)])
+def test_at_many_writes(tmp_path, mode, step):
+    first = random.randint(1, step)  # noqa: S311 - other points each time; the benchmark tries all
+    command = [sys.executable, HERE / "kill_points.py", mode, tmp_path, str(first), str(step)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    told = json.loads(done.stdout)
+    assert told["points"] >= 4
+    assert told["ends"] == ([73] if mode == "full" else [-signal.SIGKILL])
+    assert told["wrong"] == [], f"from {first}"
+
+
+def start(folder, *args, **options):
+    command = [
+        sys.executable,
+        "-m",
+        "terrain_cli",
+        "batch",
+        "in",
+        "in/day1",
+        "in/day2",
+        "-o",
+        "out",
+        "--jobs",
+        "2",
+        *args,
+    ]
+    options = {"env": {**os.environ, "PYTHONPATH": str(ROOT)}, **options}
+    return subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, **options)
+
+
+def finish(process):
+    err = process.communicate(timeout=120)[1]
+    assert "Traceback" not in err
+    return process.returncode, err
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("undisturbed")
+    missions.mission(folder / "in")
+    assert finish(start(folder))[0] == 75
+    return missions.files(folder / "out")
+
+
+def same_as(undisturbed, folder, *, results=True):
+    """Run once more, and compare; but for the names of results, which say where the inputs lay."""
+    assert finish(start(folder))[0] == 75
+    files = missions.files(folder / "out")
+    for name in ("segments.parquet", "summary.json"):
+        assert files[name] == undisturbed[name]
+    assert not results or sorted(files.values()) == sorted(undisturbed.values())
+
+
+def test_the_command_killed_at_any_moment(tmp_path, undisturbed):
+    missions.mission(tmp_path / "in")
+    for wait in random.sample(range(200, 3000), 3):
+        with start(tmp_path) as process:
+            time.sleep(wait / 1000)
+            process.kill()
+    same_as(undisturbed, tmp_path)
+
+
+def test_a_worker_killed_at_any_moment(tmp_path, undisturbed):
+    missions.mission(tmp_path / "in")
+    with start(tmp_path) as process:
+        children, end = [], time.monotonic() + 20
+        while process.poll() is None and time.monotonic() < end and len(children) < 2:
+            for pid in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split():
+                if pid not in children:
+                    time.sleep(random.random() * 0.5)  # noqa: S311
+                    children.append(pid)
+                    os.kill(int(pid), signal.SIGKILL)
+        code, err = finish(process)
+    assert code == 75
+    assert "its worker was killed (SIGKILL; out of memory?)" in err
+    # Where the first of two copies was lost, its result is that of the second.
+    same_as(undisturbed, tmp_path, results=False)
+
+
+@pytest.mark.parametrize("name", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_within_a_second(tmp_path, undisturbed, name):
+    missions.mission(tmp_path / "in")
+    # Something that takes its time.
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site/sitecustomize.py").write_text(
+        "import time\nfrom terrain_cli import pipeline\nown = pipeline.run\n"
+        "def run(path, *args, **options):\n"
+        "    if path.endswith('b.csv'):\n        time.sleep(600)\n"
+        "    return own(path, *args, **options)\n"
+        "pipeline.run = run\n"
+    )
+    env = {**os.environ, "PYTHONPATH": f"{tmp_path / 'site'}:{ROOT}"}
+    with start(tmp_path, env=env) as process:
+        manifest, end = tmp_path / "out/manifest.jsonl", time.monotonic() + 120
+        while not (manifest.exists() and len(manifest.read_bytes().splitlines()) >= 4):
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        asked = time.monotonic()
+        process.send_signal(name)
+        code, err = finish(process)
+        took = time.monotonic() - asked
+    assert code == 130
+    # Of a machine that has one to spare.
+    assert took < max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
+    assert "terrain-est: out: interrupted; 4 of 5 inputs done, and kept" in err
+    assert "run the same command again to go on" in err
+    same_as(undisturbed, tmp_path)
