@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import formats
-from terrain_cli import fitting, results, telemetry, windows
+from terrain_cli import fitting, places, reaches, results, telemetry, windows
 from terrain_cli.errors import InputError
+from terrain_cli.telemetry.mapping import is_table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Sequence
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.rover import Rover
@@ -31,8 +32,9 @@ class Outcome:
         as the summary shows it.
     estimates : list of WindowEstimates
         Behind the rows of `table`, one for each wheel.
-    rejects, trace : list of dict
-        Tables of the samples set aside, and of the recursive estimate, one for each wheel.
+    rejects, trace, samples : list of dict
+        Tables of the samples set aside, of the recursive estimate, and of the samples of every
+        window where they were asked for, one for each wheel.
     error : InputError or None
         Why there are no rows: no sample can be used. The samples set aside are worth keeping then.
     """
@@ -42,6 +44,7 @@ class Outcome:
     estimates: list[WindowEstimates] = field(default_factory=list)
     rejects: list[results.Table] = field(default_factory=list)
     trace: list[results.Table] = field(default_factory=list)
+    samples: list[results.Table] = field(default_factory=list)
     error: InputError | None = None
 
 
@@ -70,14 +73,27 @@ def run(
     progress("reading")
     file = fitting.choose(settings.method, settings.model, robust=settings.robust)
     where = telemetry.Condition(settings.where) if settings.where else None
-    source = formats.open_source(path)
+    source = formats.open_source(path, salvage=settings.salvage)
     effects = None if file is None else file.model.effects
-    wheels = telemetry.read_source(source, rover, wheels=settings.wheels, where=where, effects=effects)
-    outcome = Outcome({}, {"source": path, "rows_skipped": getattr(source, "skipped", 0), "wheels": []})
+    kept = places.KEYS if settings.places else ()
+    hindrance = reaches.hindrance(settings, file)
+    if hindrance is None:
+        found = telemetry.read_parts(source, rover, reaches.MOST_ROWS, wheels=settings.wheels, where=where)
+        if not isinstance(found, list):
+            return _in_reaches(source, found, settings)
+        wheels = found
+    else:
+        wheels = telemetry.read_source(
+            source, rover, wheels=settings.wheels, where=where, effects=effects, kept=kept
+        )
+        if is_table(source) and sum(map(len, wheels)) > reaches.MOST_ROWS:
+            wheels[0].remarks.append(f"a long log, read whole: {hindrance}")
+    outcome = Outcome({}, _of_source(source) | {"wheels": []})
     tables = []
     for samples in wheels:
         progress(f"wheel {samples.wheel}")
-        outcome.account["wheels"].append(_account(samples))
+        placed = places.locate(samples, settings.places) if settings.places else None
+        outcome.account["wheels"].append(_account(samples) | {"places": placed._asdict() if placed else None})
         outcome.rejects.append(results.rejects(samples))
         if len(samples.usable) == 0:
             continue
@@ -101,11 +117,44 @@ def run(
         outcome.estimates.append(fitted.estimates)
         if settings.method == "recursive":
             outcome.trace.append(results.trace(cut))
+        if settings.samples:
+            outcome.samples.append(results.samples(cut))
     if tables:
         outcome.table = results.join(tables)
     else:
-        outcome.error = _nothing_usable(path, wheels)
+        outcome.error = _nothing_usable(path, outcome.account["wheels"])
     return outcome
+
+
+def _in_reaches(source: formats.Source, parts: Iterable[Samples], settings: Settings) -> Outcome:
+    """Estimate a log of which no more than a reach is held."""
+    wheels: dict[str, reaches.Wheel] = {}
+    for part in parts:
+        wheels.setdefault(part.wheel, reaches.Wheel(settings)).take(part)
+    done = [wheels[name] for name in sorted(wheels)]
+    for wheel in done:
+        wheel.end()
+    if not any(len(wheel) for wheel in done):
+        where = f" where {settings.where}" if settings.where else ""
+        raise InputError(f"{source.path}: there are no samples{where}")
+    outcome = Outcome(
+        {}, _of_source(source) | {"wheels": [wheel.account() | {"places": None} for wheel in done]}
+    )
+    tables = [wheel.table for wheel in done if wheel.table is not None]
+    if tables:
+        outcome.table = results.join(tables)
+        outcome.estimates = [wheel.estimates for wheel in done if wheel.table is not None]
+    else:
+        outcome.error = _nothing_usable(source.path, outcome.account["wheels"])
+    return outcome
+
+
+def _of_source(source: formats.Source) -> dict[str, Any]:
+    return {
+        "source": source.path,
+        "rows_skipped": getattr(source, "skipped", 0),
+        "salvage": source.recovery.document() if source.recovery else None,
+    }
 
 
 def _account(samples: Samples) -> dict[str, Any]:
@@ -120,14 +169,15 @@ def _account(samples: Samples) -> dict[str, Any]:
     }
 
 
-def _nothing_usable(path: str, wheels: list[Samples]) -> InputError:
+def _nothing_usable(path: str, wheels: Sequence[dict[str, Any]]) -> InputError:
     """Say why no sample can be used: the frequent reasons of the wheel that has most samples."""
-    fullest = max(wheels, key=len)
-    reasons = ", ".join(f"{reason}: {count}" for reason, count in list(fullest.reasons().items())[:4])
+    fullest = max(wheels, key=lambda wheel: int(wheel["samples"]))
+    reasons = dict(fullest["set_aside"])
+    shown = ", ".join(f"{reason}: {count}" for reason, count in list(reasons.items())[:4])
     hint = "terrain-est inspect shows what each channel is read from"
     for reason, channel in (("load not positive", "load"), ("rolls against its drive", "angular_velocity")):
-        if reason in next(iter(fullest.reasons())):
+        if reason in next(iter(reasons)):
             hint = (
                 f"if the sensor's sign is the other way round: {channel} = {{ …, scale = -1 }} in rover.toml"
             )
-    return InputError(f"{path}: none of {len(fullest)} samples can be used ({reasons})", hint=hint)
+    return InputError(f"{path}: none of {fullest['samples']} samples can be used ({shown})", hint=hint)

@@ -45,7 +45,8 @@ class Windows:
     bounds : ndarray of int, shape (windows + 1,)
         Window j is ``rows[bounds[j]:bounds[j + 1]]``.
     x, y : ndarray, shape (n,)
-        Coordinates in Pa of the line y = c + x tan φ of each usable sample; NaN without torque.
+        Coordinates in Pa of the line y = c + x tan φ of each usable sample; NaN without torque, and
+        where the wheel skids, which no line covers.
     """
 
     samples: Samples
@@ -65,6 +66,26 @@ class Windows:
         dict of str to ndarray, shape (n,)
         """
         return _measured(self.samples, self.rows)
+
+    @property
+    def driving(self) -> NDArray[np.bool_]:
+        """Which of the usable samples are of a wheel that does not skid, shape (n,)."""
+        return np.asarray(self.samples.channels["slip"][self.rows] >= 0.0)
+
+    def on_line(self) -> Windows:
+        """Return the same windows without the samples of a skidding wheel.
+
+        Returns
+        -------
+        Windows
+        """
+        driving = self.driving
+        if driving.all():
+            return self
+        before = np.concatenate([[0], np.cumsum(driving)])
+        return replace(
+            self, rows=self.rows[driving], bounds=before[self.bounds], x=self.x[driving], y=self.y[driving]
+        )
 
 
 def _measured(samples: Samples, rows: NDArray[np.intp]) -> Measured:
@@ -95,6 +116,7 @@ def cut(
     min_samples: int | None = None,
     window_samples: int | None = None,
     window_distance: float | None = None,
+    before: int = 0,
 ) -> Windows:
     """Cut the usable samples of a wheel into windows.
 
@@ -111,6 +133,8 @@ def cut(
         Length of the windows of "fixed".
     window_distance : float, optional
         The same in m; for "auto" the least length of a window.
+    before : int
+        Usable samples of the first stretch that came before these, which are a part of a long log.
 
     Returns
     -------
@@ -132,8 +156,12 @@ def cut(
         method = "none" if labels is None else "terrain"
     if samples.time is None and labels is not None and method == "terrain":
         rows = rows[np.argsort(labels.codes[rows], kind="stable")]
-    x, y = line(samples, rows) if lined else (np.full(len(rows), np.nan), np.full(len(rows), np.nan))
-    stretch = samples.stretch[rows]
+    x, y = (np.full(len(rows), np.nan) for _ in range(2))
+    driving = np.flatnonzero(samples.channels["slip"][rows] >= 0.0)
+    if lined:
+        x[driving], y[driving] = line(samples, rows[driving])
+    # A soil goes on between pieces of one drive.
+    stretch = (samples.stretch if samples.drive is None else samples.drive)[rows]
     breaks = np.flatnonzero(np.diff(stretch)) + 1
     distance = samples.distance[rows] if samples.distance is not None else None
     if method == "terrain":
@@ -158,14 +186,19 @@ def cut(
             len(rows), samples=window_samples, metres=window_distance, distance=distance, breaks=breaks
         )
     elif method == "auto":
-        bounds = segmentation.change_points(
-            x,
-            y,
-            breaks=breaks,
-            distance=distance,
+        own = np.flatnonzero(np.diff(stretch[driving])) + 1
+        changes = segmentation.change_points(
+            x[driving],
+            y[driving],
+            breaks=own,
+            distance=None if distance is None else distance[driving],
             min_samples=CUT_SAMPLES if min_samples is None else min_samples,
             min_distance=MIN_DISTANCE if window_distance is None else window_distance,
+            before=before,
         )
+        # A wheel that skids between two soils belongs to the first: no line tells.
+        inner = np.setdiff1d(changes[1:-1], own)
+        bounds = segmentation.whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))
     else:
         bounds = segmentation.whole_windows(len(rows), breaks=breaks)
     return Windows(samples, rows, bounds, x, y)

@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 import formats
-from terrain_cli import units
-from terrain_cli.channels import CHANNELS, stated_unit
+from terrain_cli.channels import CHANNELS
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry import advice, align, complete, derive, health, needs
-from terrain_cli.telemetry.columns import as_numbers
+from terrain_cli.telemetry import advice, columns, complete, needs, tables
+from terrain_cli.telemetry.assembly import assemble, wheel_of
+from terrain_cli.telemetry.excerpt import Excerpt
 from terrain_cli.telemetry.feeds import Plan
 from terrain_cli.telemetry.mapping import is_table, plan
-from terrain_cli.telemetry.names import match_name
+from terrain_cli.telemetry.parts import Request, in_parts
 from terrain_cli.telemetry.reading import read_raw
 from terrain_cli.telemetry.samples import NEEDED, Geometry, Raw, Samples
 from terrain_cli.telemetry.where import Condition
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Callable, Collection, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
-    from formats import Source
+    from formats import Batch, Source
     from terrain_cli.effects import Effect
-    from terrain_cli.rover import Rover, Wheel
-
-    Array = NDArray[np.float64]
+    from terrain_cli.rover import Rover
 
 __all__ = [
     "Condition",
@@ -39,6 +34,7 @@ __all__ = [
     "lacking",
     "plan",
     "read",
+    "read_parts",
     "read_source",
     "wheel_of",
 ]
@@ -52,6 +48,8 @@ def read(
     where: Condition | None = None,
     effects: Sequence[Effect] | None = None,
     compared: bool = False,
+    most: int | None = None,
+    salvage: bool = False,
 ) -> list[Samples]:
     """Read the samples of every wheel of a log.
 
@@ -66,10 +64,15 @@ def read(
         Keeps the samples that satisfy it.
     effects : sequence of Effect, optional
         For the whole model instead of the line: its effects, whose channels are read too. So is the
-        drawbar pull, where it is there.
+        drawbar pull, where it is there, and samples of a skidding wheel are kept.
     compared : bool
         For a comparison with a model: torque may be absent, and every channel and further numeric
         column is read, as something that the residuals may follow.
+    most : int, optional
+        Of a table of more rows, and of a bag of more samples, only unbroken pieces are kept that
+        are spread over it (`Excerpt`). A table is then never in memory as a whole.
+    salvage : bool
+        Read what is left of a damaged file.
 
     Returns
     -------
@@ -86,7 +89,13 @@ def read(
         rover.toml does not fit it, or lacks the geometry of a wheel.
     """
     return read_source(
-        formats.open_source(path), rover, wheels=wheels, where=where, effects=effects, compared=compared
+        formats.open_source(path, salvage=salvage),
+        rover,
+        wheels=wheels,
+        where=where,
+        effects=effects,
+        compared=compared,
+        most=most,
     )
 
 
@@ -98,6 +107,8 @@ def read_source(
     where: Condition | None = None,
     effects: Sequence[Effect] | None = None,
     compared: bool = False,
+    most: int | None = None,
+    kept: Collection[str] = (),
 ) -> list[Samples]:
     """Read the samples of every wheel of an opened source.
 
@@ -109,6 +120,9 @@ def read_source(
     where : Condition, optional
     effects : sequence of Effect, optional
     compared : bool
+    most : int, optional
+    kept : collection of str
+        Further numeric columns of a table that are read too, named in lower case: they become drivers.
 
     Returns
     -------
@@ -119,31 +133,123 @@ def read_source(
     formats.errors.FormatError, InputError, ConfigurationError
         As for `read`.
     """
+    request = _request(source, rover, wheels, where, effects, compared=compared, kept=kept)
+    check = partial(_check, request, compared=compared)
+    begin, rest = _begun(request, most)
+    if most is not None and begin is not None and rest is not None:
+        result = Excerpt(most // 2, in_parts(request, begin, rest, check)).samples()
+    else:
+        result = _whole(request, begin, check)
+        if most is not None and sum(map(len, result)) > most:
+            result = Excerpt(most // 2, result).samples()
+    if not any(len(samples) for samples in result):
+        raise _nothing(request)
+    return result
+
+
+def read_parts(
+    source: Source,
+    rover: Rover,
+    rows: int,
+    *,
+    wheels: Collection[str] = (),
+    where: Condition | None = None,
+) -> list[Samples] | Iterator[Samples]:
+    """Read a long table part by part, for the line y = c + x tan φ; anything else whole.
+
+    Parameters
+    ----------
+    source : Source
+    rover : Rover
+    rows : int
+        A table of more is long.
+    wheels : collection of str
+    where : Condition, optional
+
+    Returns
+    -------
+    list of Samples, or iterator of them
+        As from `read_source`, or from `parts.in_parts`.
+
+    Raises
+    ------
+    formats.errors.FormatError, InputError, ConfigurationError
+        As for `read`.
+    """
+    request = _request(source, rover, wheels, where, None)
+    check = partial(_check, request, compared=False)
+    feeds = (request.layout.shared, *request.layout.wheels.values())
+    # Steady test points belong together by their labels, wherever they stand.
+    begin, rest = _begun(request, rows if any("time" in some for some in feeds) else None)
+    if begin is not None and rest is not None:
+        return in_parts(request, begin, rest, check)
+    result = _whole(request, begin, check)
+    if not any(len(samples) for samples in result):
+        raise _nothing(request)
+    return result
+
+
+def _request(
+    source: Source,
+    rover: Rover,
+    wheels: Collection[str],
+    where: Condition | None,
+    effects: Sequence[Effect] | None,
+    *,
+    compared: bool = False,
+    kept: Collection[str] = (),
+) -> Request:
+    """Decide what is to be read."""
     layout = plan(source, rover)
     extras, names = _condition_columns(layout, where) if where else ([], set())
     wanted = {*complete.SOURCES, *names}
     if effects is not None:
-        channels, columns = needs.read(effects)
+        channels, further = needs.read(effects)
         wanted |= {"drawbar_pull", *channels}
-        extras = sorted({*extras, *columns.intersection(layout.extras)})
+        extras = sorted({*extras, *further.intersection(layout.extras)})
     if compared:
         wanted |= CHANNELS.keys()
         extras = sorted({*extras, *layout.extras})
-    raws = read_raw(layout, rover, wanted, extras, wheels=wheels)
+    extras = sorted({*extras, *(name for name in layout.extras if name.strip().casefold() in kept)})
+    return Request(layout, rover, frozenset(wanted), tuple(extras), tuple(wheels), where, effects)
+
+
+def _begun(request: Request, rows: int | None) -> tuple[list[Batch] | None, Iterator[Batch] | None]:
+    """Begin to read a table of which not more than some rows may be held; nothing of a bag."""
+    if rows is None or not is_table(request.layout.source):
+        return None, None
+    names = tables.fields(request.layout, request.channels, request.extras)
+    return columns.begin(request.layout.source, names, rows)
+
+
+def _whole(request: Request, begin: list[Batch] | None, check: Callable[[list[Raw]], None]) -> list[Samples]:
+    layout, rover = request.layout, request.rover
+    raws = read_raw(layout, rover, request.channels, request.extras, wheels=request.wheels, batches=begin)
+    check(raws)
+    result = []
+    while raws:
+        result.append(
+            assemble(layout.source, raws.pop(0), rover, request.where, request.effects, layout.extras)
+        )
+    return result
+
+
+def _nothing(request: Request) -> InputError:
+    where = f" where {request.where.text}" if request.where else ""
+    return InputError(f"{request.layout.source.path}: there are no samples{where}")
+
+
+def _check(request: Request, raws: Sequence[Raw], *, compared: bool) -> None:
+    """Refuse wheels of which something is missing."""
+    layout, rover, effects = request.layout, request.rover, request.effects or ()
     lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
     if compared:
         lacks = {wheel: [lack for lack in some if lack.what != "torque"] for wheel, some in lacks.items()}
     if any(lacks.values()):
         raise _cannot_give(layout, lacks, rover)
-    lacks = {raw.wheel: needs.lacking(raw, wheel_of(raw, rover), effects or ()) for raw in raws}
+    lacks = {raw.wheel: needs.lacking(raw, wheel_of(raw, rover), effects) for raw in raws}
     if any(lacks.values()):
         raise _model_cannot_be_fitted(layout, lacks, rover)
-    result = []
-    while raws:
-        result.append(assemble(source, raws.pop(0), rover, where, effects or (), layout.extras))
-    if not any(len(samples) for samples in result):
-        raise InputError(f"{source.path}: there are no samples" + (f" where {where.text}" if where else ""))
-    return result
 
 
 def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[str]]:
@@ -158,26 +264,6 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
             hint=f"there are {', '.join(sorted(headers | known))}",
         )
     return sorted(columns), where.names - columns
-
-
-def wheel_of(raw: Raw, rover: Rover) -> Wheel:
-    """Return what rover.toml says of the wheel of some samples.
-
-    Parameters
-    ----------
-    raw : Raw
-    rover : Rover
-
-    Returns
-    -------
-    Wheel
-
-    Raises
-    ------
-    ConfigurationError
-        rover.toml names its wheels, and this is none of them.
-    """
-    return rover.wheel(match_name(raw.wheel, rover.wheels) or raw.wheel)
 
 
 def lacking(raw: Raw, rover: Rover) -> list[complete.Lack]:
@@ -246,124 +332,3 @@ def _model_cannot_be_fitted(
             f"{', '.join(columns)}: no channel, but a numeric column that a table (CSV, Parquet) has{there}"
         )
     return InputError(f"{layout.source.path}: {text}", hint="\n".join(hints))
-
-
-def assemble(
-    source: Source,
-    raw: Raw,
-    rover: Rover,
-    where: Condition | None = None,
-    effects: Sequence[Effect] = (),
-    columns: Collection[str] = (),
-) -> Samples:
-    """Derive what was not recorded, and judge every sample of a wheel.
-
-    Parameters
-    ----------
-    source : Source
-    raw : Raw
-        Consumed: its channels become those of the result. Nothing may be `lacking`.
-    rover : Rover
-    where : Condition, optional
-    effects : sequence of Effect, optional
-        As for `read`; samples without something that an effect needs are set aside.
-    columns : collection of str
-        Further numeric columns that are kept, where they were read.
-
-    Returns
-    -------
-    Samples
-
-    Raises
-    ------
-    InputError
-        Its times are not in seconds.
-    """
-    wheel = wheel_of(raw, rover)
-    radius, width = rover.geometry(wheel)
-    geometry = Geometry(
-        radius,
-        width,
-        rover.soil_shear_modulus(),
-        wheel.grouser_height,
-        wheel.grouser_count,
-        rover.vehicle.gravity if rover.vehicle else units.STANDARD_GRAVITY,
-    )
-    _check_clock(source, raw, radius)
-    origins = complete.complete(raw, wheel, rover)
-    if where is not None:
-        _keep(raw, where)
-    reasons, restarts = health.set_aside(raw.channels, raw.time, radius)
-    gap = align.stretch_gap(raw.time, rover.max_gap) if raw.time is not None else 0.0
-    stretch = health.stretches(
-        raw.time,
-        reasons,
-        runs=raw.labels.get("run") if raw.time is not None else None,
-        restarts=restarts,
-        max_gap=gap,
-    )
-    drivers = needs.drivers(raw, np.flatnonzero(reasons.codes < 0), stretch, effects)
-    for name, values in drivers.items():
-        reasons = health.also_aside(reasons, f"no {name}", ~np.isfinite(values))
-    further = {name: as_numbers(column) for name, column in raw.extras.items() if name in columns}
-    return Samples(
-        source.path,
-        raw.wheel,
-        geometry,
-        raw.origin,
-        raw.time,
-        raw.channels,
-        raw.labels,
-        stretch,
-        _distance(raw, radius, gap),
-        reasons,
-        origins,
-        [*source.remarks, *raw.remarks, *health.doubts(raw.channels, reasons)],
-        {**further, **drivers},
-        rover.noise,
-    )
-
-
-def _check_clock(source: Source, raw: Raw, radius: float) -> None:
-    feed = raw.feeds.get("time")
-    if feed is None or feed.asked or raw.time is None:
-        return
-    speed = raw.channels.get("velocity")
-    if speed is None and "angular_velocity" in raw.channels:
-        speed = radius * raw.channels["angular_velocity"]
-    header = feed.fields[0]
-    align.check_unit_of_time(
-        source.path,
-        header,
-        raw.time + raw.origin,
-        speed=speed,
-        radius=radius,
-        stated=stated_unit(header, "time") is not None,
-    )
-
-
-def _keep(raw: Raw, where: Condition) -> None:
-    """Drop the samples that do not satisfy the condition: as if they had never been recorded."""
-    known = {**raw.channels, **raw.labels, **raw.extras}
-    if raw.time is not None:
-        known.setdefault("time", raw.time + raw.origin)
-    nothing = np.full(len(raw), np.nan)
-    raw.select(where.holds({name: known.get(name, nothing) for name in where.names}))
-
-
-def _distance(raw: Raw, radius: float, max_gap: float) -> Array | None:
-    """Return the metres driven: from the velocity, else from wheel speed and slip, else from the track."""
-    channels = raw.channels
-    if raw.time is None:
-        return None
-    velocity = channels.get("velocity")
-    if velocity is None and "angular_velocity" in channels:
-        slip = channels["slip"]
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            share = np.where(slip < 0.0, 1.0 / (1.0 + slip), 1.0 - slip)
-            velocity = share * radius * channels["angular_velocity"]
-    if velocity is not None:
-        return derive.distance_from_velocity(raw.time, velocity, max_gap=max_gap)
-    if {"x", "y"} <= channels.keys():
-        return derive.distance_from_track(channels["x"], channels["y"])
-    return None

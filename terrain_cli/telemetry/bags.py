@@ -62,7 +62,7 @@ def read(
     for feed in every:
         if feed.channel in wanted and feed.topic:
             fields.setdefault(feed.topic, {*filter(None, [plan.labels.get(feed.topic)])}).update(feed.fields)
-    read_topics = {topic: columns.read_whole(plan.source, topic, sorted(f)) for topic, f in fields.items()}
+    read_topics = columns.read_topics(plan.source, {topic: sorted(names) for topic, names in fields.items()})
     origin, times, remarks = one_clock(read_topics)
     topics = {}
     for topic, table in read_topics.items():

@@ -9,7 +9,7 @@ import numpy as np
 from formats import LOG_TIME, STAMP, Labels
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -102,13 +102,13 @@ def _number(text: str) -> float:
         return float("nan")
 
 
-def take(column: Column, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Column:
+def take(column: Column, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Column:
     """Take some rows of a column.
 
     Parameters
     ----------
     column : ndarray or Labels, shape (n,)
-    rows : ndarray
+    rows : ndarray or slice
         Indices, or a mask.
 
     Returns
@@ -134,12 +134,74 @@ def read_whole(source: Source, topic: str, fields: Sequence[str]) -> dict[str, C
     dict of str to ndarray or Labels
         Empty columns if there is no record.
     """
-    batches: list[Batch] = list(source.read(topic, fields))
-    if not batches:
-        empty: dict[str, Column] = {name: np.empty(0) for name in fields}
-        return empty | {name: np.empty(0, "datetime64[ns]") for name in (LOG_TIME, STAMP)}
+    return read_topics(source, {topic: fields})[topic]
+
+
+def read_topics(source: Source, fields: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Column]]:
+    """Read the named columns of several topics in one pass.
+
+    Parameters
+    ----------
+    source : Source
+    fields : mapping of str to sequence of str
+        topic → names.
+
+    Returns
+    -------
+    dict of str to dict
+        topic → what `read_whole` returns.
+    """
+    batches: dict[str, list[Batch]] = {topic: [] for topic in fields}
+    for topic, batch in source.read_together(fields):
+        batches[topic].append(batch)
+    return {topic: whole(found) if found else _empty(fields[topic]) for topic, found in batches.items()}
+
+
+def _empty(fields: Sequence[str]) -> dict[str, Column]:
+    columns: dict[str, Column] = {name: np.empty(0) for name in fields}
+    return columns | {name: np.empty(0, "datetime64[ns]") for name in (LOG_TIME, STAMP)}
+
+
+def whole(batches: list[Batch]) -> dict[str, Column]:
+    """Join batches.
+
+    Parameters
+    ----------
+    batches : list of dict
+        At least one; emptied.
+
+    Returns
+    -------
+    dict of str to ndarray or Labels
+    """
     # One column at a time, so that never more than one is held twice.
     return {name: join([batch.pop(name) for batch in batches]) for name in list(batches[0])}
+
+
+def begin(source: Source, fields: Sequence[str], rows: int) -> tuple[list[Batch], Iterator[Batch] | None]:
+    """Begin to read a table.
+
+    Parameters
+    ----------
+    source : Source
+    fields : sequence of str
+    rows : int
+        Stop once there are more.
+
+    Returns
+    -------
+    begin : list of dict
+    rest : iterator of dict, or None
+        None if the table is not longer.
+    """
+    batches, count = iter(source.read("", fields) if fields else ()), 0
+    first: list[Batch] = []
+    for batch in batches:
+        first.append(batch)
+        count += len(next(iter(batch.values())))
+        if count > rows:
+            return first, batches
+    return first, None
 
 
 def header_stamps(columns: Mapping[str, Column]) -> NDArray[np.datetime64] | None:

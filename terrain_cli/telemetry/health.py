@@ -23,7 +23,7 @@ STANDS = "wheel stands (ω = 0, slip undefined)"
 
 
 def set_aside(
-    channels: Mapping[str, Array], time: Array | None, radius: float
+    channels: Mapping[str, Array], time: Array | None, radius: float, *, skids: bool = False
 ) -> tuple[Labels, NDArray[np.intp]]:
     """Give each sample the first reason for which it cannot be used.
 
@@ -36,6 +36,8 @@ def set_aside(
         In s.
     radius : float
         Wheel radius in m.
+    skids : bool
+        Keep the samples of a skidding wheel, which the whole model covers and the line does not.
 
     Returns
     -------
@@ -74,7 +76,9 @@ def set_aside(
             because(f"{name} is infinite", np.isinf(channels[name]))
     slip, sinkage, load = (channels[name] for name in ("slip", "sinkage", "load"))
     with np.errstate(invalid="ignore"):
-        because("wheel skids (slip < 0)", slip < 0.0)
+        if not skids:
+            because("wheel skids (slip < 0)", slip < 0.0)
+        because("wheel turns against its course (slip < -1)", slip < -1.0)
         because("wheel rolls against its drive (slip > 1)", slip > 1.0)
         because("sinkage not positive", sinkage <= 0.0)
         because("sinkage beyond the wheel radius", sinkage >= radius)
@@ -167,22 +171,36 @@ def stretches(
     if restarts is not None:
         begins[restarts] = True
     if time is not None and n:
-        standing, astray = (_is(reasons, reason) for reason in (STANDS, BACKWARDS))
-        known = np.isfinite(time) & ~astray
-        clock = time
-        if not known.all():
-            clock = (
-                np.interp(np.arange(n), np.flatnonzero(known), time[known]) if known.any() else np.zeros(n)
-            )
-        step = np.diff(clock, prepend=clock[0])
-        allowed = max_gap + RESOLUTION
-        recorded_gap = step > allowed
-        # The clock stops while the wheel stands, so that only lost driving counts as a gap.
-        step[standing & ~recorded_gap] = 0.0
-        driven = np.cumsum(np.maximum(step, 0.0))
+        driven = driving_time(time, reasons, max_gap)
         usable = np.flatnonzero(reasons.codes < 0)
-        begins[usable[1:][np.diff(driven[usable]) > allowed]] = True
+        begins[usable[1:][np.diff(driven[usable]) > max_gap + RESOLUTION]] = True
     return np.cumsum(begins)
+
+
+def driving_time(time: Array, reasons: Labels, max_gap: float) -> Array:
+    """Return a clock that stops while the wheel stands, so that only lost driving counts as a gap.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        In s; n > 0.
+    reasons : Labels, shape (n,)
+        From `set_aside`.
+    max_gap : float
+        In s.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In s, never falling.
+    """
+    standing, astray = (_is(reasons, reason) for reason in (STANDS, BACKWARDS))
+    known, clock, n = np.isfinite(time) & ~astray, time, len(time)
+    if not known.all():
+        clock = np.interp(np.arange(n), np.flatnonzero(known), time[known]) if known.any() else np.zeros(n)
+    step = np.diff(clock, prepend=clock[0])
+    step[standing & (step <= max_gap + RESOLUTION)] = 0.0
+    return np.asarray(np.cumsum(np.maximum(step, 0.0)))
 
 
 def _is(reasons: Labels, reason: str) -> NDArray[np.bool_]:

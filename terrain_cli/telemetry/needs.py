@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Wheel
-    from terrain_cli.telemetry.samples import Raw
+    from terrain_cli.telemetry.samples import Raw, Samples
 
     Array = NDArray[np.float64]
 
@@ -127,13 +127,44 @@ def drivers(
         is not. NaN where not known, and outside `rows`.
     """
     known = {**{name: as_numbers(column) for name, column in raw.extras.items()}, **raw.channels}
-    if raw.time is not None:
-        known["time"] = raw.time
+    return _computed(known, raw.time, rows, stretch, effects)
+
+
+def of_samples(samples: Samples, effects: Iterable[Effect]) -> dict[str, Array]:
+    """Compute what makes a difference to further effects, from samples that were read for a comparison.
+
+    Parameters
+    ----------
+    samples : Samples
+        With every channel and further column.
+    effects : iterable of Effect
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        As from `drivers`: what cannot be computed is not there.
+    """
+    known = {**samples.drivers, **samples.channels}
+    found = _computed(known, samples.time, samples.usable, samples.stretch, effects)
+    return {name: values for name, values in found.items() if np.isfinite(values).any()}
+
+
+def _computed(
+    known: dict[str, Array],
+    time: Array | None,
+    rows: NDArray[np.intp],
+    stretch: NDArray[np.intp],
+    effects: Iterable[Effect],
+) -> dict[str, Array]:
+    known = dict(known)
+    if time is not None:
+        known["time"] = time
     omega = known.get("angular_velocity")
     if omega is not None:
         for name in known.keys() & {"pitch", "roll"}:
             known[name] = np.where(omega < 0.0, -known[name], known[name])
-    own = stretch[rows]
+    effects = list(effects)
+    own, n = stretch[rows], len(stretch)
     result = {}
     needed = {name for effect in effects for name in effect.needs}
     for name in dict.fromkeys(name for effect in effects for name in effect.reads):
@@ -146,6 +177,6 @@ def drivers(
         elif len(columns) > 1:
             values = rates.rate(columns[1], own, values)
         if name in needed or np.isfinite(values).any():
-            result[name] = np.full(len(raw), np.nan)
+            result[name] = np.full(n, np.nan)
             result[name][rows] = values
     return result

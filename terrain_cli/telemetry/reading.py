@@ -15,7 +15,7 @@ from terrain_cli.telemetry.names import match_name
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
 
-    from formats import Labels
+    from formats import Batch, Labels
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry.feeds import Plan
     from terrain_cli.telemetry.samples import Raw
@@ -28,6 +28,7 @@ def read_raw(
     extras: Sequence[str] = (),
     *,
     wheels: Collection[str] = (),
+    batches: list[Batch] | None = None,
 ) -> list[Raw]:
     """Read the channels asked for, wheel by wheel.
 
@@ -41,6 +42,8 @@ def read_raw(
         Further columns of a table.
     wheels : collection of str
         Only these; all if empty.
+    batches : list of dict, optional
+        The columns of a table, where they were read before.
 
     Returns
     -------
@@ -59,29 +62,41 @@ def read_raw(
     wanted = set(channels)
 
     def choose(labels: Labels | None) -> list[str]:
-        return _choose(plan, rover, labels, wheels)
+        return choose_wheels(plan, rover, labels, wheels)
 
     if is_table(plan.source):
-        return tables.read(plan, wanted, extras, choose, rover.max_gap)
+        return tables.read(plan, wanted, extras, choose, rover.max_gap, batches)
     return bags.read(plan, wanted, choose, rover.max_gap)
 
 
-def _choose(plan: Plan, rover: Rover, labels: Labels | None, wheels: Collection[str]) -> list[str]:
-    """Name the wheels to read: labels of a column, those of rover.toml, or the only one."""
+def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Collection[str]) -> list[str]:
+    """Name the wheels to read: labels of a column, those of rover.toml, or the only one.
+
+    Parameters
+    ----------
+    plan : Plan
+    rover : Rover
+    labels : Labels or None
+    wheels : collection of str
+        Only these; all if empty.
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        As for `read_raw`.
+    """
     path = plan.source.path
     if labels is None:
         there = sorted(plan.wheels) or [only_wheel(rover)]
     else:
-        there = sorted(labels.names[code] for code in np.unique(labels.codes) if code >= 0)
+        there = labels_there(labels)
         if not there:
             raise InputError(f"{path}: the column of wheels is empty", hint="fill it in, or leave it out")
-    chosen = there
-    if wheels:
-        found = {name: match_name(name, there) for name in wheels}
-        for name, match in found.items():
-            if match is None:
-                raise InputError(f"{path}: there is no wheel {name}", hint=f"it has {', '.join(there)}")
-        chosen = [name for name in there if name in found.values()]
+    chosen = among(path, there, wheels)
     clocks = [next((feeds[c] for c in CLOCKS if c in feeds), None) for feeds in map(plan.feeds, chosen)]
     if labels is None and len(chosen) > 1 and clocks[0] and clocks.count(clocks[0]) == len(clocks):
         raise ConfigurationError(
@@ -89,3 +104,46 @@ def _choose(plan: Plan, rover: Rover, labels: Labels | None, wheels: Collection[
             hint="choose it with --wheel NAME, or give each its own in rover.toml: [wheels.NAME.channels]",
         )
     return chosen
+
+
+def labels_there(labels: Labels) -> list[str]:
+    """Return the labels that occur.
+
+    Parameters
+    ----------
+    labels : Labels
+
+    Returns
+    -------
+    list of str
+        Sorted.
+    """
+    return sorted(labels.names[code] for code in np.unique(labels.codes) if code >= 0)
+
+
+def among(path: str, there: Sequence[str], wheels: Collection[str]) -> list[str]:
+    """Choose among wheels.
+
+    Parameters
+    ----------
+    path : str
+        Of the input, for the message.
+    there : sequence of str
+    wheels : collection of str
+        As asked for; all if empty.
+
+    Returns
+    -------
+    list of str
+        In the order of `there`.
+
+    Raises
+    ------
+    InputError
+        One is not there.
+    """
+    found = {name: match_name(name, there) for name in wheels}
+    for name, match in found.items():
+        if match is None:
+            raise InputError(f"{path}: there is no wheel {name}", hint=f"it has {', '.join(there)}")
+    return [name for name in there if not wheels or name in found.values()]

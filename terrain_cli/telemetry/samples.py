@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
@@ -146,6 +146,11 @@ class Samples:
         What makes a difference to the effects of the model, by the names they have there.
     noise : mapping of str to Noise
         What rover.toml says of the sensors, by channel.
+    drive : ndarray of int, shape (n,), or None
+        Where only pieces of a log were kept: number of the continuous stretch of the log that each
+        sample is of. `stretch` then tells the pieces apart.
+    total : int or None
+        Usable samples of the log, where only pieces of it were kept.
     """
 
     source: str
@@ -162,6 +167,8 @@ class Samples:
     remarks: list[str] = field(default_factory=list)
     drivers: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     noise: Mapping[str, Noise] = field(default_factory=dict)
+    drive: NDArray[np.intp] | None = None
+    total: int | None = None
 
     def __len__(self) -> int:
         return len(self.set_aside)
@@ -170,6 +177,31 @@ class Samples:
     def usable(self) -> NDArray[np.intp]:
         """Indices of the samples that are not set aside."""
         return np.flatnonzero(self.set_aside.codes < 0)
+
+    def taken(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Samples:
+        """Return some of the samples.
+
+        Parameters
+        ----------
+        rows : ndarray or slice
+            Indices, or a mask.
+
+        Returns
+        -------
+        Samples
+        """
+        labelled = {name: Labels(column.codes[rows], column.names) for name, column in self.labels.items()}
+        return replace(
+            self,
+            time=None if self.time is None else self.time[rows],
+            channels={name: column[rows] for name, column in self.channels.items()},
+            labels=labelled,
+            stretch=self.stretch[rows],
+            distance=None if self.distance is None else self.distance[rows],
+            set_aside=Labels(self.set_aside.codes[rows], self.set_aside.names),
+            drivers={name: column[rows] for name, column in self.drivers.items()},
+            drive=None if self.drive is None else self.drive[rows],
+        )
 
     def reasons(self) -> dict[str, int]:
         """Count the samples set aside by reason.

@@ -16,11 +16,11 @@ from terrain_cli.telemetry.names import match_name
 from terrain_cli.telemetry.samples import Raw
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from formats import Column
+    from formats import Batch, Column
     from terrain_cli.telemetry.feeds import Feed, Plan
 
     Array = NDArray[np.float64]
@@ -30,12 +30,34 @@ if TYPE_CHECKING:
 OWN_CLOCK = 0.6
 
 
+def fields(plan: Plan, wanted: Collection[str], extras: Sequence[str]) -> list[str]:
+    """Name the columns to read.
+
+    Parameters
+    ----------
+    plan : Plan
+    wanted : collection of str
+        Channels; those without a feed are passed over.
+    extras : sequence of str
+        Further columns.
+
+    Returns
+    -------
+    list of str
+    """
+    label = plan.labels.get("")
+    every = [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
+    names = {name for feed in every if feed.channel in wanted for name in feed.fields}
+    return sorted(names.union(extras, [label] if label else []))
+
+
 def read(
     plan: Plan,
     wanted: Collection[str],
     extras: Sequence[str],
     choose: Callable[[Labels | None], list[str]],
     max_gap: float | None,
+    batches: list[Batch] | None = None,
 ) -> list[Raw]:
     """Read the wheels of a table.
 
@@ -50,32 +72,98 @@ def read(
         Names the wheels to read, from the column of wheel labels if there is one.
     max_gap : float or None
         As for `align.resample`.
+    batches : list of dict, optional
+        The `fields`, where they were read before.
 
     Returns
     -------
     list of Raw
         In the order of `choose`.
     """
-    label = plan.labels.get("")
-    every = [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
-    fields = {name for feed in every if feed.channel in wanted for name in feed.fields}
-    fields.update(extras, [label] if label else [])
-    table = columns.read_whole(plan.source, "", sorted(fields)) if fields else {}
+    names = fields(plan, wanted, extras)
+    table: dict[str, Column] = {}
+    if batches:
+        table = columns.whole(batches)
+    elif names:
+        table = columns.read_whole(plan.source, "", names)
+    raws = wheels(plan, table, wanted, extras, choose)
+    for raw in raws:
+        if has_own_clocks(raw):
+            on_one_clock(raw, max_gap)
+            raw.remarks.append(own_clocks(raw, f"the {len(raw)} rows"))
+        raw.remarks += passed_over(plan, nameless(plan, table))
+    return raws
+
+
+def nameless(plan: Plan, table: Mapping[str, Column], rows: slice = slice(None)) -> int:
+    """Count the rows that name no wheel.
+
+    Parameters
+    ----------
+    plan : Plan
+    table : mapping
+        After `wheels`.
+    rows : slice
+        Those that count.
+
+    Returns
+    -------
+    int
+    """
+    column = table.get(plan.labels.get("", ""))
+    return int(np.count_nonzero(column.codes[rows] < 0)) if isinstance(column, Labels) else 0
+
+
+def passed_over(plan: Plan, count: int) -> list[str]:
+    """Say how many rows name no wheel, if any.
+
+    Parameters
+    ----------
+    plan : Plan
+    count : int
+
+    Returns
+    -------
+    list of str
+    """
+    return [f"{count} rows name no wheel in {plan.labels['']} and are passed over"] if count else []
+
+
+def wheels(
+    plan: Plan,
+    table: dict[str, Column],
+    wanted: Collection[str],
+    extras: Sequence[str],
+    choose: Callable[[Labels | None], list[str]],
+) -> list[Raw]:
+    """Sort the columns of a table, or of part of it, by wheel and channel.
+
+    Parameters
+    ----------
+    plan : Plan
+    table : dict of str to ndarray or Labels
+        The columns `fields`; its column of wheels is replaced by labels.
+    wanted, extras, choose
+        As for `read`.
+
+    Returns
+    -------
+    list of Raw
+        In the order of `choose`.
+    """
     table.pop(LOG_TIME, None)
-    wheels = columns.as_labels(table[label]) if label else None
+    label = plan.labels.get("")
+    named = columns.as_labels(table[label]) if label else None
+    if label and named:
+        table[label] = named
     result = []
-    for name in choose(wheels):
+    for name in choose(named):
         key = match_name(name, plan.wheels) or name
         feeds = {c: feed for c, feed in plan.feeds(key).items() if c in wanted}
         rows = None
-        if wheels is not None and not np.all(wheels.codes == wheels.codes[0]):
-            rows = np.flatnonzero(wheels.codes == wheels.names.index(name))
-        raw = _wheel(plan.source.path, name, feeds, table, rows, extras)
-        _own_clocks(raw, max_gap)
-        nameless = np.count_nonzero(wheels.codes < 0) if wheels is not None else 0
-        if nameless:
-            raw.remarks.append(f"{nameless} rows name no wheel in {label} and are passed over")
-        result.append(raw)
+        if named is not None and not np.all(named.codes == named.codes[0]):
+            rows = np.flatnonzero(named.codes == named.names.index(name))
+        result.append(_wheel(plan.source.path, name, feeds, table, rows, extras))
     return result
 
 
@@ -125,20 +213,49 @@ def _time(path: str, feed: Feed, column: Column) -> tuple[float, Array]:
     return origin, np.round(values - origin, 6) if origin else values
 
 
-def _own_clocks(raw: Raw, max_gap: float | None) -> None:
-    """Bring the columns of a table to the rows of its torque, if they were sampled on clocks of their own.
+def has_own_clocks(raw: Raw) -> bool:
+    """Tell whether the columns of a wheel were sampled on clocks of their own.
 
     Such a table has a row for every time at which anything was measured, and most cells empty.
+
+    Parameters
+    ----------
+    raw : Raw
+
+    Returns
+    -------
+    bool
     """
-    clock = next((c for c in CLOCKS if c in raw.channels), None)
-    if raw.time is None or clock is None:
+    clock = _clock(raw)
+    if clock is None:
+        return False
+    base = ~np.isnan(raw.channels[clock])
+    count = np.count_nonzero(base)
+    least = OWN_CLOCK * count
+    known = (~np.isnan(values) for values in raw.channels.values())
+    sparse = any(np.any(there) and np.count_nonzero(there & base) < least for there in known)
+    return bool(count and (sparse or count < OWN_CLOCK * len(raw)))
+
+
+def _clock(raw: Raw) -> str | None:
+    return None if raw.time is None else next((c for c in CLOCKS if c in raw.channels), None)
+
+
+def on_one_clock(raw: Raw, max_gap: float | None) -> None:
+    """Bring columns sampled on clocks of their own to the rows of the torque, in place.
+
+    Parameters
+    ----------
+    raw : Raw
+        One that `has_own_clocks`, or a part of it.
+    max_gap : float or None
+        As for `align.resample`.
+    """
+    clock = _clock(raw)
+    if clock is None or raw.time is None:
         return
     known = {name: ~np.isnan(values) for name, values in raw.channels.items()}
     base = np.flatnonzero(known[clock])
-    least = OWN_CLOCK * len(base)
-    sparse = any(np.any(there) and np.count_nonzero(there[base]) < least for there in known.values())
-    if len(base) == 0 or not (sparse or len(base) < OWN_CLOCK * len(raw.time)):
-        return
     time, channels, bounds = raw.time, raw.channels, _pieces(raw)
     raw.select(base)
     for channel, there in known.items():
@@ -155,9 +272,24 @@ def _own_clocks(raw: Raw, max_gap: float | None) -> None:
                     for a, b in pairwise(bounds)
                 ]
             )
-    raw.remarks.append(
+
+
+def own_clocks(raw: Raw, rows: str) -> str:
+    """Say that the columns of a wheel had clocks of their own.
+
+    Parameters
+    ----------
+    raw : Raw
+    rows : str
+        Those that are left, in words.
+
+    Returns
+    -------
+    str
+    """
+    return (
         f"wheel {raw.wheel}: columns are filled on clocks of their own; "
-        f"brought to the {len(base)} rows that have {clock}"
+        f"brought to {rows} that have {_clock(raw)}"
     )
 
 

@@ -44,6 +44,7 @@ def reasons(columns, time=None):
         ({"angular_velocity": 0.0, "slip": NAN}, "wheel stands (ω = 0, slip undefined)"),
         ({"angular_velocity": 1e-3, "slip": NAN}, "wheel stands (ω = 0, slip undefined)"),
         ({"slip": -0.01}, "wheel skids (slip < 0)"),
+        ({"slip": -1.01}, "wheel skids (slip < 0)"),
         ({"slip": 1.01}, "wheel rolls against its drive (slip > 1)"),
         ({"sinkage": 0.0}, "sinkage not positive"),
         ({"sinkage": -0.002}, "sinkage not positive"),
@@ -57,6 +58,15 @@ def reasons(columns, time=None):
 )
 def test_each_reason(changes, reason):
     assert reasons(channels(**changes)) == [None, reason, None]
+
+
+@pytest.mark.parametrize(
+    ("slip", "reason"),
+    [(-0.01, None), (-0.99, None), (-1.0, None), (-1.01, "wheel turns against its course (slip < -1)")],
+)
+def test_the_whole_model_covers_a_wheel_that_skids(slip, reason):
+    found, _ = health.set_aside(channels(slip=slip), None, RADIUS, skids=True)
+    assert [None if code < 0 else found.names[code] for code in found.codes] == [None, reason, None]
 
 
 def test_the_first_reason_counts():

@@ -1,0 +1,172 @@
+"""From the channels of a wheel to its samples: what is derived, what is judged."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli import units
+from terrain_cli.channels import stated_unit
+from terrain_cli.telemetry import align, complete, derive, health, needs
+from terrain_cli.telemetry.columns import as_numbers
+from terrain_cli.telemetry.names import match_name
+from terrain_cli.telemetry.samples import Geometry, Raw, Samples
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from numpy.typing import NDArray
+
+    from formats import Source
+    from terrain_cli.effects import Effect
+    from terrain_cli.rover import Rover, Wheel
+    from terrain_cli.telemetry.where import Condition
+
+    Array = NDArray[np.float64]
+
+
+def wheel_of(raw: Raw, rover: Rover) -> Wheel:
+    """Return what rover.toml says of the wheel of some samples.
+
+    Parameters
+    ----------
+    raw : Raw
+    rover : Rover
+
+    Returns
+    -------
+    Wheel
+
+    Raises
+    ------
+    ConfigurationError
+        rover.toml names its wheels, and this is none of them.
+    """
+    return rover.wheel(match_name(raw.wheel, rover.wheels) or raw.wheel)
+
+
+def assemble(
+    source: Source,
+    raw: Raw,
+    rover: Rover,
+    where: Condition | None = None,
+    effects: Sequence[Effect] | None = None,
+    columns: Collection[str] = (),
+    *,
+    checked: bool = False,
+) -> Samples:
+    """Derive what was not recorded, and judge every sample of a wheel.
+
+    Parameters
+    ----------
+    source : Source
+    raw : Raw
+        Consumed: its channels become those of the result. Nothing may be `lacking`.
+    rover : Rover
+    where : Condition, optional
+    effects : sequence of Effect, optional
+        As for `read`; samples without something that an effect needs are set aside.
+    columns : collection of str
+        Further numeric columns that are kept, where they were read.
+    checked : bool
+        The unit of its clock was checked before.
+
+    Returns
+    -------
+    Samples
+
+    Raises
+    ------
+    InputError
+        Its times are not in seconds.
+    """
+    wheel = wheel_of(raw, rover)
+    radius, width = rover.geometry(wheel)
+    geometry = Geometry(
+        radius,
+        width,
+        rover.soil_shear_modulus(),
+        wheel.grouser_height,
+        wheel.grouser_count,
+        rover.vehicle.gravity if rover.vehicle else units.STANDARD_GRAVITY,
+    )
+    if not checked:
+        _check_clock(source, raw, radius)
+    origins = complete.complete(raw, wheel, rover)
+    if where is not None:
+        _keep(raw, where)
+    reasons, restarts = health.set_aside(raw.channels, raw.time, radius, skids=effects is not None)
+    gap = align.stretch_gap(raw.time, rover.max_gap) if raw.time is not None else 0.0
+    stretch = health.stretches(
+        raw.time,
+        reasons,
+        runs=raw.labels.get("run") if raw.time is not None else None,
+        restarts=restarts,
+        max_gap=gap,
+    )
+    drivers = needs.drivers(raw, np.flatnonzero(reasons.codes < 0), stretch, effects or ())
+    for name, values in drivers.items():
+        reasons = health.also_aside(reasons, f"no {name}", ~np.isfinite(values))
+    further = {name: as_numbers(column) for name, column in raw.extras.items() if name in columns}
+    return Samples(
+        source.path,
+        raw.wheel,
+        geometry,
+        raw.origin,
+        raw.time,
+        raw.channels,
+        raw.labels,
+        stretch,
+        _distance(raw, radius, gap),
+        reasons,
+        origins,
+        [*source.remarks, *raw.remarks, *health.doubts(raw.channels, reasons)],
+        {**further, **drivers},
+        rover.noise,
+    )
+
+
+def _check_clock(source: Source, raw: Raw, radius: float) -> None:
+    feed = raw.feeds.get("time")
+    if feed is None or feed.asked or raw.time is None:
+        return
+    speed = raw.channels.get("velocity")
+    if speed is None and "angular_velocity" in raw.channels:
+        speed = radius * raw.channels["angular_velocity"]
+    header = feed.fields[0]
+    align.check_unit_of_time(
+        source.path,
+        header,
+        raw.time + raw.origin,
+        speed=speed,
+        radius=radius,
+        stated=stated_unit(header, "time") is not None,
+    )
+
+
+def _keep(raw: Raw, where: Condition) -> None:
+    """Drop the samples that do not satisfy the condition: as if they had never been recorded."""
+    known = {**raw.channels, **raw.labels, **raw.extras}
+    if raw.time is not None:
+        known.setdefault("time", raw.time + raw.origin)
+    nothing = np.full(len(raw), np.nan)
+    raw.select(where.holds({name: known.get(name, nothing) for name in where.names}))
+
+
+def _distance(raw: Raw, radius: float, max_gap: float) -> Array | None:
+    """Return the metres driven: from the velocity, else from wheel speed and slip, else from the track."""
+    channels = raw.channels
+    if raw.time is None:
+        return None
+    velocity = channels.get("velocity")
+    if velocity is None and "angular_velocity" in channels:
+        slip = channels["slip"]
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            share = np.where(slip < 0.0, 1.0 / (1.0 + slip), 1.0 - slip)
+            velocity = share * radius * channels["angular_velocity"]
+    if velocity is not None:
+        return derive.distance_from_velocity(raw.time, velocity, max_gap=max_gap)
+    if {"x", "y"} <= channels.keys():
+        return derive.distance_from_track(channels["x"], channels["y"])
+    return None
