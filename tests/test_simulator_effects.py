@@ -238,6 +238,42 @@ def test_tables_with_effects_are_exact_to_a_millionth(effects, moment):
         assert found[2][j] == pytest.approx(truth.pull, abs=1e-6 * load[j])
 
 
+@pytest.mark.parametrize(
+    ("effects", "reads", "low", "high"),
+    [
+        ({"rate-dependence": {"beta": 0.15}}, "velocity", 0.02, 0.2),
+        ({"side-slip": {"k_growth": 1.2, "lateral": 8.0}}, "slip_angle", -0.25, 0.25),
+        ({"hardpan": {"modulus": 1e7, "top": 0.012}}, "velocity", 0.1, 0.1),
+    ],
+)
+def test_long_drives_are_interpolated_to_a_thousandth_of_what_the_effect_does(effects, reads, low, high):
+    rng = np.random.default_rng(2)
+    n = 500
+    load, slip = rng.uniform(56.0, 69.0, n), rng.uniform(0.21, 0.39, n)
+    moments = {name: np.full(n, 0.1) for name in Moment.__slots__} | {reads: rng.uniform(low, high, n)}
+    found = np.array(forces_with(freeze(effects), SOIL, WHEEL, load, slip, moments))
+    without = np.array(forces_with((), SOIL, WHEEL, load, slip, moments))
+    some = slice(0, n, 20)
+    few = {name: column[some] for name, column in moments.items()}
+    truth = np.array(forces_with(freeze(effects), SOIL, WHEEL, load[some], slip[some], few))
+    assert np.all(np.abs(found[:, some] - truth).max(axis=1) < 1e-3 * np.abs(found - without).max(axis=1))
+
+
+def test_further_columns_are_measured_and_drive_laws_of_their_own():
+    def law(shown):
+        shown["torque"] = shown["torque"] + 0.1 * shown["voltage"] * np.sin(shown["wheel_angle"])
+
+    options = {"further": {"voltage": sweep(24.0, 28.0, 12.0)}}
+    plain, bent = log_of({}, **options), log_of({}, **options, laws=(law,))
+    voltage = plain.measured["voltage"].values
+    assert (voltage[0], voltage[-1]) == (24.0, pytest.approx(28.0, abs=0.1))
+    omega = bent.measured["angular_velocity"].values
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1])) / 4.0])
+    added = bent.measured["torque"].values - plain.measured["torque"].values
+    np.testing.assert_allclose(added, 0.1 * voltage * np.sin(angle), atol=0.02)
+    np.testing.assert_array_equal(bent.truth["torque"], plain.truth["torque"])
+
+
 def test_sensors_do_not_change_the_truth():
     plain, biased = (
         log_of(effects)

@@ -80,21 +80,25 @@ def _error(first: Comparison, second: Comparison, name: str, seed: int) -> Diffe
 
 
 def _soil(a: WheelComparison, b: WheelComparison) -> Iterator[Difference]:
+    """Compare the soil of each segment; where the second model has joined several, with the one of them."""
     fits = a.fit, b.fit
     columns = (
         ("c", "Pa", [(fit.values["cohesion"], fit.errors["cohesion"]) for fit in fits]),
         ("phi", "rad", [(fit.phi, fit.phi_se) for fit in fits]),
     )
+    starts = a.windows.bounds[:-1]
+    other = np.clip(np.searchsorted(b.windows.bounds, starts, side="right") - 1, 0, len(b.windows) - 1)
     for segment in range(len(a.windows)):
+        place = int(other[segment])
         for name, unit, ((first, first_se), (second, second_se)) in columns:
-            change = float(second[segment] - first[segment])
-            se = float(np.hypot(first_se[segment], second_se[segment]))
+            change = float(second[place] - first[segment])
+            se = float(np.hypot(first_se[segment], second_se[place]))
             yield Difference(
                 name,
                 unit,
                 (a.source, a.wheel, segment + 1),
                 float(first[segment]),
-                float(second[segment]),
+                float(second[place]),
                 change,
                 change - 1.96 * se,
                 change + 1.96 * se,

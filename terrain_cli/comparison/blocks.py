@@ -48,7 +48,7 @@ def fine(lengths: Sequence[int], shortest: int, *, most: int = MOST) -> list[Ind
     return blocks
 
 
-def merged(scores: Array, chain: Index, *, fewest: int = FEWEST) -> Index:
+def merged(scores: Array, chain: Index, *, fewest: int = FEWEST, independent: float = _INDEPENDENT) -> Index:
     """Join neighbouring blocks until the scores of those next to one another are unrelated.
 
     Parameters
@@ -59,6 +59,8 @@ def merged(scores: Array, chain: Index, *, fewest: int = FEWEST) -> Index:
         Only blocks of one chain are joined; those of a chain are contiguous.
     fewest : int
         Not joined further than to so many blocks.
+    independent : float
+        Correlation of the scores of neighbouring blocks that is called none.
 
     Returns
     -------
@@ -67,7 +69,7 @@ def merged(scores: Array, chain: Index, *, fewest: int = FEWEST) -> Index:
     """
     label = np.arange(len(scores))
     while True:
-        if _neighbours(scores, chain) <= _INDEPENDENT:
+        if _neighbours(scores, chain) <= independent:
             return label
         starts = np.flatnonzero(np.concatenate([[True], chain[1:] != chain[:-1]]))
         place = np.arange(len(chain)) - np.repeat(starts, np.diff(np.append(starts, len(chain))))

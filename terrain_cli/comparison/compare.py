@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import blocks, heldout
+from terrain_cli.comparison import blocks, heldout, soils
 from terrain_cli.comparison.bootstrap import resample
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.parts import UNITS, ChannelErrors, Comparison, Series, WheelComparison
@@ -63,7 +63,8 @@ def compare(
 ) -> Comparison:
     """Compare what a model predicts with what was measured, and find where it fails.
 
-    Each wheel is fitted on its own. Blocks are the runs where there are enough of them, else
+    Each wheel is fitted on its own; segments whose soils predict no better than a single one are taken
+    as one. Blocks are the runs where there are enough of them, else
     stretches so long that the noise forgets, and that the scores of neighbouring ones are unrelated.
 
     Parameters
@@ -95,7 +96,38 @@ def compare(
     InputError
         Nothing that the model predicts was measured.
     """
-    settings = Settings(fixed or {}, priors or {}, shared, noise)
+    fitted, warnings = fit_wheels(
+        wheels, model, Settings(fixed or {}, priors or {}, shared, noise), progress=progress
+    )
+    fitted, joined = soils.as_few_as_predict(fitted, progress)
+    return of_fitted(fitted, like=like, seed=seed, warnings=[*warnings, *joined], progress=progress)
+
+
+def fit_wheels(
+    wheels: Sequence[Windows],
+    model: Model,
+    settings: Settings,
+    *,
+    further: Collection[str] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[list[Wheel], list[str]]:
+    """Fit a model to wheels, of which not more samples are taken than can be compared.
+
+    Parameters
+    ----------
+    wheels : sequence of Windows
+    model : Model
+    settings : Settings
+    further : collection of str
+        Channels that are kept although the model does not read them.
+    progress : callable
+
+    Returns
+    -------
+    list of Wheel
+    list of str
+        What has to be said about it.
+    """
     warnings: list[str] = []
     total = sum(len(windows.rows) for windows in wheels)
     if total > MOST_SAMPLES:
@@ -107,7 +139,34 @@ def compare(
     fitted = []
     for windows in wheels:
         progress(f"fitting wheel {windows.samples.wheel}")
-        fitted.append(Wheel(windows, model, settings))
+        fitted.append(Wheel(windows, model, settings, further=further))
+    return fitted, warnings
+
+
+def of_fitted(
+    fitted: Sequence[Wheel],
+    *,
+    like: Comparison | None = None,
+    seed: int = 0,
+    warnings: Sequence[str] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> Comparison:
+    """Compare wheels to which a model was fitted with what they measured.
+
+    Parameters
+    ----------
+    fitted : sequence of Wheel
+        All of one model.
+    like, seed, progress
+        As for `compare`.
+    warnings : sequence of str
+        Those that come before its own.
+
+    Returns
+    -------
+    Comparison
+    """
+    model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]
     levels = {name: _pooled_noise(fitted, name) for name in channels}
     scale = {name: _scale(fitted, name, levels[name]) for name in channels}

@@ -98,13 +98,14 @@ def _finding(finding: Finding) -> dict[str, Any]:
 
 def _parameters(wheel: WheelComparison) -> dict[str, Any]:
     known = wheel.fit.model.parameters
+    factor = {name: known[name].factor if name in known else 1.0 for name in wheel.fit.shared}
     return {
         "source": wheel.source,
         "wheel": wheel.wheel,
         **{
             name: {
-                "value": _known(value),
-                "se": _known(wheel.fit.shared_errors[name]),
+                "value": _known(value / factor[name]),
+                "se": _known(wheel.fit.shared_errors[name] / factor[name]),
                 "unit": known[name].unit if name in known else "",
             }
             for name, value in wheel.fit.shared.items()

@@ -10,6 +10,8 @@ import numpy as np
 from terrain_cli.comparison import prediction
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.wheel import Wheel
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 #: Parts in turn left out of a segment that is a single block.
 PARTS = 4
 #: Farthest that a parameter moves when a block is left out, in widths of its prior.
-_FARTHEST = 2.0
+FARTHEST = 2.0
 #: Samples differentiated at a time.
 _SLAB = 65_536
 
@@ -48,7 +50,9 @@ def folds(window: Index, block: Index) -> Index:
     return np.unique(fold, return_inverse=True)[1].astype(np.intp)
 
 
-def predict(wheel: Wheel, block: Index, scale: dict[str, float]) -> dict[str, Array]:
+def predict(
+    wheel: Wheel, block: Index, scale: Mapping[str, float], inputs: Mapping[str, Array] | None = None
+) -> dict[str, Array]:
     """Predict every sample by a fit of the other blocks.
 
     The fit without a block is one step of Gauss and Newton away from the fit of all: exactly so for
@@ -60,6 +64,8 @@ def predict(wheel: Wheel, block: Index, scale: dict[str, float]) -> dict[str, Ar
     block : ndarray of int, shape (n,)
     scale : dict of str to float
         Channel → standard deviation that weighs its residuals.
+    inputs : mapping of str to ndarray, shape (n,), optional
+        Channels from which to predict, in place of the wheel's own.
 
     Returns
     -------
@@ -72,17 +78,18 @@ def predict(wheel: Wheel, block: Index, scale: dict[str, float]) -> dict[str, Ar
     def parameters(rows: Index) -> dict[str, Array]:
         found = wheel.of_samples(rows)
         for column, name in enumerate((*wheel.soil, *wheel.common)):
-            width = _FARTHEST * wheel.prior[name]
+            width = FARTHEST * wheel.prior[name]
             move = np.clip(moved[cell[rows], column], -width, width)
             found[name] = found[name] * np.exp(move) if name in wheel.logarithmic else found[name] + move
         if "sinkage_exponent" in found:
             found["sinkage_exponent"] = np.maximum(found["sinkage_exponent"], 0.1)
         return found
 
-    return prediction.values(wheel.model, wheel.geometry, wheel.channels, parameters)
+    channels = wheel.channels if inputs is None else inputs
+    return prediction.values(wheel.model, wheel.geometry, channels, parameters, tuple(wheel.measured))
 
 
-def _without(wheel: Wheel, fold: Index, scale: dict[str, float]) -> tuple[Index, Array]:
+def _without(wheel: Wheel, fold: Index, scale: Mapping[str, float]) -> tuple[Index, Array]:
     """Return the cell of each sample, and how far a cell's parameters move when its fold is left out.
 
     In the unit sought: logarithms of parameters that are positive.
@@ -117,14 +124,28 @@ def _without(wheel: Wheel, fold: Index, scale: dict[str, float]) -> tuple[Index,
                 information[label] += slope[low:high].T @ slope[low:high]
                 score[label] += slope[low:high].T @ error[low:high]
     prior = np.diag([wheel.prior[name] ** -2.0 for name in (*wheel.soil, *wheel.common)])
-    moved = _leave_out(information, score, pairs[0], pairs[1], prior, local)
+    moved = leave_out(information, score, pairs[0], pairs[1], prior, local)
     return cell, moved
 
 
-def _leave_out(
+def leave_out(
     information: Array, score: Array, window: Index, fold: Index, prior: Array, local: int
 ) -> Array:
-    """Return how the parameters of each cell move when its fold is left out, shape (cells, size)."""
+    """Return how the parameters of each cell move when its fold is left out.
+
+    Parameters
+    ----------
+    information : ndarray, shape (cells, size, size)
+    score : ndarray, shape (cells, size)
+    window, fold : ndarray of int, shape (cells,)
+    prior : ndarray, shape (size, size)
+    local : int
+        Parameters that each window has of its own: the first ones.
+
+    Returns
+    -------
+    ndarray, shape (cells, size)
+    """
     windows = int(window.max()) + 1
     whole, pull = np.zeros((windows, *prior.shape)), np.zeros((windows, len(prior)))
     np.add.at(whole, window, information)

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.comparison import drivers, noise, prediction
+from terrain_cli.comparison import drivers, noise, prediction, quiet, whitening
 from terrain_cli.comparison.drivers import at_rows
 from terrain_cli.comparison.neighbours import from_neighbours
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
     from terrain_cli.comparison.parts import Driver
+    from terrain_cli.comparison.whitening import Whitening
     from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknown
     from terrain_cli.mechanics.model import Model
     from terrain_cli.windows import Windows
 
@@ -35,6 +37,27 @@ _WITH_SLIP = ("velocity", "angular_velocity")
 _READ = (*NOISY, *_WITH_SLIP, "torque", "drawbar_pull")
 #: Most samples to which one soil is fitted.
 _MOST_COMMON = 30_000
+#: Mean square of the residuals, in units of the noise, from which on a model misses something.
+_MISFIT = 1.5
+#: Ways in which a channel is interpolated for a fit: samples left out beside each, and samples averaged.
+_WAYS = ((2, 3), (1, 2), (0, 1))
+#: Share by which sinkage grows with the load, over the load's own: 1 / (n + ½) of an ordinary soil; and
+#: samples that tell.
+_YIELD, _ENOUGH = 0.75, 30
+#: Most by which an interpolation is drawn out, as its neighbours flatten what changes fast.
+_MOST_SHARE = 1.5
+#: Times its noise that an interpolation may be off by.
+_FAITHFUL = 1.25
+#: Medians of what noise does by which load or slip may differ from their neighbours.
+_STEP = 6.0
+#: Share of the measurements for which a fit has no prediction that is too large.
+_MISSING = 0.02
+#: Differences of load or sinkage, as a multiple of their size, that are large.
+_SCATTER = 3.0
+#: Prior standard deviations within which a search begins.
+_FAR = 3.0
+#: Blocks that a misfit is taken to have at the most, and samples of one at least.
+_BLOCKS, _LEAST_BLOCK = 40, 24
 #: Longest memory of noise, in samples, that is waited for: beyond it neighbours tell too little.
 _LONGEST = 25
 
@@ -70,18 +93,26 @@ class Wheel:
     settings : Settings
     segment : ndarray of int, shape (n,), optional
         Segment of each usable sample, where the windows are no segments but join several.
+    further : collection of str
+        Channels that are kept although the model does not read them.
     """
 
     def __init__(
-        self, windows: Windows, model: Model, settings: Settings, segment: Index | None = None
+        self,
+        windows: Windows,
+        model: Model,
+        settings: Settings,
+        segment: Index | None = None,
+        further: Collection[str] = (),
     ) -> None:
-        self.windows, self.model, self.settings = windows, model, settings
+        self.windows, self.model, self.settings, self.further = windows, model, settings, further
         self.window: Index = np.repeat(np.arange(len(windows)), np.diff(windows.bounds))
         self.segment: Index = self.window if segment is None else segment
         samples = windows.samples
         self.geometry = samples.geometry.wheel
-        every = {**samples.drivers, **samples.channels}
-        read = {*_READ, *(name for effect in model.effects for name in effect.reads)}
+        # What was computed for an effect is counted the way the wheel turns; measured channels are not.
+        every = {**samples.channels, **samples.drivers}
+        read = {*_READ, *further, *(name for effect in model.effects for name in effect.reads)}
         columns = {name: at_rows(column, windows.rows) for name, column in every.items() if name in read}
         self.channels: dict[str, Array] = {
             name: column for name, column in columns.items() if np.isfinite(column).any()
@@ -99,7 +130,7 @@ class Wheel:
             given="sinkage" if "sinkage" in self.channels else "load",
             correlated=self.ordered,
         )
-        sought = unknowns(
+        self.sought = sought = unknowns(
             model,
             fixed=settings.fixed,
             priors=settings.priors,
@@ -114,9 +145,223 @@ class Wheel:
         self.prior = {u.name: u.sd for u in (*sought.local, *sought.shared)}
         self.parameters = self._parameters(settings)
         self.series = np.concatenate([samples.stretch[windows.rows], [0]])[: len(windows.rows)]
+        self._robust()
 
     def __len__(self) -> int:
         return len(self.windows.rows)
+
+    def _robust(self) -> None:
+        """Take the soil from a fit that a wrong model does not lead astray, if the model is wrong."""
+        known = self.fit.dof > 0.0
+        ratio = float(self.fit.chi2[known].sum() / self.fit.dof[known].sum()) if known.any() else 1.0
+        # Of test points load and slip were set, and are exact.
+        if (ratio < _MISFIT and self.ordered and not self._lost()) or not self.measured:
+            return
+        data = self.least_squares_data()
+        t, common = self.beginning()
+        begun = (t, quiet.neutral(self.model, self.sought, data, common))
+        found = [quiet.solve(self.model, self.sought, data, soil, common) for soil in begun]
+        self.take(min(found, key=lambda one: one.merit), data)
+
+    def _lost(self) -> bool:
+        """Tell whether the fit went to a soil without friction, or one that does not carry the load."""
+        if "tan_phi" in self.parameters and np.any(self.parameters["tan_phi"] <= 0.0):
+            return True
+        there = {name: np.isfinite(column) for name, column in self.measured.items()}
+        missing = sum(int((own & ~np.isfinite(self.predicted[name])).sum()) for name, own in there.items())
+        return missing > _MISSING * sum(int(own.sum()) for own in there.values())
+
+    def beginning(self) -> tuple[Array, Array]:
+        """Return where a search begins: at the fit, in prior standard deviations from the prior means."""
+        local = [self._sought_value(u) for u in self.sought.local]
+        shared = [float(np.ravel(self._sought_value(u))[0]) for u in self.sought.shared]
+        t = np.stack(local, axis=1) if local else np.zeros((len(self.windows), 0))
+        return np.clip(t, -_FAR, _FAR), np.array(shared)
+
+    def _sought_value(self, unknown: Unknown) -> Array:
+        column = self.parameters[unknown.name]
+        number = np.log(np.maximum(column, 1e-300)) if unknown.logarithm else column
+        return np.asarray((number - unknown.mean) / unknown.sd)
+
+    def least_squares_data(self, white: Whitening | None = None) -> quiet.Data:
+        """Prepare a fit by `quiet.solve`.
+
+        Parameters
+        ----------
+        white : Whitening, optional
+            Of what is left; what changes from sample to sample in the channels if not given.
+
+        Returns
+        -------
+        quiet.Data
+        """
+        inputs, use = self.inputs()
+        blocks = max(len(self) // _LEAST_BLOCK, 1) if self.ordered else len(self)
+        return quiet.Data(
+            self.geometry,
+            inputs,
+            self.measured,
+            use,
+            white or self._noise_of_channels(),
+            self.window,
+            len(self.windows),
+            min(blocks, _BLOCKS),
+        )
+
+    def _noise_of_channels(self) -> Whitening:
+        """Return the noise before anything is fitted; of test points what repeated ones differ by."""
+        found = whitening.of_channels(self.measured, self.group if self.ordered else np.arange(len(self)))
+        if self.ordered:
+            return found
+        levels = [self.noise[name].deviation for name in found.channels]
+        least = np.sqrt(np.diag(found.covariance))
+        known = [
+            level if np.isfinite(level) and level > 0.0 else size
+            for level, size in zip(levels, least, strict=True)
+        ]
+        return whitening.Whitening(found.channels, np.diag(np.square(known)))
+
+    def inputs(self) -> tuple[dict[str, Array], NDArray[np.bool_]]:
+        """Return the channels from which to predict without their noise, and the samples of use.
+
+        Returns
+        -------
+        channels : dict of str to ndarray, shape (n,)
+            Predicted from its own noisy sinkage a torque would be the less wrong the less a model makes
+            of sinkage: where the load tells the sinkage, that is left out.
+        use : ndarray of bool, shape (n,)
+            False where load or slip change too fast to be interpolated.
+        """
+        use = np.ones(len(self), dtype=bool)
+        channels = self.quiet(_WAYS[0][0])
+        if self.ordered:
+            for name in NOISY:
+                if name not in channels:
+                    continue
+                channels[name], known = self._interpolated(name)
+                use &= known | (name == "sinkage")
+        elif "load" in channels:
+            channels["load"] = self._calibrated("load", channels["load"])
+        if self.model.base == "wong-reece" and "load" in channels:
+            channels.pop("sinkage", None)
+        return channels, use
+
+    def _interpolated(self, name: str) -> tuple[Array, NDArray[np.bool_]]:
+        """Return a channel from its neighbours, as far apart as its changes allow, and where that is right.
+
+        Farther neighbours share less of the noise, nearer ones more of what changes; where even the
+        nearest do not tell, the channel is taken as it was measured.
+        """
+        measured = self.channels[name]
+        noise_of_it = float(np.sqrt(whitening.of_channels({name: measured}, self.group).covariance[0, 0]))
+        for gap, reach in _WAYS:
+            column = from_neighbours(measured, self.group, gap=gap, reach=reach)
+            off = np.abs(measured - column)
+            usual = float(np.nanmedian(off)) if np.isfinite(off).any() else 0.0
+            # Own noise and that of the neighbours, as medians of normal deviates.
+            if usual <= _FAITHFUL * 0.6745 * noise_of_it * np.sqrt(1.0 + 0.64 / reach):
+                size = float(np.nanmax(np.abs(measured)))
+                return self._calibrated(name, column), off <= max(_STEP * usual, 1e-9 * size)
+        return measured, np.ones(len(self), dtype=bool)
+
+    def _calibrated(self, name: str, column: Array) -> Array:
+        """Draw an interpolated channel to its mean by the share of noise that is left in it.
+
+        Of a load that does not vary, all that an interpolation shows is noise: taken for true, the soil
+        would be fitted to what it does not answer to (regression calibration, Carroll et al. 2006,
+        Measurement Error in Nonlinear Models, chapter 4).
+        """
+        measured = self.channels[name]
+        known = np.isfinite(column) & np.isfinite(measured)
+        power = float(np.var(column[known])) if known.any() else 0.0
+        if power == 0.0:
+            return column
+        middle = float(np.mean(column[known]))
+        if not self.ordered:
+            others = [other for other in ("slip", "load") if other != name]
+            off = measured - float(np.mean(measured[known]))
+            level = float(np.nan_to_num(noise.of_points(off, self.window, self._conditions(others))))
+            share = float(np.clip((np.var(measured[known]) - level**2) / power, 0.0, 1.0))
+            return np.asarray(middle + share * (column - middle))
+        # Neighbours share what is true of a sample, and none of its noise.
+        share = (
+            float(np.mean((column[known] - middle) * (measured[known] - np.mean(measured[known])))) / power
+        )
+        share = float(np.clip(share, 0.0, _MOST_SHARE))
+        if name == "load" and share > 0.0:
+            # Noise that lasts is shared too; but the wheel does not sink with it.
+            felt = self._felt() / (share**2 * power)
+            share *= felt if felt < 0.5 else 1.0
+        return np.asarray(middle + share * (column - middle))
+
+    def _felt(self) -> float:
+        """Return the variance of the load, in N², that the sinkage answers to: noise has no part in it."""
+        if "sinkage" not in self.channels or "slip" not in self.channels:
+            return 0.0
+        load, sinkage, slip = (self.channels[name] for name in ("load", "sinkage", "slip"))
+        known = np.isfinite(load) & np.isfinite(sinkage) & np.isfinite(slip)
+        if known.sum() < _ENOUGH:
+            return 0.0
+        steady = np.stack([np.ones(int(known.sum())), slip[known], slip[known] ** 2], axis=1)
+        own, other = (
+            column[known] - steady @ np.linalg.lstsq(steady, column[known], rcond=None)[0]
+            for column in (load, sinkage)
+        )
+        share = float(np.mean(own * other)) / max(float(np.mean(sinkage[known])), 1e-300)
+        answer = share * float(np.mean(load[known])) / _YIELD
+        return float(np.clip(answer, 0.0, np.var(own)))
+
+    def take(self, solution: quiet.Solution, data: quiet.Data) -> None:
+        """Replace what was fitted.
+
+        Parameters
+        ----------
+        solution : quiet.Solution
+        data : quiet.Data
+        """
+        covariance, common = quiet.covariance(data, solution)
+        for name in ("predicted", "residuals", "noise"):
+            self.__dict__.pop(name, None)
+        fit = self.fit
+        values, errors = dict(fit.values), dict(fit.errors)
+        shared, shared_errors = dict(fit.shared), dict(fit.shared_errors)
+        empty = fit.n == 0
+        for column, unknown in enumerate((*self.sought.local, *self.sought.shared)):
+            own = column < len(self.sought.local)
+            place = column - len(self.sought.local)
+            number = unknown.value(solution.t[:, column] if own else np.asarray(solution.common[place]))
+            self.parameters[unknown.name] = np.broadcast_to(number, (len(self.windows),)).astype(float)
+            error = np.sqrt(covariance[:, column, column])
+            if unknown.name in values:
+                values[unknown.name] = np.where(empty, np.nan, number)
+                errors[unknown.name] = np.where(empty, np.nan, error)
+            if not own:
+                shared[unknown.name] = float(number)
+                shared_errors[unknown.name] = float(np.sqrt(common[place, place]))
+        names = tuple(u.name for u in (*self.sought.local, *self.sought.shared))
+        changed: dict[str, Any] = {}
+        if {"cohesion", "tan_phi"} <= set(names):
+            c, tan = names.index("cohesion"), names.index("tan_phi")
+            sigma = np.maximum(-covariance[:, c, tan] / covariance[:, tan, tan], 0.0)
+            variance = (
+                covariance[:, c, c] + 2.0 * sigma * covariance[:, c, tan] + sigma**2 * covariance[:, tan, tan]
+            )
+            changed = {
+                "sigma_star": np.where(empty, np.nan, sigma),
+                "strength": values["cohesion"] + sigma * values["tan_phi"],
+                "strength_se": np.where(empty, np.nan, np.sqrt(np.maximum(variance, 0.0))),
+            }
+        self.fit = replace(
+            fit,
+            values=values,
+            errors=errors,
+            shared=shared,
+            shared_errors=shared_errors,
+            names=names,
+            covariance=covariance,
+            shared_covariance=common,
+            **changed,
+        )
 
     def _parameters(self, settings: Settings) -> dict[str, Array]:
         """Return every parameter of every window; those of windows without samples are never used."""
@@ -201,17 +446,24 @@ class Wheel:
         """Noise of the residuals."""
         if self.ordered:
             return {name: noise.of_series(e, self.group) for name, e in self.residuals.items()}
-        conditions = []
-        for name in ("slip", "load", "sinkage"):
-            if name in self.channels:
-                column = self.channels[name]
-                span = float(np.nanmax(column) - np.nanmin(column))
-                conditions.append(column / span if span > 0.0 else np.zeros(len(self)))
-        table = np.stack(conditions, axis=1)
+        table = self._conditions(("slip", "load") if "load" in self.channels else ("slip", "sinkage"))
         return {
             name: noise.NoiseLevel(noise.of_points(e, self.window, table), 0)
             for name, e in self.residuals.items()
         }
+
+    def _conditions(self, names: Sequence[str]) -> Array:
+        """Return under what conditions test points were run, each in the unit of a large difference."""
+        columns = []
+        for name in names:
+            if name in self.channels:
+                column = self.channels[name]
+                # A load or sinkage scatters by some percent where it was meant to be the same.
+                size = float(np.nanmax(np.abs(column))) * _SCATTER
+                span = float(np.nanmax(column) - np.nanmin(column))
+                span = span if name == "slip" else max(span, size)
+                columns.append(column / span if span > 0.0 else np.zeros(len(self)))
+        return np.stack(columns, axis=1) if columns else np.zeros((len(self), 1))
 
     @property
     def memory(self) -> int:
@@ -222,6 +474,28 @@ class Wheel:
     def drivers(self) -> dict[str, Driver]:
         """What the residuals may follow."""
         return drivers.of_wheel(self.windows)
+
+    def quiet(self, gap: int) -> dict[str, Array]:
+        """Return all channels of the usable samples, load, sinkage, slip and speeds without their own noise.
+
+        Parameters
+        ----------
+        gap : int
+            Samples left out on either side when they are interpolated from their neighbours.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        if not self.ordered:
+            return dict(self.channels)
+        reach = max(3, gap // 2)
+        return {
+            name: from_neighbours(column, self.group, gap=gap, reach=reach)
+            if name in (*NOISY, *_WITH_SLIP)
+            else column
+            for name, column in self.channels.items()
+        }
 
     def smoothed(self, gap: int, rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return channels and drivers of some usable samples, without the samples' own noise.
@@ -240,13 +514,7 @@ class Wheel:
         -------
         channels, drivers : dict of str to ndarray, shape (n,)
         """
-        reach = max(3, gap // 2)
-        channels: dict[str, Array] = {}
-        for name, column in self.channels.items():
-            if self.ordered and name in (*NOISY, *_WITH_SLIP):
-                channels[name] = from_neighbours(column, self.group, gap=gap, reach=reach)[rows]
-            else:
-                channels[name] = column[rows]
+        channels = {name: column[rows] for name, column in self.quiet(gap).items()}
         if self.model.base == "wong-reece" and {"load", "sinkage"} <= channels.keys():
             kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
             sunk = prediction.values(

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.effects.effect import Effect, Parameter
     from terrain_cli.effects.user_file import Understood
+    from terrain_cli.models import Assumption
 
 LIST_FORMAT = "terrain-est/effects/1"
 CHECK_FORMAT = "terrain-est/effects-check/1"
@@ -142,6 +143,44 @@ def text(effect: Effect) -> str:
         if words:
             lines += _field(name, words)
     return "\n".join(lines)
+
+
+def overview_of_assumptions(assumptions: Iterable[Assumption]) -> str:
+    """Return a table of what bases take for granted, a line for each.
+
+    Parameters
+    ----------
+    assumptions : iterable of Assumption
+
+    Returns
+    -------
+    str
+    """
+    rows = [(one.id, one.title) for one in assumptions]
+    return "\n".join(["assumptions of a base, which model add lifts:", *_aligned(rows)])
+
+
+def text_of_assumption(assumption: Assumption) -> str:
+    """Tell a person all about what a base takes for granted.
+
+    Parameters
+    ----------
+    assumption : Assumption
+
+    Returns
+    -------
+    str
+    """
+    return "\n".join(
+        [
+            f"{assumption.id}: {assumption.title}",
+            *_field("what", "an assumption of a base, which model add lifts"),
+            "",
+            textwrap.fill(assumption.explanation, _WIDTH),
+            *_field("settled by", assumption.settled_by),
+            *_field("reference", assumption.reference),
+        ]
+    )
 
 
 def checked_text(file: str, understood: Understood) -> str:

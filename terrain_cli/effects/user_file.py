@@ -77,6 +77,28 @@ def load(path: str | Path) -> Effect:
     return read(path).effect
 
 
+def parse(text: str, name: str = "draft") -> Effect:
+    """Read an effect that is in no file yet.
+
+    Parameters
+    ----------
+    text : str
+        Of the file.
+    name : str
+        For messages.
+
+    Returns
+    -------
+    Effect
+
+    Raises
+    ------
+    ConfigurationError
+        As for `load`.
+    """
+    return _Reader(name, text, FILE(strict.parse(text, name), f"{name}: ")).understood().effect
+
+
 def read(path: str | Path) -> Understood:
     """Read an effect, and say what was understood of it.
 

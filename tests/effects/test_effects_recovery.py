@@ -28,7 +28,7 @@ OUTPUTS = ("sinkage", "torque", "drawbar_pull")
 
 #: The truth, and how near to it the fit must come, as a share of the parameter's scale.
 TRUTH = {
-    "slip-sinkage": ({"n1": 0.4}, 1e-4),
+    "slip-sinkage": ({"n1": 0.4, "S": 0.2}, 1e-3),
     "max-stress-angle": ({"c1": 0.4, "c2": 0.25}, 1e-4),
     "rear-contact": ({"c3": 0.25}, 1e-4),
     "grousers": ({"lambda_s": 0.7}, 1e-4),

@@ -10,8 +10,9 @@ from simulator.profiles import Profile, constant, undulation, wave
 from simulator.wheel import Model, Wheel
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
+    from simulator.profiles import Array
     from simulator.soils import Soil
 
 CHANNELS = ("load", "torque", "sinkage", "angular_velocity", "velocity", "x", "y")
@@ -79,6 +80,11 @@ class Drive:
         By channel, or by "WHEEL/channel"; the others are perfect.
     channels : tuple of str
         Those measured, of `run.CLOCK_OF`.
+    further : mapping of str to Profile
+        Columns that are measured besides, on the clock of the torque.
+    laws : sequence of callable
+        What no effect is: each is called, after all effects, with what perfect sensors show, further
+        columns and "wheel_angle" in rad included, and changes it in place.
     start : float
         Clock at the start in s.
     heading : float
@@ -100,6 +106,8 @@ class Drive:
     rate: float = 50.0
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     channels: tuple[str, ...] = CHANNELS
+    further: Mapping[str, Profile] = field(default_factory=dict)
+    laws: Sequence[Callable[[dict[str, Array]], None]] = ()
     start: float = 0.0
     heading: float = 0.0
     origin: tuple[float, float] | None = None

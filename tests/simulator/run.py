@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from simulator.effects import forces_with, freeze
 from simulator.noise import Clock, Sensor, generator
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from simulator.drive import Drive, Track
@@ -22,6 +25,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Columns = dict[str, NDArray[Any]]
+    At = Callable[[Array], dict[str, Array]]
 
 #: channel → the topic whose clock it shares. Those of `BODY` are measured once for all wheels.
 CLOCK_OF = {
@@ -143,12 +147,13 @@ class Run:
 
 def simulate(drive: Drive) -> Run:
     """Drive, and measure; the same drive always gives the same numbers."""
-    channels = drive.channels + (("longitude", "latitude") if drive.origin else ())
+    channels = (*drive.channels, *drive.further, *(("longitude", "latitude") if drive.origin else ()))
     logs = {}
     for track in drive.tracks:
         measured = {}
+        shown = _remembered(partial(_shown, drive, track))
         for channel in channels:
-            measured[channel] = _measure(drive, track, channel)
+            measured[channel] = _measure(drive, track, channel, shown)
         time = measured["torque"].time
         truth = _state(drive, track, np.round(time - drive.start, 6))
         ends = drive.start + np.cumsum([0.0, *(seconds for _, seconds in track.soils)])
@@ -172,29 +177,48 @@ def _wheel_columns(log: WheelLog, *, terrain: bool) -> Columns:
     return table
 
 
-def _measure(drive: Drive, track: Track, channel: str) -> Series:
-    topic = CLOCK_OF[channel]
+def _measure(drive: Drive, track: Track, channel: str, shown_at: At) -> Series:
+    topic = CLOCK_OF.get(channel, "joints")
     own = f"{track.name}/{topic}"
     clock = drive.clocks.get(own) or drive.clocks.get(topic) or Clock(drive.rate)
     shared = topic in {"joints", "odometry", "imu", "fix"}
     time = clock.times(drive.duration, generator(drive.seed, f"clock {topic if shared else own}"))
     key = f"{track.name}/{channel}"
     sensor = drive.sensors.get(key) or drive.sensors.get(channel) or Sensor()
-    shown = _shown(drive, track, np.maximum(time - sensor.lag, 0.0))[channel]
+    shown = shown_at(np.maximum(time - sensor.lag, 0.0))[channel]
     values = sensor.measure(time, shown, generator(drive.seed, channel if channel in BODY else key))
     return Series(np.round(drive.start + time, 6), values)
 
 
 def _shown(drive: Drive, track: Track, time: Array) -> dict[str, Array]:
     """Return what perfect sensors show, at times in s since the start."""
-    if not drive.effects:
+    if not drive.effects and not drive.laws:
         return _state(drive, track, time)
     effects = freeze(drive.effects)
 
     def omega(moved: Array) -> Array:
         return sensing.angular_velocity(effects, drive.wheel, drive.speed(moved), track.slip(moved))
 
-    return sensing.shown(effects, time, lambda moved: _state(drive, track, moved), omega, drive.wheel)
+    at = _remembered(partial(_state, drive, track))
+    channels = sensing.shown(effects, time, at, omega, drive.wheel)
+    if drive.laws:
+        channels["wheel_angle"] = sensing.turned(omega, time)
+    for law in drive.laws:
+        law(channels)
+    return channels
+
+
+def _remembered(at: At) -> At:
+    """Topics on equal clocks ask for the same times again and again."""
+    known: dict[bytes, dict[str, Array]] = {}
+
+    def again(time: Array) -> dict[str, Array]:
+        key = time.tobytes()
+        if key not in known:
+            known[key] = at(time)
+        return known[key]
+
+    return again
 
 
 def _state(drive: Drive, track: Track, time: Array) -> dict[str, Array]:
@@ -212,6 +236,7 @@ def _state(drive: Drive, track: Track, time: Array) -> dict[str, Array]:
         "pass_number": track.pass_number(time),
         "motor_temperature": track.motor_temperature(time),
         "acceleration": _slope(drive.speed, time),
+        **{name: profile(time) for name, profile in drive.further.items()},
     }
     load, sinkage, torque, pull = (np.empty(len(time)) for _ in range(4))
     # One call per soil, however often it comes back: its table then serves all its stretches.

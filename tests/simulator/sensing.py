@@ -254,6 +254,13 @@ def _sinkage_bias(channels: Channels, p: Numbers, other: bool, _omega: Profile, 
     channels["sinkage"] = (0.97 if other else 1.0) * channels["sinkage"] + p["offset"]
 
 
+def _carried_away(channels: Channels, p: Numbers, other: bool, _omega: Profile, _time: Array) -> None:
+    # Lyasko 2010 in the other form: soil is carried away without bearing more.
+    slip = np.abs(channels["slip"])
+    below = 1.0 - 0.5 * p["S"] * slip if other else 1.0
+    channels["sinkage"] = channels["sinkage"] * (1.0 + p["S"] * slip) / below
+
+
 def _acceleration(channels: Channels, p: Numbers, _other: bool, omega: Profile, time: Array) -> None:
     step = 1e-3
     rate = (omega(time + step) - omega(time - step)) / (2.0 * step)
@@ -261,6 +268,7 @@ def _acceleration(channels: Channels, p: Numbers, _other: bool, omega: Profile, 
 
 
 SENSORS: dict[str, Callable[[Channels, Numbers, bool, Profile, Array], None]] = {
+    "slip-sinkage": _carried_away,
     "drivetrain-friction": _friction,
     "gear-efficiency": _efficiency,
     "motor-temperature": _temperature,

@@ -16,20 +16,29 @@ def _exponent(q: Mapping[str, Any]) -> Any:
     return q["sinkage_exponent"] + q["n1"] * np.absolute(q["slip"])
 
 
+def _sinkage(q: Mapping[str, Any]) -> Any:
+    return q["sinkage"] * (1.0 + q["S"] * np.absolute(q["slip"]))
+
+
 EFFECT = Effect(
     id="slip-sinkage",
     title="Sinkage grows with slip",
     kind="stress",
     parameters=(
         Parameter("n1", "1", 0.0, 0.5, -1.0, 3.0, "growth of the sinkage exponent from no slip to full slip"),
+        Parameter(
+            "S", "1", 0.0, 0.5, -0.8, 10.0, "soil carried away: growth of the sinkage itself, as a share"
+        ),
     ),
-    laws={"sinkage_exponent": _exponent},
-    formula="n = n0 + n1 |i|",
+    laws={"sinkage_exponent": _exponent, "sinkage": _sinkage},
+    formula="n = n0 + n1 |i|; z *= 1 + S |i|",
     explanation=(
         "A slipping wheel carries soil backwards from under itself and sinks into the hole: at a slip of "
         "0.6 it stands three to seven times as deep as at rest. Ding et al. let the exponent of the "
-        "pressure–sinkage law grow with slip; n1 is 0.3 to 1 in loose soil. Lyasko writes the same as z = "
-        "z0 (1 + S i)/(1 − 0.5 S i), which n1 follows closely. Sinkage at one load rises with slip, and "
+        "pressure–sinkage law grow with slip; n1 is 0.3 to 1 in loose soil: all of the contact is longer "
+        "then. Lyasko lets the sinkage alone grow, z = z0 (1 + S i)/(1 − 0.5 S i), by soil that is carried "
+        "away without bearing more; here z0 (1 + S |i|), as on a smooth wheel in dry sand S = 1 does. One "
+        "drive hardly tells n1 from S. Sinkage at one load rises with slip, and "
         "through the longer contact torque rises too, while drawbar pull falls at high slip. Without "
         "sinkage it is easily taken for grousers or max-stress-angle. Grousers and shear-modulus hardly "
         "move the sinkage; max-stress-angle moves it less, and leaves torque as it was."

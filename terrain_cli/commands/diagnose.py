@@ -1,0 +1,96 @@
+"""`terrain-est diagnose INPUT…`."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+from terrain_cli.commands import comparing, options
+
+
+@click.command(
+    "diagnose",
+    context_settings=options.CONTEXT,
+    short_help="Name the physical effect that a model lacks.",
+    epilog="""\b
+Examples:
+  terrain-est diagnose run.bag
+  terrain-est diagnose day1/*.mcap --model model.toml --json > diagnosis.json
+  terrain-est diagnose run.csv --effect cable-drag.toml
+  terrain-est diagnose run.csv --draft law.toml
+""",
+)
+@options.inputs
+@options.rover
+@click.option(
+    "--model",
+    type=options.FILE,
+    envvar="TERRAIN_EST_MODEL",
+    default="wong-reece",
+    metavar="FILE|linear|wong-reece",
+    help="Model that may lack something: a base, or a model file.  [wong-reece]",
+)
+@click.option(
+    "--effect",
+    "further",
+    multiple=True,
+    type=options.FILE,
+    envvar="TERRAIN_EST_EFFECT",
+    metavar="FILE.toml",
+    help="An effect of your own that may be missing, beside those of the catalogue (repeatable).",
+)
+@click.option(
+    "--draft",
+    type=options.FILE,
+    metavar="FILE.toml",
+    help="Write a law here if no effect of the catalogue explains what is missing.",
+)
+@options.wheel
+@comparing.cutting
+@options.as_json
+@options.quiet
+@click.pass_context
+def command(context: click.Context, /, **_: Any) -> None:
+    """Find out which physical effect a model lacks: its name, or those that the data cannot tell apart.
+
+    Every effect of the catalogue is tried, and those of --effect: fitted together with the soil, and
+    judged by the error on stretches of the data that were left out. One name is given only where this
+    very drive would show that effect and no other; otherwise a family, and the drive that would settle
+    it. Inputs of the same wheel are joined. Exit code 0 whatever is found. See docs/diagnose.md.
+    """
+    import formats
+    from terrain_cli import effects, models
+    from terrain_cli.commands.progress import Progress
+    from terrain_cli.diagnosis import diagnose, document
+
+    given = context.params
+    file = models.resolve(given["model"])
+    own = [models.find_effect(name) for name in given["further"]]
+    candidates = {**effects.catalogue(), **{effect.id: effect for effect in own}}
+    with Progress(len(given["inputs"]) + 1, enabled=not given["quiet"]) as progress:
+        cut = comparing.read(context, [file], progress)
+        found = diagnose(
+            cut,
+            file,
+            effects=list(candidates.values()),
+            seed=given["seed"],
+            progress=partial(progress.say, str(file.path or file.model.base)),
+        )
+        progress.advance()
+    if given["as_json"]:
+        content = document.document(found)
+        click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))
+    else:
+        click.echo(document.text(found))
+    if given["draft"]:
+        if found.unknown is None:
+            click.echo(f"{given['draft']}: not written: nothing needs a law of its own", err=True)
+        else:
+            with formats.replacing(given["draft"]) as temporary:
+                Path(temporary).write_text(found.unknown.draft, encoding="utf-8")
+            if not given["quiet"]:
+                click.echo(f"{given['draft']}: {found.unknown.sentence}", err=True)

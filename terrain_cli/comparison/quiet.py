@@ -1,0 +1,595 @@
+"""Least squares on channels without their own noise: a fit that a wrong model does not lead astray.
+
+The fit of `estimation.wheel_fit` takes load, sinkage and slip for noisy and is the best there is where the
+model is right. Where something is missing it puts the blame on them: soils come out that no prior would
+allow. Here they are interpolated from neighbouring samples and count as exact, sinkage follows from the
+load, and what is left of torque, pull and sinkage is minimised in units of its noise, wild values bounded
+(Huber 1964). What the model cannot explain counts as noise that lasts for a block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.mechanics.dual import slopes, value
+from terrain_cli.mechanics.model import predict
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+    from terrain_cli.mechanics.model import Model, WheelGeometry
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Deviations of the noise beyond which a residual weighs less.
+BEND = 3.0
+#: Residual, in deviations, where the model has no answer.
+NO_ANSWER = 10.0
+#: Nodes on each arc while parameters are sought and differentiated: forces right to 1e-4.
+ORDER = 6
+#: Samples predicted at a time.
+_SLAB = 65_536
+_ITERATIONS, _ROUNDS, _TRIES = 12, 2, 6
+#: Times that a neutral soil's stiffness is corrected.
+_CARRIED = 3
+#: Change of the cost, as a share, at which the search is over.
+_SETTLED = 1e-5
+#: Share of a sinkage, and of the samples, from which on a change is more than a small one.
+_FAR = 0.1
+#: Share of the load by which what the soil carries may be off one step from a sinkage.
+_CARRIES = 0.2
+#: Independent values that a misfit has in a block.
+_PER_BLOCK = 4.0
+
+
+@dataclass(frozen=True)
+class Data:
+    """Samples of one wheel, and what is to be explained of them.
+
+    Parameters
+    ----------
+    geometry : WheelGeometry
+    inputs : mapping of str to ndarray, shape (n,)
+        What a model predicts from. The sinkage is one of them only where it cannot be predicted.
+    measured : mapping of str to ndarray, shape (n,)
+    use : ndarray of bool, shape (n,)
+    white : Whitening
+        Of the channels that are explained.
+    window : ndarray of int, shape (n,)
+    windows, blocks : int
+    """
+
+    geometry: WheelGeometry
+    inputs: Mapping[str, Array]
+    measured: Mapping[str, Array]
+    use: NDArray[np.bool_]
+    white: Whitening
+    window: Index
+    windows: int
+    blocks: int
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which channels are known of which samples, shape (n, c)."""
+        return np.stack([np.isfinite(self.measured[n]) & self.use for n in self.white.channels], axis=1)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A model fitted to the samples of one wheel.
+
+    Parameters
+    ----------
+    model : Model
+    unknowns : Unknowns
+    t, common : ndarray, shape (w, q) and (m,)
+        In prior standard deviations from the prior means.
+    residual : ndarray, shape (n, c)
+        In units of the noise.
+    design : ndarray, shape (n, c, q + m)
+        Derivatives of the prediction, in the same units, by t and common.
+    spread : float
+        Variance of the misfit in units of the noise's, as it counts against the prior.
+    cost : float
+    """
+
+    model: Model
+    unknowns: Unknowns
+    t: Array
+    common: Array
+    residual: Array
+    design: Array
+    spread: float
+    cost: float
+
+    @property
+    def merit(self) -> float:
+        """Cost with the prior's part: what a search makes small."""
+        return _cost(self.residual, self.t, self.common, 1.0)
+
+    def of_samples(self, window: Index) -> dict[str, Array]:
+        """Return every parameter of some samples.
+
+        Parameters
+        ----------
+        window : ndarray of int, shape (n,)
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        return parameters(self.unknowns, self.t[window], self.common, window)
+
+
+def parameters(sought: Unknowns, t: Array, common: Array, window: Index) -> dict[str, Array]:
+    """Return every parameter of some samples.
+
+    Parameters
+    ----------
+    sought : Unknowns
+    t : ndarray, shape (n, q)
+        Of each sample.
+    common : ndarray, shape (m,) or (n, m)
+    window : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+    """
+    n = len(window)
+    found = {
+        name: np.broadcast_to(number, (n,)) if number.ndim == 0 else number[window]
+        for name, number in sought.fixed.items()
+    }
+    for column, unknown in enumerate(sought.local):
+        found[unknown.name] = unknown.value(t[:, column])
+    for column, unknown in enumerate(sought.shared):
+        found[unknown.name] = np.broadcast_to(unknown.value(np.asarray(common[..., column])), (n,))
+    return found
+
+
+def forecast(
+    model: Model,
+    data: Data,
+    numbers: Mapping[str, Array],
+    by: Sequence[str] = (),
+    *,
+    order: int | None = None,
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Predict the channels, and differentiate them.
+
+    Parameters
+    ----------
+    model : Model
+    data : Data
+    numbers : mapping of str to ndarray, shape (n,)
+        Every parameter of every sample.
+    by : sequence of str
+        Parameters.
+    order : int, optional
+        Nodes on each arc.
+
+    Returns
+    -------
+    values : dict of str to ndarray, shape (n,)
+        NaN where not predictable.
+    tables : dict of str to ndarray, shape (n, len(by))
+    """
+    names, n = data.white.channels, len(data.use)
+    given = "sinkage" if "sinkage" in data.inputs else "load"
+    needed = {
+        "slip",
+        given,
+        *(("load",) if model.base == "linear" else ()),
+        *model.needs,
+    } & data.inputs.keys()
+    fine = np.ones(n, dtype=bool)
+    for name in needed:
+        fine &= np.isfinite(data.inputs[name])
+    if "sinkage" in needed:
+        fine &= data.inputs["sinkage"] > 0.0
+    found = {name: np.full(n, np.nan) for name in names}
+    tables = {name: np.zeros((n, len(by))) for name in names}
+    rows = np.flatnonzero(fine)
+    for start in range(0, len(rows), _SLAB):
+        some = rows[start : start + _SLAB]
+        # On its way a search meets soils that do not carry the load: no prediction, and no warning.
+        with np.errstate(all="ignore"):
+            part = predict(
+                model,
+                data.geometry,
+                {name: column[some] for name, column in data.inputs.items()},
+                {name: column[some] for name, column in numbers.items()},
+                given="sinkage" if given == "sinkage" else "load",
+                by=by,
+                order=order,
+            )
+        for name in names:
+            number = getattr(part, name)
+            if number is None:
+                continue
+            found[name][some] = value(number)
+            for column, parameter in enumerate(by):
+                slope = slopes(number).get(parameter)
+                if slope is not None:
+                    tables[name][some, column] = slope
+    return found, {name: np.where(np.isfinite(table), table, 0.0) for name, table in tables.items()}
+
+
+def nearby(
+    model: Model, data: Data, numbers: Mapping[str, Array], by: Sequence[str], guess: Array
+) -> tuple[dict[str, Array], dict[str, Array], Array]:
+    """Predict from sinkages close to those at which the soil carries the load, without seeking a root.
+
+    With the load carried less the load there is b(z) at a guess z, the sinkage is z − b/b', and what
+    follows from it moves along; derivatives are total ones.
+
+    Parameters
+    ----------
+    model : Model
+        Of the base wong-reece.
+    data : Data
+    numbers : mapping of str to ndarray, shape (n,)
+    by : sequence of str
+    guess : ndarray, shape (n,)
+        Sinkages as the sensor would show them; NaN where there is no prediction.
+
+    Returns
+    -------
+    values : dict of str to ndarray, shape (n,)
+    tables : dict of str to ndarray, shape (n, len(by))
+    sinkage : ndarray, shape (n,)
+    """
+    names, n = data.white.channels, len(data.use)
+    found = {name: np.full(n, np.nan) for name in names}
+    tables = {name: np.zeros((n, len(by))) for name in names}
+    moved = np.full(n, np.nan)
+    fine = np.isfinite(guess) & (guess > 0.0)
+    for name in {"slip", "load", *model.needs} & data.inputs.keys():
+        fine &= np.isfinite(data.inputs[name])
+    rows = np.flatnonzero(fine)
+    for start in range(0, len(rows), _SLAB):
+        some = rows[start : start + _SLAB]
+        with np.errstate(all="ignore"):
+            part = predict(
+                model,
+                data.geometry,
+                {**{name: column[some] for name, column in data.inputs.items()}, "sinkage": guess[some]},
+                {name: column[some] for name, column in numbers.items()},
+                by=(*by, "sinkage"),
+                order=ORDER,
+            )
+        steep = np.broadcast_to(slopes(part.balance).get("sinkage", 0.0), (len(some),))
+        steep = np.where(np.abs(steep) > 0.0, steep, np.inf)
+        step = np.clip(-value(part.balance) / steep, -0.5 * guess[some], guess[some])
+        # So far from the load there may be no sinkage that carries it.
+        near = np.abs(value(part.balance)) <= _CARRIES * np.abs(data.inputs["load"][some])
+        # Nor one that bears less the deeper the wheel is.
+        near &= steep > 0.0
+        moved[some] = np.where(near, guess[some] + step, np.nan)
+        along = [np.broadcast_to(-slopes(part.balance).get(p, 0.0) / steep, (len(some),)) for p in by]
+        for name in names:
+            if name == "sinkage":
+                found[name][some] = guess[some] + step
+                for column, slope in enumerate(along):
+                    tables[name][some, column] = slope
+                continue
+            number = getattr(part, name)
+            by_sinkage = slopes(number).get("sinkage", 0.0)
+            found[name][some] = value(number) + by_sinkage * step
+            for column, parameter in enumerate(by):
+                tables[name][some, column] = slopes(number).get(parameter, 0.0) + by_sinkage * along[column]
+    return found, {name: np.where(np.isfinite(table), table, 0.0) for name, table in tables.items()}, moved
+
+
+def residual(data: Data, predicted: Mapping[str, Array]) -> Array:
+    """Return what is left of the channels, in units of the noise.
+
+    Parameters
+    ----------
+    data : Data
+    predicted : mapping of str to ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (n, c)
+        0 where nothing is measured; `NO_ANSWER` in every channel where something is and there is no
+        prediction.
+    """
+    seen = data.seen
+    errors = {name: data.measured[name] - predicted[name] for name in data.white.channels}
+    lost = seen & np.stack([~np.isfinite(errors[name]) for name in data.white.channels], axis=1)
+    result = data.white({name: np.nan_to_num(error) for name, error in errors.items()}, seen)
+    result[lost.any(axis=1)] = NO_ANSWER * seen[lost.any(axis=1)]
+    return result
+
+
+def bounded(errors: Array) -> Array:
+    """Return squares that grow only in proportion beyond `BEND`.
+
+    Parameters
+    ----------
+    errors : ndarray
+
+    Returns
+    -------
+    ndarray
+    """
+    size = np.abs(errors)
+    return np.where(size < BEND, size**2, BEND * (2.0 * size - BEND))
+
+
+def solve(
+    model: Model, sought: Unknowns, data: Data, t: Array, common: Array, *, rounds: int = _ROUNDS
+) -> Solution:
+    """Fit a model, by the method of Levenberg and Marquardt.
+
+    Parameters
+    ----------
+    model : Model
+    sought : Unknowns
+    data : Data
+    t, common : ndarray, shape (w, q) and (m,)
+        Where the search begins.
+    rounds : int
+        Times that the misfit is weighed against the prior anew.
+
+    Returns
+    -------
+    Solution
+    """
+    low, high = _range(sought.local), _range(sought.shared)
+    t, common = np.clip(t, *low), np.clip(common, *high)
+    guess = _carrying(model, sought, data, t, common)
+    state = _linear(model, sought, data, t, common, guess)
+    spread = _spread(data, state.left)
+    for _ in range(rounds):
+        damping = 1e-3
+        cost = _cost(state.left, t, common, spread)
+        for _ in range(_ITERATIONS):
+            before = cost
+            for _ in range(_TRIES):
+                step, shift = _step(data, state, t, common, spread, damping)
+                new_t = np.clip(t + np.clip(step, -_steps(sought.local), _steps(sought.local)), *low)
+                new_common = np.clip(
+                    common + np.clip(shift, -_steps(sought.shared), _steps(sought.shared)), *high
+                )
+                trial = _linear(model, sought, data, new_t, new_common, state.sinkage)
+                if _far(trial.sinkage, state.sinkage):
+                    # Too far for one step of Newton: the soil may not carry the load at all.
+                    exact = _carrying(model, sought, data, new_t, new_common)
+                    trial = _linear(model, sought, data, new_t, new_common, exact)
+                new_cost = _cost(trial.left, new_t, new_common, spread)
+                if new_cost < cost:
+                    t, common, state, cost = new_t, new_common, trial, new_cost
+                    damping = max(damping / 5.0, 1e-9)
+                    break
+                damping *= 8.0
+            if before - cost < _SETTLED * before:
+                break
+        weighed = _spread(data, state.left)
+        if abs(np.log(weighed / spread)) < 0.1:
+            break
+        spread = weighed
+        # Sinkages anew: some may have been out of reach before.
+        state = _linear(model, sought, data, t, common, _carrying(model, sought, data, t, common))
+    guess = _carrying(model, sought, data, t, common)
+    state = _linear(model, sought, data, t, common, guess)
+    return Solution(
+        model, sought, t, common, state.left, state.design, spread, float(bounded(state.left).sum())
+    )
+
+
+def neutral(model: Model, sought: Unknowns, data: Data, common: Array) -> Array:
+    """Return the soil expected before anything is known, as stiff as the measured sinkage says.
+
+    Parameters
+    ----------
+    model : Model
+    sought : Unknowns
+    data : Data
+    common : ndarray, shape (m,)
+
+    Returns
+    -------
+    ndarray, shape (w, q)
+    """
+    t = np.zeros((data.windows, len(sought.local)))
+    names = [u.name for u in sought.local]
+    if "stiffness" not in names or "sinkage" not in data.measured or model.base == "linear":
+        return t
+    column = names.index("stiffness")
+    for _ in range(_CARRIED):
+        sunk = _carrying(model, sought, data, t, common)
+        if sunk is None:
+            return t
+        with np.errstate(invalid="ignore", divide="ignore"):
+            # Twice as deep is, for an ordinary soil, nearly three times as stiff.
+            off = 1.5 * np.log(sunk / data.measured["sinkage"])
+        for label in range(data.windows):
+            own = off[(data.window == label) & data.use]
+            usual = float(np.median(own[np.isfinite(own)])) if np.isfinite(own).any() else 1.0
+            t[label, column] += np.clip(usual, -2.0, 2.0) / sought.local[column].sd
+    return np.clip(t, *_range(sought.local))
+
+
+class _State(NamedTuple):
+    """Residuals, design, and the sinkages that were predicted."""
+
+    left: Array
+    design: Array
+    sinkage: Array | None
+
+
+def _linear(
+    model: Model, sought: Unknowns, data: Data, t: Array, common: Array, guess: Array | None
+) -> _State:
+    """Return residuals and design."""
+    names = [u.name for u in (*sought.local, *sought.shared)]
+    numbers = parameters(sought, t[data.window], common, data.window)
+    if guess is None:
+        found, tables = forecast(model, data, numbers, names, order=ORDER)
+    else:
+        found, tables, guess = nearby(model, data, numbers, names, guess)
+    slope = [u.slope(t[:, j])[data.window] for j, u in enumerate(sought.local)]
+    slope += [np.full(len(data.window), float(u.slope(common[j]))) for j, u in enumerate(sought.shared)]
+    scale = np.stack(slope, axis=1) if slope else np.zeros((len(data.window), 0))
+    design = data.white({name: table * scale for name, table in tables.items()}, data.seen)
+    left = residual(data, found)
+    # Where there is no answer there is no slope either.
+    design[np.all(np.abs(left) >= NO_ANSWER, axis=1)] = 0.0
+    return _State(left, design, guess)
+
+
+def _carrying(model: Model, sought: Unknowns, data: Data, t: Array, common: Array) -> Array | None:
+    """Return the sinkages at which the soil carries the load; None where these are given."""
+    if "sinkage" in data.inputs or model.base == "linear":
+        return None
+    numbers = parameters(sought, t[data.window], common, data.window)
+    whole = replace(data, white=Whitening(("sinkage",), np.eye(1)))
+    return forecast(model, whole, numbers, order=ORDER)[0]["sinkage"]
+
+
+def _far(sinkage: Array | None, before: Array | None) -> bool:
+    """Tell whether sinkages have moved so far that one step does not find them."""
+    if sinkage is None or before is None:
+        return False
+    known = np.isfinite(before)
+    near = np.abs(sinkage[known] - before[known]) <= _FAR * before[known]
+    return float(np.mean(near)) < 1.0 - _FAR if known.any() else True
+
+
+def _cost(left: Array, t: Array, common: Array, spread: float) -> float:
+    return float(bounded(left).sum() / spread + (t**2).sum() + (common**2).sum())
+
+
+def _spread(data: Data, left: Array) -> float:
+    """Weigh the misfit against the prior: beyond the noise it has few independent values in a block."""
+    count = max(int(data.seen.sum()), 1)
+    ratio = float(bounded(left).sum()) / count
+    beyond = max(ratio - 1.0, 0.0)
+    return 1.0 + beyond * float(max(count / (_PER_BLOCK * data.blocks * left.shape[1]), 1.0))
+
+
+def weights(left: Array) -> Array:
+    """Return the weights of Huber.
+
+    Parameters
+    ----------
+    left : ndarray
+        Residuals in units of the noise.
+
+    Returns
+    -------
+    ndarray
+        1 within `BEND`.
+    """
+    return np.asarray(np.minimum(1.0, BEND / np.maximum(np.abs(left), 1e-300)))
+
+
+def moments(design: Array, left: Array, cell: Index, cells: int) -> tuple[Array, Array]:
+    """Sum up the normal equations by cell.
+
+    Parameters
+    ----------
+    design : ndarray, shape (n, c, p)
+    left : ndarray, shape (n, c)
+    cell : ndarray of int, shape (n,)
+    cells : int
+
+    Returns
+    -------
+    information : ndarray, shape (cells, p, p)
+    score : ndarray, shape (cells, p)
+    """
+    p = design.shape[2]
+    information, score = np.zeros((cells, p, p)), np.zeros((cells, p))
+    weight = weights(left)
+    order = np.argsort(cell, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
+        if len(rows) == 0:
+            continue
+        label = cell[rows[0]]
+        table = design[rows].reshape(-1, p)
+        own = weight[rows].ravel()
+        information[label] = (table * own[:, None]).T @ table
+        score[label] = table.T @ (own * left[rows].ravel())
+    return information, score
+
+
+def _step(
+    data: Data, state: _State, t: Array, common: Array, spread: float, damping: float
+) -> tuple[Array, Array]:
+    left, design, _ = state
+    q = t.shape[1]
+    information, score = moments(design, left, data.window, data.windows)
+    information /= spread
+    score /= spread
+    own = information[:, :q, :q]
+    diagonal = np.einsum("wii->wi", own)
+    own = own + np.eye(q) * (1.0 + damping * diagonal)[:, None, :] * np.eye(q)
+    inverse = np.linalg.inv(own)
+    mixed = information[:, :q, q:]
+    pull = score[:, :q] - t
+    gain = inverse @ mixed
+    shared = information[:, q:, q:].sum(axis=0)
+    shared = shared + np.diag(1.0 + damping * np.diag(shared))
+    shared -= np.einsum("wab,wac->bc", mixed, gain)
+    right = score[:, q:].sum(axis=0) - common - np.einsum("wab,wa->b", gain, pull)
+    shift = np.linalg.solve(shared, right) if len(right) else right
+    step = np.einsum("wab,wb->wa", inverse, pull) - gain @ shift
+    return step, shift
+
+
+def covariance(data: Data, solution: Solution) -> tuple[Array, Array]:
+    """Return the covariance of the parameters sought.
+
+    Parameters
+    ----------
+    data : Data
+    solution : Solution
+
+    Returns
+    -------
+    ndarray, shape (w, q + m, q + m)
+        Of each window's own and the common ones, in their own units.
+    ndarray, shape (m, m)
+    """
+    q = solution.t.shape[1]
+    information, _ = moments(solution.design, solution.residual, data.window, data.windows)
+    information /= solution.spread
+    inverse = np.linalg.inv(information[:, :q, :q] + np.eye(q))
+    mixed = information[:, :q, q:]
+    gain = inverse @ mixed
+    w, _, m = mixed.shape
+    shared = information[:, q:, q:].sum(axis=0) + np.eye(m) - np.einsum("wab,wac->bc", mixed, gain)
+    held = np.linalg.inv(shared) if m else shared
+    whole = np.zeros((w, q + m, q + m))
+    whole[:, :q, :q] = inverse + gain @ held @ np.swapaxes(gain, 1, 2)
+    whole[:, :q, q:] = -gain @ held
+    whole[:, q:, :q] = np.swapaxes(whole[:, :q, q:], 1, 2)
+    whole[:, q:, q:] = held
+    sought = solution.unknowns
+    slope = [np.abs(u.slope(solution.t[:, j])) for j, u in enumerate(sought.local)]
+    slope += [np.full(w, abs(float(u.slope(solution.common[j])))) for j, u in enumerate(sought.shared)]
+    scale = np.stack(slope, axis=1) if slope else np.zeros((w, 0))
+    outside = scale[0, q:] if w else np.zeros(m)
+    return whole * scale[:, :, None] * scale[:, None, :], held * np.outer(outside, outside)
+
+
+def _range(some: Sequence[Unknown]) -> tuple[Array, Array]:
+    # Friction never drives a wheel on.
+    low = [max(u.lower, -u.mean / u.sd) if u.name == "tan_phi" else u.lower for u in some]
+    return np.array(low), np.array([u.upper for u in some])
+
+
+def _steps(some: Sequence[Unknown]) -> Array:
+    return np.array([u.step for u in some])

@@ -1,0 +1,175 @@
+"""Residuals of several channels in units of their noise, which reaches all of them alike.
+
+The noise of sinkage, slip and load is in the residuals of torque, drawbar pull and sinkage at once, so
+that what one of them misses by foretells the others. A sample's residuals are multiplied by the inverse
+of a root of their covariance: what is left has variance 1 in every channel and nothing in common.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.wheel import Wheel
+
+    Index = NDArray[np.intp]
+
+    Array = NDArray[np.float64]
+
+#: Noise counts as at least this part of the residual.
+_LEAST = 0.02
+#: Pairs of samples that tell how channels go together.
+_FEWEST = 30
+#: Noise of test points that nobody repeated, as a share of the channel.
+_USUAL = 0.05
+#: Correlations beyond this are not believed.
+_MOST = 0.98
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Covariance of the noise of the residuals of a wheel.
+
+    Parameters
+    ----------
+    channels : tuple of str
+    covariance : ndarray, shape (c, c)
+    """
+
+    channels: tuple[str, ...]
+    covariance: Array
+
+    def __call__(self, tables: Mapping[str, Array], known: NDArray[np.bool_]) -> Array:
+        """Whiten what stands in the place of residuals.
+
+        Parameters
+        ----------
+        tables : mapping of str to ndarray, shape (n, ...)
+            By channel.
+        known : ndarray of bool, shape (n, c)
+            Which residuals are known: the others have no part, and their places are 0.
+
+        Returns
+        -------
+        ndarray, shape (n, c, ...)
+        """
+        stacked = np.stack([tables[name] for name in self.channels], axis=1)
+        result = np.zeros_like(stacked)
+        pattern = known @ (1 << np.arange(len(self.channels)))
+        for code in np.unique(pattern[pattern > 0]):
+            rows = np.flatnonzero(pattern == code)
+            there = np.flatnonzero(known[rows[0]])
+            inverse = np.linalg.inv(np.linalg.cholesky(self.covariance[np.ix_(there, there)]))
+            part = np.einsum("ab,nb...->na...", inverse, stacked[np.ix_(rows, there)])
+            result[np.ix_(rows, there)] = part
+        return result
+
+
+def of_residuals(wheel: Wheel, errors: Mapping[str, Array], levels: Mapping[str, float]) -> Whitening:
+    """Estimate the covariance of residuals from what changes within a few samples.
+
+    Parameters
+    ----------
+    wheel : Wheel
+    errors : mapping of str to ndarray, shape (n,)
+        Its residuals by channel.
+    levels : mapping of str to float
+        Channel → standard deviation of its noise; NaN where the data do not tell.
+
+    Returns
+    -------
+    Whitening
+    """
+    names = tuple(errors)
+    residuals = np.stack([errors[name] for name in names], axis=1)
+    known = np.isfinite(residuals)
+    total = np.where(known, residuals, 0.0) ** 2
+    rms = np.maximum(np.sqrt(total.sum(axis=0) / np.maximum(known.sum(axis=0), 1)), 1e-300)
+    deviation = np.array([levels[name] if np.isfinite(levels[name]) else np.inf for name in names])
+    deviation = np.where(np.isfinite(deviation), np.maximum(deviation, _LEAST * rms), rms)
+    correlation = np.eye(len(names))
+    change = _changes(wheel, residuals)
+    for a in range(len(names)):
+        for b in range(a):
+            both = np.isfinite(change[:, a]) & np.isfinite(change[:, b])
+            if both.sum() >= _FEWEST:
+                # By ranks of size: a few jumps would say nothing of the noise.
+                one, other = (_clipped(change[both, c]) for c in (a, b))
+                size = float(np.sqrt((one @ one) * (other @ other)))
+                found = float(one @ other) / size if size > 0.0 else 0.0
+                correlation[a, b] = correlation[b, a] = np.clip(found, -_MOST, _MOST)
+    return Whitening(names, _definite(correlation) * np.outer(deviation, deviation))
+
+
+def of_channels(measured: Mapping[str, Array], group: Index) -> Whitening:
+    """Take for noise what changes from sample to sample in the channels themselves.
+
+    Parameters
+    ----------
+    measured : mapping of str to ndarray, shape (n,)
+        In their order in time.
+    group : ndarray of int, shape (n,)
+        Samples of different groups are no neighbours.
+
+    Returns
+    -------
+    Whitening
+        Without correlations.
+    """
+    deviation = []
+    for column in measured.values():
+        second = column[:-2] - 2.0 * column[1:-1] + column[2:]
+        second = np.abs(second[(group[2:] == group[:-2]) & np.isfinite(second)]) / np.sqrt(6.0)
+        known = column[np.isfinite(column)]
+        size = float(np.sqrt(np.mean(known**2))) if len(known) else 1.0
+        noise = float(np.median(second)) / 0.6745 if len(second) >= _FEWEST else _USUAL * size
+        deviation.append(max(noise, _LEAST * size, 1e-300))
+    return Whitening(tuple(measured), np.diag(np.square(deviation)))
+
+
+def _changes(wheel: Wheel, residuals: Array) -> Array:
+    lag = max(1, wheel.memory)
+    if not wheel.ordered or len(residuals) <= lag:
+        return np.zeros((0, residuals.shape[1]))
+    same = wheel.group[lag:] == wheel.group[:-lag]
+    return np.asarray((residuals[lag:] - residuals[:-lag])[same])
+
+
+def _clipped(values: Array) -> Array:
+    limit = 4.0 * float(np.median(np.abs(values)))
+    return np.clip(values, -limit, limit)
+
+
+def _definite(correlation: Array) -> Array:
+    """Return the nearest matrix that can be a correlation."""
+    size, axes = np.linalg.eigh(correlation)
+    mended = (axes * np.maximum(size, 1.0 - _MOST)) @ axes.T
+    root = np.sqrt(np.diag(mended))
+    return np.asarray(mended / np.outer(root, root))
+
+
+def known_of(
+    white: Whitening, errors: Mapping[str, Array], use: NDArray[np.bool_]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Whiten residuals of which some are not known.
+
+    Parameters
+    ----------
+    white : Whitening
+    errors : mapping of str to ndarray, shape (n,)
+    use : ndarray of bool, shape (n,)
+
+    Returns
+    -------
+    residuals : ndarray, shape (n, c)
+    known : ndarray of bool, shape (n, c)
+    """
+    known = np.stack([np.isfinite(errors[name]) & use for name in white.channels], axis=1)
+    return white({name: np.nan_to_num(column) for name, column in errors.items()}, known), known

@@ -1,0 +1,25 @@
+"""Which physical effect a model lacks: alarm, ranking, families, and what no catalogue knows."""
+
+from terrain_cli.diagnosis.diagnose import diagnose
+from terrain_cli.diagnosis.parts import (
+    Alarm,
+    Candidate,
+    Diagnosis,
+    Hypothesis,
+    NextDrive,
+    NotTestable,
+    Size,
+    Unknown,
+)
+
+__all__ = [
+    "Alarm",
+    "Candidate",
+    "Diagnosis",
+    "Hypothesis",
+    "NextDrive",
+    "NotTestable",
+    "Size",
+    "Unknown",
+    "diagnose",
+]

@@ -1,0 +1,453 @@
+"""What a model lacks: alarm, ranking, family, and what is in no catalogue."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli import effects as catalogues
+from terrain_cli import fitting
+from terrain_cli.comparison import blocks, quiet, soils
+from terrain_cli.comparison.compare import ENOUGH_RUNS, fit_wheels, of_fitted
+from terrain_cli.comparison.findings import Residuals
+from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.diagnosis import (
+    joining,
+    leftover,
+    next_drive,
+    refits,
+    rivals,
+    screening,
+    sentences,
+    unknowns,
+)
+from terrain_cli.diagnosis.parts import Alarm, Candidate, Diagnosis, Hypothesis, Size
+from terrain_cli.models.parts import SOIL_UNITS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison import Comparison, Finding
+    from terrain_cli.diagnosis.parts import NotTestable, Verdict
+    from terrain_cli.diagnosis.refits import Ground, Refit
+    from terrain_cli.diagnosis.screening import Screened
+    from terrain_cli.effects import Effect
+    from terrain_cli.models import ModelFile
+    from terrain_cli.windows import Windows
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: The alarm is raised where chance gives a score as strong, and a gain on held-out blocks as large, in fewer
+#: cases than these.
+LEVEL = 0.01
+#: Samples of all wheels to which every candidate is fitted.
+MOST_SAMPLES = 3_000
+#: Candidates that are weighed against one another.
+_RIVALS = 8
+#: A candidate that takes less than this part of what the best takes off the loss is no rival.
+_WORTH = 0.3
+#: Part of what new soils take off the loss of one soil that an effect has to take off to stand for them.
+_MOSTLY = 0.8
+#: Blocks are not joined to fewer than these, and not for less of a correlation between neighbours.
+_FEWEST, _UNRELATED = 8, 0.2
+#: Part of what an effect explains that may be left to follow the drive.
+_SMALL = 0.05
+#: Part of the best one's gain with which an effect within its bounds comes before it.
+_CREDIBLE = 0.7
+#: Standard errors by which one held-out loss has to be below another to count.
+_SURE = 1.0
+
+
+def diagnose(
+    wheels: Sequence[Windows],
+    file: ModelFile,
+    *,
+    effects: Sequence[Effect] | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Diagnosis:
+    """Find out what a model lacks.
+
+    Parameters
+    ----------
+    wheels : sequence of Windows
+        With usable samples, read for a comparison. Inputs of the same wheel are joined: what is the
+        wheel's or its sensors' is the same in all of them, soils are not.
+    file : ModelFile
+    effects : sequence of Effect, optional
+        That may be missing; the catalogue if not given.
+    seed : int
+        Of all that is drawn.
+    progress : callable
+        Called with the name of each step before it begins.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    InputError
+        Nothing that the model predicts was measured.
+    """
+    every = list(catalogues.catalogue().values() if effects is None else effects)
+    there = {effect.id for effect in file.model.effects}
+    every = [effect for effect in every if effect.id not in there]
+    joined = joining.by_wheel(wheels, every)
+    held, priors, noise = fitting.assumed(joined, file)
+    settings = Settings(held, priors, [name for name in file.shared if name not in held], noise)
+    further = tuple(dict.fromkeys(name for effect in every for name in effect.reads))
+    fitted, warnings = fit_wheels(joined, file.model, settings, further=further, progress=progress)
+    few, joined_soils = soils.as_few_as_predict(fitted, progress)
+    comparison = of_fitted(few, seed=seed, warnings=[*warnings, *joined_soils], progress=progress)
+    block = [one.blocks for one in comparison.wheels]
+    fitted = few
+    hypotheses, not_testable = screening.hypotheses(file, fitted, every)
+    cut = refits.ground(fitted, block, MOST_SAMPLES)
+    progress("one soil or several")
+    chosen, own = _on_fewer_soils(cut, block, hypotheses, progress)
+    progress("scoring every effect")
+    found, chosen, own = _screened(chosen, own, comparison, hypotheses, seed)
+    not_testable = [*not_testable, *found.not_testable]
+    failures = list(comparison.failures)
+    if chosen.wheels[0] is not fitted[0]:
+        failures = _findings(chosen.wheels, own, comparison, seed)
+    state = _State(chosen, found, failures, seed, progress)
+    return state.diagnosis(comparison, hypotheses, not_testable)
+
+
+def _screened(
+    chosen: Ground,
+    block: list[Index],
+    comparison: Comparison,
+    hypotheses: Sequence[Hypothesis],
+    seed: int,
+) -> tuple[Screened, Ground, list[Index]]:
+    """Score every effect, on blocks so long that what one soil for all leaves in them is unrelated."""
+    found = screening.screen(chosen.wheels, block, hypotheses, seed)
+    if all(one.fit is wheel.fit for one, wheel in zip(comparison.wheels, chosen.wheels, strict=True)):
+        return found, chosen, block
+    count = len(found.blocks)
+    runs = [wheel.windows.samples.labels.get("run") for wheel in chosen.wheels]
+    if any(label is not None and len(label.names) >= ENOUGH_RUNS for label in runs):
+        return found, chosen, block
+    label = blocks.merged(
+        found.blocks, np.zeros(count, dtype=np.intp), fewest=min(_FEWEST, count), independent=_UNRELATED
+    )
+    if int(label.max(initial=0)) + 1 == count:
+        return found, chosen, block
+    merged = [label[one] for one in block]
+    ground = replace(
+        chosen,
+        block=[label[one] for one in chosen.block],
+        data=[replace(part, blocks=int(label.max()) + 1) for part in chosen.data],
+    )
+    return screening.screen(ground.wheels, merged, hypotheses, seed), ground, merged
+
+
+def _findings(
+    wheels: Sequence[Wheel], block: Sequence[Index], comparison: Comparison, seed: int
+) -> list[Finding]:
+    """Search the residuals on other soils for findings."""
+    levels = {name: errors.noise for name, errors in comparison.channels.items()}
+    scale = {
+        name: float(
+            np.sqrt(
+                np.nanmean(np.concatenate([w.residuals[name] for w in wheels if name in w.residuals]) ** 2)
+            )
+        )
+        for name in levels
+        if any(name in wheel.residuals for wheel in wheels)
+    }
+    scale = {name: size for name, size in scale.items() if size > 0.0}
+    return Residuals(wheels, block, scale).findings(levels, seed) if scale else []
+
+
+def _on_fewer_soils(
+    cut: Ground, block: Sequence[Index], hypotheses: Sequence[Hypothesis], progress: Callable[[str], None]
+) -> tuple[Ground, list[Index]]:
+    """Take one soil for each terrain if, with some effect or none, it predicts as well as several.
+
+    A second pass, a warming motor or a lag look like a change of soil to whoever cuts first.
+    """
+    wheels, blocks = [], []
+    for wheel, own in zip(cut.wheels, block, strict=True):
+        one = soils.joined(wheel.windows)
+        if one is None:
+            wheels.append(wheel)
+            blocks.append(own)
+        else:
+            windows, order = one
+            wheels.append(Wheel(windows, wheel.model, wheel.settings, wheel.segment[order], wheel.further))
+            blocks.append(own[order])
+    if all(one is other for one, other in zip(wheels, cut.wheels, strict=True)):
+        return cut, list(block)
+    joined = refits.ground(wheels, blocks, MOST_SAMPLES, cut)
+    several, plain = refits.refit(cut, None), refits.refit(joined, None)
+    if _as_good(plain.loss, several.loss):
+        return joined, blocks
+    gap = float((plain.loss - several.loss).sum())
+    for number, hypothesis in enumerate(hypotheses):
+        progress(f"one soil and {hypothesis.id} ({number + 1} of {len(hypotheses)})")
+        found = refits.refit(joined, hypothesis)
+        if _as_good(found.loss, several.loss) or float((plain.loss - found.loss).sum()) > _MOSTLY * gap:
+            return joined, blocks
+    return cut, list(block)
+
+
+def _as_good(loss: Array, other: Array) -> bool:
+    difference = loss - other
+    return float(difference.sum()) <= _SURE * _error(difference)
+
+
+def _of_gain(gain: Array) -> float:
+    """How often chance gives such a gain on held-out blocks (Student's t)."""
+    from scipy.special import stdtr
+
+    error = _error(gain)
+    if not np.isfinite(error) or error <= 0.0:
+        return 1.0
+    return float(stdtr(len(gain) - 1, -float(gain.sum()) / error))
+
+
+def _error(difference: Array) -> float:
+    """Return the standard error of a sum over blocks."""
+    return float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
+
+
+class _State:
+    """A diagnosis on its way."""
+
+    def __init__(
+        self,
+        data: Ground,
+        found: Screened,
+        failures: Sequence[Finding],
+        seed: int,
+        progress: Callable[[str], None],
+    ) -> None:
+        self.data, self.found, self.failures, self.seed, self.progress = data, found, failures, seed, progress
+        self.base = refits.refit(data, None)
+
+    def diagnosis(
+        self,
+        comparison: Comparison,
+        hypotheses: Sequence[Hypothesis],
+        not_testable: Sequence[NotTestable],
+    ) -> Diagnosis:
+        """Go from scores to a verdict."""
+        p_value = min([1.0, *self.found.p_values.values(), *(one.p_value for one in self.failures)])
+        if self.data.blocks < screening.FEWEST_BLOCKS or p_value >= LEVEL:
+            silent = Alarm(
+                False, 1.0 if self.data.blocks < screening.FEWEST_BLOCKS else p_value, LEVEL, 0.0, 0.0
+            )
+            return self._silent(comparison, silent, hypotheses, not_testable)
+        ranked = self._refits(hypotheses)
+        draft = unknowns.best(self.data, self.base, self.progress)
+        ranked, draft = self._weighed_anew(ranked, draft)
+        best = ranked[0][1] if ranked else self.base
+        gains = [self.base.loss - one.loss for one in (best, *(d.refit for d in draft[:1]))]
+        gain = max(gains, key=lambda g: float(g.sum()))
+        p_value = max(p_value, _of_gain(gain))
+        alarm = Alarm(p_value < LEVEL, p_value, LEVEL, float(gain.sum()), _error(gain))
+        if not alarm.raised:
+            return self._silent(comparison, alarm, hypotheses, not_testable)
+        taken = float((self.base.loss - best.loss).sum())
+        near = [
+            pair for pair in ranked[:_RIVALS] if float((self.base.loss - pair[1].loss).sum()) > _WORTH * taken
+        ]
+        family: tuple[str, ...] = ()
+        earned = False
+        members: list[tuple[Hypothesis, Refit]] = []
+        if taken > 0.0 and near:
+            self.progress("telling the best ones apart")
+            judged = rivals.judge(
+                self.data, self.base, [one for _, one in near], [h for h, _ in near], self.seed
+            )
+            members = [near[place] for place in judged.family]
+            family = tuple(one.id for one, _ in members)
+            # A name that leaves something unexplained is not the whole story, and perhaps none of it.
+            chance, left = leftover.follows(self.data, near[0][1], self.seed)
+            earned = judged.earned and (chance >= LEVEL or left < _SMALL * taken)
+        unknown = unknowns.verdict(self.base, best, draft, family)
+        verdict: Verdict = "unknown" if unknown else ("effect" if earned else "family")
+        if unknown:
+            family = ()
+        candidates = self._candidates(ranked, hypotheses, family)
+        drives = []
+        if len(family) > 1:
+            self.progress("looking for the drive that would settle it")
+            drives = next_drive.suggest(self.data, members)
+        diagnosis = Diagnosis(
+            comparison,
+            alarm,
+            verdict,
+            family[0] if earned and not unknown else None,
+            family,
+            candidates,
+            unknown,
+            drives,
+            list(not_testable),
+            list(comparison.warnings),
+            "",
+        )
+        return replace(diagnosis, sentence=sentences.verdict(diagnosis))
+
+    def _weighed_anew(
+        self, ranked: list[tuple[Hypothesis, Refit]], drafted: list[unknowns.Tried]
+    ) -> tuple[list[tuple[Hypothesis, Refit]], list[unknowns.Tried]]:
+        """Take what the best of all models leaves for the noise, and fit the best again.
+
+        From neighbouring samples alone, noise that lasts would be taken for too small.
+        """
+        several = [one for _, one in ranked[:1]] + [one.refit for one in drafted[:1]]
+        if not several:
+            return ranked, drafted
+        best = min(several, key=lambda one: float(one.loss.sum()))
+        self.data = refits.with_noise_of(self.data, best)
+        self.base = refits.refit(self.data, None)
+        again = [
+            (one, refits.refit(self.data, one, begun=refit.solutions)) for one, refit in ranked[: _RIVALS + 2]
+        ]
+        again = self._credible_first(sorted(again, key=lambda pair: float(pair[1].loss.sum())))
+        rest = [(one, refits.weighed(self.data, refit)) for one, refit in ranked[_RIVALS + 2 :]]
+        return again + rest, [
+            replace(one, refit=refits.refit(self.data, one.hypothesis, one.extra, one.refit.solutions))
+            for one in drafted[:2]
+        ]
+
+    def _credible_first(self, ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypothesis, Refit]]:
+        """Put an effect that ran to its bounds behind those that explain nearly as much within theirs."""
+        if not ranked:
+            return ranked
+        least = _CREDIBLE * float((self.base.loss - ranked[0][1].loss).sum())
+        good = [
+            pair
+            for pair in ranked
+            if not refits.at_bounds(*pair) and float((self.base.loss - pair[1].loss).sum()) >= least
+        ]
+        return good + [pair for pair in ranked if pair not in good]
+
+    def _silent(
+        self,
+        comparison: Comparison,
+        alarm: Alarm,
+        hypotheses: Sequence[Hypothesis],
+        not_testable: Sequence[NotTestable],
+    ) -> Diagnosis:
+        diagnosis = Diagnosis(
+            comparison,
+            alarm,
+            "none",
+            None,
+            (),
+            self._candidates([], hypotheses, ()),
+            None,
+            [],
+            list(not_testable),
+            [*comparison.warnings, *self._few()],
+            "",
+        )
+        return replace(diagnosis, sentence=sentences.verdict(diagnosis))
+
+    def _few(self) -> list[str]:
+        if self.data.blocks >= screening.FEWEST_BLOCKS:
+            return []
+        return [f"only {self.data.blocks} independent stretches of data: nothing can be told from chance"]
+
+    def _refits(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Hypothesis, Refit]]:
+        """Fit every testable hypothesis, the best first."""
+        pairs = []
+        for number, one in enumerate(hypotheses):
+            if one.id not in self.found.p_values:
+                continue
+            self.progress(f"fitting with {one.id} ({number + 1} of {len(hypotheses)})")
+            pairs.append((one, refits.refit(self.data, one)))
+        return sorted(pairs, key=lambda pair: float(pair[1].loss.sum()))
+
+    def _candidates(
+        self,
+        ranked: Sequence[tuple[Hypothesis, Refit]],
+        hypotheses: Sequence[Hypothesis],
+        family: Sequence[str],
+    ) -> list[Candidate]:
+        done = {one.id for one, _ in ranked}
+        result = [self._refitted(one, refit, family) for one, refit in ranked]
+        rest = [
+            self._first_order(one)
+            for one in hypotheses
+            if one.id not in done and one.id in self.found.p_values
+        ]
+        return result + sorted(rest, key=lambda one: -one.explained)
+
+    @property
+    def _count(self) -> int:
+        return max(sum(int(np.count_nonzero(one)) for one in self.base.residuals), 1)
+
+    def _misfit(self) -> float:
+        return max(float(self.base.loss.sum()) - self._count, 1e-300)
+
+    def _refitted(self, one: Hypothesis, refit: Refit, family: Sequence[str]) -> Candidate:
+        difference = refit.loss - self.base.loss
+        return Candidate(
+            one.id,
+            one.title,
+            self.found.scores[one.id],
+            self.found.p_values[one.id],
+            self.found.surviving[one.id],
+            float(np.clip(-difference.sum() / self._misfit(), 0.0, 1.0)),
+            float(difference.sum()) / self._count,
+            _error(difference) / self._count,
+            refit.heldout,
+            _sizes(one, self.data, refit),
+            refitted=True,
+            in_family=one.id in family,
+        )
+
+    def _first_order(self, one: Hypothesis) -> Candidate:
+        explained = self.found.explained[one.id]
+        return Candidate(
+            one.id,
+            one.title,
+            self.found.scores[one.id],
+            self.found.p_values[one.id],
+            self.found.surviving[one.id],
+            float(np.clip(explained / self._misfit(), 0.0, 1.0)),
+            -explained / self._count,
+            np.nan,
+            dict(self.base.heldout),
+            dict(self.found.sizes[one.id]),
+            refitted=False,
+        )
+
+
+def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
+    """Return the parameters that came with a hypothesis, averaged over the wheels by their errors."""
+    names = [one.effect.qualified(p) for p in one.effect.parameters] if one.effect else list(one.priors)
+    pairs: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
+    for part, solution in zip(data.data, refit.solutions, strict=True):
+        covariance, _ = quiet.covariance(part, solution)
+        sought = solution.unknowns
+        for column, unknown in enumerate((*sought.local, *sought.shared)):
+            if unknown.name not in pairs:
+                continue
+            own = column < len(sought.local)
+            t = solution.t[:, column] if own else solution.common[[column - len(sought.local)]]
+            error = np.sqrt(covariance[:, column, column]) if own else np.sqrt(covariance[:1, column, column])
+            pairs[unknown.name] += list(zip(unknown.value(t).tolist(), error.tolist(), strict=True))
+    sizes = {}
+    for name, known in pairs.items():
+        own_parameter = one.model.parameters.get(name)
+        if not known:
+            continue
+        weight = np.array([se**-2.0 if np.isfinite(se) and se > 0.0 else 1.0 for _, se in known])
+        value, se = float(np.average([v for v, _ in known], weights=weight)), float(weight.sum() ** -0.5)
+        factor = own_parameter.factor if own_parameter else 1.0
+        unit = own_parameter.unit if own_parameter else SOIL_UNITS.get(name, "")
+        sizes[own_parameter.name if own_parameter else name] = Size(value / factor, se / factor, unit)
+    return sizes

@@ -1,0 +1,365 @@
+"""Models with something added, fitted to all of the data, and what they predict of blocks left out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import heldout, noise, quiet, whitening
+from terrain_cli.estimation.wheel_fit.unknowns import unknowns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.quiet import Data, Solution
+    from terrain_cli.comparison.wheel import Wheel
+    from terrain_cli.diagnosis.parts import Hypothesis
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Distance from a bound, in typical sizes, that is none.
+_NEAR = 0.01
+#: Samples that tell the noise.
+_FEWEST = 30
+#: Samples of a window with which a search is begun.
+_ROUGH = 400
+#: Multiples of its null at which the search for a parameter that only shapes an effect begins.
+_SHAPES = (0.4, 1.0, 2.5)
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The data of a diagnosis, in one way of joining segments to soils, with the base fitted.
+
+    Parameters
+    ----------
+    wheels : list of Wheel
+    rows : list of ndarray of int
+        Usable samples of each wheel that are taken.
+    block : list of ndarray of int
+        Block of each of these.
+    data : list of Data
+    base : list of Solution
+    """
+
+    wheels: list[Wheel]
+    rows: list[Index]
+    block: list[Index]
+    data: list[Data]
+    base: list[Solution]
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return 1 + max(int(one.max(initial=-1)) for one in self.block)
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A model fitted to the data of a ground.
+
+    Parameters
+    ----------
+    id : str
+        Of the hypothesis; empty for the base.
+    solutions : list of Solution
+        Of each wheel.
+    residuals : list of ndarray, shape (n, c)
+        Of each wheel, held out, in units of the noise; 0 where not known or of no use.
+    predicted : list of dict of str to ndarray, shape (n,)
+        Of each wheel, by channel, held out.
+    loss : ndarray, shape (blocks,)
+        Sum over the block.
+    heldout : dict of str to float
+        Channel → root mean square of the held-out error, SI.
+    """
+
+    id: str
+    solutions: list[Solution]
+    residuals: list[Array]
+    predicted: list[dict[str, Array]]
+    loss: Array
+    heldout: dict[str, float]
+
+
+def ground(wheels: Sequence[Wheel], block: Sequence[Index], most: int, like: Ground | None = None) -> Ground:
+    """Fit the base to evenly thinned samples.
+
+    Parameters
+    ----------
+    wheels : sequence of Wheel
+    block : sequence of ndarray of int, shape (n,)
+    most : int
+        Samples of all wheels that are taken.
+    like : Ground, optional
+        The same data on other soils: its noise is taken, so that losses can be compared.
+
+    Returns
+    -------
+    Ground
+    """
+    step = max(1, -(-sum(len(wheel) for wheel in wheels) // most))
+    rows, kept, datas, solutions = [], [], [], []
+    blocks = 1 + max(int(one.max(initial=-1)) for one in block)
+    for index, wheel in enumerate(wheels):
+        white = like.data[index].white if like is not None else None
+        data = replace(wheel.least_squares_data(white), blocks=blocks)
+        some = np.arange(0, len(wheel), step)
+        thin = _thinned(data, some)
+        t, common = wheel.beginning()
+        begun = (t, quiet.neutral(wheel.model, wheel.sought, thin, common))
+        tried = [quiet.solve(wheel.model, wheel.sought, thin, soil, common) for soil in begun]
+        solution = min(tried, key=lambda one: one.merit)
+        if white is None:
+            data = replace(data, white=_noise(wheel, data, solution))
+            thin = _thinned(data, some)
+            solution = quiet.solve(wheel.model, wheel.sought, thin, solution.t, solution.common)
+        rows.append(some)
+        kept.append(block[index][some])
+        datas.append(thin)
+        solutions.append(solution)
+    return Ground(list(wheels), rows, kept, datas, solutions)
+
+
+def _thinned(data: Data, rows: Index) -> Data:
+    return replace(
+        data,
+        inputs={name: column[rows] for name, column in data.inputs.items()},
+        measured={name: column[rows] for name, column in data.measured.items()},
+        use=data.use[rows],
+        window=data.window[rows],
+    )
+
+
+def _noise(wheel: Wheel, data: Data, solution: Solution) -> whitening.Whitening:
+    """Estimate the noise of what the base leaves, from all samples."""
+    found, _ = quiet.forecast(wheel.model, data, solution.of_samples(data.window))
+    errors = {
+        name: np.where(data.use, column - found[name], np.nan) for name, column in data.measured.items()
+    }
+    if wheel.ordered:
+        levels = {name: noise.of_series(error, wheel.group).deviation for name, error in errors.items()}
+        # A misfit that lasts can hide the noise, which is not less than that of the channels themselves.
+        least = whitening.of_channels(wheel.measured, wheel.group)
+        for name, variance in zip(least.channels, np.diag(least.covariance), strict=True):
+            levels[name] = float(np.fmax(levels[name], np.sqrt(variance)))
+    else:
+        levels = {name: level.deviation for name, level in wheel.noise.items()}
+    return whitening.of_residuals(wheel, errors, levels)
+
+
+def with_noise_of(data: Ground, best: Refit) -> Ground:
+    """Take what a model leaves for the noise, and fit the base anew.
+
+    Parameters
+    ----------
+    data : Ground
+    best : Refit
+        Of the model that predicts best.
+
+    Returns
+    -------
+    Ground
+    """
+    parts, solutions = [], []
+    for part, found, base, wheel in zip(data.data, best.solutions, data.base, data.wheels, strict=True):
+        root = np.linalg.cholesky(part.white.covariance)
+        seen = part.seen.all(axis=1)
+        left = np.clip(found.residual[seen], -quiet.BEND, quiet.BEND)
+        scatter = left.T @ left / max(len(left), 1)
+        if len(left) < _FEWEST:
+            scatter = np.eye(len(root))
+        # No channel is taken for better than it was.
+        size, axes = np.linalg.eigh(scatter)
+        scatter = (axes * np.maximum(size, 1.0)) @ axes.T
+        white = replace(part.white, covariance=root @ scatter @ root.T)
+        parts.append(replace(part, white=white))
+        solutions.append(quiet.solve(wheel.model, base.unknowns, parts[-1], base.t, base.common))
+    return replace(data, data=parts, base=solutions)
+
+
+def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
+    """Tell whether a parameter of an effect ran to the end of what it can be.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    one : Refit
+
+    Returns
+    -------
+    bool
+    """
+    if hypothesis.effect is None:
+        return False
+    own = {hypothesis.effect.qualified(p): p for p in hypothesis.effect.parameters}
+    for solution in one.solutions:
+        for column, unknown in enumerate(solution.unknowns.shared):
+            parameter = own.get(unknown.name)
+            if parameter is None or parameter.shape:
+                continue
+            value, near = float(unknown.value(solution.common[column])), _NEAR * parameter.scale
+            if value <= parameter.lower + near or value >= parameter.upper - near:
+                return True
+    return False
+
+
+def weighed(data: Ground, one: Refit) -> Refit:
+    """Weigh the held-out errors of a refit by another noise, without fitting again.
+
+    Parameters
+    ----------
+    data : Ground
+        With the noise.
+    one : Refit
+
+    Returns
+    -------
+    Refit
+    """
+    loss, residuals = np.zeros(data.blocks), []
+    for index, part in enumerate(data.data):
+        errors = quiet.residual(part, one.predicted[index])
+        loss += np.bincount(data.block[index], quiet.bounded(errors).sum(axis=1), data.blocks)
+        residuals.append(errors)
+    return replace(one, loss=loss, residuals=residuals)
+
+
+def refit(
+    data: Ground,
+    hypothesis: Hypothesis | None,
+    extra: Sequence[dict[str, Array]] | None = None,
+    begun: Sequence[Solution] | None = None,
+) -> Refit:
+    """Fit a model to the data, and predict every block from the others.
+
+    Parameters
+    ----------
+    data : Ground
+    hypothesis : Hypothesis or None
+        None for the base, which is fitted already.
+    extra : sequence of dict of str to ndarray, optional
+        Further channels of each wheel, at the rows taken.
+    begun : sequence of Solution, optional
+        Of the same hypothesis, from which to search.
+
+    Returns
+    -------
+    Refit
+    """
+    solutions, residuals, predicted = [], [], []
+    loss = np.zeros(data.blocks)
+    squares: dict[str, tuple[float, int]] = {}
+    for index, base in enumerate(data.base):
+        part = data.data[index]
+        if extra:
+            part = replace(part, inputs={**part.inputs, **extra[index]})
+        if hypothesis is None:
+            solution = base
+        elif begun:
+            one = begun[index]
+            solution = quiet.solve(hypothesis.model, one.unknowns, part, one.t, one.common)
+        else:
+            solution = _solved(data, index, part, hypothesis)
+        errors, out = _held_out(part, solution, data.block[index])
+        loss += np.bincount(data.block[index], quiet.bounded(errors).sum(axis=1), data.blocks)
+        solutions.append(solution)
+        residuals.append(errors)
+        predicted.append(out)
+        for name in part.white.channels:
+            error = (part.measured[name] - out[name])[part.use]
+            error = error[np.isfinite(error)]
+            total, count = squares.get(name, (0.0, 0))
+            squares[name] = total + float(error @ error), count + len(error)
+    rms = {name: float(np.sqrt(total / count)) for name, (total, count) in squares.items() if count}
+    return Refit(hypothesis.id if hypothesis else "", solutions, residuals, predicted, loss, rms)
+
+
+def _solved(data: Ground, index: int, part: Data, hypothesis: Hypothesis) -> Solution:
+    """Search from the base, and from where each shape of the effect is present; keep the best."""
+    wheel, base = data.wheels[index], data.base[index]
+    settings = wheel.settings
+    fixed = {n: value for n, value in settings.fixed.items() if n not in hypothesis.priors}
+    sought = unknowns(
+        hypothesis.model,
+        fixed={**fixed, **hypothesis.fixed},
+        priors={**settings.priors, **hypothesis.priors},
+        shared=settings.shared,
+        windows=part.windows,
+    )
+    t, common = _from(base, sought, part.windows)
+    some = np.arange(0, len(part.use), max(1, len(part.use) // (_ROUGH * part.windows)))
+    rough = _thinned(part, some)
+    best: Solution | None = None
+    for begun in _beginnings(sought, common, hypothesis):
+        for soil in (t, quiet.neutral(hypothesis.model, sought, rough, begun)):
+            found = quiet.solve(hypothesis.model, sought, rough, soil, begun, rounds=1)
+            if best is None or found.merit < best.merit:
+                best = found
+    assert best is not None  # noqa: S101 - there is always a beginning
+    return quiet.solve(hypothesis.model, sought, part, best.t, best.common)
+
+
+def _from(base: Solution, sought: Unknowns, windows: int) -> tuple[Array, Array]:
+    """Return the base's solution in the terms of another model."""
+    local = {u.name: base.t[:, j] for j, u in enumerate(base.unknowns.local)}
+    shared = {u.name: float(base.common[j]) for j, u in enumerate(base.unknowns.shared)}
+    t = [local.get(u.name, np.zeros(windows)) for u in sought.local]
+    common = [
+        shared.get(u.name, float(np.mean(local[u.name])) if u.name in local else 0.0) for u in sought.shared
+    ]
+    return np.stack(t, axis=1) if t else np.zeros((windows, 0)), np.array(common)
+
+
+def _beginnings(sought: Unknowns, common: Array, hypothesis: Hypothesis) -> Iterator[Array]:
+    effect = hypothesis.effect
+    shapes = [p for p in effect.parameters if p.shape] if effect else []
+    if effect is None or not shapes:
+        yield common
+        return
+    place = {u.name: j for j, u in enumerate(sought.shared)}
+    for times in product(_SHAPES, repeat=len(shapes)):
+        begun = common.copy()
+        for p in effect.parameters:
+            name = effect.qualified(p)
+            if name not in place:
+                continue
+            value = p.null + 0.3 * p.scale
+            if p.shape:
+                value = p.null * times[shapes.index(p)]
+            unknown = sought.shared[place[name]]
+            begun[place[name]] = (np.clip(value, p.lower, p.upper) - unknown.mean) / unknown.sd
+        yield begun
+
+
+def _held_out(part: Data, solution: Solution, block: Index) -> tuple[Array, dict[str, Array]]:
+    """Predict every sample by the parameters without its block, one step of Gauss and Newton away."""
+    fold = heldout.folds(part.window, block)
+    pairs, cell = np.unique(np.stack([part.window, fold]), axis=1, return_inverse=True)
+    cell = cell.ravel().astype(np.intp)
+    information, score = quiet.moments(solution.design, solution.residual, cell, pairs.shape[1])
+    q, m = solution.t.shape[1], len(solution.common)
+    prior = solution.spread * np.eye(q + m)
+    moved = np.clip(
+        heldout.leave_out(information, score, pairs[0], pairs[1], prior, q),
+        -heldout.FARTHEST,
+        heldout.FARTHEST,
+    )
+    sought = solution.unknowns
+    t = solution.t[part.window] + moved[cell][:, :q]
+    common = solution.common[None] + moved[cell][:, q:]
+    low, high = (np.array([getattr(u, side) for u in sought.local]) for side in ("lower", "upper"))
+    t = np.clip(t, low, high)
+    low, high = (np.array([getattr(u, side) for u in sought.shared]) for side in ("lower", "upper"))
+    common = np.clip(common, low, high)
+    found, _ = quiet.forecast(
+        solution.model, part, quiet.parameters(sought, t, common, part.window), order=quiet.ORDER
+    )
+    return quiet.residual(part, found), found

@@ -1,0 +1,264 @@
+"""Which explanations the data cannot tell from the best: families, and the test of a single name.
+
+Held-out losses say which of two models predicts better. Whether that names the right one is another
+matter: a law is never exactly that of the catalogue, and where a drive leaves two signatures alike, a bent
+form of the one is what the other predicts. So for every rival its effect, at the size fitted, in its own
+and in bent forms, is put into this very drive with the noise of its blocks, all candidates are fitted to
+the outcome, and it is counted how often the best of now comes out ahead by as much as it is now.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import quiet
+from terrain_cli.comparison.bootstrap import resample, webb_weights
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.quiet import Data
+    from terrain_cli.diagnosis.parts import Hypothesis
+    from terrain_cli.diagnosis.refits import Ground, Refit
+    from terrain_cli.mechanics.model import Model
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Powers of its own size by which an effect is bent into other forms.
+FORMS = (0.0, 0.5, -0.4)
+#: Draws of the noise for each form.
+DRAWS = 60
+#: Share of blocks' resampled differences below zero above which two losses are the same.
+_TIED = 0.05
+#: A rival is ruled out where it is mistaken for the best, by as much as now, less often than this.
+_RULED_OUT = 0.02
+#: Share of the draws in which another one is found first that makes it one of the family.
+_STOLEN = 0.05
+#: Cosine between signatures, after a refit of the soil, above which they are one.
+_ALIKE = 0.9
+#: Share of the draws that has to name an effect right.
+EARNED = 0.9
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """What the data can tell apart.
+
+    Parameters
+    ----------
+    family : tuple of int
+        Places of those that cannot be told from the best, which is the first.
+    earned : bool
+        Whether the best may be named alone.
+    share : ndarray, shape (k,)
+        How often each is found first where it is the truth.
+    cosine : ndarray, shape (k, k)
+        Between the signatures, as far as no change of the soil imitates them.
+    """
+
+    family: tuple[int, ...]
+    earned: bool
+    share: Array
+    cosine: Array
+
+
+def judge(
+    data: Ground, base: Refit, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis], seed: int
+) -> Rivals:
+    """Tell which of several explanations remain.
+
+    Parameters
+    ----------
+    data : Ground
+    base : Refit
+        Without any of them.
+    refits : sequence of Refit
+        The best first.
+    hypotheses : sequence of Hypothesis
+        In the same order.
+    seed : int
+
+    Returns
+    -------
+    Rivals
+    """
+    count = len(refits)
+    cells = [_Design(data, one, hypothesis) for one, hypothesis in zip(refits, hypotheses, strict=True)]
+    cosine = _cosines(cells, base, data)
+    rng = np.random.default_rng(seed)
+    noise = refits[0].residuals
+    firsts = np.zeros((count, len(FORMS)))
+    mistaken = np.zeros((count, len(FORMS)))
+    stolen = np.zeros(count)
+    now = np.array([one.loss.sum() for one in refits])
+    for truth in range(count):
+        for column, form in enumerate(FORMS):
+            losses = np.stack(
+                [
+                    cell.losses(
+                        [_shown(cells[truth], part, form) for part in range(len(noise))],
+                        noise,
+                        rng_of(rng),
+                    )
+                    for cell in cells
+                ],
+                axis=1,
+            )
+            first = losses.argmin(axis=1)
+            firsts[truth, column] = np.mean(first == truth)
+            if truth == 0:
+                stolen += np.bincount(first, minlength=count) / (len(first) * len(FORMS))
+            mistaken[truth, column] = np.mean(losses[:, truth] - losses[:, 0] >= now[truth] - now[0])
+    tied = np.array([_tied(one.loss - refits[0].loss, seed) for one in refits])
+    alike = np.abs(cosine[0]) > _ALIKE
+    possible = mistaken.max(axis=1) > _RULED_OUT
+    within = tied | (alike & possible) | possible
+    # Whoever would be found in place of the best, were that the truth, is no worse an answer.
+    within |= stolen > _STOLEN
+    within[0] = True
+    family = tuple(int(place) for place in np.flatnonzero(within))
+    share = firsts.mean(axis=1)
+    earned = len(family) == 1 and bool(share[0] >= EARNED)
+    return Rivals(family, earned, share, cosine)
+
+
+def rng_of(rng: np.random.Generator) -> np.random.Generator:
+    """Return a generator that draws the same for every candidate of one truth."""
+    return np.random.default_rng(int(rng.bit_generator.state["state"]["state"] % (2**32)))
+
+
+def _tied(difference: Array, seed: int) -> bool:
+    """Tell whether blocks leave it open which of two losses is smaller."""
+    draws = resample(difference[:, None], lambda drawn: drawn[:, 0], seed=seed)
+    return bool(np.mean(draws <= 0.0) > _TIED)
+
+
+class _Design:
+    """A fitted candidate: what it predicts, and what a change of its parameters does to that."""
+
+    def __init__(self, data: Ground, refit: Refit, hypothesis: Hypothesis) -> None:
+        self.blocks = data.blocks
+        self.parts = []
+        for index, solution in enumerate(refit.solutions):
+            part, base = data.data[index], data.base[index]
+            predicted = _white(part, solution.model, solution.of_samples(part.window))
+            if hypothesis.effect is None:
+                absent = _white(part, base.model, base.of_samples(part.window))
+            else:
+                absent = _white(part, solution.model, _absent(hypothesis, solution.of_samples(part.window)))
+            design = _by_window(solution.design, part.window, part.windows, solution.t.shape[1])
+            self.parts.append(
+                _Part(predicted, predicted - absent, design, data.block[index], self.blocks, solution.spread)
+            )
+
+    def losses(self, shown: Sequence[Array], noise: Sequence[Array], rng: np.random.Generator) -> Array:
+        """Return held-out losses where something else was shown, over draws of the noise."""
+        weights = webb_weights(DRAWS, self.blocks, rng)
+        total = np.zeros(DRAWS)
+        for part, one, residual in zip(self.parts, shown, noise, strict=True):
+            total += part.losses(one, residual, weights)
+        return total
+
+
+class _Part:
+    """One wheel of a design, block by block."""
+
+    def __init__(
+        self, predicted: Array, effect: Array, design: Array, block: Index, blocks: int, spread: float
+    ) -> None:
+        self.predicted, self.effect, self.block, self.blocks = predicted, effect, block, blocks
+        self.design = design
+        p = design.shape[2]
+        self.information = np.zeros((blocks, p, p))
+        order = np.argsort(block, kind="stable")
+        self.rows = np.split(order, np.searchsorted(block[order], np.arange(1, blocks)))
+        for label, rows in enumerate(self.rows):
+            own = design[rows].reshape(-1, p)
+            self.information[label] = own.T @ own
+        whole = self.information.sum(axis=0)
+        self.inverse = np.linalg.inv(whole + spread * np.eye(p) - self.information)
+
+    def scores(self, residual: Array) -> Array:
+        """Return the products of the design and a residual, by block."""
+        p = self.design.shape[2]
+        return np.stack([self.design[rows].reshape(-1, p).T @ residual[rows].ravel() for rows in self.rows])
+
+    def losses(self, shown: Array, residual: Array, weights: Array) -> Array:
+        """Return held-out losses of `shown` plus weighted noise, over all draws."""
+        apart = shown - self.predicted
+        one, other = self.scores(apart), self.scores(residual)
+        squares = np.bincount(self.block, (apart**2).sum(axis=1), self.blocks)
+        mixed = np.bincount(self.block, (apart * residual).sum(axis=1), self.blocks)
+        power = np.bincount(self.block, (residual**2).sum(axis=1), self.blocks)
+        own = one[None] + weights[:, :, None] * other[None]
+        left = own.sum(axis=1, keepdims=True) - own
+        moved = np.einsum("bpq,dbq->dbp", self.inverse, left)
+        loss = squares[None] + 2.0 * weights * mixed[None] + weights**2 * power[None]
+        loss = loss - 2.0 * np.einsum("dbp,dbp->db", moved, own)
+        loss = loss + np.einsum("dbp,bpq,dbq->db", moved, self.information, moved)
+        return np.asarray(loss.sum(axis=1))
+
+
+def _white(part: Data, model: Model, numbers: Mapping[str, Array]) -> Array:
+    """Return what a model predicts, in units of the noise; 0 where nothing is measured."""
+    found, _ = quiet.forecast(model, part, numbers, order=quiet.ORDER)
+    return np.asarray(part.white({name: np.nan_to_num(column) for name, column in found.items()}, part.seen))
+
+
+def _absent(hypothesis: Hypothesis, numbers: Mapping[str, Array]) -> dict[str, Array]:
+    """Return parameters with the effect absent."""
+    effect = hypothesis.effect
+    nulls = {effect.qualified(p): p.null for p in effect.parameters} if effect else {}
+    return {name: np.full_like(v, nulls[name]) if name in nulls else v for name, v in numbers.items()}
+
+
+def _by_window(table: Array, window: Index, windows: int, soil: int) -> Array:
+    """Give every window columns of its own for the parameters that it has of its own."""
+    if windows == 1:
+        return table
+    n, c, p = table.shape
+    wide = np.zeros((n, c, windows * soil + p - soil))
+    for label in range(windows):
+        rows = np.flatnonzero(window == label)
+        wide[np.ix_(rows, np.arange(c), np.arange(label * soil, (label + 1) * soil))] = table[rows][
+            :, :, :soil
+        ]
+    wide[:, :, windows * soil :] = table[:, :, soil:]
+    return wide
+
+
+def _shown(truth: _Design, part: int, form: float) -> Array:
+    """Return what a truth would show, its effect bent by a power of its own size."""
+    one = truth.parts[part]
+    if form == 0.0:
+        return np.asarray(one.predicted)
+    size = np.sqrt((one.effect**2).sum(axis=1))
+    usual = float(np.sqrt(np.mean(size**2)))
+    if usual == 0.0:
+        return np.asarray(one.predicted)
+    bend = np.clip(size / usual, 0.05, 4.0) ** form
+    bent = one.effect * bend[:, None]
+    norm = np.sqrt((one.effect**2).sum() / max(float((bent**2).sum()), 1e-300))
+    return np.asarray(one.predicted + bent * norm - one.effect)
+
+
+def _cosines(cells: Sequence[_Design], base: Refit, data: Ground) -> Array:
+    """Return cosines between the effects as fitted, as far as the base cannot imitate them."""
+    count = len(cells)
+    product = np.zeros((count, count))
+    for index, solution in enumerate(base.solutions):
+        part = data.data[index]
+        design = _by_window(solution.design, part.window, part.windows, solution.t.shape[1])
+        flat = design.reshape(-1, design.shape[2])
+        signatures = np.stack([cell.parts[index].effect.ravel() for cell in cells], axis=1)
+        gain, *_ = np.linalg.lstsq(flat, signatures, rcond=1e-10)
+        left = signatures - flat @ gain
+        product += left.T @ left
+    size = np.sqrt(np.maximum(np.diag(product), 1e-300))
+    return np.asarray(product / np.outer(size, size))

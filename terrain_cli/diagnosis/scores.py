@@ -1,0 +1,165 @@
+"""Scores of everything that may be missing, without a refit.
+
+Of the residual e of the fitted model, its derivatives J by what was fitted and the signature g of a
+candidate, all in units of the noise, only the part ĝ of g that no change of the fit imitates can show;
+the score of a block is the sum of ĝ e over it (Rao 1948, with the projection of Neyman 1959). Each window
+has parameters of its own: they are eliminated window by window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison.bootstrap import max_test
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Directions of the parameters below this share of the best determined one are not fitted.
+_RANK = 1e-9
+#: Draws of the bootstrap.
+DRAWS = 1999
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Scores of the columns of one wheel.
+
+    Parameters
+    ----------
+    blocks : ndarray, shape (blocks, m)
+    cross : ndarray, shape (m, m)
+        Products of what is left of the signatures.
+    surviving : ndarray, shape (m,)
+        Share of the square of each that is left.
+    shrunk : float
+        Standard deviation of the residuals over that of the noise, for what was fitted to them.
+    """
+
+    blocks: Array
+    cross: Array
+    surviving: Array
+    shrunk: float
+
+    @property
+    def total(self) -> Array:
+        """Sum over the blocks."""
+        return np.asarray(self.blocks.sum(axis=0))
+
+    def fit(self, columns: Index, precision: float = 0.0) -> tuple[Array, Array, float]:
+        """Fit some columns together, to first order.
+
+        Parameters
+        ----------
+        columns : ndarray of int
+        precision : float
+            Of a prior about the null, in typical sizes to the power −2.
+
+        Returns
+        -------
+        change : ndarray
+            In typical sizes.
+        covariance : ndarray
+        explained : float
+            What it takes off the sum of squares of the residuals.
+        """
+        matrix = self.cross[np.ix_(columns, columns)] + precision * np.eye(len(columns))
+        covariance = _pseudo_inverse(matrix)
+        change = covariance @ self.total[columns]
+        return change, covariance, float(change @ self.total[columns])
+
+
+def scores(
+    residual: Array, soil: Array, columns: Array, window: Index, block: Index, blocks: int
+) -> tuple[Scores, Array]:
+    """Score columns against the residual of one wheel.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n, c)
+        Of c channels, in units of the noise; 0 where not known.
+    soil : ndarray, shape (n, c, q)
+        Derivatives by what was fitted, window by window.
+    columns : ndarray, shape (n, c, m)
+        Signatures.
+    window, block : ndarray of int, shape (n,)
+    blocks : int
+        Number of blocks over all wheels.
+
+    Returns
+    -------
+    Scores
+    ndarray, shape (n, c, m)
+        What is left of the signatures when the soil is fitted anew.
+    """
+    m, q = columns.shape[2], soil.shape[2]
+    result, cross, squares = np.zeros((blocks, m)), np.zeros((m, m)), np.zeros(m)
+    fitted = 0
+    rest = np.zeros_like(columns)
+    for label in np.unique(window):
+        rows = np.flatnonzero(window == label)
+        inner = soil[rows].reshape(-1, q)
+        own = columns[rows].reshape(-1, m)
+        gain = _pseudo_inverse(inner.T @ inner) @ (inner.T @ own)
+        left = own - inner @ gain
+        squares += (own**2).sum(axis=0)
+        cross += left.T @ left
+        rest[rows] = left.reshape(len(rows), -1, m)
+        score = np.einsum("ncm,nc->nm", rest[rows], residual[rows])
+        np.add.at(result, block[rows], score)
+        fitted += q
+    known = int(np.count_nonzero(residual))
+    return (
+        Scores(
+            result,
+            cross,
+            np.diag(cross) / np.where(squares > 0.0, squares, np.inf),
+            float(np.sqrt(max(1.0 - fitted / max(known, 1), 0.1))),
+        ),
+        rest,
+    )
+
+
+def test(
+    several: Sequence[Scores], testable: Sequence[NDArray[np.bool_]], chance: Sequence[Array], *, seed: int
+) -> list[tuple[Array, Array]]:
+    """Test all columns of all wheels together against chance.
+
+    Parameters
+    ----------
+    several : sequence of Scores
+        Of each wheel, over the same blocks.
+    testable : sequence of ndarray of bool, shape (m,)
+    chance : sequence of ndarray, shape (blocks, m)
+        Scores of what the strongest candidate leaves.
+    seed : int
+
+    Returns
+    -------
+    list of (ndarray, ndarray)
+        Of each wheel: t and p-value of every column; 0 and 1 where it is not tested.
+    """
+    table, left = (
+        np.concatenate([np.where(use, one, 0.0) for one, use in zip(tables, testable, strict=True)], axis=1)
+        for tables in ([one.blocks for one in several], chance)
+    )
+    shrunk = min(one.shrunk for one in several)
+    found = max_test(table, shrunk=shrunk, draws=DRAWS, seed=seed, chance=left)
+    ends = np.cumsum([one.blocks.shape[1] for one in several])[:-1]
+    return list(zip(np.split(found.t, ends), np.split(found.p_values, ends), strict=True))
+
+
+def _pseudo_inverse(matrix: Array) -> Array:
+    """Invert after scaling to a unit diagonal, without the directions that nothing determines."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scale = np.where(scale > 0.0, scale, np.inf)
+    scales = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(matrix / scales, rcond=_RANK, hermitian=True) / scales)

@@ -1,0 +1,300 @@
+"""Every candidate before any is fitted: whether these data can tell of it, and how strongly they do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli import effects as catalogues
+from terrain_cli.comparison import whitening
+from terrain_cli.diagnosis import scores as scoring
+from terrain_cli.diagnosis import signatures
+from terrain_cli.diagnosis.parts import Hypothesis, NotTestable, Size
+from terrain_cli.mechanics.model import Model
+from terrain_cli.models import assumptions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.wheel import Wheel
+    from terrain_cli.effects import Effect
+    from terrain_cli.models import ModelFile
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Blocks below which nothing can be told from chance.
+FEWEST_BLOCKS = 5
+#: Samples of all wheels that are scored, evenly thinned.
+MOST_SAMPLES = 6_000
+#: Share of its square that a signature keeps at least when the soil is fitted anew.
+_SURVIVING = 0.002
+#: Standard errors that an effect three times its typical size stands out at least.
+_SHOWS = 2.0
+#: Width of the prior about the null, in typical sizes.
+_WIDTH = 5.0
+
+
+@dataclass
+class Screened:
+    """What the scores say of each hypothesis.
+
+    Parameters
+    ----------
+    scores, p_values, surviving, explained : dict of str to float
+        Of those that can be tested.
+    sizes : dict of str to dict of str to Size
+        To first order.
+    not_testable : list of NotTestable
+    blocks : ndarray, shape (blocks, m)
+        Scores of all columns that can be tested, of what the strongest effect leaves.
+    """
+
+    scores: dict[str, float] = field(default_factory=dict)
+    p_values: dict[str, float] = field(default_factory=dict)
+    surviving: dict[str, float] = field(default_factory=dict)
+    explained: dict[str, float] = field(default_factory=dict)
+    sizes: dict[str, dict[str, Size]] = field(default_factory=dict)
+    not_testable: list[NotTestable] = field(default_factory=list)
+    blocks: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+def hypotheses(
+    file: ModelFile, wheels: Sequence[Wheel], effects: Sequence[Effect]
+) -> tuple[list[Hypothesis], list[NotTestable]]:
+    """List what a model may lack, as far as the channels are there.
+
+    Parameters
+    ----------
+    file : ModelFile
+    wheels : sequence of Wheel
+        Fitted.
+    effects : sequence of Effect
+        None of which is in the model.
+
+    Returns
+    -------
+    list of Hypothesis
+    list of NotTestable
+        Effects whose channels are missing, or which the base cannot have.
+    """
+    found: list[Hypothesis] = []
+    lacking: list[NotTestable] = []
+    for effect in effects:
+        reason = signatures.possible(file.model, effect) or _missing(effect, wheels)
+        if reason:
+            lacking.append(NotTestable(effect.id, reason))
+            continue
+        model = Model(file.model.base, (*file.model.effects, effect))
+        held = {
+            effect.qualified(p): p.null
+            for p in effect.parameters
+            if any(need not in _available(wheel) for wheel in wheels for need in p.needs)
+        }
+        found.append(Hypothesis(effect.id, effect.title, model, held, effect=effect))
+    modulus = wheels[0].windows.samples.geometry.shear_modulus
+    for assumption in assumptions.made_by(file, modulus):
+        lifted = assumptions.lifted(file, assumption.id, modulus)
+        found.append(
+            Hypothesis(assumption.id, assumption.title, lifted.model, dict(lifted.fixed), dict(lifted.priors))
+        )
+    return found, lacking
+
+
+def _available(wheel: Wheel) -> set[str]:
+    geometry = wheel.windows.samples.geometry
+    constants = {name for name in ("grouser_count", "grouser_height") if getattr(geometry, name)}
+    return {*wheel.channels, *constants, *(["time"] if wheel.ordered else [])}
+
+
+def _missing(effect: Effect, wheels: Sequence[Wheel]) -> str:
+    lacking = {name for wheel in wheels for name in catalogues.missing(effect, _available(wheel))}
+    measured = {name for wheel in wheels for name in wheel.measured}
+    if lacking:
+        return f"it needs {' and '.join(sorted(lacking))}, which nothing gives"
+    only = {"torque", "drawbar_pull", "sinkage"}.intersection(effect.laws)
+    if only and len(only) == len(effect.laws) and not only & measured:
+        return f"it shows in {' and '.join(sorted(only))} alone, which is not measured".replace("_", " ")
+    return ""
+
+
+def screen(
+    wheels: Sequence[Wheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis], seed: int
+) -> Screened:
+    """Score every hypothesis.
+
+    Parameters
+    ----------
+    wheels : sequence of Wheel
+        Fitted.
+    block : sequence of ndarray of int, shape (n,)
+        Of the usable samples of each.
+    hypotheses : sequence of Hypothesis
+    seed : int
+
+    Returns
+    -------
+    Screened
+    """
+    step = max(1, -(-sum(len(wheel) for wheel in wheels) // MOST_SAMPLES))
+    blocks = 1 + max(int(one.max(initial=-1)) for one in block)
+    parts = [_Columns(wheel, own, blocks, hypotheses, step) for wheel, own in zip(wheels, block, strict=True)]
+    found = Screened()
+    best = _strongest(parts, hypotheses)
+    left = [part.beyond(best) for part in parts]
+    found.blocks = np.concatenate(
+        [one[:, part.testable] for one, part in zip(left, parts, strict=True)], axis=1
+    )
+    tests = scoring.test([part.scores for part in parts], [part.testable for part in parts], left, seed=seed)
+    for one in hypotheses:
+        if one.effect is None:
+            _assumed(found, one)
+            continue
+        groups = [(part, [g for g in part.groups if g.id == one.id]) for part in parts]
+        reasons = [part.reason(own) for part, own in groups]
+        if all(reasons):
+            found.not_testable.append(NotTestable(one.id, next(filter(None, reasons))))
+            continue
+        _add(found, one, [(part, own, test) for (part, own), test in zip(groups, tests, strict=True)])
+    return found
+
+
+def _strongest(parts: Sequence[_Columns], hypotheses: Sequence[Hypothesis]) -> str:
+    """Return the effect that explains most to first order."""
+    gains = {one.id: sum(part.explained(one.id) for part in parts) for one in hypotheses}
+    return max(gains, key=lambda name: gains[name], default="")
+
+
+def _assumed(found: Screened, one: Hypothesis) -> None:
+    """Let an assumption of the base through to the refits, where it is judged by its held-out error."""
+    found.scores[one.id] = np.nan
+    found.p_values[one.id] = 1.0
+    found.surviving[one.id] = 1.0
+    found.explained[one.id] = 0.0
+    found.sizes[one.id] = {}
+
+
+@dataclass(frozen=True)
+class _Group:
+    id: str
+    names: tuple[str, ...]
+    columns: Index
+
+
+class _Columns:
+    """The signatures of all hypotheses in one wheel, in units of the noise, and their scores."""
+
+    def __init__(
+        self, wheel: Wheel, block: Index, blocks: int, hypotheses: Sequence[Hypothesis], step: int
+    ) -> None:
+        rows = np.arange(0, len(wheel), step)
+        channels, _ = wheel.smoothed(wheel.memory, rows)
+        white = whitening.of_residuals(
+            wheel, wheel.residuals, {name: level.deviation for name, level in wheel.noise.items()}
+        )
+        known = np.ones(len(rows), dtype=bool)
+        for name in ("load", "slip", "sinkage"):
+            if name in channels:
+                known &= np.isfinite(channels[name])
+        residuals = {name: wheel.residuals[name][rows] for name in white.channels}
+        flat, there = whitening.known_of(white, residuals, known)
+        soil = signatures.of_soil(wheel, channels, rows)
+        effects = [one.effect for one in hypotheses if one.effect is not None]
+        self.groups: list[_Group] = []
+        tables: dict[str, list[Array]] = {name: [] for name in white.channels}
+        start = 0
+        for signature in signatures.of_effects(wheel, effects, channels, rows):
+            count = len(signature.names)
+            self.groups.append(_Group(signature.effect.id, signature.names, np.arange(start, start + count)))
+            start += count
+            for name in white.channels:
+                tables[name].append(signature.tables.get(name, np.zeros((len(rows), count))))
+        stacked = {
+            name: np.concatenate(parts, axis=1) if parts else np.zeros((len(rows), 0))
+            for name, parts in tables.items()
+        }
+        columns = white({n: np.nan_to_num(t) for n, t in stacked.items()}, there)
+        base = white(
+            {
+                n: soil.get(n, np.zeros((len(rows), len(wheel.soil) + len(wheel.common))))
+                for n in white.channels
+            },
+            there,
+        )
+        self.flat, self.block = flat, block[rows]
+        self.scores, self.left = scoring.scores(flat, base, columns, wheel.window[rows], block[rows], blocks)
+        power = np.sqrt(np.maximum(np.diag(self.scores.cross), 0.0)) * np.sqrt(step)
+        self.alive = (self.scores.surviving > _SURVIVING) & (3.0 * power > _SHOWS)
+        self.testable: NDArray[np.bool_] = self.alive
+        self.squares = np.diag(self.scores.cross) > 0.0
+        self.raw = np.abs(columns).max(axis=(0, 1)) > 1e-9 if columns.size else np.zeros(0, dtype=bool)
+
+    def beyond(self, effect: str) -> Array:
+        """Return the scores of all columns in what an effect leaves, by block."""
+        own = [g.columns[self.testable[g.columns]] for g in self.groups if g.id == effect]
+        own = [columns for columns in own if len(columns)]
+        residual = self.flat
+        if own:
+            fits = [(columns, *self.scores.fit(columns, _WIDTH**-2.0)) for columns in own]
+            columns, change, _, _ = max(fits, key=lambda one: one[3])
+            residual = residual - self.left[:, :, columns] @ change
+        blocks = np.zeros_like(self.scores.blocks)
+        np.add.at(blocks, self.block, np.einsum("ncm,nc->nm", self.left, residual))
+        return blocks
+
+    def explained(self, effect: str) -> float:
+        """Return what an effect takes off the sum of squares, to first order."""
+        own = [g.columns[self.testable[g.columns]] for g in self.groups if g.id == effect]
+        return max((self.scores.fit(c, _WIDTH**-2.0)[2] for c in own if len(c)), default=0.0)
+
+    def reason(self, groups: Sequence[_Group]) -> str:
+        """Say why these data tell nothing of an effect; nothing if they do."""
+        columns = np.concatenate([group.columns for group in groups]) if groups else np.zeros(0, dtype=int)
+        if len(columns) == 0:
+            return "it changes nothing that was measured"
+        if self.testable[columns].any():
+            return ""
+        if not self.raw[columns].any():
+            return "nothing that it follows varies in these data"
+        if not (self.scores.surviving[columns] > _SURVIVING).any():
+            return "the soil's own parameters imitate it in these data"
+        return "three times its typical size would not stand out of the noise of these data"
+
+
+def _add(
+    found: Screened, one: Hypothesis, parts: Sequence[tuple[_Columns, Sequence[_Group], tuple[Array, Array]]]
+) -> None:
+    """Collect what all wheels say of one effect; of several shapes of it, of the one that explains most."""
+    explained = 0.0
+    score, p_value, surviving = 0.0, 1.0, 0.0
+    sizes: dict[str, Size] = {}
+    for part, groups, (t, p_values) in parts:
+        best = None
+        for group in groups:
+            use = group.columns[part.testable[group.columns]]
+            if len(use) == 0:
+                continue
+            change, covariance, gain = part.scores.fit(use, _WIDTH**-2.0)
+            score = max(score, float(np.abs(t[use]).max()))
+            p_value = min(p_value, float(p_values[use].min()))
+            if best is None or gain > best[0]:
+                best = (gain, group, use, change, covariance)
+        if best is None:
+            continue
+        gain, group, use, change, covariance = best
+        explained += gain
+        surviving = max(surviving, float(part.scores.surviving[use].max()))
+        for column, moved, variance in zip(use, change, np.diag(covariance), strict=True):
+            name = group.names[int(column - group.columns[0])]
+            parameter = one.model.parameters[name]
+            sizes[parameter.name] = Size(
+                (parameter.null + moved * parameter.scale) / parameter.factor,
+                float(np.sqrt(variance)) * parameter.scale / parameter.factor,
+                parameter.unit,
+            )
+    found.scores[one.id], found.p_values[one.id] = score, p_value
+    found.surviving[one.id], found.explained[one.id], found.sizes[one.id] = surviving, explained, sizes

@@ -1,0 +1,80 @@
+"""A diagnosis in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.diagnosis.parts import Candidate, Diagnosis, Size
+
+
+def verdict(diagnosis: Diagnosis) -> str:
+    """Say the verdict to a person, and what to do next.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    str
+    """
+    if diagnosis.verdict == "none":
+        if diagnosis.alarm.p_value < diagnosis.alarm.level:
+            return (
+                "Something stands out, but nothing that is added predicts held-out data better: leave the "
+                "model as it is."
+            )
+        return "Nothing is missing that these data could show."
+    seen = _seen(diagnosis)
+    if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
+        return f"{seen}{diagnosis.unknown.sentence} --draft FILE.toml writes the law."
+    named = {one.effect: one for one in diagnosis.candidates}
+    first = named[diagnosis.family[0]]
+    if diagnosis.verdict == "effect":
+        return (
+            f"{seen}Most likely {_told(first)}; add it with: "
+            f"terrain-est model add FILE {first.effect} --data INPUT…"
+        )
+    others = list(diagnosis.family[1:])
+    if not others:
+        return (
+            f"{seen}Probably {_told(first)}, but something is left over, or this very drive would not "
+            "show it often enough to be sure of the name."
+        )
+    return f"{seen}{_told(first)[0].upper()}{_told(first)[1:]}, or {_listed(others)}: these data cannot tell."
+
+
+def _seen(diagnosis: Diagnosis) -> str:
+    failures = diagnosis.comparison.failures
+    if not failures:
+        return ""
+    sentence = failures[0].sentence
+    return f"{sentence[0].upper()}{sentence[1:]}. "
+
+
+def _told(one: Candidate) -> str:
+    sizes = ", ".join(f"{name} = {size_text(size)}" for name, size in one.sizes.items())
+    return f"{one.effect} ({sizes})" if sizes else one.effect
+
+
+def size_text(size: Size) -> str:
+    """Write a value with its error and unit.
+
+    Parameters
+    ----------
+    size : Size
+
+    Returns
+    -------
+    str
+    """
+    unit = "" if size.unit in ("", "1") else f" {size.unit}"
+    error = f" ± {size.se:.2g}" if size.se == size.se else ""
+    return f"{size.value:.3g}{error}{unit}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"

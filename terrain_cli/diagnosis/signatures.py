@@ -1,0 +1,163 @@
+"""What an effect would leave in the residuals if it were there: derivatives by its parameters at the null."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison.prediction import derivatives
+from terrain_cli.errors import TerrainError
+from terrain_cli.mechanics.model import Model
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.wheel import Wheel
+    from terrain_cli.effects import Effect
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Multiples of its null at which a parameter that only shapes an effect is tried.
+_SHAPES = (0.3, 1.0, 3.0)
+#: Laws on these are applied node by node, which is slow where many are differentiated together.
+_ON_THE_RIM = frozenset({"normal_stress", "shear_stress"})
+
+
+@dataclass(frozen=True)
+class Signature:
+    """Derivatives of the predictions by the parameters of an effect.
+
+    Parameters
+    ----------
+    effect : Effect
+    names : tuple of str
+        Qualified names of the parameters, without those that only shape it.
+    tables : dict of str to ndarray, shape (n, len(names))
+        By channel; per typical size of each parameter.
+    """
+
+    effect: Effect
+    names: tuple[str, ...]
+    tables: dict[str, Array]
+
+
+def of_soil(wheel: Wheel, channels: Mapping[str, Array], rows: Index) -> dict[str, Array]:
+    """Differentiate the predictions by the parameters that were fitted.
+
+    Parameters
+    ----------
+    wheel : Wheel
+    channels : mapping of str to ndarray, shape (n,)
+        Of the rows; without their own noise.
+    rows : ndarray of int, shape (n,)
+        Usable samples.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n, soil + common)
+    """
+    names = (*wheel.soil, *wheel.common)
+    return derivatives(
+        wheel.model, wheel.geometry, channels, lambda some: wheel.of_samples(rows[some]), names
+    )
+
+
+def of_effects(
+    wheel: Wheel, effects: Iterable[Effect], channels: Mapping[str, Array], rows: Index
+) -> Iterator[Signature]:
+    """Differentiate the predictions by the parameters of effects that the model does not have.
+
+    Parameters
+    ----------
+    wheel : Wheel
+    effects : iterable of Effect
+        Whose channels are there and which the base can have.
+    channels, rows
+        As for `of_soil`.
+
+    Yields
+    ------
+    Signature
+        Of an effect with parameters that only shape it, one for each of several values of these.
+    """
+    together: list[Effect] = []
+    alone: list[Effect] = []
+    for effect in effects:
+        shaped = any(parameter.shape for parameter in effect.parameters)
+        (alone if shaped or _ON_THE_RIM.intersection(effect.laws) else together).append(effect)
+    if together:
+        tables = _tables(wheel, together, channels, rows, {})
+        for effect in together:
+            yield _of(effect, tables, together)
+    for effect in alone:
+        shapes = [p for p in effect.parameters if p.shape]
+        for times in _SHAPES if shapes else (1.0,):
+            at = {effect.qualified(p): float(np.clip(times * p.null, p.lower, p.upper)) for p in shapes}
+            yield _of(effect, _tables(wheel, [effect], channels, rows, at), [effect])
+
+
+def leading(effect: Effect) -> list[str]:
+    """Name the parameters of an effect that do not only shape it.
+
+    Parameters
+    ----------
+    effect : Effect
+
+    Returns
+    -------
+    list of str
+    """
+    return [effect.qualified(p) for p in effect.parameters if not p.shape]
+
+
+def possible(model: Model, effect: Effect) -> str:
+    """Tell why a model cannot have an effect.
+
+    Parameters
+    ----------
+    model : Model
+    effect : Effect
+
+    Returns
+    -------
+    str
+        Empty if it can.
+    """
+    try:
+        Model(model.base, (*model.effects, effect))
+    except TerrainError as error:
+        return str(error)
+    return ""
+
+
+def _tables(
+    wheel: Wheel,
+    effects: Sequence[Effect],
+    channels: Mapping[str, Array],
+    rows: Index,
+    at: Mapping[str, float],
+) -> dict[str, Array]:
+    model = Model(wheel.model.base, (*wheel.model.effects, *effects))
+    absent = {**{name: p.null for name, p in model.parameters.items()}, **at}
+    names = [name for effect in effects for name in leading(effect)]
+
+    def parameters(some: Index) -> dict[str, Array]:
+        known = wheel.of_samples(rows[some])
+        return {**{name: np.asarray(value) for name, value in absent.items() if name not in known}, **known}
+
+    with np.errstate(all="ignore"):
+        found = derivatives(model, wheel.geometry, channels, parameters, names)
+    scales = np.array([model.parameters[name].scale for name in names])
+    return {channel: table * scales for channel, table in found.items()}
+
+
+def _of(effect: Effect, tables: Mapping[str, Array], effects: Sequence[Effect]) -> Signature:
+    names = [name for one in effects for name in leading(one)]
+    own = leading(effect)
+    place = [names.index(name) for name in own]
+    return Signature(effect, tuple(own), {channel: table[:, place] for channel, table in tables.items()})

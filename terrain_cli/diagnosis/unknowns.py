@@ -1,0 +1,221 @@
+"""What no effect of the catalogue explains: a channel, a driver, and a drafted law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import whitening
+from terrain_cli.diagnosis import drafts, refits, signatures
+from terrain_cli.diagnosis import scores as scoring
+from terrain_cli.diagnosis.parts import Hypothesis, Unknown
+from terrain_cli.mechanics.model import Model
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.wheel import Wheel
+    from terrain_cli.diagnosis.drafts import Draft
+    from terrain_cli.diagnosis.refits import Ground, Refit
+
+    Array = NDArray[np.float64]
+
+#: Drafts that are fitted.
+_FITTED = 6
+#: Samples that are screened.
+_MOST = 4_000
+#: Gain in the sum of squares that a further parameter has to bring to be worth it.
+_PRICE = 6.0
+#: A draft stands beside the best effect only where this part of the misfit is left by the effect, and the
+#: draft takes so much of what is left.
+_LEFT, _TAKES = 0.1, 0.5
+#: Standard errors by which a draft has to be better than the best effect.
+_SURE = 2.0
+#: A plainer draft, or one of a channel, is taken that explains as much within this share.
+_PLAINER = 0.03
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A draft that was fitted.
+
+    Parameters
+    ----------
+    draft : Draft
+    refit : Refit
+    hypothesis : Hypothesis
+    extra : list of dict of str to ndarray
+        Its driver, where that is no channel.
+    """
+
+    draft: Draft
+    refit: Refit
+    hypothesis: Hypothesis
+    extra: list[dict[str, Array]]
+
+
+def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tried]:
+    """Find the laws with one driver that explain most.
+
+    Parameters
+    ----------
+    data : Ground
+    base : Refit
+    progress : callable
+
+    Returns
+    -------
+    list of Tried
+        The best first; empty where several wheels differ in what they measure.
+    """
+    progress("drafting laws")
+    ranked: dict[tuple[str, str, str], float] = {}
+    columns: dict[tuple[str, str], Array] = {}
+    for wheel in data.wheels:
+        rows = np.arange(0, len(wheel), max(1, len(wheel) * len(data.wheels) // _MOST))
+        channels, _smooth = wheel.smoothed(wheel.memory, rows)
+        values = {name: _quiet(name, column, channels) for name, column in _rows(wheel, rows).items()}
+        white = whitening.of_residuals(
+            wheel, wheel.residuals, {name: level.deviation for name, level in wheel.noise.items()}
+        )
+        block = np.zeros(len(wheel), dtype=np.intp)
+        known = np.ones(len(rows), dtype=bool)
+        for name in ("load", "slip", "sinkage"):
+            if name in channels:
+                known &= np.isfinite(channels[name])
+        flat, there = whitening.known_of(white, {n: wheel.residuals[n][rows] for n in white.channels}, known)
+        soil = signatures.of_soil(wheel, channels, rows)
+        zeros = np.zeros((len(rows), len(wheel.soil) + len(wheel.common)))
+        inner = white({n: soil.get(n, zeros) for n in white.channels}, there)
+        for changes, driver, form, tables in drafts.screen(wheel, values, channels, rows):
+            width = next(iter(tables.values())).shape[1]
+            table = white(
+                {n: np.nan_to_num(tables.get(n, np.zeros((len(rows), width)))) for n in white.channels}, there
+            )
+            found, _ = scoring.scores(flat, inner, table, wheel.window[rows], block[rows], data.blocks)
+            _, _, gain = found.fit(np.arange(width))
+            key = (changes, driver, form)
+            ranked[key] = ranked.get(key, 0.0) + gain - _PRICE * width
+        for driver, column in values.items():
+            columns.setdefault((driver, ""), column)
+    tried: list[Tried] = []
+    for changes, driver, form in _varied(ranked):
+        draft = drafts.write(changes, driver, form, columns.get((driver, "")), _unit(data, driver))
+        if draft is None or signatures.possible(data.wheels[0].model, draft.effect):
+            continue
+        progress(f"fitting the draft {draft.effect.id}")
+        model = data.wheels[0].model
+        one = Hypothesis(
+            draft.effect.id,
+            draft.effect.title,
+            Model(model.base, (*model.effects, draft.effect)),
+            effect=draft.effect,
+        )
+        extra = _extra(data, driver)
+        tried.append(Tried(draft, refits.refit(data, one, extra), one, extra))
+    tried.sort(key=lambda one: float(one.refit.loss.sum()))
+    return _plainest(tried, base)
+
+
+def _rows(wheel: Wheel, rows: NDArray[np.intp]) -> dict[str, Array]:
+    return {name: column[rows] for name, column in drafts.drivers(wheel).items()}
+
+
+def _quiet(name: str, column: Array, channels: dict[str, Array]) -> Array:
+    """Take a driver without its own noise where it is one of the noisy channels."""
+    return (
+        channels[name]
+        if name in ("slip", "load", "sinkage", "velocity", "angular_velocity") and name in channels
+        else column
+    )
+
+
+def _unit(data: Ground, driver: str) -> str:
+    return next((w.drivers[driver].unit for w in data.wheels if driver in w.drivers), "")
+
+
+def _extra(data: Ground, driver: str) -> list[dict[str, Array]]:
+    """Return the driver where it is none of the channels that models read."""
+    return [
+        {driver: wheel.drivers[driver].values[rows]}
+        if driver in wheel.drivers and driver not in part.inputs
+        else {}
+        for wheel, rows, part in zip(data.wheels, data.rows, data.data, strict=True)
+    ]
+
+
+def _varied(ranked: dict[tuple[str, str, str], float]) -> list[tuple[str, str, str]]:
+    """Choose the best, of each quantity and driver at most two forms."""
+    chosen: list[tuple[str, str, str]] = []
+    for key in sorted(ranked, key=lambda key: -ranked[key]):
+        same = sum(other[:2] == key[:2] for other in chosen)
+        if ranked[key] > 0.0 and same < 2:
+            chosen.append(key)
+        if len(chosen) == _FITTED:
+            break
+    return chosen
+
+
+def _plainest(tried: list[Tried], base: Refit) -> list[Tried]:
+    """Put in front a draft of a channel, or a plainer one, that explains nearly as much."""
+    if not tried:
+        return tried
+    gains = [float((base.loss - one.refit.loss).sum()) for one in tried]
+    if gains[0] <= 0.0:
+        return []
+    near = [one for one, gain in zip(tried, gains, strict=True) if gain >= (1.0 - _PLAINER) * gains[0]]
+    first = min(
+        near, key=lambda one: (one.draft.changes not in drafts.SHOWN, drafts.FORMS.index(one.draft.form))
+    )
+    return [first, *(one for one in tried if one is not first)]
+
+
+def verdict(base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence[str]) -> Unknown | None:
+    """Tell whether a draft explains what no effect does.
+
+    Parameters
+    ----------
+    base, effect : Refit
+        Without anything, and with the best effect of the catalogue.
+    tried : sequence of Tried
+        The best first.
+    family : sequence of str
+
+    Returns
+    -------
+    Unknown or None
+    """
+    if not tried:
+        return None
+    count = sum(int(np.count_nonzero(one)) for one in base.residuals)
+    misfit = float(base.loss.sum()) - min(count, float(min(effect.loss.sum(), tried[0].refit.loss.sum())))
+    if misfit <= 0.0:
+        return None
+    left = float((effect.loss - tried[0].refit.loss).sum())
+    difference = effect.loss - tried[0].refit.loss
+    error = float(np.std(difference, ddof=1) * np.sqrt(len(difference)))
+    if family and (left < _LEFT * misfit or left < _SURE * error):
+        return None
+    if not family and left <= 0.0:
+        return None
+    draft = tried[0].draft
+    explained = float(np.clip((base.loss - tried[0].refit.loss).sum() / misfit, 0.0, 1.0))
+    channel = draft.changes if draft.changes in drafts.SHOWN else _channel(base, tried[0].refit)
+    follows = f"follows {draft.driver.replace('_', ' ')}" if draft.driver else "is off by a constant"
+    sentence = (
+        f"No effect of the catalogue explains it: {channel.replace('_', ' ')} {follows} ({draft.form}), "
+        f"which accounts for {explained:.0%} of the misfit."
+    )
+    return Unknown(channel, draft.driver, draft.form, explained, sentence, draft.text)
+
+
+def _channel(base: Refit, refit: Refit) -> str:
+    """Return the channel whose held-out error falls most, in units of its noise."""
+    falls = {
+        name: base.heldout[name] / refit.heldout[name] for name in refit.heldout if refit.heldout[name] > 0.0
+    }
+    return max(falls, key=lambda name: falls[name])

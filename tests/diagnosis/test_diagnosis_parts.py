@@ -1,0 +1,161 @@
+"""The parts of a diagnosis, each against what it has to be by other means."""
+
+import numpy as np
+import pytest
+from hidden_drives import Kind, samples_of, sized, windows_of
+
+from formats import Labels
+from terrain_cli import effects
+from terrain_cli.comparison import quiet, whitening
+from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.diagnosis import diagnose, drafts, joining, refits, scores
+from terrain_cli.diagnosis.parts import Hypothesis
+from terrain_cli.effects import user_file
+from terrain_cli.mechanics.model import Model
+from terrain_cli.models import ModelFile
+from terrain_cli.windows import cut
+
+NOTHING = Settings({}, {}, (), None)
+
+
+@pytest.fixture(scope="module")
+def wheel():
+    some = joining.by_wheel(windows_of(3, Kind(seconds=40.0), "none"))
+    return Wheel(some[0], Model(), NOTHING)
+
+
+def test_inputs_of_a_wheel_are_joined_with_soils_and_runs_of_their_own():
+    first, second = (cut(samples_of(seed, Kind(seconds=16.0)), "none") for seed in (1, 2))
+    (joined,) = joining.by_wheel([first, second], effects.catalogue().values())
+    n = len(first.rows)
+    assert len(joined) == len(first) + len(second)
+    assert joined.samples.labels["run"].names == ("input 1", "input 2")
+    assert np.all(np.diff(joined.samples.time) > 0.0)
+    np.testing.assert_array_equal(joined.samples.channels["torque"][n:], second.samples.channels["torque"])
+    assert joined.samples.stretch[n] > joined.samples.stretch[n - 1]
+    assert np.isfinite(joined.samples.drivers["torque_rate"]).all()
+
+
+def test_different_wheels_stay_apart():
+    first, second = (samples_of(seed, Kind(seconds=16.0)) for seed in (1, 2))
+    second.wheel = "rear"
+    assert len(joining.by_wheel([cut(first, "none"), cut(second, "none")])) == 2
+
+
+def test_whitened_noise_has_variance_one_and_nothing_in_common():
+    rng = np.random.default_rng(0)
+    covariance = np.array([[4.0, 1.2, 0.0], [1.2, 1.0, -0.1], [0.0, -0.1, 0.25]])
+    errors = rng.multivariate_normal(np.zeros(3), covariance, 20_000)
+    white = whitening.Whitening(("torque", "drawbar_pull", "sinkage"), covariance)
+    known = np.ones((20_000, 3), dtype=bool)
+    known[:5000, 1] = False
+    found = white(dict(zip(white.channels, errors.T, strict=True)), known)
+    np.testing.assert_allclose(np.cov(found[5000:].T), np.eye(3), atol=0.04)
+    assert not found[:5000, 1].any()
+    np.testing.assert_allclose(np.cov(found[:5000][:, [0, 2]].T), np.eye(2), atol=0.06)
+
+
+def test_scores_are_those_of_a_least_squares_fit():
+    rng = np.random.default_rng(1)
+    n, soil, columns = 400, rng.normal(size=(400, 2, 3)), rng.normal(size=(400, 2, 4))
+    window, block = np.repeat([0, 1], 200), np.repeat(np.arange(20), 20)
+    residual = rng.normal(size=(n, 2))
+    found, left = scores.scores(residual, soil, columns, window, block, 20)
+    change, covariance, explained = found.fit(np.array([1, 3]))
+    wide = np.zeros((n, 2, 8))
+    wide[:200, :, :3], wide[200:, :, 3:6], wide[:, :, 6:] = soil[:200], soil[200:], columns[:, :, [1, 3]]
+    flat = wide.reshape(-1, 8)
+    solution, *_ = np.linalg.lstsq(flat, residual.ravel(), rcond=None)
+    np.testing.assert_allclose(change, solution[6:], rtol=1e-9)
+    np.testing.assert_allclose(covariance, np.linalg.inv(flat.T @ flat)[6:, 6:], rtol=1e-9)
+    without, *_ = np.linalg.lstsq(flat[:, :6], residual.ravel(), rcond=None)
+    rest = [np.sum((residual.ravel() - flat[:, :k] @ s) ** 2) for k, s in ((6, without), (8, solution))]
+    assert explained == pytest.approx(rest[0] - rest[1], rel=1e-9)
+    assert left.shape == columns.shape
+
+
+def test_one_step_from_a_sinkage_gives_the_derivatives_of_the_root(wheel):
+    data = wheel.least_squares_data()
+    names = ("tan_phi", "stiffness", "shear_modulus")
+    numbers = wheel.of_samples()
+    exact, _ = quiet.forecast(wheel.model, data, numbers, order=quiet.ORDER)
+    found, tables, sinkage = quiet.nearby(wheel.model, data, numbers, names, exact["sinkage"])
+    np.testing.assert_allclose(sinkage, exact["sinkage"], rtol=1e-6)
+    for column, name in enumerate(names):
+        step = 1e-5 * numbers[name]
+        sides = [
+            quiet.forecast(
+                wheel.model, data, {**numbers, name: numbers[name] + sign * step}, order=quiet.ORDER
+            )[0]
+            for sign in (1.0, -1.0)
+        ]
+        for channel in ("torque", "drawbar_pull", "sinkage"):
+            np.testing.assert_allclose(found[channel], exact[channel], rtol=1e-6, atol=1e-9)
+            slope = (sides[0][channel] - sides[1][channel]) / (2.0 * step)
+            size = float(np.abs(slope).max())
+            np.testing.assert_allclose(tables[channel][:, column], slope, atol=2e-3 * size)
+
+
+def test_a_fit_to_quiet_channels_ends_at_a_minimum(wheel):
+    data = wheel.least_squares_data()
+    solution = quiet.solve(wheel.model, wheel.sought, data, *wheel.beginning())
+    again = quiet.solve(wheel.model, wheel.sought, data, solution.t, solution.common)
+    assert again.merit == pytest.approx(solution.merit, rel=1e-4)
+    for column in range(solution.t.shape[1]):
+        for sign in (-0.05, 0.05):
+            moved = solution.t.copy()
+            moved[:, column] += sign
+            found, _ = quiet.forecast(
+                wheel.model,
+                data,
+                quiet.parameters(wheel.sought, moved[data.window], solution.common, data.window),
+                order=quiet.ORDER,
+            )
+            cost = quiet.bounded(quiet.residual(data, found)).sum() + solution.spread * np.sum(moved**2)
+            least = solution.cost + solution.spread * np.sum(solution.t**2)
+            assert cost > least * (1.0 - 1e-4)
+
+
+def test_held_out_loss_falls_with_the_right_effect_only():
+    kind = Kind(sized("slope"), seconds=64.0)
+    (some,) = joining.by_wheel(windows_of(5, kind, "none"), effects.catalogue().values())
+    further = [name for effect in effects.catalogue().values() for name in effect.reads]
+    base = Wheel(some, Model(), NOTHING, further=further)
+    block = np.arange(len(base)) * 16 // len(base)
+    data = refits.ground([base], [block], 1500)
+    loss = {"": float(refits.refit(data, None).loss.sum())}
+    for name in ("slope", "gear-efficiency"):
+        effect = effects.find(name)
+        one = Hypothesis(name, effect.title, Model("wong-reece", (effect,)), effect=effect)
+        loss[name] = float(refits.refit(data, one).loss.sum())
+    count = int(data.data[0].seen.sum())
+    assert loss["slope"] < 1.3 * count < 2.0 * count < loss["gear-efficiency"]
+    assert loss["gear-efficiency"] > 0.9 * loss[""]
+
+
+@pytest.mark.parametrize("form", drafts.FORMS)
+@pytest.mark.parametrize("changes", ["torque", "drawbar_pull", "sinkage", "tan_phi"])
+def test_every_draft_is_an_effect_that_a_user_can_add(form, changes, tmp_path):
+    column = np.linspace(-0.2, 0.3, 100)
+    driver = {"constant": "", "periodic": "wheel_angle"}.get(form, "yaw_rate")
+    draft = drafts.write(changes, driver, form, column)
+    if changes == "tan_phi" and form in {"constant", "periodic"}:
+        return
+    assert draft is not None
+    file = tmp_path / "draft.toml"
+    file.write_text(draft.text, encoding="utf-8")
+    effect = user_file.load(file)
+    assert effect.id == draft.effect.id
+    assert changes in effect.laws
+    assert "empirical" in effect.reference
+
+
+def test_a_table_of_three_points_says_that_it_is_too_short():
+    samples = samples_of(2, Kind(seconds=16.0))
+    few = np.arange(3)
+    samples.channels = {name: column[few] for name, column in samples.channels.items()}
+    samples.time, samples.stretch, samples.distance = None, np.arange(3), None
+    samples.set_aside = Labels(np.full(3, -1, dtype=np.int32), ())
+    found = diagnose([cut(samples, "none")], ModelFile(Model()))
+    assert found.verdict == "none"
+    assert any("independent stretches" in warning for warning in found.warnings)

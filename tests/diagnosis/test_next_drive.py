@@ -1,0 +1,234 @@
+"""The drive that a family of explanations asks for, on logs of the independent simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hidden_drives import LOAD, SPEED, Kind, drive_of, samples_from, sized
+from next_drives import appended
+from simulator import constant, simulate
+
+from terrain_cli import fitting, simulation
+from terrain_cli.comparison import blocks, soils
+from terrain_cli.comparison.compare import fit_wheels
+from terrain_cli.comparison.wheel import Settings
+from terrain_cli.diagnosis import joining, manoeuvres, next_drive, refits, screening
+from terrain_cli.diagnosis.next_drive import LEAST, MOST, suggest
+from terrain_cli.diagnosis.parts import Hypothesis
+from terrain_cli.effects import catalogue
+from terrain_cli.effects.effect import Effect, Parameter
+from terrain_cli.mechanics.model import Model
+from terrain_cli.models import ModelFile
+from terrain_cli.windows import cut
+
+SEED = 2
+
+
+def sensor(name, channel, law, scale, null=0.0, needs=()):
+    """Return an effect with one parameter `a` on one channel."""
+    return Effect(name, name, "sensor", (Parameter("a", "1", null, scale),), {channel: law}, needs)
+
+
+OWN = {
+    effect.id: effect
+    for effect in (
+        sensor("coulomb", "torque", lambda q: q["torque"] + q["a"], 0.5),
+        sensor("coulomb-again", "torque", lambda q: q["torque"] + q["a"], 0.5),
+        sensor(
+            "viscous",
+            "torque",
+            lambda q: q["torque"] + q["a"] * np.absolute(q["angular_velocity"]),
+            0.2,
+            needs=("angular_velocity",),
+        ),
+        # Torque is counted the way the wheel turns: what is constant at the sensor turns round with it.
+        sensor(
+            "torque-bias",
+            "torque",
+            lambda q: q["torque"] + q["a"] * np.sign(q["angular_velocity"]),
+            0.5,
+            needs=("angular_velocity",),
+        ),
+        sensor("drawbar-bias", "drawbar_pull", lambda q: q["drawbar_pull"] + q["a"], 5.0),
+        sensor("load-gain", "load", lambda q: q["load"] / q["a"], 0.05, 1.0),
+    )
+}
+FRICTION = {"drivetrain-friction": {"Tc": 0.4, "Bv": 0.0}}
+
+
+def poor(effects, noise="white"):
+    return Kind(effects=effects, course="poor", noise=noise, rate=10.0)
+
+
+def windows(kind, *, pull=True, pitch=0.0):
+    drive = replace(drive_of(SEED, kind), pitch=constant(pitch))
+    columns = simulate(drive).wheels["wheel"].aligned()
+    if not pull:
+        columns.pop("drawbar_pull")
+    return cut(samples_from("log", columns, kind), "auto")
+
+
+def fitted(several, names):
+    """Fit the base and each effect, the best first."""
+    effects = [OWN.get(name) or catalogue()[name] for name in names]
+    file = ModelFile(Model("wong-reece"))
+    joined = joining.by_wheel(several, effects)
+    held, priors, noise = fitting.assumed(joined, file)
+    settings = Settings(held, priors, [name for name in file.shared if name not in held], noise)
+    further = tuple(dict.fromkeys(name for effect in effects for name in effect.reads))
+    wheels, _ = fit_wheels(joined, file.model, settings, further=further)
+    wheels, _ = soils.as_few_as_predict(wheels)
+    block = [part.astype(np.intp) for part in blocks.fine([len(wheel) for wheel in wheels], 60, most=24)]
+    data = refits.ground(wheels, block, 1500)
+    found, lacking = screening.hypotheses(file, wheels, effects)
+    assert not lacking
+    pairs = [(one, refits.refit(data, one)) for one in found]
+    return data, sorted(pairs, key=lambda pair: float(pair[1].loss.sum()))
+
+
+#: Name → what is hidden, what it may be, and how the log was driven.
+CASES = {
+    "reverse": (FRICTION, ("coulomb", "torque-bias"), {}),
+    "speed": (FRICTION, ("coulomb", "viscous"), {"pull": False}),
+    "warm": (sized("motor-temperature"), ("motor-temperature", "coulomb"), {}),
+    "load": (sized("bulldozing"), ("bulldozing", "drawbar-bias"), {}),
+    "slope": (sized("slope"), ("slope", "drawbar-bias"), {"pitch": 0.08}),
+    "same": (FRICTION, ("coulomb", "coulomb-again"), {}),
+    "three": (FRICTION, ("coulomb", "viscous", "torque-bias", "motor-temperature"), {}),
+    "lasting": (sized("motor-temperature"), ("motor-temperature", "coulomb"), {"noise": "ar1"}),
+}
+
+
+@lru_cache
+def case(name):
+    effects, pair, given = CASES[name]
+    return fitted([windows(poor(effects, given.get("noise", "white")), **without_noise(given))], pair)
+
+
+def without_noise(given):
+    return {name: value for name, value in given.items() if name != "noise"}
+
+
+def reach(part, name):
+    """Return the least and the greatest value of what varies in a part of a drive."""
+    given = part[name]
+    values = given["steps"] if isinstance(given, dict) else np.atleast_1d(given)
+    return min(values), max(values)
+
+
+@pytest.mark.parametrize(
+    ("name", "channel", "low", "high"),
+    [
+        ("reverse", "speed", -1.0, 1.0),
+        ("speed", "speed", 0.5, 2.0),
+        ("warm", "motor_temperature", 30.0, 70.0),
+        ("load", "load", 0.6, 1.4),
+        ("slope", "pitch_deg", -10.0, 10.0),
+    ],
+)
+def test_the_drive_is_the_one_known_to_settle_it(name, channel, low, high):
+    data, pairs = case(name)
+    (found,) = suggest(data, pairs)
+    assert found.pair == tuple(one.id for one, _ in pairs)
+    assert 0.9 < found.power <= MOST
+    least, greatest = reach(found.settings, channel)
+    assert least <= low
+    assert greatest >= high
+    assert (least > 0.0) == (name in {"speed", "load", "warm"})
+    others = {"slip", "load", "speed", "pitch_deg", "motor_temperature"} - {channel}
+    assert all(np.ptp(reach(found.settings, one)) == 0.0 for one in others & found.settings.keys())
+
+
+def test_where_no_drive_tells_it_says_so_and_what_does():
+    data, pairs = case("same")
+    (found,) = suggest(data, pairs)
+    assert found.power == pytest.approx(0.5, abs=1e-6)
+    assert found.manoeuvre.startswith("no drive tells them apart")
+    assert "known brake" in found.manoeuvre
+    assert found.settings == {}
+
+
+def test_of_a_sensor_that_cannot_be_told_from_the_ground_it_asks_for_a_calibration():
+    model = Model("wong-reece")
+    one, other = (
+        Hypothesis(effect.id, effect.title, model, effect=effect)
+        for effect in (catalogue()["bulldozing"], OWN["load-gain"])
+    )
+    text = next_drive._unsettled(one, other, LEAST - 0.1)
+    assert text.endswith("calibrate the load cell with known weights")
+
+
+def test_each_of_the_others_gets_a_drive_and_no_more_than_asked():
+    data, pairs = case("three")
+    found = suggest(data, pairs)
+    assert [one.pair for one in found] == [(pairs[0][0].id, other.id) for other, _ in pairs[1:]]
+    assert suggest(data, pairs, most=1) == found[:1]
+    assert suggest(data, pairs[:1]) == []
+
+
+def power(name, manoeuvre, seconds):
+    """Return the power of one manoeuvre of a length."""
+    data, pairs = case(name)
+    ground = next_drive._Old(data, 0, pairs[0][1])
+    sides = [next_drive._Side(ground, one, refit.solutions[0]) for one, refit in pairs]
+    at = manoeuvres.Conditions.of(data.data[0])
+    return next_drive.power(ground, *sides, manoeuvres.library(at, seconds)[manoeuvre].drive(at))
+
+
+@pytest.mark.parametrize(("name", "manoeuvre"), [("warm", 0), ("load", 2)])
+def test_the_longer_it_is_driven_the_surer(name, manoeuvre):
+    powers = [power(name, manoeuvre, seconds) for seconds in (6.0, 24.0, 96.0)]
+    assert all(longer > shorter for shorter, longer in pairwise([0.5, *powers]))
+    assert powers[2] > powers[0] + 0.05
+    assert power(name, manoeuvre, 960.0) <= MOST
+
+
+def test_noise_that_lasts_makes_it_less_sure():
+    data, pairs = case("lasting")
+    lasting, white = (
+        next_drive._Old(data, 0, pairs[0][1]),
+        next_drive._Old(case("warm")[0], 0, case("warm")[1][0][1]),
+    )
+    assert lasting.inflation > 1.8 * white.inflation
+    assert power("lasting", 0, 24.0) < power("warm", 0, 24.0)
+
+
+def test_the_drive_settles_it():
+    data, pairs = case("warm")
+    (found,) = suggest(data, pairs)
+    kind = poor(CASES["warm"][0])
+    further = appended(SEED + 1000, kind, SEED, found.settings)
+    _, after = fitted([windows(kind), *further], CASES["warm"][1])
+    assert after[0][0].id == "motor-temperature"
+    before, now = (
+        {one.id: float(refit.loss.sum()) for one, refit in some}["coulomb"] - float(some[0][1].loss.sum())
+        for some in (pairs, after)
+    )
+    assert now > 10.0 * abs(before)
+
+
+AT = manoeuvres.Conditions(LOAD, SPEED, 0.3, 0.01, {"motor_temperature": 30.0, "pitch": 0.1}, 0.125)
+
+
+@pytest.mark.parametrize("one", manoeuvres.library(AT, 60.0), ids=lambda one: one.text[:30])
+def test_every_manoeuvre_can_be_simulated_and_is_what_is_forecast(one):
+    scenario = simulation.read(None, {"part": [one.part], "load": LOAD, "speed": SPEED, "rate": 10.0})
+    table = simulation.table(simulation.simulate(scenario))
+    course = one.drive(AT)
+    rows = np.round(course["time"] * 10.0).astype(int)
+    for name in ("load", "velocity", "angular_velocity", "motor_temperature", "pass_number", "slip_angle"):
+        np.testing.assert_allclose(course[name], np.asarray(table[name])[rows], rtol=1e-6, atol=1e-9)
+    assert scenario.duration == 60.0
+
+
+def test_a_drive_needs_what_varies_in_it():
+    warm = next(one for one in manoeuvres.library(AT, 60.0) if "motor_temperature" in one.varies)
+    assert warm.possible({"slip", "load", "motor_temperature"})
+    assert not warm.possible({"slip", "load", "velocity"})
+    lag = next(one for one in manoeuvres.library(AT, 60.0) if "rates" in one.varies)
+    assert lag.possible({"torque_rate"})
+    assert not lag.possible({"torque"})

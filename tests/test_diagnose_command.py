@@ -1,0 +1,225 @@
+"""`terrain-est diagnose` on logs of the simulator: what is hidden in them is known."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from changed_models import DIGS, ROVER, write_log
+
+ROOT = Path(__file__).resolve().parent.parent
+KEYS = {
+    "format",
+    "model",
+    "data",
+    "channels",
+    "alarm",
+    "verdict",
+    "effect",
+    "family",
+    "candidates",
+    "unknown",
+    "next_drive",
+    "not_testable",
+    "warnings",
+}
+WHOLE = ("--segments", "none")
+
+
+def with_heater(path):
+    """Add a column that drives the torque in a way that no effect of the catalogue does."""
+    table = pd.read_csv(path)
+    some = np.random.default_rng(4).integers(0, 5, size=len(table) // 25 + 1)
+    table["heater_power"] = np.repeat(some, 25)[: len(table)] / 4.0
+    table["torque"] += 0.8 * table["heater_power"]
+    return table
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Write a clean log, one with slip-sinkage, and one with an effect that is in no catalogue."""
+    path = tmp_path_factory.mktemp("logs")
+    (path / "rover.toml").write_text(ROVER, "utf-8")
+    (path / "digs.toml").write_text(DIGS, "utf-8")
+    write_log(path / "clean.csv", seconds=60.0)
+    write_log(path / "sinks.csv", {"slip-sinkage": {"n1": 0.4}}, seed=2, seconds=60.0)
+    with_heater(path / "clean.csv").to_csv(path / "heated.csv", index=False)
+    return path
+
+
+@pytest.fixture(scope="module")
+def done(folder, bin_folder):
+    """Return the answers to the three logs, as the command gives them."""
+    import subprocess
+
+    def run(name, *args):
+        command = [bin_folder / "terrain-est", "diagnose", name, "-q", *WHOLE, *args]
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+    return {
+        "clean": run("clean.csv", "--json", "--draft", "needless.toml"),
+        "sinks": run("sinks.csv", "--json"),
+        "sinks, for a person": run("sinks.csv"),
+        "heated": run("heated.csv", "--json", "--draft", "law.toml"),
+    }
+
+
+@pytest.fixture(scope="module")
+def found(done):
+    answers = {name: json.loads(one.stdout) for name, one in done.items() if name != "sinks, for a person"}
+    assert all(one.returncode == 0 for one in done.values())
+    return answers
+
+
+def test_clean_log_lacks_nothing(found, done, folder):
+    clean = found["clean"]
+    assert (clean["verdict"], clean["effect"], clean["family"]) == ("none", None, [])
+    assert clean["alarm"]["raised"] is False
+    assert clean["alarm"]["p_value"] > clean["alarm"]["level"]
+    assert clean["unknown"] is None
+    assert not any(one["refitted"] or one["in_family"] for one in clean["candidates"])
+    assert not (folder / "needless.toml").exists()
+    assert "needless.toml: not written" in done["clean"].stderr
+
+
+def test_missing_effect_is_named(found):
+    sinks = found["sinks"]
+    assert (sinks["verdict"], sinks["effect"], sinks["family"]) == (
+        "effect",
+        "slip-sinkage",
+        ["slip-sinkage"],
+    )
+    assert sinks["alarm"]["raised"] is True
+    assert sinks["alarm"]["p_value"] < sinks["alarm"]["level"]
+    assert sinks["alarm"]["gain"] > 2.0 * sinks["alarm"]["gain_se"]
+    first, *others = sinks["candidates"]
+    assert first["effect"] == "slip-sinkage"
+    assert first["in_family"]
+    assert not any(one["in_family"] for one in others)
+    assert first["explained"] > 0.9
+    n1 = first["parameters"]["n1"]
+    assert (n1["value"], n1["unit"]) == (pytest.approx(0.4, abs=4.0 * n1["se"]), "1")
+    before, after = sinks["channels"]["sinkage"]["heldout_rmse"], first["heldout_rmse"]["sinkage"]
+    assert after < before / 3.0
+
+
+def test_what_is_in_no_catalogue_gets_a_law(found, folder, terrain_est):
+    heated = found["heated"]
+    assert (heated["verdict"], heated["effect"], heated["family"]) == ("unknown", None, [])
+    unknown = heated["unknown"]
+    assert (unknown["channel"], unknown["driver"]) == ("torque", "heater_power")
+    assert unknown["explained"] > 0.7
+    checked = terrain_est("effects", "check", folder / "law.toml")
+    assert checked.returncode == 0, checked.stderr
+    law = (folder / "law.toml").read_text("utf-8")
+    assert 'changes = "torque"' in law
+    assert "heater_power" in law
+
+
+def test_has_the_keys_of_the_contract(found):
+    for answer in found.values():
+        assert answer.keys() >= KEYS
+        assert answer["format"] == "terrain-est/diagnosis/1"
+        assert answer["model"] == {"base": "wong-reece", "effects": []}
+        assert answer["data"].keys() == {"sources", "samples", "segments", "blocks"}
+        assert answer["data"]["samples"] == 600
+        assert answer["data"]["segments"] == 1
+        assert {name: one["unit"] for name, one in answer["channels"].items()} == {
+            "torque": "N m",
+            "drawbar_pull": "N",
+            "sinkage": "m",
+        }
+        assert answer["alarm"].keys() >= {"raised", "p_value", "level"}
+        for one in answer["candidates"]:
+            assert one.keys() >= {"effect", "score", "p_value", "explained", "heldout_rmse", "parameters"}
+            assert one["heldout_rmse"].keys() == answer["channels"].keys()
+            assert 0.0 <= one["explained"] <= 1.0
+            assert all(size.keys() == {"value", "se", "unit"} for size in one["parameters"].values())
+        assert all(one.keys() == {"effect", "because"} for one in answer["not_testable"])
+        tried = {one["effect"] for one in answer["candidates"]}
+        assert not tried & {one["effect"] for one in answer["not_testable"]}
+
+
+def test_begins_with_the_sentence(found, done):
+    told = done["sinks, for a person"].stdout
+    assert told.splitlines()[0] == found["sinks"]["sentence"]
+    assert "slip-sinkage" in told.splitlines()[0]
+    assert "alarm: raised" in told
+    assert "not testable on these data:" in told
+
+
+def test_own_effect_stands_beside_those_of_the_catalogue(folder, terrain_est):
+    args = ("--effect", folder / "digs.toml", *WHOLE, "--json", "-q")
+    done = terrain_est("diagnose", folder / "clean.csv", *args)
+    assert (done.returncode, done.stderr) == (0, "")
+    (own,) = (one for one in json.loads(done.stdout)["candidates"] if one["effect"] == "digs-itself-in")
+    dig = own["parameters"]["dig"]
+    assert abs(dig["value"]) < 4.0 * dig["se"] < 0.2
+
+
+def test_what_a_model_has_is_no_candidate(folder, tmp_path, terrain_est):
+    model = tmp_path / "model.toml"
+    model.write_text('format = "terrain-est/model/1"\nbase = "wong-reece"\neffects = ["slip-sinkage"]\n')
+    done = terrain_est("diagnose", folder / "sinks.csv", "--model", model, *WHOLE, "--json", "-q")
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert answer["model"]["effects"] == ["slip-sinkage"]
+    assert answer["verdict"] == "none"
+    assert "slip-sinkage" not in {one["effect"] for one in answer["candidates"]}
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "said"),
+    [
+        (["nowhere.csv"], 66, "nowhere.csv"),
+        (["clean.csv", "--model", "nowhere.toml"], 78, "nowhere.toml"),
+        (["clean.csv", "--effect", "bad.toml"], 78, "yaw_rat"),
+        (["clean.csv", "--effect", "cable-dragg"], 2, "cable-dragg"),
+        (["clean.csv", "--rover", "bad.toml"], 78, "bad.toml"),
+        (["few.csv"], 65, "few.csv"),
+        ([], 2, "INPUT"),
+    ],
+)
+def test_errors(args, code, said, folder, terrain_est):
+    (folder / "bad.toml").write_text(DIGS.replace("abs(slip)", "abs(yaw_rat)"), "utf-8")
+    pd.read_csv(folder / "clean.csv").drop(columns="sinkage").to_csv(folder / "few.csv", index=False)
+    done = terrain_est("diagnose", *args, cwd=folder)
+    assert (done.returncode, done.stdout) == (code, ""), done.stderr
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def keys_of(value):
+    """Yield every key of a document, but not those that are names of channels or parameters."""
+    if isinstance(value, list):
+        for one in value:
+            yield from keys_of(one)
+    elif isinstance(value, dict):
+        for key, one in value.items():
+            yield key
+            named = key in {"channels", "parameters", "heldout_rmse"} and isinstance(one, dict)
+            yield from keys_of(list(one.values()) if named else one)
+
+
+def test_keys_are_documented(found):
+    text = (ROOT / "docs" / "diagnose.md").read_text("utf-8")
+    keys = {key for answer in found.values() for key in keys_of(answer)} | KEYS
+    assert {"pair", "manoeuvre", "power", "settings", "gain_se", "in_family"} - keys <= {
+        "pair",
+        "manoeuvre",
+        "power",
+        "settings",
+    }
+    assert sorted(key for key in keys if f"`{key}`" not in text) == []
+
+
+def test_forms_of_drafts_are_documented():
+    from terrain_cli.diagnosis import drafts
+
+    text = (ROOT / "docs" / "diagnose.md").read_text("utf-8")
+    forms = re.search(r"`form` \((.*?)\)", text)[1]
+    assert re.findall(r"`(\w+)`", forms) == list(drafts.FORMS)
