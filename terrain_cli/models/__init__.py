@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+from terrain_cli.models.assumptions import ASSUMPTIONS, MODULUS, Assumption, imposed, lifted, made_by
+from terrain_cli.models.change import Changed, added, recorded, removed
 from terrain_cli.models.parts import FORMAT, ModelFile, Prior
 from terrain_cli.models.reader import build, find_effect, is_path, load, parameter, resolve
 from terrain_cli.models.writer import new, save
 
 __all__ = [
+    "ASSUMPTIONS",
     "FORMAT",
+    "MODULUS",
+    "Assumption",
+    "Changed",
     "ModelFile",
     "Prior",
+    "added",
     "build",
     "find_effect",
+    "imposed",
     "is_path",
+    "lifted",
     "load",
+    "made_by",
     "new",
     "parameter",
+    "recorded",
+    "removed",
     "resolve",
     "save",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import formats
@@ -11,7 +12,6 @@ from terrain_cli.models.parts import FORMAT, SOIL_UNITS, ModelFile
 from terrain_cli.models.reader import flat
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
 _TOP = ("format", "base", "effects", "shared")
@@ -71,7 +71,7 @@ def new(file: ModelFile) -> str:
         lines += ["", "# What is known beforehand: mean and standard deviation.", "[priors]"]
         lines += _pairs(_tables(file)["priors"], ())
     for entry in file.history:
-        lines += ["", "[[history]]", *_pairs(entry, ())]
+        lines += _entry(entry)
     return "\n".join(lines) + "\n"
 
 
@@ -95,7 +95,7 @@ def edited(file: ModelFile) -> str:
     for table, entries in _tables(file).items():
         pieces.set_table(table, entries)
     for entry in file.history[len(before.get("history", ())) :]:
-        pieces.append(["", "[[history]]", *_pairs(entry, ())])
+        pieces.append(_entry(entry)[pieces.text.endswith("\n\n") :])
     try:
         right = _content(tomllib.loads(pieces.text)) == _content(tomllib.loads(new(file)))
     except tomllib.TOMLDecodeError:
@@ -120,6 +120,15 @@ def _pairs(entries: Mapping[str, Any], before: tuple[str, ...]) -> list[str]:
         for name, value in entries.items()
         if value is not None
     ]
+
+
+def _entry(entry: Mapping[str, Any]) -> list[str]:
+    """Write an entry of the history; of tables in it each row on a line of its own."""
+    lines = ["", "[[history]]"]
+    for name, value in entry.items():
+        nested = isinstance(value, Mapping) and all(isinstance(inner, Mapping) for inner in value.values())
+        lines += _pairs(value, (name,)) if nested and value else _pairs({name: value}, ())
+    return lines
 
 
 def _plain(value: Any) -> Any:

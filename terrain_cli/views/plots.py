@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from terrain_cli.comparison import Comparison
+    from terrain_cli.improvement.ladder import Rung
     from terrain_cli.pipeline import Outcome
     from terrain_cli.windows import Windows
 
@@ -58,10 +59,38 @@ def write(
         The extra "plot" is not installed.
     formats.errors.CannotWriteError
     """
+    from terrain_cli.comparison import Comparison
+
+    pictures = _of_comparison(found) if isinstance(found, Comparison) else _of_outcomes(found)
+    return _write(pictures, folder, progress)
+
+
+def write_ladder(ladder: Sequence[Rung], folder: str | Path) -> list[Path]:
+    """Draw the held-out error after each change of a model, as PNG and SVG.
+
+    Parameters
+    ----------
+    ladder : sequence of Rung
+    folder : str or Path
+        As for `write`.
+
+    Returns
+    -------
+    list of Path
+        Empty where nothing was tried on data.
+
+    Raises
+    ------
+    ConfigurationError
+        The extra "plot" is not installed.
+    formats.errors.CannotWriteError
+    """
+    return _write(_of_ladder(ladder), folder, lambda _: None)
+
+
+def _write(pictures: Iterator[Picture], folder: str | Path, progress: Callable[[str], None]) -> list[Path]:
     extras.need("plot")
     import matplotlib as mpl
-
-    from terrain_cli.comparison import Comparison
 
     folder = Path(folder)
     with explained(str(folder)):
@@ -70,7 +99,6 @@ def write(
     with mpl.rc_context(cast("Any", style.SETTINGS)), warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes, which is all that can be done.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        pictures = _of_comparison(found) if isinstance(found, Comparison) else _of_outcomes(found)
         for name, figure in pictures:
             if figure is None:
                 continue
@@ -81,6 +109,12 @@ def write(
                     figure.savefig(temporary, metadata={"Date": None} if ending == ".svg" else None)
                 written.append(path)
     return written
+
+
+def _of_ladder(ladder: Sequence[Rung]) -> Iterator[Picture]:
+    from terrain_cli.views import figures
+
+    yield "ladder", figures.errors(ladder)
 
 
 def _of_comparison(comparison: Comparison) -> Iterator[Picture]:

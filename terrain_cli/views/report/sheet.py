@@ -51,11 +51,11 @@ class Sheet:
 
     Parameters
     ----------
-    chosen : str
-        Key of the segment marked at first.
+    chosen : str, optional
+        Key of the segment marked at first; none of a chart that knows no segments.
     """
 
-    def __init__(self, chosen: str) -> None:
+    def __init__(self, chosen: str | None = None) -> None:
         self._datasets: dict[str, list[dict[str, Any]]] = {}
         self._chosen = chosen
 
@@ -91,15 +91,12 @@ class Sheet:
         -------
         dict
         """
-        segment = alt.param(
-            name="segment",
-            value=self._chosen,
-            bind=alt.BindDirect(element="#segment", event="change"),
-        )
+        chart = alt.layer(*layers)
+        if self._chosen is not None:
+            bind = alt.BindDirect(element="#segment", event="change")
+            chart = chart.add_params(alt.param(name="segment", value=self._chosen, bind=bind))
         spec: Spec = (
-            alt.layer(*layers)
-            .add_params(segment)
-            .properties(width=width, height=height, background="white")
+            chart.properties(width=width, height=height, background="white")
             .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
             .configure_view(stroke=None)
             .configure_axis(

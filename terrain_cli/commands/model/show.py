@@ -1,17 +1,13 @@
-"""`terrain-est model new FILE` and `terrain-est model show FILE`."""
+"""`terrain-est model show FILE`."""
 
 from __future__ import annotations
 
 import json
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from terrain_cli.commands import options
-from terrain_cli.commands.group import Group
-from terrain_cli.settings import BASES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,89 +17,7 @@ if TYPE_CHECKING:
 FORMAT = "terrain-est/model-description/1"
 
 
-@click.group(
-    "model",
-    cls=Group,
-    context_settings=options.CONTEXT,
-    short_help="Write and show model files.",
-    epilog="""\b
-Examples:
-  terrain-est model new model.toml --effect slip-sinkage
-  terrain-est model show model.toml
-""",
-)
-def command() -> None:
-    """Write and show model files.
-
-    A model file names a base (wong-reece or linear) and the physical effects added to it, and holds
-    those of their parameters that are not to be estimated. `terrain-est estimate --model FILE` fits it.
-    """
-
-
-@command.command(
-    "new",
-    context_settings=options.CONTEXT,
-    short_help="Write a new model file.",
-    epilog="""\b
-Examples:
-  terrain-est model new model.toml
-  terrain-est model new model.toml --effect slip-sinkage --effect drivetrain-friction
-  terrain-est model new model.toml --effect cable-drag.toml --fix shear_modulus=0.018
-""",
-)
-@click.argument("file", type=options.FILE, metavar="FILE")
-@click.option(
-    "--base",
-    type=click.Choice(BASES),
-    default="wong-reece",
-    show_default=True,
-    help="The stresses under the rim: those of Wong and Reece, or the triangles of the linearised model.",
-)
-@click.option(
-    "--effect",
-    "effects",
-    multiple=True,
-    envvar="TERRAIN_EST_EFFECT",
-    metavar="EFFECT",
-    help="An id of the catalogue, or the TOML file of an effect (repeatable).",
-)
-@click.option(
-    "--fix",
-    "fixed",
-    multiple=True,
-    envvar="TERRAIN_EST_FIX",
-    metavar="NAME=VALUE",
-    help="Hold a parameter at a value instead of estimating it, in the unit that `model show` lists "
-    "(repeatable).",
-)
-@click.option("--force", is_flag=True, help="Replace FILE if it is there.")
-def new(file: str, base: str, effects: tuple[str, ...], fixed: tuple[str, ...], force: bool) -> None:
-    """Write a model file: plain text, to be edited.
-
-    FILE must not exist. Parameters are named as in the file: cohesion, tan_phi, shear_modulus,
-    stiffness, sinkage_exponent, and those of effects slip-sinkage.n1 and so on.
-    """
-    from formats.errors import CannotWriteError
-    from terrain_cli import models
-    from terrain_cli.errors import UsageError
-
-    if Path(file).exists() and not force:
-        raise CannotWriteError(file, "is there already", hint="--force replaces it")
-    folder = Path(file).parent
-    named = [os.path.relpath(name, folder) if models.is_path(name) else name for name in effects]
-    values: dict[str, Any] = {}
-    for text in fixed:
-        name, equals, number = text.partition("=")
-        try:
-            values[name.strip()] = float(number)
-        except ValueError:
-            equals = ""
-        if not equals:
-            raise UsageError(f"--fix {text}: is not NAME=VALUE", hint="such as --fix shear_modulus=0.018")
-    models.save(models.build(base, named, values, folder), file)
-
-
-@command.command(
+@click.command(
     "show",
     context_settings=options.CONTEXT,
     short_help="Say what a model file holds.",
@@ -184,9 +98,13 @@ def _text(document: dict[str, Any]) -> list[str]:
         names = (name if name in document["needs"] else f"{name} (if there)" for name in document["uses"])
         lines.append(f"channels that the effects use: {', '.join(names)}")
     if document["history"]:
+        from terrain_cli.improvement.ladder import rungs
+
         lines.append("history:")
-        for number, entry in enumerate(document["history"], 1):
-            lines.append(f"  {number}. " + ", ".join(f"{key} {value}" for key, value in entry.items()))
+        lines += [
+            f"  {rung.number}. " + ": ".join(filter(None, [rung.label, rung.because]))
+            for rung in rungs(document["history"])
+        ]
     return lines
 
 

@@ -1,0 +1,92 @@
+"""`terrain-est model add FILE EFFECT… [--data INPUT…]`, and the loop `--until-quiet`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import click
+
+from terrain_cli.commands import options
+from terrain_cli.commands.model import trying
+
+
+@click.command(
+    "add",
+    cls=trying.TakesInputs,
+    context_settings=options.CONTEXT,
+    short_help="Add an effect, if it makes the held-out error fall.",
+    epilog="""\b
+Examples:
+  terrain-est model add model.toml slip-sinkage --data day1/*.mcap
+  terrain-est model add model.toml cable-drag.toml --data run.bag --json > change.json
+  terrain-est model add model.toml load-bias slope --data run.csv --segments none --keep
+  terrain-est model add model.toml --until-quiet --data run.bag
+  terrain-est model add model.toml hardpan
+""",
+)
+@click.argument("file", type=options.FILE, metavar="FILE")
+@click.argument("effects", nargs=-1, type=options.FILE, metavar="[EFFECT…]")
+@click.option("--keep", is_flag=True, help="Add it even if the held-out error does not fall.")
+@click.option(
+    "--until-quiet",
+    is_flag=True,
+    help="Let the data choose: diagnose, add what pays, and again, until nothing is missing that the data "
+    "could tell. EFFECT… are then candidates beside the catalogue.",
+)
+@click.option(
+    "--draft",
+    type=options.FILE,
+    metavar="FILE.toml|DIR",
+    help="With --until-quiet: where to write an effect of your own for what no candidate explains.  "
+    "[stop there]",
+)
+@trying.with_options
+@click.pass_context
+def add(context: click.Context, /, **_: Any) -> None:
+    """Add each EFFECT to the model FILE, if that makes the error on held-out data fall.
+
+    EFFECT is an id of the catalogue (terrain-est effects list), the TOML file of an effect of your own
+    or of a draft, or an assumption of the base that is lifted. With --data the model is fitted without
+    and with it, c, φ and all, and both are compared on stretches of the data that were not fitted.
+    Several are added together. FILE gets the effect and an entry of its history.
+
+    If the held-out error falls in no channel beyond chance, or rises in one, this is said and FILE is
+    left as it is, unless --keep is given; either is an answer, and exits with 0. Without --data the
+    effect is added untested, which the history says too.
+    """
+    from terrain_cli.errors import UsageError
+
+    given = context.params
+    if given["until_quiet"]:
+        if not given["inputs"]:
+            raise UsageError("--until-quiet needs --data", hint="--data run.bag, or several inputs")
+        if given["keep"]:
+            raise UsageError("--keep and --until-quiet contradict each other", hint="leave out one of them")
+        from terrain_cli.commands.model import looping
+
+        looping.run(context)
+        return
+    if not given["effects"]:
+        raise UsageError(
+            "model add: which EFFECT?", hint="terrain-est effects list shows them; --until-quiet finds out"
+        )
+    if given["draft"]:
+        raise UsageError("--draft is for --until-quiet", hint="a draft is added by its file name")
+    _add(context)
+
+
+def _add(context: click.Context) -> None:
+    from terrain_cli.improvement import document, record, sentences
+
+    given = context.params
+    before, changed = trying.change(context, "add")
+    if not given["inputs"]:
+        trying.untested(context, "add", changed)
+        return
+    step = trying.tried(context, "add", before, changed)
+    step = replace(step, kept=step.pays or given["keep"])
+    if step.kept:
+        because = sentences.found(step) if step.pays else f"--keep; {sentences.found(step)}"
+        trying.write(given["file"], changed.file, record.entry(step, because))
+    trying.tell(context, document.text(step), document.document(step))

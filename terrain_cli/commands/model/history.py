@@ -1,0 +1,73 @@
+"""`terrain-est model history FILE`."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from terrain_cli.commands import options
+
+FORMAT = "terrain-est/model-history/1"
+
+
+@click.command(
+    "history",
+    context_settings=options.CONTEXT,
+    short_help="Show what each change did to the held-out error.",
+    epilog="""\b
+Examples:
+  terrain-est model history model.toml
+  terrain-est model history model.toml --json
+  terrain-est model history model.toml --plot pictures
+""",
+)
+@click.argument("file", type=options.FILE, metavar="FILE")
+@options.as_json
+@click.option(
+    "--plot",
+    type=options.FILE,
+    metavar="DIR",
+    help="Write a picture of the errors into this folder, as PNG and SVG (extra: plot).",
+)
+@options.quiet
+def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
+    """Show the ladder of errors of a model FILE: every effect added or removed, and what that did.
+
+    Errors are rms errors on stretches of the data that were not fitted, with 95 % intervals, beside the
+    noise that no model could predict. A step may have been tried on other data than the one before.
+    """
+    from terrain_cli.commands.model import trying
+    from terrain_cli.improvement import document, ladder
+    from terrain_cli.views import ladder as views
+
+    if plot:
+        from terrain_cli.views import extras
+
+        extras.need("plot")
+    model = trying.load(file)
+    rungs = ladder.rungs(model.history)
+    if as_json:
+        content = {
+            "format": FORMAT,
+            "file": file,
+            "base": model.model.base,
+            "effects": [effect.id for effect in model.model.effects],
+            "steps": [dict(entry) for entry in model.history],
+        }
+        click.echo(json.dumps(content, ensure_ascii=False, indent=2, default=str))
+    else:
+        name = " + ".join([model.model.base, *(effect.id for effect in model.model.effects)])
+        click.echo(f"{file}: {name}, after {len(rungs)} change{'s' * (len(rungs) != 1)} on record")
+        if rungs:
+            head, rows = views.table(rungs)
+            click.echo("\n".join(["", *document.aligned([head, *rows]), "", *views.remarks(rungs)]))
+    if plot:
+        from terrain_cli.views import plots
+
+        written = plots.write_ladder(rungs, plot)
+        if not quiet:
+            said = (
+                f"{len(written)} pictures in {plot}" if written else "no step was tried on data: no picture"
+            )
+            click.echo(said, err=True)

@@ -1,0 +1,45 @@
+"""`terrain-est model remove FILE EFFECT… [--data INPUT…]`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import click
+
+from terrain_cli.commands import options
+from terrain_cli.commands.model import trying
+
+
+@click.command(
+    "remove",
+    cls=trying.TakesInputs,
+    context_settings=options.CONTEXT,
+    short_help="Remove an effect, and see what it was worth.",
+    epilog="""\b
+Examples:
+  terrain-est model remove model.toml load-bias
+  terrain-est model remove model.toml load-bias --data day1/*.mcap
+""",
+)
+@click.argument("file", type=options.FILE, metavar="FILE")
+@click.argument("effects", nargs=-1, required=True, type=options.FILE, metavar="EFFECT…")
+@trying.with_options
+@click.pass_context
+def remove(context: click.Context, /, **_: Any) -> None:
+    """Remove each EFFECT from the model FILE, with all that FILE says of its parameters.
+
+    With --data the model is fitted with and without it, and both are compared on stretches of the data
+    that were not fitted. It is removed whatever comes out, as you have asked for it; if the held-out
+    error rises, this is said, and `terrain-est model add` brings it back. FILE remembers either.
+    """
+    from terrain_cli.improvement import document, record, sentences
+
+    before, changed = trying.change(context, "remove")
+    if not context.params["inputs"]:
+        trying.untested(context, "remove", changed)
+        return
+    step = replace(trying.tried(context, "remove", before, changed), kept=True)
+    because = f"asked for; {sentences.found(step)}"
+    trying.write(context.params["file"], changed.file, record.entry(step, because))
+    trying.tell(context, document.text(step), document.document(step))

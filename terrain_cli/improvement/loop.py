@@ -1,0 +1,124 @@
+"""The whole loop: name what is missing, add it, keep it if it pays, until the alarm is silent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from terrain_cli import models
+from terrain_cli.improvement.parts import Stopped
+from terrain_cli.improvement.sentences import listed
+from terrain_cli.improvement.step import tried
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from terrain_cli.comparison import Comparison
+    from terrain_cli.diagnosis.parts import Diagnosis, Unknown
+    from terrain_cli.improvement.parts import Action, Step
+    from terrain_cli.models import ModelFile
+    from terrain_cli.windows import Windows
+
+#: Effects after which it is no longer the model that is at fault.
+MOST = 8
+
+
+def until_quiet(
+    wheels: Sequence[Windows],
+    file: ModelFile,
+    *,
+    diagnose: Callable[[Sequence[Windows], ModelFile], Diagnosis],
+    draft: Callable[[Unknown], str] | None = None,
+    paths: Mapping[str, str] | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Iterator[Step | Stopped]:
+    """Add what is missing, effect by effect, and keep only what pays on held-out data.
+
+    Each round asks for a diagnosis of the model as it has become, tries the effect named, or those that
+    the data cannot tell apart from the best one on, and keeps the first whose held-out error falls.
+    When the alarm is silent, or nothing pays, every effect that was added is taken out again by way of
+    trial, and stays out unless the held-out error rises.
+
+    Parameters
+    ----------
+    wheels : sequence of Windows
+        With usable samples, read with all that the model and the candidates need.
+    file : ModelFile
+    diagnose : callable
+        From wheels and model file to a diagnosis.
+    draft : callable, optional
+        Writes the file of an effect for what no candidate explains, and returns its path, beginning in
+        the folder of the model file. Without it the loop ends there.
+    paths : mapping of str to str, optional
+        Ids of candidates that are no effects of the catalogue → their paths, beginning there too.
+    seed : int
+    progress : callable
+        Called with the name of each step before it begins.
+
+    Yields
+    ------
+    Step or Stopped
+        Every change that was tried, kept or not; at last where it ended.
+    """
+    modulus = wheels[0].samples.geometry.shear_modulus
+    named = dict(paths or {})
+    added: list[str] = []
+
+    def attempt(
+        action: Action, name: str, current: ModelFile, first: Comparison | None
+    ) -> tuple[Step, ModelFile]:
+        change = (models.added if action == "add" else models.removed)(current, [name], modulus)
+        step = tried(
+            wheels,
+            action,
+            change.ids,
+            current,
+            change.file,
+            first=first,
+            seed=seed,
+            progress=lambda what: progress(f"{action} {name}: {what}"),
+        )
+        kept = step.pays if action == "add" else not step.costs
+        return replace(step, kept=kept), change.file if kept else current
+
+    quiet, because = False, ""
+    while len(added) < MOST:
+        progress("diagnosis")
+        found = diagnose(wheels, file)
+        quiet = not found.alarm.raised
+        names, because = _candidates(found, draft)
+        if not names:
+            break
+        for name in names:
+            step, file = attempt("add", named.get(name, name), file, found.comparison)
+            yield step
+            if step.kept:
+                added += step.changed
+                break
+        else:
+            because = f"nothing more pays on held-out data: {listed(names)} did not"
+            break
+    else:
+        because = f"stopped after {MOST} effects"
+    effects = [name for name in added if name not in models.ASSUMPTIONS]
+    # One that was added alone has just been tried.
+    for name in effects if len(added) > 1 else ():
+        step, file = attempt("remove", name, file, None)
+        yield step
+    yield Stopped(file, quiet, because)
+
+
+def _candidates(found: Diagnosis, draft: Callable[[Unknown], str] | None) -> tuple[list[str], str]:
+    """Return what is to be tried, the best first; or nothing, and why."""
+    if not found.alarm.raised:
+        return [], "the alarm is silent: the data show nothing that is missing"
+    names = list(dict.fromkeys([*([found.effect] if found.effect else []), *found.family]))
+    if names:
+        return names, ""
+    if found.unknown is None:
+        return [], "something is missing, but no effect can be named"
+    if draft is None:
+        sentence = found.unknown.sentence.rstrip(".")
+        return [], f"{sentence[:1].lower()}{sentence[1:]}; no draft was asked for"
+    return [draft(found.unknown)], ""

@@ -1,0 +1,125 @@
+"""A change of a model in one sentence."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from terrain_cli.improvement.parts import LEAST, MOST_LOST
+from terrain_cli.views import words
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.improvement.parts import Action, ChannelChange, Step
+
+
+def verdict(step: Step) -> str:
+    """Say what held-out data say of a change, and what became of it.
+
+    Parameters
+    ----------
+    step : Step
+
+    Returns
+    -------
+    str
+    """
+    what = listed(step.changed)
+    if step.action == "remove":
+        return f"{what} {_is(step)} removed{', though it pays' if step.costs else ''}: {found(step)}"
+    if step.pays:
+        left = "; what is left follows nothing beyond chance" if step.quiet else ""
+        return f"{what} {_is(step)} {'added' if step.kept else 'worth adding'}: {found(step)}{left}"
+    kept = "added all the same, as --keep asks" if step.kept else "not added"
+    partly = " on the whole" if step.fell else ""
+    return f"the held-out error did not fall{partly}: {what} {_is(step)} {kept} ({found(step)})"
+
+
+def untested(action: Action, changed: Sequence[str]) -> str:
+    """Say that a change was made without data.
+
+    Parameters
+    ----------
+    action : {"add", "remove"}
+    changed : sequence of str
+
+    Returns
+    -------
+    str
+    """
+    done = {"add": "added", "remove": "removed"}[action]
+    are = "is" if len(changed) == 1 else "are"
+    return f"{listed(changed)} {are} {done}, without a test: no --data was given"
+
+
+def tried(step: Step) -> str:
+    """Say what the loop tried, and whether it stays.
+
+    Parameters
+    ----------
+    step : Step
+
+    Returns
+    -------
+    str
+    """
+    name = listed(step.changed)
+    if step.action == "add":
+        return f"{'+' if step.kept else 'not'} {name}: {found(step)}"
+    return f"{'−' if step.kept else 'keeps'} {name}, tried without it: {found(step)}"
+
+
+def found(step: Step) -> str:
+    """Say what became of the held-out error, without a name.
+
+    Parameters
+    ----------
+    step : Step
+
+    Returns
+    -------
+    str
+    """
+    if not step.testable:
+        n = step.evidence.blocks
+        return f"only {n} independent stretch{'es' * (n != 1)} of data: nothing can be told from chance"
+    if step.evidence.lost > MOST_LOST:
+        return f"{step.evidence.lost:.0%} of the samples cannot be predicted any more"
+    moved: list[str] = []
+    for verb, channels in (("fell", step.fell), ("rose", step.rose)):
+        if channels:
+            error = "the held-out error " if not moved else ""
+            moved.append(f"{error}{verb} in {listed([_moved(one) for one in channels])}")
+    if not moved:
+        return f"in no channel did it change by more than chance and {LEAST:.0%}"
+    text = ", but ".join(moved)
+    if not step.there:
+        return f"{text}, but its parameters may as well be null (p {step.absent:.2g})"
+    if step.action == "add" and step.fell and not step.pays and not step.rose:
+        value, low, high = step.evidence.overall
+        text += f", but over all channels that may be chance: × {value:.2f} ({low:.2f} to {high:.2f})"
+    return text
+
+
+def _moved(one: ChannelChange) -> str:
+    what = words.quantity(one.name, one.unit)
+    before, after = (words.number(v.value * what.factor) for v in (one.before, one.after))
+    return f"{what.words} from {before} to {after} {what.unit}"
+
+
+def _is(step: Step) -> str:
+    return "is" if len(step.changed) == 1 else "are"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Join names with commas and "and".
+
+    Parameters
+    ----------
+    names : sequence of str
+
+    Returns
+    -------
+    str
+    """
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -1,0 +1,184 @@
+"""What held-out errors prove, on errors that were drawn: chance rarely passes, what is plain always."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from terrain_cli.comparison.parts import UNITS, Series
+from terrain_cli.improvement.evidence import weigh
+from terrain_cli.improvement.parts import Evidence, Interval, Step
+from terrain_cli.improvement.sentences import verdict
+
+N, BLOCKS = 400, 20
+BLOCK = np.repeat(np.arange(BLOCKS), N // BLOCKS)
+
+
+def outcome(errors, blocks=BLOCK, noise=1.0):
+    """Return a comparison as far as it is weighed: held-out errors by channel, of one wheel."""
+    series = {
+        name: Series(error, np.zeros(len(error)), np.zeros(len(error))) for name, error in errors.items()
+    }
+    channels = {
+        name: SimpleNamespace(
+            unit=UNITS[name], noise=noise, heldout_rmse=1.0, heldout_low=0.9, heldout_high=1.1
+        )
+        for name in errors
+    }
+    return SimpleNamespace(channels=channels, wheels=[SimpleNamespace(series=series, blocks=blocks)])
+
+
+def drawn(rng, sizes, memory=0.0):
+    """Draw errors; a share `memory` of their variance is the same throughout a block."""
+    own, common = rng.normal(size=N), rng.normal(size=BLOCKS)[BLOCK]
+    error = np.sqrt(1.0 - memory) * own + np.sqrt(memory) * common
+    return {name: size * error for name, size in zip(UNITS, sizes, strict=True)}
+
+
+def step(first, second, action="add"):
+    channels, evidence = weigh(first, second)
+    return Step(action, ("x",), None, None, first, second, channels, evidence)
+
+
+def test_ratio_is_the_mean_of_logarithms_over_all_samples():
+    rng = np.random.default_rng(1)
+    errors = drawn(rng, (1.0, 5.0, 1e-3))
+    factors = dict(zip(UNITS, (0.5, 1.0, 0.9), strict=True))
+    channels, evidence = weigh(
+        outcome(errors), outcome({name: errors[name] * factors[name] for name in errors})
+    )
+    # Samples count alike in all three.
+    assert evidence.overall.value == pytest.approx((0.5 * 1.0 * 0.9) ** (1.0 / 3.0))
+    # Every block says the same: nothing is left to chance.
+    assert evidence.overall.high == pytest.approx(evidence.overall.value)
+    for one in channels:
+        assert one.after.value == pytest.approx(factors[one.name] * one.before.value)
+        assert one.before.value == pytest.approx(np.sqrt(np.mean(errors[one.name] ** 2)))
+    assert evidence.blocks == BLOCKS
+
+
+def test_interval_is_that_of_the_t_test_where_that_is_exact():
+    """Of two models with errors of one size, the log ratio's interval is nearly that of block means."""
+    from scipy.stats import ttest_1samp
+
+    rng = np.random.default_rng(2)
+    a, b = 1.0 + 0.01 * rng.normal(size=(2, N))
+    _, evidence = weigh(outcome({"torque": a}), outcome({"torque": b}))
+    means = (np.log(b) - np.log(a)).reshape(BLOCKS, -1).mean(axis=1)
+    low, high = ttest_1samp(means, 0.0).confidence_interval(0.95)
+    assert np.log(evidence.overall.low) == pytest.approx(low, rel=0.05)
+    assert np.log(evidence.overall.high) == pytest.approx(high, rel=0.05)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5])
+@pytest.mark.parametrize("blocks", [4, 20])
+def test_chance_rarely_pays(memory, blocks):
+    """A model as bad as the other, with errors of its own, pays in few of 400 cases."""
+    rng = np.random.default_rng(3)
+    block = BLOCK * blocks // BLOCKS
+    pays = 0
+    for _ in range(400):
+        a, b = drawn(rng, (1.0, 5.0, 1e-3), memory), drawn(rng, (1.0, 5.0, 1e-3), memory)
+        pays += step(outcome(a, block), outcome(b, block)).pays
+    # One side of 95 % and its binomial error; the three channels are alike here.
+    assert pays / 400 < 0.025 + 2.0 * np.sqrt(0.025 / 400)
+
+
+def test_a_fifth_less_is_seen_in_one_channel_of_three():
+    rng = np.random.default_rng(4)
+    found = 0
+    for _ in range(50):
+        a = drawn(rng, (1.0, 5.0, 1e-3))
+        b = {name: error + 0.02 * np.std(error) * rng.normal(size=N) for name, error in a.items()}
+        found += step(outcome(a), outcome({**b, "torque": 0.8 * b["torque"]})).pays
+    assert found == 50
+
+
+def test_a_way_back_costs_what_the_way_there_paid():
+    rng = np.random.default_rng(5)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    b = {name: error * rng.uniform(0.6, 0.9, N) for name, error in a.items()}
+    there, back = step(outcome(a), outcome(b)), step(outcome(b), outcome(a), "remove")
+    assert (there.pays, there.costs) == (True, False)
+    assert (back.pays, back.costs) == (False, True)
+
+
+def test_what_rises_much_outweighs_what_falls():
+    rng = np.random.default_rng(6)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    b = {"torque": 0.3 * a["torque"], "drawbar_pull": 1.1 * a["drawbar_pull"], "sinkage": a["sinkage"]}
+    assert not step(outcome(a), outcome(b)).pays
+    b["drawbar_pull"] = 1.03 * a["drawbar_pull"]
+    assert step(outcome(a), outcome(b)).pays
+
+
+def test_less_than_a_fiftieth_does_not_count():
+    rng = np.random.default_rng(7)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    assert not step(outcome(a), outcome({name: 0.985 * error for name, error in a.items()})).pays
+    assert step(outcome(a), outcome({name: 0.97 * error for name, error in a.items()})).pays
+
+
+def test_an_effect_that_may_be_absent_does_not_count():
+    """Neither when it is added nor when it is removed; unless what it does is plain."""
+    rng = np.random.default_rng(12)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    plain = {name: 0.8 * error for name, error in a.items()}
+    assert replace(step(outcome(a), outcome(plain)), absent=0.05).pays
+    assert replace(step(outcome(plain), outcome(a), "remove"), absent=0.05).costs
+    b = {name: 0.95 * error for name, error in a.items()}
+    there, back = step(outcome(a), outcome(b)), step(outcome(b), outcome(a), "remove")
+    assert replace(there, absent=0.001).pays
+    assert not replace(there, absent=0.05).pays
+    assert replace(back, absent=0.001).costs
+    assert not replace(back, absent=0.05).costs
+    assert "may as well be null (p 0.05)" in verdict(replace(there, absent=0.05))
+
+
+def test_samples_without_a_prediction_are_no_gain():
+    rng = np.random.default_rng(8)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    b = {name: np.where(np.abs(error) > np.std(error), np.nan, error) for name, error in a.items()}
+    found = step(outcome(a), outcome(b))
+    assert found.evidence.lost == pytest.approx(0.32, abs=0.05)
+    assert not found.pays
+    assert found.costs
+
+
+def test_two_blocks_prove_nothing_and_one_has_no_interval():
+    rng = np.random.default_rng(9)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    b = {name: 0.1 * error for name, error in a.items()}
+    assert not step(outcome(a, BLOCK // 10), outcome(b, BLOCK // 10)).pays
+    whole = np.zeros(N, dtype=int)
+    _, evidence = weigh(outcome(a, whole), outcome(b, whole))
+    assert evidence.blocks == 1
+    assert np.isnan(evidence.overall.high)
+    assert evidence.overall.value == pytest.approx(0.1)
+
+
+def test_a_channel_that_only_one_predicts_has_no_difference():
+    rng = np.random.default_rng(10)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    fewer = {name: a[name] for name in ("torque", "drawbar_pull")}
+    channels, _ = weigh(outcome(fewer), outcome(a))
+    sinkage = channels[-1]
+    assert sinkage.name == "sinkage"
+    assert np.isnan(sinkage.before.value)
+    assert sinkage.after == Interval(1.0, 0.9, 1.1)
+    assert not sinkage.fell
+    assert not sinkage.rose
+    _, nothing = weigh(outcome({"torque": a["torque"]}), outcome({"sinkage": a["sinkage"]}))
+    assert isinstance(nothing, Evidence)
+    assert nothing.blocks == 0
+
+
+def test_noise_is_that_of_the_better_model():
+    rng = np.random.default_rng(11)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    b = {name: 0.5 * error for name, error in a.items()}
+    for first, second in ((outcome(a, noise=3.0), outcome(b)), (outcome(b), outcome(a, noise=3.0))):
+        assert {one.noise for one in weigh(first, second)[0]} == {1.0}

@@ -1,0 +1,171 @@
+"""The loop, on a measured log and with diagnoses that are told to it: right, wrong, and none."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+from changed_models import DIGS, write_all
+from scipy.special import chdtrc
+
+from terrain_cli import models, rover, telemetry, windows
+from terrain_cli.improvement import Stopped, until_quiet
+from terrain_cli.improvement.loop import MOST
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs")
+    write_all(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def sinks(folder):
+    return cut(folder, "sinks.csv")
+
+
+@pytest.fixture(scope="module")
+def clean(folder):
+    return cut(folder, "clean.csv")
+
+
+def cut(folder, name):
+    samples = telemetry.read(str(folder / name), rover.load(folder / "rover.toml"), effects=[], compared=True)
+    return [windows.cut(one, "none") for one in samples]
+
+
+def diagnosing(*answers):
+    """Return a diagnosis that gives these answers in turn: names, none of them, or something unknown."""
+    left = list(answers)
+
+    def diagnose(wheels, file):
+        answer = left.pop(0) if left else []
+        unknown = answer if isinstance(answer, SimpleNamespace) else None
+        names = [] if unknown else list(answer)
+        return SimpleNamespace(
+            comparison=None,
+            alarm=SimpleNamespace(raised=bool(names) or unknown is not None),
+            effect=names[0] if len(names) == 1 else None,
+            family=tuple(names),
+            unknown=unknown,
+        )
+
+    return diagnose
+
+
+def run(wheels, *answers, **options):
+    *steps, end = until_quiet(wheels, models.resolve("wong-reece"), diagnose=diagnosing(*answers), **options)
+    assert isinstance(end, Stopped)
+    return steps, end
+
+
+def told(steps):
+    return [(one.action, *one.changed, one.kept) for one in steps]
+
+
+def effects(end):
+    return [effect.id for effect in end.file.model.effects]
+
+
+def test_silence_changes_nothing(clean):
+    steps, end = run(clean)
+    assert (steps, effects(end), end.quiet) == ([], [], True)
+
+
+def test_right_name_is_added_and_the_alarm_asked_again(sinks):
+    steps, end = run(sinks, ["slip-sinkage"])
+    assert told(steps) == [("add", "slip-sinkage", True)]
+    assert effects(end) == ["slip-sinkage"]
+    assert end.quiet
+
+
+def test_the_next_of_the_family_is_tried_where_the_first_does_not_pay(sinks):
+    steps, end = run(sinks, ["drivetrain-friction", "slip-sinkage"])
+    assert told(steps) == [("add", "drivetrain-friction", False), ("add", "slip-sinkage", True)]
+    assert effects(end) == ["slip-sinkage"]
+
+
+def test_what_does_not_pay_is_never_kept(clean):
+    steps, end = run(clean, ["drivetrain-friction", "load-bias"])
+    assert told(steps) == [("add", "drivetrain-friction", False), ("add", "load-bias", False)]
+    assert (effects(end), end.quiet) == ([], False)
+    assert "drivetrain-friction and load-bias did not" in end.because
+
+
+def test_an_effect_that_another_makes_needless_is_dropped(sinks):
+    """Max-stress-angle follows slip as well, but not so well."""
+    steps, end = run(sinks, ["max-stress-angle"], ["slip-sinkage"])
+    assert told(steps)[:2] == [("add", "max-stress-angle", True), ("add", "slip-sinkage", True)]
+    assert ("remove", "max-stress-angle", True) in told(steps)
+    assert effects(end) == ["slip-sinkage"]
+    for one in steps:
+        assert one.kept == (one.pays if one.action == "add" else not one.costs)
+
+
+def test_unknown_stops_without_a_place_for_a_draft(sinks):
+    steps, end = run(sinks, SimpleNamespace(sentence="sinkage follows slip"))
+    assert (steps, end.quiet) == ([], False)
+    assert end.because == "sinkage follows slip; no draft was asked for"
+
+
+def test_a_draft_is_tried_as_any_effect(sinks, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def draft(unknown):
+        (tmp_path / "draft.toml").write_text(unknown.draft, "utf-8")
+        return "draft.toml"
+
+    steps, end = run(sinks, SimpleNamespace(sentence="", draft=DIGS), draft=draft)
+    assert told(steps) == [("add", "digs-itself-in", True)]
+    assert end.file.effects == ("draft.toml",)
+
+
+def test_candidates_of_ones_own_are_named_by_their_paths(sinks, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    steps, end = run(sinks, ["digs-itself-in"], paths={"digs-itself-in": "digs.toml"})
+    assert told(steps) == [("add", "digs-itself-in", True)]
+    assert end.file.effects == ("digs.toml",)
+
+
+def test_an_alarm_without_a_name_is_told(sinks):
+    nothing = SimpleNamespace(
+        comparison=None, alarm=SimpleNamespace(raised=True), effect=None, family=(), unknown=None
+    )
+    (end,) = until_quiet(sinks, models.resolve("wong-reece"), diagnose=lambda *_: nothing)
+    assert not end.quiet
+    assert "no effect can be named" in end.because
+
+
+def test_how_sure_an_effect_is_of_itself(sinks, clean, folder, monkeypatch):
+    """The right one far beyond chance; one that is absent by Wald's test from its own numbers."""
+    monkeypatch.chdir(folder)
+    paths = {"digs-itself-in": "digs.toml"}
+    (right,), _ = run(sinks, ["digs-itself-in"], paths=paths)
+    (one,) = right.parameters
+    assert right.absent == pytest.approx(chdtrc(1, (one.value / one.se) ** 2), abs=1e-12)
+    assert right.absent < 1e-6
+    (wrong,), _ = run(clean, ["digs-itself-in"], paths=paths)
+    (one,) = wrong.parameters
+    assert wrong.absent == pytest.approx(chdtrc(1, (one.value / one.se) ** 2), rel=1e-6)
+    assert wrong.absent > 0.001
+
+
+def test_it_ends(clean, monkeypatch):
+    """Even if everything seems to pay, and the alarm never falls silent."""
+    from terrain_cli.improvement import loop
+    from terrain_cli.improvement.parts import Step
+
+    monkeypatch.setattr(Step, "pays", True)
+    monkeypatch.setattr(loop, "MOST", 2)
+    steps, end = run(clean, ["slip-sinkage"], ["load-bias"], ["hardpan"])
+    assert [one.changed for one in steps if one.action == "add"] == [("slip-sinkage",), ("load-bias",)]
+    assert end.because == "stopped after 2 effects"
+    assert MOST >= 4
+
+
+def test_an_effect_that_needs_more_than_was_read(sinks):
+    """Rates are computed where a candidate uses them."""
+    steps, _ = run(sinks, ["acceleration-torque"])
+    assert told(steps) == [("add", "acceleration-torque", False)]
+    assert [one.name for one in steps[0].parameters] == ["acceleration-torque.J"]

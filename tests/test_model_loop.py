@@ -1,0 +1,109 @@
+"""`terrain-est model add --until-quiet`, and the drafts it writes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from changed_models import DIGS, MODEL, write_all
+from click.testing import CliRunner
+
+from terrain_cli import diagnosis, models
+from terrain_cli.app import cli
+
+CUT = ("--segments", "none", "-q")
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs")
+    write_all(path)
+    return path
+
+
+@pytest.fixture(autouse=True)
+def here(logs, tmp_path, monkeypatch):
+    shutil.copytree(logs, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "model.toml").write_text(MODEL, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_wheel_that_sinks_as_it_slips(terrain_est, here):
+    done = terrain_est("model", "add", "model.toml", "--until-quiet", "--json", *CUT, "--data", "sinks.csv")
+    assert done.returncode == 0
+    found = json.loads(done.stdout)
+    assert found["format"] == "terrain-est/model-loop/1"
+    kept = [step for step in found["steps"] if step["kept"]]
+    assert all(step["pays"] == step["kept"] for step in found["steps"])
+    first, last = (step["channels"]["sinkage"] for step in (kept[0], kept[-1]))
+    assert last["heldout_after"] < first["heldout_before"] / 3.0
+    assert last["heldout_after"] < 1.2 * last["noise"]
+    assert found["silent"]
+    file = models.load("model.toml")
+    assert [effect.id for effect in file.model.effects] == found["model"]["effects"] == ["slip-sinkage"]
+    assert [entry["action"] for entry in file.history] == [step["action"] for step in kept]
+    assert all(entry["because"].startswith("--until-quiet; ") for entry in file.history)
+    assert "# The left front wheel" in (here / "model.toml").read_text("utf-8")
+    text = (Path(__file__).resolve().parent.parent / "docs" / "model.md").read_text("utf-8")
+    assert not [key for key in found if f"`{key}`" not in text]
+
+
+def test_a_clean_log_leaves_the_file_as_it_is(terrain_est, here):
+    done = terrain_est("model", "add", "model.toml", "--until-quiet", *CUT, "--data", "clean.csv")
+    assert done.returncode == 0
+    assert done.stdout.startswith("model.toml: the alarm is silent")
+    assert "the model is as it was" in done.stdout
+    assert (here / "model.toml").read_text("utf-8") == MODEL
+
+
+class TestDrafts:
+    """With a diagnosis that knows no name, and drafts a law."""
+
+    @pytest.fixture
+    def run(self, monkeypatch):
+        def run(draft, *args):
+            answers = [SimpleNamespace(draft=draft, sentence="Sinkage follows slip."), None]
+
+            def diagnose(wheels, file, *, effects, seed, progress):
+                unknown = answers.pop(0)
+                alarm = SimpleNamespace(raised=unknown is not None)
+                return SimpleNamespace(comparison=None, alarm=alarm, effect=None, family=(), unknown=unknown)
+
+            monkeypatch.setattr(diagnosis, "diagnose", diagnose)
+            command = ["model", "add", "model.toml", "--until-quiet", *args, *CUT, "--data", "sinks.csv"]
+            done = CliRunner().invoke(cli, command, catch_exceptions=False)
+            assert done.exit_code == 0
+            return done.stdout
+
+        return run
+
+    def test_without_a_place_the_loop_stops(self, run, here):
+        told = run(DIGS)
+        assert told.startswith(
+            "model.toml: sinkage follows slip; no draft was asked for; the model is as it was"
+        )
+        assert (here / "model.toml").read_text("utf-8") == MODEL
+
+    def test_one_that_pays_stays(self, run, here):
+        told = run(DIGS, "--draft", "own/drafts")
+        assert told.startswith("1. + digs-itself-in: the held-out error fell in")
+        assert models.load("model.toml").effects == ("own/drafts/digs-itself-in.toml",)
+        assert (here / "own" / "drafts" / "digs-itself-in.toml").read_text("utf-8") == DIGS
+
+    def test_one_that_does_not_is_removed_again(self, run, here):
+        idle = DIGS.replace("digs-itself-in", "idle").replace("sinkage_exponent", "torque")
+        idle = idle.replace("+ dig * abs(slip)", "* (1 + dig * sin(1000 * slip))")
+        told = run(idle, "--draft", "draft.toml")
+        assert told.startswith("1. not idle: ")
+        assert not (here / "draft.toml").exists()
+        assert (here / "model.toml").read_text("utf-8") == MODEL
+
+    def test_no_file_of_yours_is_written_over(self, run, here):
+        (here / "draft.toml").write_text("mine", "utf-8")
+        run(DIGS, "--draft", "draft.toml")
+        assert (here / "draft.toml").read_text("utf-8") == "mine"
+        assert models.load("model.toml").effects == ("draft-2.toml",)
