@@ -161,14 +161,14 @@ def sought_sinkage():
     )
 
 
-def windows():
-    """Return channels of windows, torque with noise, and c, tan φ and k of their soils."""
+def windows(count=WINDOWS):
+    """Return channels of windows, torque with noise."""
     rng = np.random.default_rng(3)
-    shape = (WINDOWS, POINTS)
+    shape = (count, POINTS)
     soil = {
-        "cohesion": rng.uniform(0.5e3, 5e3, WINDOWS),
-        "tan_phi": np.tan(np.radians(rng.uniform(20.0, 40.0, WINDOWS))),
-        "shear_modulus": rng.uniform(0.01, 0.03, WINDOWS),
+        "cohesion": rng.uniform(0.5e3, 5e3, count),
+        "tan_phi": np.tan(np.radians(rng.uniform(20.0, 40.0, count))),
+        "shear_modulus": rng.uniform(0.01, 0.03, count),
     }
     channels = {"sinkage": rng.uniform(0.004, 0.02, shape), "slip": rng.uniform(0.05, 0.9, shape)}
     flat = {name: column.ravel() for name, column in channels.items()}

@@ -1,18 +1,21 @@
-"""Make the sample drive afresh: python sample_data/make.py [FOLDER].
+"""Make the sample drives afresh: python sample_data/make.py [FOLDER].
 
 Two front wheels cross dry sand, upland sandy loam and wet clayey soil in a minute. The simulator of
 tests/ drives them with the full Wong–Reece wheel, which none of the linear estimators assumes.
+
+The logs of the tutorial, each with something missing, are what `terrain-est simulate` makes of `TUTORIAL`.
 """
 
 from __future__ import annotations
 
 import csv
 import math
+import subprocess
 import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent / "tests"))
+sys.path[:0] = [str(HERE.parent / "tests"), str(HERE.parent)]
 
 from simulator import (  # noqa: E402 - found through the path above
     CHANNELS,
@@ -37,6 +40,13 @@ RATE = 20.0
 SILENCE = (27.0, 28.0)
 BLIND = (47.0, 48.5)
 STANDING = (12.0, 2.0)
+
+#: Logs of docs/tutorial.md: how each is driven, and what is hidden in it.
+TUTORIAL = {
+    "sinks.csv": "--drive slip-sweep --drive load-steps --duration 80 --seed 3 --effect slip-sinkage:n1=0.4",
+    "cable.csv": "--drive turns --drive mixed --duration 80 --seed 3 --effect {tutorial}/cable-drag.toml",
+    "doubt.csv": "{tutorial}/bench.toml --seed 8",
+}
 
 
 def drive() -> Drive:
@@ -104,8 +114,19 @@ def write_truth(run: Run, path: Path) -> None:
                 )
 
 
+def write_tutorial(folder: Path) -> None:
+    """Write the logs of the tutorial, and the rover file that fits them."""
+    folder.mkdir(exist_ok=True)
+    for name, options in TUTORIAL.items():
+        # At 10 Hz, and with 3 % of noise, a log stays small enough to be kept here.
+        words = options.format(tutorial=HERE / "tutorial").split()
+        command = [sys.executable, "-m", "terrain_cli", "simulate", *words]
+        command += ["--rate", "10", "--noise", "3%", "-q", "-o", str(folder / name)]
+        subprocess.run(command, cwd=HERE.parent, check=True)  # noqa: S603 - this program
+
+
 def main(folder: Path = HERE) -> None:
-    """Write run.csv, run.parquet, run.bag, run.mcap and truth.csv into a folder."""
+    """Write run.csv, run.parquet, run.bag, run.mcap, truth.csv and tutorial/ into a folder."""
     run = simulate(drive())
     for name in ("run.bag", "run.mcap"):
         (folder / name).unlink(missing_ok=True)
@@ -114,6 +135,7 @@ def main(folder: Path = HERE) -> None:
     write_ros1(run, folder / "run.bag", compression="lz4")
     write_ros2(run, folder / "run.mcap", compression="storage")
     write_truth(run, folder / "truth.csv")
+    write_tutorial(folder / "tutorial")
 
 
 if __name__ == "__main__":

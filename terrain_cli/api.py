@@ -93,6 +93,7 @@ def read(
     *,
     where: str | None = None,
     model: ModelFile | str | Path | None = None,
+    salvage: bool = False,
 ) -> list[Samples]:
     """Read a log.
 
@@ -106,6 +107,8 @@ def read(
         Keep only the samples that satisfy it, such as ``"slip_angle_deg == 0"``.
     model : ModelFile, str or Path, optional
         Also read what its effects need, and the drawbar pull.
+    salvage : bool
+        Read what is left of a damaged log; the remarks of the samples tell how much that is.
 
     Returns
     -------
@@ -120,7 +123,7 @@ def read(
     if rover is None or not isinstance(rover, rovers.Rover):
         rover = rovers.load(rovers.find(str(rover) if rover is not None else None, str(path)))
     condition = Condition(where) if where else None
-    return telemetry.read(str(path), rover, where=condition, effects=_effects(model))
+    return telemetry.read(str(path), rover, where=condition, effects=_effects(model), salvage=salvage)
 
 
 def _effects(model: ModelFile | str | Path | None) -> tuple[Effect, ...] | None:

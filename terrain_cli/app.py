@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 VERBS = {
     "inspect": "Say what a log holds, and what would be used of it.",
     "estimate": "Estimate cohesion and friction angle, segment by segment.",
-    "model": "Write and show model files.",
+    "batch": "Estimate many files into one folder, resumable.",
+    "model": "Write, show and improve model files.",
     "effects": "Show the effects that a model can have, and check your own.",
     "compare": "Compare a model with measurements, and see where it fails.",
+    "diagnose": "Name the physical effect that a model lacks.",
     "report": "Write one page on soil, model and misfit.",
     "simulate": "Make telemetry of which the truth is known.",
     "completion": "Print the completion script of a shell.",
@@ -39,7 +41,8 @@ Examples:
 \b
 Exit codes:
   0 done  1 unexpected  2 wrong use  65 bad data  66 no such input
-  73 cannot write  78 bad rover, model or effect file
+  73 cannot write  75 batch finished with failures
+  78 bad rover, model or effect file
 """
 
 

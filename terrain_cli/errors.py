@@ -3,7 +3,8 @@
 TerrainError             1
 ├── InputError          65   the data cannot give what was asked
 ├── ConfigurationError  78   rover.toml, a model or an effect file is wrong
-└── UsageError           2   options that contradict each other
+├── UsageError           2   options that contradict each other
+└── InterruptedBatchError  130  Ctrl-C, or the system's wish to end
 
 `formats.errors` draws the tree of what can go wrong with a file (66, 65, 73).
 """
@@ -50,6 +51,12 @@ class UsageError(TerrainError):
     """Options that contradict each other or the data."""
 
     exit_code = 2
+
+
+class InterruptedBatchError(TerrainError):
+    """A batch was asked to stop; what it had finished is kept."""
+
+    exit_code = 130
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -278,7 +278,7 @@ def _with_soil(fit: Fit, line: WindowEstimates) -> WindowEstimates:
             (f"{parameter}_se", fit.errors[parameter]),
         )
     }
-    return replace(wheel_fit.as_window_estimates(fit, line), **soil)
+    return replace(wheel_fit.as_window_estimates(fit, line), n=fit.n, **soil)
 
 
 def _account(

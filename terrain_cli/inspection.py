@@ -39,7 +39,9 @@ _EPOCH = 1e8
 _WIDTH = 100
 
 
-def inspect(path: str, rover: Rover, *, wheels: Collection[str] = ()) -> dict[str, Any]:
+def inspect(
+    path: str, rover: Rover, *, wheels: Collection[str] = (), salvage: bool = False
+) -> dict[str, Any]:
     """Look into one input.
 
     Parameters
@@ -48,6 +50,8 @@ def inspect(path: str, rover: Rover, *, wheels: Collection[str] = ()) -> dict[st
     rover : Rover
     wheels : collection of str
         Only these; all if empty.
+    salvage : bool
+        Look into what is left of a damaged one, and tell how much that is.
 
     Returns
     -------
@@ -62,7 +66,7 @@ def inspect(path: str, rover: Rover, *, wheels: Collection[str] = ()) -> dict[st
     formats.errors.FormatError, TerrainError
         The file cannot be read, or two of its columns contradict each other.
     """
-    source = formats.open_source(path)
+    source = formats.open_source(path, salvage=salvage)
     layout = telemetry.plan(source, rover)
     raws = read_raw(layout, rover, CHANNELS, wheels=wheels)
     topics = {feed.topic for raw in raws for feed in raw.feeds.values() if feed.topic}
@@ -82,6 +86,7 @@ def inspect(path: str, rover: Rover, *, wheels: Collection[str] = ()) -> dict[st
         "extras": list(layout.extras),
         "rover_toml": "\n".join(clock) or advice.lines(layout, lacks),
         "rows_skipped": getattr(source, "skipped", 0),
+        "salvage": source.recovery.document() if source.recovery else None,
         "remarks": source.remarks,
     }
 

@@ -50,6 +50,18 @@ COLUMNS = (
     *("c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number", "k_mm", "sigma_star_kPa", "strength_kPa"),
     *("strength_se_kPa", "torque_rmse_Nm", "x_m", "y_m", "longitude_deg", "latitude_deg", "WKT"),
 )
+#: Of a table of samples: channel → column.
+_SAMPLE_COLUMNS = {
+    "load": "load_N",
+    "torque": "torque_Nm",
+    "sinkage": "sinkage_m",
+    "slip": "slip",
+    "drawbar_pull": "drawbar_pull_N",
+    "x": "x_m",
+    "y": "y_m",
+    "longitude": "longitude_deg",
+    "latitude": "latitude_deg",
+}
 #: Vertices of a segment's line at the most: enough to see its course on a map.
 VERTICES = 64
 
@@ -71,9 +83,9 @@ def estimate(
     Returns
     -------
     WindowEstimates
-        In SI units and rad.
+        In SI units and rad; of the samples in which the wheel does not skid.
     """
-    samples = windows.samples
+    samples, windows = windows.samples, windows.on_line()
     return estimation.estimate_windows(
         windows.x,
         windows.y,
@@ -253,7 +265,16 @@ def join(tables: Sequence[Table]) -> Table:
     Returns
     -------
     dict of str to list or ndarray
+        One reference system holds for all geometry: where some have longitudes and latitudes, tracks
+        in x and y of a site frame are left out.
     """
+    if "WKT" in tables[0]:
+        known = [bool(np.isfinite(t["longitude_deg"]).any()) for t in tables]
+        if any(known):
+            tables = [
+                t if located else {**t, "WKT": [""] * len(t["WKT"])}
+                for t, located in zip(tables, known, strict=True)
+            ]
     return {
         name: list(chain.from_iterable(t[name] for t in tables))
         if isinstance(tables[0][name], list)
@@ -290,6 +311,40 @@ def rejects(samples: Samples) -> Table:
     }
 
 
+def samples(windows: Windows) -> Table:
+    """Return the samples of every window, as points.
+
+    Parameters
+    ----------
+    windows : Windows
+
+    Returns
+    -------
+    dict of str to list or ndarray
+        source, wheel, segment, sample (counted from 1 within the wheel), time_s, what was measured, where,
+        and WKT: a POINT in the system of the segments' tracks.
+    """
+    of, rows = windows.samples, windows.rows
+    nothing = np.full(len(rows), np.nan)
+    place = coordinates(of)
+    points = np.column_stack([axis[rows] for axis in place]) if place else np.full((len(rows), 2), np.nan)
+    return {
+        "source": [of.source] * len(rows),
+        "wheel": [of.wheel] * len(rows),
+        "segment": np.repeat(np.arange(1, len(windows) + 1), np.diff(windows.bounds)),
+        "sample": rows + 1,
+        "time_s": nothing if of.time is None else of.time[rows] + of.origin,
+        **{
+            column: nothing if name not in of.channels else of.channels[name][rows]
+            for name, column in _SAMPLE_COLUMNS.items()
+        },
+        "WKT": [
+            wkt(point) if known else ""
+            for point, known in zip(points[:, None], np.isfinite(points).all(axis=1), strict=True)
+        ],
+    }
+
+
 def trace(windows: Windows) -> Table:
     """Return the recursive estimate sample by sample.
 
@@ -301,8 +356,9 @@ def trace(windows: Windows) -> Table:
     -------
     dict of str to list or ndarray
         source, wheel, segment, time_s, c and φ with their standard errors and correlation after
-        each sample; NaN until two samples have been seen.
+        each sample in which the wheel does not skid; NaN until two samples have been seen.
     """
+    windows = windows.on_line()
     samples, rows = windows.samples, windows.rows
     steps = estimation.recursive(
         windows.x,

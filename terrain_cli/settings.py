@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
+
+if TYPE_CHECKING:
+    from terrain_cli.models import ModelFile
+    from terrain_cli.places import Places
 
 #: Estimators of the line y = c + x tan φ.
 LineMethod = Literal["auto", "least-squares", "ridge", "recursive"]
@@ -40,10 +44,18 @@ class Settings:
     wheels : tuple of str
         Only these; all if empty.
     where : str, optional
-    model : str, optional
-        "linear", "wong-reece", or a model file.
+    model : ModelFile or str, optional
+        "linear", "wong-reece", or a model file; or what it holds, for a process that cannot read it.
     robust : bool
         Give wild samples little weight in the fit of the whole model.
+    places : Places, optional
+        Localisation table whose positions the samples get.
+    samples : bool
+        Also keep a table of the samples of every window.
+    whole : bool
+        Also keep, of a long log too, the samples set aside and the recursive estimate.
+    salvage : bool
+        Read what is left of damaged inputs.
     """
 
     method: Method = "auto"
@@ -54,5 +66,9 @@ class Settings:
     folds: int | None = None
     wheels: tuple[str, ...] = ()
     where: str | None = None
-    model: str | None = None
+    model: ModelFile | str | None = None
     robust: bool = False
+    places: Places | None = None
+    samples: bool = False
+    whole: bool = False
+    salvage: bool = False

@@ -6,6 +6,7 @@ A rule takes a value and its place in the file, and returns the value as the pro
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -18,6 +19,11 @@ Rule = Callable[[Any, str], Any]
 ABOVE_ZERO = math.ulp(0.0)
 #: Characters of a value that an error shows.
 _SHOWN = 80
+#: Characters of a file, and parts of a dotted key: tomllib takes time with the square of the latter.
+_LONGEST = 4 << 20
+_PARTS = 40
+_PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_DOTTED = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{_PARTS}}}{_PART}")
 
 
 def read_text(path: str | Path) -> str:
@@ -34,14 +40,19 @@ def read_text(path: str | Path) -> str:
     Raises
     ------
     ConfigurationError
-        It cannot be read, or is not UTF-8.
+        It cannot be read, is not UTF-8, or too long for what a person writes.
     """
     try:
-        return Path(path).read_text("utf-8-sig")
+        with Path(path).open(encoding="utf-8-sig") as file:
+            # What is read may be a device without end.
+            text = file.read(_LONGEST + 1)
     except OSError as error:
         raise ConfigurationError(f"{path}: {(error.strerror or str(error)).lower()}") from error
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"{path}: not text in UTF-8", hint="save it as UTF-8") from error
+    if len(text) > _LONGEST:
+        raise ConfigurationError(f"{path}: longer than {_LONGEST:,} characters")
+    return text
 
 
 def parse(content: str, path: str | Path) -> dict[str, Any]:
@@ -63,6 +74,10 @@ def parse(content: str, path: str | Path) -> dict[str, Any]:
     ConfigurationError
         It is not TOML.
     """
+    if len(content) > _LONGEST:
+        raise ConfigurationError(f"{path}: longer than {_LONGEST:,} characters")
+    if _DOTTED.search(content):
+        raise ConfigurationError(f"{path}: not TOML: a key has more than {_PARTS} parts")
     try:
         return tomllib.loads(content)
     except RecursionError:

@@ -56,6 +56,8 @@ def document(
             "where": settings.where,
             "model": settings.model,
             "robust": settings.robust,
+            "places": settings.places.path if settings.places else None,
+            "salvage": settings.salvage,
         },
         "inputs": list(accounts),
         "terrains": terrains(table, estimates),

@@ -72,7 +72,13 @@ main(sys.argv[1:])
 """
 
 
-@pytest.mark.parametrize("output", ["soil.csv", "soil.parquet", "soil.json", "soil.geojson", "soil.gpkg"])
+@pytest.mark.parametrize(
+    "output",
+    [
+        f"soil.{kind}"
+        for kind in ("csv", "parquet", "json", "geojson", "geojsonl", "geojsons", "gpkg", "mcap")
+    ],
+)
 def test_a_full_disk_under_a_file(folder, many, output):
     """A limit on the size of files fails a write in the middle, as a full disk does."""
     write(output, "as it was")

@@ -254,6 +254,9 @@ def test_a_model_file_lies_beside_it(write):
     path = write('[estimate]\nmodel = "models/sand.toml"\nrobust = true')
     assert load(path).estimate == {"model": str(path.parent / "models" / "sand.toml"), "robust": True}
     assert load(write('[estimate]\nmodel = "wong-reece"')).estimate == {"model": "wong-reece"}
+    assert load(write('[estimate]\nplaces = "places.csv"')).estimate == {
+        "places": str(path.parent / "places.csv")
+    }
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ _CUTTING = (
     options.window_distance,
     options.window_samples,
     options.where,
+    options.salvage,
     click.option(
         "--seed",
         type=int,
@@ -68,8 +69,10 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
     """
     import formats
     from terrain_cli.errors import InputError
+    from terrain_cli.telemetry.excerpt import MOST_ROWS
 
     paths = formats.expand(context.params["inputs"])
+    most = MOST_ROWS // len(paths)
     rover = options.load_rover(context.params["rover"], paths)
     own = {option.lstrip("-") for parameter in context.command.params for option in parameter.opts}
     # What is compared is cut as `estimate` cuts it.
@@ -80,7 +83,7 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
     cut: list[Windows] = []
     for path in paths:
         progress.say(path, "reading")
-        cut += _cut(path, rover, list(effects.values()), context.params)
+        cut += _cut(path, rover, list(effects.values()), most, context.params)
         progress.advance()
     if not cut:
         raise InputError(
@@ -90,11 +93,20 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
     return cut
 
 
-def _cut(path: str, rover: Rover, effects: Sequence[Any], given: Mapping[str, Any]) -> list[Windows]:
+def _cut(
+    path: str, rover: Rover, effects: Sequence[Any], most: int, given: Mapping[str, Any]
+) -> list[Windows]:
+    import formats
     from terrain_cli import telemetry, windows
 
     where = telemetry.Condition(given["where"]) if given["where"] else None
-    wheels = telemetry.read(path, rover, wheels=given["wheels"], where=where, effects=effects, compared=True)
+    source = formats.open_source(path, salvage=given.get("salvage", False))
+    wheels = telemetry.read_source(
+        source, rover, wheels=given["wheels"], where=where, effects=effects, compared=True, most=most
+    )
+    if source.recovery and not given.get("quiet"):
+        for sentence in source.recovery.sentences():
+            click.echo(f"{path}: {sentence}", err=True)
     return [
         windows.cut(
             samples,
@@ -130,11 +142,15 @@ def compared(
     -------
     Comparison
     """
+    from dataclasses import replace
+
+    from formats.salvage import told
     from terrain_cli import fitting
     from terrain_cli.comparison import compare
+    from terrain_cli.telemetry.excerpt import excerpted
 
     fixed, priors, noise = fitting.assumed(cut, file)
-    return compare(
+    found = compare(
         cut,
         file.model,
         fixed=fixed,
@@ -145,3 +161,6 @@ def compared(
         like=like,
         progress=partial(progress.say, str(file.path or file.model.base)),
     )
+    every = [windows.samples for windows in cut]
+    saved = [f"{samples.source}: {text}" for samples in every for text in told(samples.remarks)]
+    return replace(found, warnings=[*dict.fromkeys(saved), *excerpted(every), *found.warnings])

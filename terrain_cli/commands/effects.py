@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,10 @@ from terrain_cli.commands.group import Group
 from terrain_cli.effects.effect import KINDS
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from terrain_cli.effects.effect import Effect
+    from terrain_cli.models import Assumption
 
 
 @click.group(
@@ -55,16 +59,21 @@ Examples:
 def list_effects(kind: str | None, as_json: bool) -> None:
     """List the effects of the catalogue: what each changes, and the channels that it needs.
 
-    Effects that other Python packages bring are listed after those of the program.
+    Effects that other Python packages bring are listed after those of the program; last, what a base
+    takes for granted, which `terrain-est model add` lifts as it adds an effect.
     """
     from terrain_cli import effects
     from terrain_cli.effects import describe
+    from terrain_cli.models import ASSUMPTIONS
 
     chosen = [effect for effect in effects.catalogue().values() if kind in {None, effect.kind}]
+    assumptions = list(ASSUMPTIONS.values()) if kind is None else []
     if as_json:
-        _write({"format": describe.LIST_FORMAT, "effects": [describe.document(effect) for effect in chosen]})
+        _write(_listed(chosen, assumptions))
         return
     click.echo(describe.overview(chosen))
+    if assumptions:
+        click.echo(f"\n{describe.overview_of_assumptions(assumptions)}")
 
 
 @command.command(
@@ -80,19 +89,24 @@ Examples:
 @click.argument("names", nargs=-1, required=True, type=options.FILE, metavar="EFFECT…")
 @options.as_json
 def show(names: tuple[str, ...], as_json: bool) -> None:
-    """Tell all about each EFFECT: an id of the catalogue, or a file of your own.
+    """Tell all about each EFFECT: an id of the catalogue, a file of your own, or an assumption of a base.
 
     That is its law, its parameters with unit, null value (at which the effect is absent), typical
     size and bounds, what happens in the ground or the drive, which residuals it leaves, which
     manoeuvre tells it from its neighbours, and who found it.
     """
     from terrain_cli.effects import describe
+    from terrain_cli.models import ASSUMPTIONS
 
-    found = [_effect(name) for name in names]
+    effects = {name: _effect(name) for name in names if name not in ASSUMPTIONS}
     if as_json:
-        _write({"format": describe.LIST_FORMAT, "effects": [describe.document(effect) for effect in found]})
+        assumptions = [ASSUMPTIONS[name] for name in names if name in ASSUMPTIONS]
+        _write(_listed(list(effects.values()), assumptions))
         return
-    click.echo("\n\n".join(describe.text(effect) for effect in found))
+    told = {name: describe.text(effect) for name, effect in effects.items()}
+    click.echo(
+        "\n\n".join(told.get(name) or describe.text_of_assumption(ASSUMPTIONS[name]) for name in names)
+    )
 
 
 @command.command(
@@ -146,6 +160,16 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
         _write({"format": describe.CHECK_FORMAT, "files": documents})
     # A file that is wrong outweighs one that is not there.
     context.exit(max(codes, default=0))
+
+
+def _listed(effects: Sequence[Effect], assumptions: Sequence[Assumption]) -> dict[str, Any]:
+    from terrain_cli.effects import describe
+
+    return {
+        "format": describe.LIST_FORMAT,
+        "effects": [describe.document(effect) for effect in effects],
+        "assumptions": [asdict(one) for one in assumptions],
+    }
 
 
 def _effect(name: str) -> Effect:

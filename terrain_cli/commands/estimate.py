@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options
-from terrain_cli.settings import CUT_SAMPLES, FIT_SAMPLES, METHODS, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from terrain_cli.pipeline import Outcome
     from terrain_cli.rover import Rover
+    from terrain_cli.settings import Settings
 
 
 @click.command(
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 Examples:
   terrain-est estimate run.bag > soil.csv
   terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900 --summary soil.json
+  terrain-est estimate run.bag -o soil.gpkg --samples soil.gpkg
+  terrain-est estimate sol1200.csv --places localized_interp.csv --crs IAU_2015:49900 -o soil.parquet
+  terrain-est estimate run.mcap -o soil.mcap
   terrain-est estimate day1/ day2/*.parquet --segments terrain -o soil.parquet
   terrain-est estimate bench.csv --where "slip_angle_deg == 0" --segments none
   terrain-est estimate run.bag --method recursive --trace convergence.csv
@@ -42,44 +45,17 @@ Examples:
     "--output",
     type=options.FILE,
     metavar="FILE",
-    help="Write the table here, by its ending: .csv .parquet .json .geojson .gpkg. Otherwise CSV on stdout.",
+    help="Write the table here, by its ending: .csv .parquet .json .geojson .geojsonl .geojsons .gpkg .mcap. "
+    "Otherwise CSV on stdout.",
 )
 @click.option("--summary", type=options.FILE, metavar="FILE", help="Write the summary here, as JSON.")
-@options.rover
-@options.model
-@options.wheel
+@options.estimation
 @click.option(
-    "--method",
-    type=click.Choice(METHODS),
-    default=METHODS[0],
-    show_default=True,
-    help="Estimator. auto: what fits the model; of the linear one least squares where well conditioned, "
-    "ridge else. recursive: Kalman filter. wong-reece: the full model, with k estimated.",
-)
-@options.segments
-@click.option(
-    "--min-samples",
-    type=click.IntRange(min=3),
-    metavar="N",
-    help=f"Fewest samples of a window.  [{CUT_SAMPLES} to cut, {FIT_SAMPLES} to estimate]",
-)
-@options.window_distance
-@options.window_samples
-@click.option(
-    "--folds",
-    type=click.IntRange(min=2),
-    metavar="N",
-    help="Choose the ridge's δ over N contiguous blocks.  [leave-one-out]",
-)
-@click.option(
-    "--robust", is_flag=True, help="Give wild samples little weight; with the full model or effects."
-)
-@options.where
-@click.option(
-    "--crs",
-    metavar="CODE",
-    help="Reference system of longitude and latitude, such as IAU_2015:49900 (Mars) or IAU_2015:30100 "
-    "(Moon). Positions in x and y stay a site frame.  [EPSG:4326]",
+    "--samples",
+    type=options.FILE,
+    metavar="FILE",
+    help="Write the samples of every segment here, as points; into the .gpkg of -o, if it is the same file, "
+    "as its second layer.",
 )
 @click.option(
     "--rejects",
@@ -122,7 +98,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     says not-separable, and the strength at the stress σ* still holds.
     """
     import formats
-    from terrain_cli import fitting
+    from terrain_cli import outputs
     from terrain_cli.errors import UsageError
 
     paths = formats.expand(context.params["inputs"])
@@ -136,36 +112,21 @@ def command(context: click.Context, /, **_: Any) -> None:
         from terrain_cli.views import extras
 
         extras.need("plot")
-    for name in ("output", "rejects", "trace"):
+    for name in ("rejects", "trace"):
         if given[name]:
             formats.output_kind(given[name])
-    if given["crs"]:
-        try:
-            formats.check_crs(given["crs"])
-        except formats.FormatError as error:
-            raise UsageError(f"--crs {error}", hint=error.hint) from None
-    settings = Settings(
-        method=given["method"],
-        segments=given["segments"],
-        min_samples=given["min_samples"],
-        window_samples=given["window_samples"],
-        window_distance=given["window_distance"],
-        folds=given["folds"],
-        wheels=tuple(given["wheels"]),
-        where=given["where"],
-        model=given["model"],
-        robust=given["robust"],
-    )
-    # Also before the work: whether the model can be read, and goes with the method.
-    fitting.choose(settings.method, settings.model, robust=settings.robust)
+    outputs.check(given["output"], given["samples"], given["crs"])
+    settings = options.settings(given)
     outcomes = list(_outcomes(paths, rover, settings, jobs=given["jobs"], quiet=given["quiet"]))
     _write(outcomes, settings, given)
 
 
-def _write(outcomes: Sequence[Outcome], settings: Settings, given: Mapping[str, Any]) -> None:
+def _write(  # noqa: C901 - one branch for each thing asked for
+    outcomes: Sequence[Outcome], settings: Settings, given: Mapping[str, Any]
+) -> None:
     """Write all that was asked for, the table last: what reads it may stop early."""
     import formats
-    from terrain_cli import estimation, results, summary
+    from terrain_cli import estimation, outputs, results, summary
 
     if given["rejects"]:
         formats.write_table(
@@ -188,11 +149,16 @@ def _write(outcomes: Sequence[Outcome], settings: Settings, given: Mapping[str, 
         with formats.replacing(given["summary"]) as temporary:
             Path(temporary).write_text(text + "\n", encoding="utf-8")
     crs = results.reference_system(table, given["crs"])
-    formats.write_table(table, given["output"] or "-", crs=crs)
+    points = None
+    if given["samples"]:
+        points = (results.join([t for outcome in outcomes for t in outcome.samples]), given["samples"])
+    outputs.write(table, given["output"], crs, points)
     if given["quiet"]:
         return
     if given["crs"] and crs is None:
         click.echo(f"positions are x and y of a site frame: --crs {given['crs']} does not apply", err=True)
+    if remark := outputs.remark(given["output"], crs):
+        click.echo(remark, err=True)
     click.echo(summary.text(document, table, verbose=given["verbose"]), err=True)
 
 

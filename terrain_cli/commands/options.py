@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from terrain_cli.settings import MIN_DISTANCE, SEGMENTS
+from terrain_cli.settings import CUT_SAMPLES, FIT_SAMPLES, METHODS, MIN_DISTANCE, SEGMENTS, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -63,11 +63,126 @@ where = click.option(
     metavar="CONDITION",
     help='Keep only the samples that satisfy it: "slip_angle_deg == 0 and load > 50".',
 )
+method = click.option(
+    "--method",
+    type=click.Choice(METHODS),
+    default=METHODS[0],
+    show_default=True,
+    help="Estimator. auto: what fits the model; of the linear one least squares where well conditioned, "
+    "ridge else. recursive: Kalman filter. wong-reece: the full model, with k estimated.",
+)
+min_samples = click.option(
+    "--min-samples",
+    type=click.IntRange(min=3),
+    metavar="N",
+    help=f"Fewest samples of a window.  [{CUT_SAMPLES} to cut, {FIT_SAMPLES} to estimate]",
+)
+folds = click.option(
+    "--folds",
+    type=click.IntRange(min=2),
+    metavar="N",
+    help="Choose the ridge's δ over N contiguous blocks.  [leave-one-out]",
+)
+robust = click.option(
+    "--robust", is_flag=True, help="Give wild samples little weight; with the full model or effects."
+)
+crs = click.option(
+    "--crs",
+    metavar="CODE",
+    help="Reference system of longitude and latitude, such as IAU_2015:49900 (Mars) or IAU_2015:30100 "
+    "(Moon). Positions in x and y stay a site frame.  [EPSG:4326]",
+)
+places = click.option(
+    "--places",
+    type=FILE,
+    metavar="FILE",
+    help="Localisation table (CSV, Parquet): gives samples longitude and latitude, or x and y, by its "
+    "columns site, drive and pose, or by time.",
+)
+salvage = click.option(
+    "--salvage",
+    is_flag=True,
+    help="Read what is left of files that are cut off, damaged or without index, and say how much that is.",
+)
 as_json = click.option(
     "--json", "as_json", is_flag=True, envvar="TERRAIN_EST_JSON", help="Write JSON instead of tables."
 )
 quiet = click.option("-q", "--quiet", is_flag=True, help="Say nothing on stderr but errors.")
 verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr where each channel comes from.")
+
+#: What decides on the numbers of an estimate, in the order of the help.
+_ESTIMATION = (
+    *(rover, model, wheel, method, segments, min_samples, window_distance, window_samples),
+    *(folds, robust, where, crs, places, salvage),
+)
+
+
+def estimation(command: F) -> F:
+    """Give a command every option that decides on the numbers of an estimate.
+
+    Parameters
+    ----------
+    command : function
+
+    Returns
+    -------
+    function
+    """
+    for option in reversed(_ESTIMATION):
+        command = option(command)
+    return command
+
+
+def settings(given: Mapping[str, Any]) -> Settings:
+    """Return what `estimation` was given, checked as far as it can be before any input is read.
+
+    Parameters
+    ----------
+    given : mapping of str to value
+        The parameters of the command.
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    UsageError
+        Options contradict each other, or nobody knows the reference system.
+    ConfigurationError
+        The model file is wrong.
+    formats.errors.FormatError, InputError
+        The localisation table is none, or cannot be read.
+    """
+    import formats
+    from terrain_cli import fitting
+    from terrain_cli import places as tables
+    from terrain_cli.errors import UsageError
+
+    if given["crs"]:
+        try:
+            formats.check_crs(given["crs"])
+        except formats.FormatError as error:
+            raise UsageError(f"--crs {error}", hint=error.hint) from None
+    chosen = Settings(
+        method=given["method"],
+        segments=given["segments"],
+        min_samples=given["min_samples"],
+        window_samples=given["window_samples"],
+        window_distance=given["window_distance"],
+        folds=given["folds"],
+        wheels=tuple(given["wheels"]),
+        where=given["where"],
+        model=given["model"],
+        robust=given["robust"],
+        places=tables.load(given["places"], given["crs"]) if given["places"] else None,
+        samples=bool(given.get("samples")),
+        whole=any(given.get(name) for name in ("rejects", "trace", "samples", "plot")),
+        salvage=given["salvage"],
+    )
+    # Whether the model can be read, and goes with the method.
+    fitting.choose(chosen.method, chosen.model, robust=chosen.robust)
+    return chosen
 
 
 def load_rover(path: str | None, inputs: Sequence[str]) -> Rover:

@@ -55,7 +55,7 @@ class Progress:
         if self._thread:
             self._thread.join()
         if self._drawn:
-            _draw("")
+            draw("")
             click.echo("\r", err=True, nl=False)
 
     def say(self, path: str, step: str) -> None:
@@ -79,11 +79,16 @@ class Progress:
             filled = WIDTH * self._done // self._total
             bar = "█" * filled + "░" * (WIDTH - filled)
             line = f"{bar} {self._done}/{self._total}  {elapsed:.0f} s  {self._text}"
-            _draw(line)
+            draw(line)
             self._drawn = True
 
 
-def _draw(line: str) -> None:
-    """Write over the line on the terminal, with spaces in place of escape codes."""
+def draw(line: str) -> None:
+    """Write over the line on the terminal, with spaces in place of escape codes.
+
+    Parameters
+    ----------
+    line : str
+    """
     width = shutil.get_terminal_size().columns - 1
     click.echo("\r" + line[:width].ljust(width), err=True, nl=False)

@@ -64,8 +64,9 @@ def command(context: click.Context, /, **_: Any) -> None:
         comparison = comparing.compared(cut, file, given["seed"], progress)
         progress.advance()
         say = partial(progress.say, given["output"])
+        further = [report.history(file.history)]
         if given["output"] != "-":
-            report.write(comparison, given["output"], progress=say)
+            report.write(comparison, given["output"], further=further, progress=say)
             return
-        text = report.page(comparison, progress=say)
+        text = report.page(comparison, further=further, progress=say)
     click.echo(text, nl=False)

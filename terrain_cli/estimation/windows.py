@@ -219,7 +219,7 @@ def estimate_windows(
             correlated=correlated,
             folds=folds,
         )
-        for first, last in _blocks(bounds)
+        for first, last in blocks(bounds)
     ]
     return join(parts)
 
@@ -241,8 +241,18 @@ def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
     )
 
 
-def _blocks(bounds: Bounds) -> Iterator[tuple[int, int]]:
-    """Yield runs of whole windows of about `_BLOCK` samples; one empty run if there are no windows."""
+def blocks(bounds: Bounds) -> Iterator[tuple[int, int]]:
+    """Part windows into runs that fit into the processor's cache.
+
+    Parameters
+    ----------
+    bounds : ndarray of int, shape (w + 1,)
+
+    Yields
+    ------
+    first, last : int
+        Windows first to last − 1, of about `_BLOCK` samples; one empty run if there are no windows.
+    """
     first, windows = 0, len(bounds) - 1
     while True:
         last = int(np.searchsorted(bounds, bounds[first] + _BLOCK, side="right")) - 1

@@ -93,10 +93,9 @@ def _rover(path: Path, content: dict[str, Any]) -> Rover:
 
 
 def _beside(path: Path, options: dict[str, Any]) -> dict[str, Any]:
-    """Take the path of a model file from the folder of rover.toml."""
-    if options.get("model") in {None, *BASES}:
-        return options
-    return {**options, "model": str(path.parent / options["model"])}
+    """Take the paths of a model file and of a localisation table from the folder of rover.toml."""
+    files = {name: options[name] for name in ("model", "places") if name in options}
+    return options | {name: str(path.parent / file) for name, file in files.items() if file not in BASES}
 
 
 def _motor(values: dict[str, float], place: str) -> Motor | None:
@@ -265,6 +264,7 @@ _FILE = table(
                 "crs": text,
                 "model": text,
                 "robust": flag,
+                "places": text,
             }
         ),
     }

@@ -52,6 +52,7 @@ def change_points(
     min_samples: int = CUT_SAMPLES,
     min_distance: float = MIN_DISTANCE,
     penalty: float | None = None,
+    before: int = 0,
 ) -> Bounds:
     """Find the windows in which one line y = c + x tan φ holds.
 
@@ -77,6 +78,9 @@ def change_points(
     penalty : float, optional
         What splitting a window must gain, in units of the noise's (long-run) variance; more gives
         fewer windows. By default 25.
+    before : int
+        Samples of the first stretch that came before these: the longer a stretch, the coarser the
+        first search.
 
     Returns
     -------
@@ -107,16 +111,17 @@ def change_points(
     found = [bounds]
     for a, b in pairwise(bounds):
         metres = None if driven is None else np.append(driven[a:b], driven[b - 1])
-        found.append(a + _changes(x[a:b], y[a:b], Limits(min_samples, min_distance, metres), penalty))
+        block = _block_length(b - a + (before if a == 0 else 0))
+        found.append(a + _changes(x[a:b], y[a:b], Limits(min_samples, min_distance, metres), penalty, block))
     return np.unique(np.concatenate(found)).astype(np.intp)
 
 
-def _changes(x: Array, y: Array, limits: Limits, penalty: float) -> Bounds:
+def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> Bounds:
     """Find the change points of one stretch."""
     n = len(x)
     if n < max(2 * limits.samples, _FEWEST):
         return np.array([0, n], dtype=np.intp)
-    moments = Moments(x, y, _block_length(n))
+    moments = Moments(x, y, block)
     bounds, factor = candidates(moments, limits, CANDIDATE_SHARE * penalty)
     penalty *= factor
     criteria = Criteria(

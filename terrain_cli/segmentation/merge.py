@@ -88,6 +88,7 @@ class Refinement:
 
     def __init__(self, moments: Moments, limits: Limits, criteria: Criteria) -> None:
         self._between = moments.between
+        self._before = moments.before
         self._step = moments.step
         self._limits = limits
         self._criteria = criteria
@@ -117,7 +118,8 @@ class Refinement:
 
     def _ratios(self, bounds: Index) -> Array:
         a, b, c = bounds[:-2], bounds[1:-1], bounds[2:]
-        ratio = self._criteria.always.ratio(self._between(a, b), self._between(b, c))
+        windows = np.diff(self._before(bounds), axis=1)
+        ratio = self._criteria.always.ratio(windows[:, :-1], windows[:, 1:])
         # A window that is too short must go, by the bound it can spare.
         long_enough = self._limits.met(a, b) & self._limits.met(b, c)
         return np.where(long_enough, ratio, ratio / (1.0 + np.abs(ratio)) - 2.0)
@@ -129,7 +131,8 @@ class Refinement:
         sweep, and that is not to be seen within a few samples.
         """
         a, b, c = bounds[:-2], bounds[1:-1], bounds[2:]
-        left, right = self._between(a, b), self._between(b, c)
+        windows = np.diff(self._before(bounds), axis=1)
+        left, right = windows[:, :-1], windows[:, 1:]
         beside = self._criteria.beside.ratio(
             self._between(np.maximum(a, b - BESIDE), b),
             self._between(b, np.minimum(c, b + BESIDE)),
@@ -140,9 +143,10 @@ class Refinement:
 
     def _costs(self, first: int, cuts: Index, last: int) -> Array:
         """Return the misfit of the two windows, for each place to cut."""
-        left = self._between(np.full_like(cuts, first), cuts)
-        right = self._between(cuts, np.full_like(cuts, last))
-        return lines.best_line(left)[1] + lines.best_line(right)[1]
+        sums = self._before(np.concatenate([[first], cuts, [last]]))
+        left, right = sums[:, 1:-1] - sums[:, :1], sums[:, -1:] - sums[:, 1:-1]
+        misfit = lines.best_line(np.concatenate([left, right], axis=1))[1]
+        return np.asarray(misfit[: len(cuts)] + misfit[len(cuts) :])
 
     def _move(self, bounds: Index) -> Index:
         """Move every bound to the best sample near it."""
@@ -188,7 +192,7 @@ class Refinement:
         cuts = np.arange(b, c + 1)
         costs = self._costs(a, cuts, d)
         cut = int(cuts[costs.argmin()])
-        windows = self._between(np.array([a, b, c]), np.array([b, c, d]))
+        windows = np.diff(self._before(np.array([a, b, c, d])), axis=1)
         gain = costs.min() - lines.best_line(windows)[1].sum()
         left, middle, right = windows[:, :1], windows[:, 1:2], windows[:, 2:]
         worth = np.zeros(1)

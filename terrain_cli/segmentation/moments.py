@@ -51,14 +51,17 @@ class Moments:
 
     def between(self, first: Index, last: Index) -> Array:
         """Return the moments of the windows [first, last), shape (10, k)."""
-        return self._before(last) - self._before(first)
+        return self.before(last) - self.before(first)
 
     def between_blocks(self, first: Index, last: Index) -> Array:
         """Return the moments of the windows from block `first` up to block `last`."""
-        return np.asarray(self._total[:, last] - self._total[:, first])
+        # Row by row in memory; picking columns with brackets takes three times as long.
+        between = self._total.take(last, axis=1)
+        between -= self._total.take(first, axis=1)
+        return between
 
-    def _before(self, sample: Index) -> Array:
-        """Return the sums over all samples before one: whole blocks, then what is left in its block."""
+    def before(self, sample: Index) -> Array:
+        """Return the sums over all samples before each of these: of whole blocks, then of what is left."""
         block = sample // self.step
         total = self._total[:, block]
         rest = sample - block * self.step

@@ -177,16 +177,21 @@ def correlation_factor(residuals: Array, starts: Index, fitted: int) -> float:
     r = np.clip(residuals, -limit, limit)
     inside = np.ones(n - 1, dtype=bool)
     inside[starts - 1] = False
-    power = float(r @ r)
+    power = _dot(r, r)
     if power == 0.0:
         return 1.0
     # A fit takes about one correlation of 1/n away for each of its parameters.
     memory = float((r[1:] * r[:-1])[inside].sum()) / power + fitted / n
     memory = min(max(memory, 0.0), 0.97)
     white = (r[1:] - memory * r[:-1])[inside]
-    long_run = float(white @ white)
+    long_run = _dot(white, white)
     lags = min(int(1.5 * len(white) ** (1.0 / 3.0)), LARGEST_LAG)
     for lag in range(1, lags + 1):
-        long_run += 2.0 * (1.0 - lag / (lags + 1.0)) * float(white[lag:] @ white[:-lag])
+        long_run += 2.0 * (1.0 - lag / (lags + 1.0)) * _dot(white[lag:], white[:-lag])
     freedom = max(n - fitted, n / 3.0)
     return max(1.0, long_run / freedom / (1.0 - memory) ** 2)
+
+
+def _dot(a: Array, b: Array) -> float:
+    """Sum of products. BLAS would take threads for it, that wait for busy cores: 10 times slower there."""
+    return float(np.einsum("i,i", a, b))

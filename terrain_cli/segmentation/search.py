@@ -63,6 +63,15 @@ class _Chunk:
     first: int
     cost: Array
 
+    def without(self, moments: Moments, limits: Limits) -> _Chunk:
+        """Return the same without the windows that other limits do not allow."""
+        blocks = len(self.cost) - 1
+        a, b = _windows(blocks)
+        cost = np.full_like(self.cost, np.inf)
+        kept = _allowed(moments, limits, self.first, self.first + blocks)
+        cost[b[kept], a[kept]] = self.cost[b[kept], a[kept]]
+        return _Chunk(self.first, cost)
+
     def optimum(self, penalty: float) -> Index:
         """Cut the chunk at the least sum of costs and penalties (optimal partitioning)."""
         blocks = len(self.cost) - 1
@@ -101,21 +110,33 @@ def candidates(moments: Moments, limits: Limits, penalty: float) -> tuple[Index,
     pieces = list(pairwise(firsts.tolist()))
     surveyed = pieces[:: -(-len(pieces) // _SURVEYED)]
     patient = replace(limits, samples=max(limits.samples, _SURVEY_SAMPLES))
-    factor = _survey(moments, [_chunk(moments, patient, *piece) for piece in surveyed], penalty)
-    found = [_chunk(moments, limits, *piece).optimum(penalty * factor) for piece in pieces]
+    known = {piece: _chunk(moments, limits, *piece) for piece in surveyed}
+    factor = _survey(moments, [chunk.without(moments, patient) for chunk in known.values()], penalty)
+    found = []
+    for piece in pieces:
+        chunk = known[piece] if piece in known else _chunk(moments, limits, *piece)
+        found.append(chunk.optimum(penalty * factor))
     return moments.edges[np.unique(np.concatenate(found))], factor
 
 
 def _chunk(moments: Moments, limits: Limits, first: int, last: int) -> _Chunk:
     a, b = _windows(last - first)
+    allowed = _allowed(moments, limits, first, last)
+    if not allowed.all():
+        a, b = a[allowed], b[allowed]
+    cost = np.full((last - first + 1, last - first + 1), np.inf)
+    cost[b, a] = lines.best_line(moments.between_blocks(a + first, b + first))[1]
+    return _Chunk(first, cost)
+
+
+def _allowed(moments: Moments, limits: Limits, first: int, last: int) -> NDArray[np.bool_]:
+    """Return which windows of a chunk are long enough."""
+    a, b = _windows(last - first)
     allowed = limits.met(moments.edges[a + first], moments.edges[b + first])
     # Windows go on beyond a seam, and a stretch too short for any window is one.
     allowed |= (a == 0) & ((first > 0) | (b == last - first))
     allowed |= (b == last - first) & (last < len(moments.edges) - 1)
-    a, b = a[allowed], b[allowed]
-    cost = np.full((last - first + 1, last - first + 1), np.inf)
-    cost[b, a] = lines.best_line(moments.between_blocks(a + first, b + first))[1]
-    return _Chunk(first, cost)
+    return allowed
 
 
 @lru_cache(maxsize=4)
