@@ -38,7 +38,7 @@ SOIL = base_contact(DRY_SAND)
 RIPPLE = {f"{name}_{part}": 0.04 for name in ("torque", "pull", "sinkage") for part in ("sine", "cosine")}
 #: A typical size of each effect.
 TYPICAL = {
-    "slip-sinkage": {"n1": 0.4},
+    "slip-sinkage": {"n1": 0.4, "S": 0.2},
     "multi-pass": {"stiffness_gain": 0.6, "cohesion_gain": 0.3, "shear_modulus_gain": -0.2},
     "shear-modulus": {"k1": 1.0},
     "hardpan": {"modulus": 5e5, "top": 0.008},

@@ -195,14 +195,16 @@ class Residuals:
         list of Finding
         """
         search = self.search()
+        # What a change of the soil takes off is no misfit of the model.
+        search.refit([])
         taken = set() if self.found is None else {*self.found, *((name, "") for name in self.scale)}
+        misfit = sum(self._beyond_noise(search, name, noise[name]) for name in self.scale)
         found = search.forward(noise, self.counts, taken=taken, seed=seed)
-        misfit = sum(self._beyond_noise(name, noise[name]) for name in self.scale)
         return [self._finding(one, misfit) for one in found]
 
-    def _beyond_noise(self, name: str, noise: float) -> float:
+    def _beyond_noise(self, search: Search, name: str, noise: float) -> float:
         """Weighted sum of squares of a channel's residuals, less what its noise makes of it."""
-        power = sum(float(np.nansum(e.residuals[name] ** 2)) for e in self.evidence if name in e.residuals)
+        power = sum(float(np.nansum(e.residuals[name] ** 2)) for e in search.wheels if name in e.residuals)
         return float(max(power - self.counts[name] * np.nan_to_num(noise) ** 2, 0.0) / self.scale[name] ** 2)
 
     def _finding(self, one: Found, misfit: float) -> Finding:

@@ -53,7 +53,7 @@ _STEP = 6.0
 #: Share of the measurements for which a fit has no prediction that is too large.
 _MISSING = 0.02
 #: Differences of load or sinkage, as a multiple of their size, that are large.
-_SCATTER = 3.0
+_SCATTER = 1.5
 #: Prior standard deviations within which a search begins.
 _FAR = 3.0
 #: Blocks that a misfit is taken to have at the most, and samples of one at least.

@@ -53,7 +53,8 @@ _RIVALS = 8
 _WORTH = 0.3
 #: Part of what new soils take off the loss of one soil that an effect has to take off to stand for them.
 _MOSTLY = 0.8
-#: Blocks are not joined to fewer than these, and not for less of a correlation between neighbours.
+#: Blocks are not joined to fewer than these, nor for less of a correlation between neighbours; and fewer do
+#: not earn a single name.
 _FEWEST, _UNRELATED = 8, 0.2
 #: Part of what an effect explains that may be left to follow the drive.
 _SMALL = 0.05
@@ -242,6 +243,7 @@ class _State:
     ) -> Diagnosis:
         """Go from scores to a verdict."""
         p_value = min([1.0, *self.found.p_values.values(), *(one.p_value for one in self.failures)])
+        p_value = min(p_value, self._of_assumptions(hypotheses))
         if self.data.blocks < screening.FEWEST_BLOCKS or p_value >= LEVEL:
             silent = Alarm(
                 False, 1.0 if self.data.blocks < screening.FEWEST_BLOCKS else p_value, LEVEL, 0.0, 0.0
@@ -273,7 +275,8 @@ class _State:
             family = tuple(one.id for one, _ in members)
             # A name that leaves something unexplained is not the whole story, and perhaps none of it.
             chance, left = leftover.follows(self.data, near[0][1], self.seed)
-            earned = judged.earned and (chance >= LEVEL or left < _SMALL * taken)
+            clear = chance >= LEVEL or left < _SMALL * taken
+            earned = judged.earned and clear and self.data.blocks >= _FEWEST
         unknown = unknowns.verdict(self.base, best, draft, family)
         verdict: Verdict = "unknown" if unknown else ("effect" if earned else "family")
         if unknown:
@@ -320,6 +323,12 @@ class _State:
             replace(one, refit=refits.refit(self.data, one.hypothesis, one.extra, one.refit.solutions))
             for one in drafted[:2]
         ]
+
+    def _of_assumptions(self, hypotheses: Sequence[Hypothesis]) -> float:
+        """How often chance gives the gain of lifting what the base assumes: it has no signature to score."""
+        assumed = [one for one in hypotheses if one.effect is None]
+        gains = [self.base.loss - refits.refit(self.data, one).loss for one in assumed]
+        return min((len(gains) * _of_gain(gain) for gain in gains), default=1.0)
 
     def _credible_first(self, ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypothesis, Refit]]:
         """Put an effect that ran to its bounds behind those that explain nearly as much within theirs."""

@@ -123,7 +123,7 @@ def test_the_linear_base_predicts_no_sinkage():
 
 
 def test_test_points_without_repeats_do_not_tell_their_noise():
-    samples = some_of(samples_of(1, Kind()), np.arange(0, 2400, 60), time=None)
+    samples = some_of(samples_of(1, Kind()), np.arange(0, 2400, 150), time=None)
     compared = compare([all_of(samples)], Model())
     assert np.isnan(compared.channels["torque"].noise)
     assert len(compared.warnings) == 3

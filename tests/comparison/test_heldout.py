@@ -42,7 +42,7 @@ def test_leaving_out_is_solving_the_rest():
             pull[at] += score[cell]
         return np.linalg.solve(whole, pull)
 
-    moved = heldout._leave_out(information, score, window, fold, prior, local)
+    moved = heldout.leave_out(information, score, window, fold, prior, local)
     every = solved(np.ones(12, dtype=bool))
     for cell in range(12):
         expected = (solved(fold != fold[cell]) - every)[places(window[cell])]
