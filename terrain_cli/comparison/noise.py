@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 LONGEST_LAG = 60
 #: Fewest pairs of samples behind one lag.
 _FEWEST = 30
+#: Part of what second differences say that the noise is at least.
+_PART = 0.9
 #: Correlations at lag 1 that are tried.
 _MEMORIES = np.array([0.0, 0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94])
 #: Share of the noise that counts as forgotten.
@@ -85,7 +87,15 @@ def of_series(residual: Array, group: Index) -> NoiseLevel:
     forgotten = 0
     if memory > 0.0 and share > _FORGOTTEN:
         forgotten = int(np.ceil(np.log(_FORGOTTEN / share) / np.log(memory)))
-    return NoiseLevel(float(np.sqrt(variance)), forgotten)
+    # A misfit that outweighs the noise can take all of the variogram, but not what jumps between samples.
+    return NoiseLevel(max(float(np.sqrt(variance)), _jumps(residual, group)), forgotten)
+
+
+def _jumps(residual: Array, group: Index) -> float:
+    """Return a lower bound of the noise from second differences: right if it is white, less if it lasts."""
+    second = residual[:-2] - 2.0 * residual[1:-1] + residual[2:]
+    second = np.abs(second[(group[2:] == group[:-2]) & np.isfinite(second)])
+    return _PART * float(np.median(second)) / (0.6745 * np.sqrt(6.0)) if len(second) >= _FEWEST else 0.0
 
 
 def _variogram(residual: Array, group: Index) -> tuple[Array, Array, Array]:
