@@ -204,6 +204,40 @@ def cut(
     return Windows(samples, rows, bounds, x, y)
 
 
+def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, NDArray[np.intp]] | None:
+    """Join the windows of each terrain to one; all of them where there are no terrain labels.
+
+    Parameters
+    ----------
+    windows : Windows
+    step : int
+        Every so many samples are taken.
+
+    Returns
+    -------
+    windows : Windows
+        Its samples ordered by terrain.
+    order : ndarray of int
+        Which usable sample each of them was.
+
+    None where every window is on a terrain of its own already.
+    """
+    labels, rows = windows.samples.labels.get("terrain"), windows.rows
+    terrain = np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
+    order = np.argsort(terrain, kind="stable")[::step]
+    names, counts = np.unique(terrain[order], return_counts=True)
+    if len(names) >= len(windows):
+        return None
+    joined = replace(
+        windows,
+        rows=rows[order],
+        bounds=np.concatenate([[0], np.cumsum(counts)]).astype(np.intp),
+        x=windows.x[order],
+        y=windows.y[order],
+    )
+    return joined, order
+
+
 def thinned(windows: Windows, share: float) -> Windows:
     """Keep a share of the samples of every window, in unbroken pieces spread evenly over it.
 

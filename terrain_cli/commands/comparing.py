@@ -144,23 +144,9 @@ def compared(
     """
     from dataclasses import replace
 
-    from formats.salvage import told
-    from terrain_cli import fitting
-    from terrain_cli.comparison import compare
-    from terrain_cli.telemetry.excerpt import excerpted
+    from terrain_cli.improvement.step import fitted
+    from terrain_cli.telemetry.excerpt import notes
 
-    fixed, priors, noise = fitting.assumed(cut, file)
-    found = compare(
-        cut,
-        file.model,
-        fixed=fixed,
-        priors=priors,
-        shared=[name for name in file.shared if name not in fixed],
-        noise=noise,
-        seed=seed,
-        like=like,
-        progress=partial(progress.say, str(file.path or file.model.base)),
-    )
-    every = [windows.samples for windows in cut]
-    saved = [f"{samples.source}: {text}" for samples in every for text in told(samples.remarks)]
-    return replace(found, warnings=[*dict.fromkeys(saved), *excerpted(every), *found.warnings])
+    say = partial(progress.say, str(file.path or file.model.base))
+    found = fitted(cut, file, like=like, seed=seed, progress=say)
+    return replace(found, warnings=[*notes([windows.samples for windows in cut]), *found.warnings])

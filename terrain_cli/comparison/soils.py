@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.comparison import blocks, heldout, quiet
 from terrain_cli.comparison.wheel import Wheel
+from terrain_cli.windows import by_terrain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
-
-    from terrain_cli.windows import Windows
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -24,39 +22,6 @@ if TYPE_CHECKING:
 _SURE = 1.0
 #: Parts of a log that are left out in turn, and samples of one at least.
 _PARTS, _SHORTEST = 24, 10
-
-
-def joined(windows: Windows) -> tuple[Windows, Index] | None:
-    """Join the windows of each terrain to one.
-
-    Parameters
-    ----------
-    windows : Windows
-
-    Returns
-    -------
-    windows : Windows
-        Its samples ordered by terrain.
-    order : ndarray of int
-        Which usable sample each of them was.
-
-    None where every window is on a terrain of its own already.
-    """
-    samples, rows = windows.samples, windows.rows
-    labels = samples.labels.get("terrain")
-    terrain = np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
-    order = np.argsort(terrain, kind="stable")
-    names, counts = np.unique(terrain[order], return_counts=True)
-    if len(names) >= len(windows):
-        return None
-    fewer = replace(
-        windows,
-        rows=rows[order],
-        bounds=np.concatenate([[0], np.cumsum(counts)]).astype(np.intp),
-        x=windows.x[order],
-        y=windows.y[order],
-    )
-    return fewer, order
 
 
 def as_few_as_predict(
@@ -81,7 +46,7 @@ def as_few_as_predict(
     """
     result, told = [], []
     for wheel in wheels:
-        one = joined(wheel.windows)
+        one = by_terrain(wheel.windows)
         # Samples in another order would be in other blocks than those of the model compared with.
         if one is None or np.any(np.diff(one[1]) != 1):
             result.append(wheel)

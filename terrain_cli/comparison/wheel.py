@@ -13,6 +13,7 @@ from terrain_cli.comparison.drivers import at_rows
 from terrain_cli.comparison.neighbours import from_neighbours
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
+from terrain_cli.windows import by_terrain
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -396,20 +397,10 @@ class Wheel:
 
         None where each segment is on a terrain of its own.
         """
-        samples, rows = self.windows.samples, self.windows.rows
-        labels = samples.labels.get("terrain")
-        terrain = np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
-        order = np.argsort(terrain, kind="stable")[:: max(1, -(-len(rows) // _MOST_COMMON))]
-        names, counts = np.unique(terrain[order], return_counts=True)
-        if len(names) >= len(self.windows):
+        found = by_terrain(self.windows, max(1, -(-len(self) // _MOST_COMMON)))
+        if found is None:
             return None
-        joined = replace(
-            self.windows,
-            rows=rows[order],
-            bounds=np.concatenate([[0], np.cumsum(counts)]),
-            x=self.windows.x[order],
-            y=self.windows.y[order],
-        )
+        joined, order = found
         return Wheel(joined, self.model, self.settings, self.window[order]), order
 
     def of_samples(self, rows: Index | slice = slice(None)) -> dict[str, Array]:

@@ -25,6 +25,8 @@ from terrain_cli.diagnosis import (
 )
 from terrain_cli.diagnosis.parts import Alarm, Candidate, Diagnosis, Hypothesis, Size
 from terrain_cli.models.parts import SOIL_UNITS
+from terrain_cli.telemetry.excerpt import notes
+from terrain_cli.windows import by_terrain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -99,24 +101,24 @@ def diagnose(
     every = list(catalogues.catalogue().values() if effects is None else effects)
     there = {effect.id for effect in file.model.effects}
     every = [effect for effect in every if effect.id not in there]
+    read = notes([windows.samples for windows in wheels])
     joined = joining.by_wheel(wheels, every)
     held, priors, noise = fitting.assumed(joined, file)
     settings = Settings(held, priors, [name for name in file.shared if name not in held], noise)
     further = tuple(dict.fromkeys(name for effect in every for name in effect.reads))
     fitted, warnings = fit_wheels(joined, file.model, settings, further=further, progress=progress)
     few, joined_soils = soils.as_few_as_predict(fitted, progress)
-    comparison = of_fitted(few, seed=seed, warnings=[*warnings, *joined_soils], progress=progress)
+    comparison = of_fitted(few, seed=seed, warnings=[*read, *warnings, *joined_soils], progress=progress)
     block = [one.blocks for one in comparison.wheels]
-    fitted = few
-    hypotheses, not_testable = screening.hypotheses(file, fitted, every)
-    cut = refits.ground(fitted, block, MOST_SAMPLES)
+    hypotheses, not_testable = screening.hypotheses(file, few, every)
+    cut = refits.ground(few, block, MOST_SAMPLES)
     progress("one soil or several")
     chosen, own = _on_fewer_soils(cut, block, hypotheses, progress)
     progress("scoring every effect")
     found, chosen, own = _screened(chosen, own, comparison, hypotheses, seed)
     not_testable = [*not_testable, *found.not_testable]
     failures = list(comparison.failures)
-    if chosen.wheels[0] is not fitted[0]:
+    if any(one is not other for one, other in zip(chosen.wheels, few, strict=True)):
         failures = _findings(chosen.wheels, own, comparison, seed)
     state = _State(chosen, found, failures, seed, progress)
     return state.diagnosis(comparison, hypotheses, not_testable)
@@ -178,7 +180,7 @@ def _on_fewer_soils(
     """
     wheels, blocks = [], []
     for wheel, own in zip(cut.wheels, block, strict=True):
-        one = soils.joined(wheel.windows)
+        one = by_terrain(wheel.windows)
         if one is None:
             wheels.append(wheel)
             blocks.append(own)
@@ -268,9 +270,7 @@ class _State:
         members: list[tuple[Hypothesis, Refit]] = []
         if taken > 0.0 and near:
             self.progress("telling the best ones apart")
-            judged = rivals.judge(
-                self.data, self.base, [one for _, one in near], [h for h, _ in near], self.seed
-            )
+            judged = rivals.judge(self.data, [one for _, one in near], [one for one, _ in near], self.seed)
             members = [near[place] for place in judged.family]
             family = tuple(one.id for one, _ in members)
             # A name that leaves something unexplained is not the whole story, and perhaps none of it.

@@ -65,6 +65,8 @@ def _joined(parts: Sequence[Windows]) -> Windows:
         time=_times(samples),
         channels=_columns(samples, lambda one: one.channels),
         labels=_labels(samples),
+        drive=None,
+        total=None,
         stretch=np.concatenate([one.stretch + at for one, at in zip(samples, stretches, strict=False)]),
         distance=None
         if any(one.distance is None for one in samples)

@@ -40,8 +40,6 @@ _TIED = 0.05
 _RULED_OUT = 0.02
 #: Share of the draws in which another one is found first that makes it one of the family.
 _STOLEN = 0.05
-#: Cosine between signatures, after a refit of the soil, above which they are one.
-_ALIKE = 0.9
 #: Share of the draws that has to name an effect right.
 EARNED = 0.9
 
@@ -58,26 +56,19 @@ class Rivals:
         Whether the best may be named alone.
     share : ndarray, shape (k,)
         How often each is found first where it is the truth.
-    cosine : ndarray, shape (k, k)
-        Between the signatures, as far as no change of the soil imitates them.
     """
 
     family: tuple[int, ...]
     earned: bool
     share: Array
-    cosine: Array
 
 
-def judge(
-    data: Ground, base: Refit, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis], seed: int
-) -> Rivals:
+def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis], seed: int) -> Rivals:
     """Tell which of several explanations remain.
 
     Parameters
     ----------
     data : Ground
-    base : Refit
-        Without any of them.
     refits : sequence of Refit
         The best first.
     hypotheses : sequence of Hypothesis
@@ -90,8 +81,8 @@ def judge(
     """
     count = len(refits)
     cells = [_Design(data, one, hypothesis) for one, hypothesis in zip(refits, hypotheses, strict=True)]
-    cosine = _cosines(cells, base, data)
-    rng = np.random.default_rng(seed)
+    # The same draws for every truth and candidate: only what they predict differs.
+    weights = webb_weights(DRAWS, data.blocks, np.random.default_rng(seed))
     noise = refits[0].residuals
     firsts = np.zeros((count, len(FORMS)))
     mistaken = np.zeros((count, len(FORMS)))
@@ -104,7 +95,7 @@ def judge(
                     cell.losses(
                         [_shown(cells[truth], part, form) for part in range(len(noise))],
                         noise,
-                        rng_of(rng),
+                        weights,
                     )
                     for cell in cells
                 ],
@@ -116,21 +107,14 @@ def judge(
                 stolen += np.bincount(first, minlength=count) / (len(first) * len(FORMS))
             mistaken[truth, column] = np.mean(losses[:, truth] - losses[:, 0] >= now[truth] - now[0])
     tied = np.array([_tied(one.loss - refits[0].loss, seed) for one in refits])
-    alike = np.abs(cosine[0]) > _ALIKE
     possible = mistaken.max(axis=1) > _RULED_OUT
-    within = tied | (alike & possible) | possible
     # Whoever would be found in place of the best, were that the truth, is no worse an answer.
-    within |= stolen > _STOLEN
+    within = tied | possible | (stolen > _STOLEN)
     within[0] = True
     family = tuple(int(place) for place in np.flatnonzero(within))
     share = firsts.mean(axis=1)
     earned = len(family) == 1 and bool(share[0] >= EARNED)
-    return Rivals(family, earned, share, cosine)
-
-
-def rng_of(rng: np.random.Generator) -> np.random.Generator:
-    """Return a generator that draws the same for every candidate of one truth."""
-    return np.random.default_rng(int(rng.bit_generator.state["state"]["state"] % (2**32)))
+    return Rivals(family, earned, share)
 
 
 def _tied(difference: Array, seed: int) -> bool:
@@ -157,10 +141,9 @@ class _Design:
                 _Part(predicted, predicted - absent, design, data.block[index], self.blocks, solution.spread)
             )
 
-    def losses(self, shown: Sequence[Array], noise: Sequence[Array], rng: np.random.Generator) -> Array:
+    def losses(self, shown: Sequence[Array], noise: Sequence[Array], weights: Array) -> Array:
         """Return held-out losses where something else was shown, over draws of the noise."""
-        weights = webb_weights(DRAWS, self.blocks, rng)
-        total = np.zeros(DRAWS)
+        total = np.zeros(len(weights))
         for part, one, residual in zip(self.parts, shown, noise, strict=True):
             total += part.losses(one, residual, weights)
         return total
@@ -246,19 +229,3 @@ def _shown(truth: _Design, part: int, form: float) -> Array:
     bent = one.effect * bend[:, None]
     norm = np.sqrt((one.effect**2).sum() / max(float((bent**2).sum()), 1e-300))
     return np.asarray(one.predicted + bent * norm - one.effect)
-
-
-def _cosines(cells: Sequence[_Design], base: Refit, data: Ground) -> Array:
-    """Return cosines between the effects as fitted, as far as the base cannot imitate them."""
-    count = len(cells)
-    product = np.zeros((count, count))
-    for index, solution in enumerate(base.solutions):
-        part = data.data[index]
-        design = _by_window(solution.design, part.window, part.windows, solution.t.shape[1])
-        flat = design.reshape(-1, design.shape[2])
-        signatures = np.stack([cell.parts[index].effect.ravel() for cell in cells], axis=1)
-        gain, *_ = np.linalg.lstsq(flat, signatures, rcond=1e-10)
-        left = signatures - flat @ gain
-        product += left.T @ left
-    size = np.sqrt(np.maximum(np.diag(product), 1e-300))
-    return np.asarray(product / np.outer(size, size))

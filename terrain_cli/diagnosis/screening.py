@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli import effects as catalogues
-from terrain_cli.comparison import whitening
 from terrain_cli.diagnosis import scores as scoring
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.parts import Hypothesis, NotTestable, Size
@@ -192,45 +191,24 @@ class _Columns:
         self, wheel: Wheel, block: Index, blocks: int, hypotheses: Sequence[Hypothesis], step: int
     ) -> None:
         rows = np.arange(0, len(wheel), step)
-        channels, _ = wheel.smoothed(wheel.memory, rows)
-        white = whitening.of_residuals(
-            wheel, wheel.residuals, {name: level.deviation for name, level in wheel.noise.items()}
-        )
-        known = np.ones(len(rows), dtype=bool)
-        for name in ("load", "slip", "sinkage"):
-            if name in channels:
-                known &= np.isfinite(channels[name])
-        residuals = {name: wheel.residuals[name][rows] for name in white.channels}
-        flat, there = whitening.known_of(white, residuals, known)
-        soil = signatures.of_soil(wheel, channels, rows)
+        known = signatures.evidence(wheel, rows)
+        names = known.white.channels
         effects = [one.effect for one in hypotheses if one.effect is not None]
         self.groups: list[_Group] = []
-        tables: dict[str, list[Array]] = {name: [] for name in white.channels}
+        tables = [np.zeros((len(rows), len(names), 0))]
         start = 0
-        for signature in signatures.of_effects(wheel, effects, channels, rows):
+        for signature in signatures.of_effects(wheel, effects, known.channels, rows):
             count = len(signature.names)
             self.groups.append(_Group(signature.effect.id, signature.names, np.arange(start, start + count)))
             start += count
-            for name in white.channels:
-                tables[name].append(signature.tables.get(name, np.zeros((len(rows), count))))
-        stacked = {
-            name: np.concatenate(parts, axis=1) if parts else np.zeros((len(rows), 0))
-            for name, parts in tables.items()
-        }
-        columns = white({n: np.nan_to_num(t) for n, t in stacked.items()}, there)
-        base = white(
-            {
-                n: soil.get(n, np.zeros((len(rows), len(wheel.soil) + len(wheel.common))))
-                for n in white.channels
-            },
-            there,
+            tables.append(known.whitened(signature.tables, count))
+        columns = np.concatenate(tables, axis=2)
+        self.flat, self.block = known.residual, block[rows]
+        self.scores, self.left = scoring.scores(
+            self.flat, known.soil, columns, wheel.window[rows], self.block, blocks
         )
-        self.flat, self.block = flat, block[rows]
-        self.scores, self.left = scoring.scores(flat, base, columns, wheel.window[rows], block[rows], blocks)
         power = np.sqrt(np.maximum(np.diag(self.scores.cross), 0.0)) * np.sqrt(step)
-        self.alive = (self.scores.surviving > _SURVIVING) & (3.0 * power > _SHOWS)
-        self.testable: NDArray[np.bool_] = self.alive
-        self.squares = np.diag(self.scores.cross) > 0.0
+        self.testable = (self.scores.surviving > _SURVIVING) & (3.0 * power > _SHOWS)
         self.raw = np.abs(columns).max(axis=(0, 1)) > 1e-9 if columns.size else np.zeros(0, dtype=bool)
 
     def beyond(self, effect: str) -> Array:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from terrain_cli.comparison import whitening
 from terrain_cli.comparison.prediction import derivatives
+from terrain_cli.comparison.wheel import NOISY
 from terrain_cli.errors import TerrainError
 from terrain_cli.mechanics.model import Model
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.wheel import Wheel
+    from terrain_cli.comparison.whitening import Whitening
     from terrain_cli.effects import Effect
 
     Array = NDArray[np.float64]
@@ -65,6 +68,72 @@ def of_soil(wheel: Wheel, channels: Mapping[str, Array], rows: Index) -> dict[st
     return derivatives(
         wheel.model, wheel.geometry, channels, lambda some: wheel.of_samples(rows[some]), names
     )
+
+
+class Evidence(NamedTuple):
+    """Residuals of some samples of a wheel, in units of their noise.
+
+    Parameters
+    ----------
+    channels : dict of str to ndarray, shape (n,)
+        Without their own noise.
+    white : Whitening
+    residual : ndarray, shape (n, c)
+        0 where not known.
+    known : ndarray of bool, shape (n, c)
+    soil : ndarray, shape (n, c, q)
+        Derivatives by the parameters that were fitted.
+    """
+
+    channels: dict[str, Array]
+    white: Whitening
+    residual: Array
+    known: NDArray[np.bool_]
+    soil: Array
+
+    def whitened(self, tables: Mapping[str, Array], width: int) -> Array:
+        """Whiten derivatives, which are 0 in channels that they do not reach.
+
+        Parameters
+        ----------
+        tables : mapping of str to ndarray, shape (n, width)
+            By channel.
+        width : int
+
+        Returns
+        -------
+        ndarray, shape (n, c, width)
+        """
+        nothing = np.zeros((len(self.residual), width))
+        return self.white({n: np.nan_to_num(tables.get(n, nothing)) for n in self.white.channels}, self.known)
+
+
+def evidence(wheel: Wheel, rows: Index) -> Evidence:
+    """Collect what the residuals of some samples of a wheel have to say.
+
+    Parameters
+    ----------
+    wheel : Wheel
+        Fitted.
+    rows : ndarray of int, shape (n,)
+        Usable samples.
+
+    Returns
+    -------
+    Evidence
+    """
+    channels, _ = wheel.smoothed(wheel.memory, rows)
+    levels = {name: level.deviation for name, level in wheel.noise.items()}
+    white = whitening.of_residuals(wheel, wheel.residuals, levels)
+    use = np.ones(len(rows), dtype=bool)
+    for name in NOISY:
+        if name in channels:
+            use &= np.isfinite(channels[name])
+    errors = {name: wheel.residuals[name][rows] for name in white.channels}
+    residual, known = whitening.known_of(white, errors, use)
+    found = Evidence(channels, white, residual, known, np.zeros(0))
+    names = (*wheel.soil, *wheel.common)
+    return found._replace(soil=found.whitened(of_soil(wheel, channels, rows), len(names)))
 
 
 def of_effects(

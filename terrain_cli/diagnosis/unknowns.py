@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import whitening
 from terrain_cli.diagnosis import drafts, refits, signatures
 from terrain_cli.diagnosis import scores as scoring
 from terrain_cli.diagnosis.parts import Hypothesis, Unknown
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.wheel import Wheel
     from terrain_cli.diagnosis.drafts import Draft
     from terrain_cli.diagnosis.refits import Ground, Refit
 
@@ -30,11 +28,12 @@ _FITTED = 6
 _MOST = 4_000
 #: Gain in the sum of squares that a further parameter has to bring to be worth it.
 _PRICE = 6.0
-#: A draft stands beside the best effect only where this part of the misfit is left by the effect, and the
-#: draft takes so much of what is left.
-_LEFT, _TAKES = 0.1, 0.5
+#: Part of the misfit that the best effect has to leave, and a draft to take, for the draft to stand.
+_LEFT = 0.1
 #: Standard errors by which a draft has to be better than the best effect.
 _SURE = 2.0
+#: Drivers whose noise is in the residual too.
+_QUIET = ("slip", "load", "sinkage", "velocity", "angular_velocity")
 #: A plainer draft, or one of a channel, is taken that explains as much within this share.
 _PLAINER = 0.03
 
@@ -70,41 +69,32 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
     Returns
     -------
     list of Tried
-        The best first; empty where several wheels differ in what they measure.
+        The best first; empty where none predicts better.
     """
     progress("drafting laws")
     ranked: dict[tuple[str, str, str], float] = {}
-    columns: dict[tuple[str, str], Array] = {}
+    columns: dict[str, Array] = {}
     for wheel in data.wheels:
         rows = np.arange(0, len(wheel), max(1, len(wheel) * len(data.wheels) // _MOST))
-        channels, _smooth = wheel.smoothed(wheel.memory, rows)
-        values = {name: _quiet(name, column, channels) for name, column in _rows(wheel, rows).items()}
-        white = whitening.of_residuals(
-            wheel, wheel.residuals, {name: level.deviation for name, level in wheel.noise.items()}
-        )
-        block = np.zeros(len(wheel), dtype=np.intp)
-        known = np.ones(len(rows), dtype=bool)
-        for name in ("load", "slip", "sinkage"):
-            if name in channels:
-                known &= np.isfinite(channels[name])
-        flat, there = whitening.known_of(white, {n: wheel.residuals[n][rows] for n in white.channels}, known)
-        soil = signatures.of_soil(wheel, channels, rows)
-        zeros = np.zeros((len(rows), len(wheel.soil) + len(wheel.common)))
-        inner = white({n: soil.get(n, zeros) for n in white.channels}, there)
-        for changes, driver, form, tables in drafts.screen(wheel, values, channels, rows):
+        known = signatures.evidence(wheel, rows)
+        values = {
+            name: known.channels[name] if name in _QUIET and name in known.channels else column[rows]
+            for name, column in drafts.drivers(wheel).items()
+        }
+        # What a law takes off is the same however the samples are cut into blocks.
+        one_block = np.zeros(len(rows), dtype=np.intp)
+        for changes, driver, form, tables in drafts.screen(wheel, values, known.channels, rows):
             width = next(iter(tables.values())).shape[1]
-            table = white(
-                {n: np.nan_to_num(tables.get(n, np.zeros((len(rows), width)))) for n in white.channels}, there
-            )
-            found, _ = scoring.scores(flat, inner, table, wheel.window[rows], block[rows], data.blocks)
+            table = known.whitened(tables, width)
+            found, _ = scoring.scores(known.residual, known.soil, table, wheel.window[rows], one_block, 1)
             _, _, gain = found.fit(np.arange(width))
             key = (changes, driver, form)
             ranked[key] = ranked.get(key, 0.0) + gain - _PRICE * width
         for driver, column in values.items():
-            columns.setdefault((driver, ""), column)
+            columns.setdefault(driver, column)
     tried: list[Tried] = []
     for changes, driver, form in _varied(ranked):
-        draft = drafts.write(changes, driver, form, columns.get((driver, "")), _unit(data, driver))
+        draft = drafts.write(changes, driver, form, columns.get(driver), _unit(data, driver))
         if draft is None or signatures.possible(data.wheels[0].model, draft.effect):
             continue
         progress(f"fitting the draft {draft.effect.id}")
@@ -119,19 +109,6 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
         tried.append(Tried(draft, refits.refit(data, one, extra), one, extra))
     tried.sort(key=lambda one: float(one.refit.loss.sum()))
     return _plainest(tried, base)
-
-
-def _rows(wheel: Wheel, rows: NDArray[np.intp]) -> dict[str, Array]:
-    return {name: column[rows] for name, column in drafts.drivers(wheel).items()}
-
-
-def _quiet(name: str, column: Array, channels: dict[str, Array]) -> Array:
-    """Take a driver without its own noise where it is one of the noisy channels."""
-    return (
-        channels[name]
-        if name in ("slip", "load", "sinkage", "velocity", "angular_velocity") and name in channels
-        else column
-    )
 
 
 def _unit(data: Ground, driver: str) -> str:

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import chdtrc
 
-from formats.salvage import told
 from terrain_cli import fitting, models
 from terrain_cli.comparison import against, compare
 from terrain_cli.diagnosis import joining
 from terrain_cli.improvement.evidence import weigh
 from terrain_cli.improvement.parts import ENOUGH_BLOCKS, Estimated, Lost, Shift, Step
-from terrain_cli.telemetry.excerpt import excerpted
+from terrain_cli.telemetry.excerpt import notes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -128,7 +127,7 @@ def tried(
         own = fitted(wheels, after, seed=seed, progress=lambda step: progress(f"after, anew: {step}"))
         if _blocks(own) > _blocks(first):
             first, second = fitted(wheels, before, like=own, seed=seed, progress=progress), own
-    second = replace(second, warnings=[*_notes(parts), *second.warnings])
+    second = replace(second, warnings=[*notes([windows.samples for windows in parts]), *second.warnings])
     differences = against(first, second, seed=seed)
     places = _places(parts, first)
     return Step(
@@ -146,13 +145,6 @@ def tried(
         sources=tuple(dict.fromkeys(windows.samples.source for windows in parts)),
         absent=_absent(second, after, changed) if action == "add" else _absent(first, before, changed),
     )
-
-
-def _notes(parts: Sequence[Windows]) -> list[str]:
-    """Say what was not read of the inputs."""
-    samples = [windows.samples for windows in parts]
-    saved = [f"{one.source}: {remark}" for one in samples for remark in told(one.remarks)]
-    return [*dict.fromkeys(saved), *excerpted(samples)]
 
 
 def _places(parts: Sequence[Windows], comparison: Comparison) -> list[Place]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from formats import Labels
+from formats.salvage import told
 from terrain_cli.telemetry.columns import join
 
 if TYPE_CHECKING:
@@ -149,3 +150,18 @@ def excerpted(samples: Sequence[Samples]) -> list[str]:
     if kept == total:
         return []
     return [f"{kept} of {total} samples are read, in unbroken pieces of {PIECE} spread over each input"]
+
+
+def notes(samples: Sequence[Samples]) -> list[str]:
+    """Say what was not read of some inputs: what is lost of damaged ones, and what of long ones.
+
+    Parameters
+    ----------
+    samples : sequence of Samples
+
+    Returns
+    -------
+    list of str
+    """
+    saved = [f"{one.source}: {remark}" for one in samples for remark in told(one.remarks)]
+    return [*dict.fromkeys(saved), *excerpted(samples)]
