@@ -59,6 +59,7 @@ TYPICAL = {
     "motor-temperature": {"alpha": -0.001},
     "load-bias": {"gain": 0.95, "offset": 6.0},
     "sinkage-bias": {"offset": 0.002},
+    "drawbar-bias": {"offset": -2.0},
     "wheel-radius": {"relative_error": 0.04},
     "sensor-lag": {"torque_lag": 0.2, "drawbar_pull_lag": 0.1, "sinkage_lag": 0.15},
     "acceleration-torque": {"J": 0.3},

@@ -11,6 +11,7 @@ import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosbags.interfaces import Nodetype
+from rosbags.typesys.base import normalize_fieldname
 
 from formats.limits import (
     DEFINITION_CHARACTERS,
@@ -99,6 +100,8 @@ def checked(types: Typesdict) -> Typesdict:
     ------
     TooMuchError
         A name that is none, or more of something than `formats.limits` allows.
+    ValueError
+        Two members of one message have one name.
     """
     if len(types) > DEFINITION_TYPES:
         raise TooMuchError(f"a message definition has more than {DEFINITION_TYPES:,} types")
@@ -115,6 +118,9 @@ def checked(types: Typesdict) -> Typesdict:
     known: dict[str, _Extent] = {}
     for name in types:
         _measure(name, types, known)
+    for name, (_, fields) in types.items():
+        if len({normalize_fieldname(field) for field, _ in fields}) < len(fields):
+            raise ValueError(f"members of {name} have one name")
     return {name: ([], fields) for name, (_, fields) in types.items()}
 
 

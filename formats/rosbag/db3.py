@@ -19,7 +19,9 @@ from rosbags.interfaces import (
 
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.chunks import RUN_BYTES
+from formats.rosbag.leaves import Leaves
 from formats.rosbag.messages import collected
+from formats.salvage.sqlite import BrokenError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 
     from formats.rosbag.chunks import Run
 
+#: Name, type and place in the key of the columns that `Leaves` reads.
+_PLAIN = [("id", "INTEGER", 1), ("topic_id", "INTEGER", 0), ("timestamp", "INTEGER", 0), ("data", "BLOB", 0)]
 FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 
 
@@ -44,6 +48,7 @@ class Db3File:
         #: First and last log time of each connection that has messages, by its id.
         self.spans: dict[int, tuple[int, int]] = {}
         self._database: sqlite3.Connection | None = None
+        self._leaves: Leaves | None = None
 
     def open(self) -> None:
         """Read what topics there are."""
@@ -61,17 +66,14 @@ class Db3File:
     def close(self) -> None:
         """Close the file."""
         if self._database is not None:
+            self._leaves = None
             self._database.close()
             self._database = None
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
         _refuse_what_calculates(database)
-        spans = {
-            topic: (count, start, end)
-            for topic, count, start, end in database.execute(
-                "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
-            )
-        }
+        self._leaves = self._plain(database)
+        spans = self._leaves.spans() if self._leaves else _spans(database)
         if not all(isinstance(time, int) for _, *ends in spans.values() for time in ends):
             # SQLite takes anything in any column.
             raise ValueError("a log time is no whole number")
@@ -94,6 +96,21 @@ class Db3File:
                 )
             )
         self.spans = {topic: (start, end) for topic, (_, start, end) in spans.items()}
+
+    def _plain(self, database: sqlite3.Connection) -> Leaves | None:
+        """Return what reads the messages in bulk, if they are as all recorders write them."""
+        columns = [
+            (name, kind, key)
+            for _, name, kind, _, _, key in database.execute("PRAGMA table_info(messages)")
+        ]
+        if columns != _PLAIN:
+            return None
+        ((root,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'")
+        query = "SELECT data FROM messages WHERE id = ?"
+        try:
+            return Leaves(self.path, root, lambda number: database.execute(query, (number,)).fetchone()[0])
+        except (BrokenError, IndexError):
+            return None
 
     @staticmethod
     def _read_definitions(database: sqlite3.Connection) -> dict[str, MessageDefinition]:
@@ -124,12 +141,21 @@ class Db3File:
         """
         if self._database is None:
             raise ValueError("not open")
+        if self._leaves is not None:
+            yield from self._leaves.runs(wanted, size)
+            return
         places = ",".join("?" * len(wanted))
         query = (
             "SELECT topic_id, timestamp, data FROM messages"  # noqa: S608  only question marks are put in
             f" WHERE topic_id IN ({places}) ORDER BY timestamp, id"
         )
         yield from collected(self._database.execute(query, tuple(wanted)), size)
+
+
+def _spans(database: sqlite3.Connection) -> dict[int, tuple[int, int, int]]:
+    """Return how many messages each topic has, and its first and last log time in ns."""
+    query = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
+    return {topic: (count, start, end) for topic, count, start, end in database.execute(query)}
 
 
 def _refuse_what_calculates(database: sqlite3.Connection) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 from rosbags.interfaces import MessageDefinitionFormat, Nodetype
@@ -10,9 +11,10 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 
 from formats.limits import DEPTH, TooMuchError
 from formats.rosbag.bounds import check_idl, checked, msg_text
+from formats.rosbag.msg import plain_types
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from rosbags.interfaces import Connection
     from rosbags.interfaces.typing import FieldDesc, Typesdict
@@ -34,8 +36,11 @@ CODES = {
 #: Lists of these are images, point clouds and the like: never columns.
 BLOBS = {"byte", "char", "int8", "uint8"}
 MD5_OF_NOTHING = "d41d8cd98f00b204e9800998ecf8427e"
+#: What rosbags knows of itself, whatever a file says of them.
+BUILT_IN = get_typestore(Stores.EMPTY).fielddefs
 #: What a message without fields is given by the ROS 2 tools: one byte that means nothing.
 FILLER = "structure_needs_at_least_one_member"
+_FILLED: tuple[str, FieldDesc] = FILLER, (Nodetype.BASE, ("uint8", 0))
 
 Path: TypeAlias = tuple[str, ...]
 
@@ -84,19 +89,27 @@ class Definition:
         Name of the message type, as ``sensor_msgs/msg/JointState``.
     ros1 : bool
         Serialised as ROS 1 does; as CDR if not.
-    store : Typestore
-        This type and those it is made of.
+    types : dict
+        This type and those it is made of, as rosbags parses them.
     leaves : dict of str to Leaf
         By name, in the order of the definition.
+    compile : callable
+        Makes the store that decodes single messages.
     origin : str
         Where the definition is from, if not from the file.
     """
 
     type: str
     ros1: bool
-    store: Typestore
+    types: Typesdict
     leaves: dict[str, Leaf]
+    compile: Callable[[], Typestore]
     origin: str = ""
+
+    @cached_property
+    def store(self) -> Typestore:
+        """What decodes single messages; rosbags writes a class for each type, which takes it 1 ms."""
+        return self.compile()
 
     @property
     def stamped(self) -> bool:
@@ -106,13 +119,13 @@ class Definition:
 
     def members(self, type_name: str) -> list[tuple[str, FieldDesc]]:
         """Return the names and types of a message's members."""
-        return _members(self.store, type_name)
+        return _members(self.types, type_name)
 
 
-def _members(store: Typestore, type_name: str) -> list[tuple[str, FieldDesc]]:
-    if type_name not in store.fielddefs:
+def _members(types: Typesdict, type_name: str) -> list[tuple[str, FieldDesc]]:
+    if type_name not in types:
         raise UnusableError(f"the definition of {type_name} is missing")
-    return store.fielddefs[type_name][1]
+    return types[type_name][1]
 
 
 def define(connection: Connection, *, ros1: bool) -> Definition:
@@ -135,34 +148,44 @@ def define(connection: Connection, *, ros1: bool) -> Definition:
     reasons = []
     for find, origin in ((_from_file, ""), (_from_standard, "ROS 1 Noetic" if ros1 else "ROS 2 Humble")):
         try:
-            store = find(connection, ros1=ros1)
-            leaves = find_leaves(store, connection.msgtype)
+            types, compiled = find(connection, ros1=ros1)
+            leaves = find_leaves(types, connection.msgtype)
         except UnusableError as error:
             reasons.append(str(error))
         else:
-            return Definition(connection.msgtype, ros1, store, leaves, origin)
+            return Definition(connection.msgtype, ros1, types, leaves, compiled, origin)
     raise UnusableError(reasons[0])
 
 
-def _from_file(connection: Connection, *, ros1: bool) -> Typestore:
+def _from_file(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callable[[], Typestore]]:
     text = connection.msgdef.data
     blank_on_purpose = ros1 and connection.digest == MD5_OF_NOTHING
     if connection.msgdef.format == MessageDefinitionFormat.NONE or not (text.strip() or blank_on_purpose):
         raise UnusableError("the file has no definition of it")
-    # A store of its own: two connections may define one type differently.
-    store = get_typestore(Stores.EMPTY)
     try:
-        types = (
-            get_types_from_msg(msg_text(text), connection.msgtype)
+        types = checked(
+            _types_from_msg(msg_text(text), connection.msgtype)
             if connection.msgdef.format == MessageDefinitionFormat.MSG
             else _types_from_idl(text)
         )
-        store.register(checked({name: types[name] for name in types if name not in store.fielddefs}))
     except TooMuchError as error:
         raise UnusableError(str(error)) from error
     except Exception as error:  # a damaged text makes rosbags' parser fail in any way
         raise UnusableError("its definition in the file cannot be parsed") from error
+    types = {name: ([], fields or [_FILLED]) for name, (_, fields) in types.items()}
+    return types | BUILT_IN, partial(_compiled, types)
+
+
+def _compiled(types: Typesdict) -> Typestore:
+    # A store of its own: two connections may define one type differently.
+    store = get_typestore(Stores.EMPTY)
+    store.register({name: types[name] for name in types if name not in store.fielddefs})
     return store
+
+
+def _types_from_msg(text: str, name: str) -> Typesdict:
+    types = plain_types(text, name)
+    return get_types_from_msg(text, name) if types is None else types
 
 
 def _types_from_idl(text: str) -> Typesdict:
@@ -174,7 +197,7 @@ def _types_from_idl(text: str) -> Typesdict:
     return types
 
 
-def _from_standard(connection: Connection, *, ros1: bool) -> Typestore:
+def _from_standard(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callable[[], Typestore]]:
     """Take a standard type, if its hash is the one the recorder noted (ROS 2 did not always)."""
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
     known = connection.msgtype in store.fielddefs
@@ -184,15 +207,16 @@ def _from_standard(connection: Connection, *, ros1: bool) -> Typestore:
         known = connection.digest == store.hash_rihs01(connection.msgtype)
     if not known:
         raise UnusableError("it is not a standard type")
-    return store
+    return store.fielddefs, lambda: store
 
 
-def find_leaves(store: Typestore, type_name: str) -> dict[str, Leaf]:
+def find_leaves(types: Typesdict, type_name: str) -> dict[str, Leaf]:
     """Return the fields of a message by name, in the order of its definition.
 
     Parameters
     ----------
-    store : Typestore
+    types : dict
+        As rosbags parses them.
     type_name : str
 
     Returns
@@ -204,16 +228,16 @@ def find_leaves(store: Typestore, type_name: str) -> dict[str, Leaf]:
     UnusableError
         A type it is made of is missing, or not supported.
     """
-    return {leaf.name: leaf for leaf in _leaves(store, type_name)}
+    return {leaf.name: leaf for leaf in _leaves(types, type_name)}
 
 
-def _leaves(store: Typestore, type_name: str, path: Path = (), within: Path = ()) -> Iterator[Leaf]:
+def _leaves(types: Typesdict, type_name: str, path: Path = (), within: Path = ()) -> Iterator[Leaf]:
     if type_name in within:
         raise UnusableError(f"the definition of {type_name} contains itself")
     if len(within) >= DEPTH:
         raise UnusableError(f"its members nest deeper than {DEPTH}")
     within = (*within, type_name)
-    members = _members(store, type_name)
+    members = _members(types, type_name)
     texts = {name for name, desc in members if _list_of(desc, "string")}
     for name, desc in members:
         here = (*path, name)
@@ -223,19 +247,19 @@ def _leaves(store: Typestore, type_name: str, path: Path = (), within: Path = ()
             if (leaf := _scalar(desc, here)) is not None:
                 yield leaf
             else:
-                yield from _leaves(store, cast("str", desc[1]), here, within)
+                yield from _leaves(types, cast("str", desc[1]), here, within)
             continue
         element = desc[1][0]
         if element[0] == Nodetype.NAME and element[1] not in {TIME, DURATION}:
-            yield from _inner_leaves(store, element[1], here, within)
+            yield from _inner_leaves(types, element[1], here, within)
         elif (leaf := _scalar(element, here)) is not None and leaf.base not in BLOBS and leaf.kind != "time":
             beside = (*path, "name") if "name" in texts and name != "name" else None
             yield Leaf("texts" if leaf.kind == "text" else "numbers", leaf.base, here, names=beside)
 
 
-def _inner_leaves(store: Typestore, type_name: str, path: Path, within: Path) -> Iterator[Leaf]:
+def _inner_leaves(types: Typesdict, type_name: str, path: Path, within: Path) -> Iterator[Leaf]:
     """Fields of messages in a list: one list each. Lists within lists are left out."""
-    inner = list(_leaves(store, type_name, within=within))
+    inner = list(_leaves(types, type_name, within=within))
     named = any(leaf.path == ("name",) and leaf.kind == "text" for leaf in inner)
     for leaf in inner:
         if leaf.kind in {"number", "text"}:

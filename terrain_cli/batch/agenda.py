@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from formats.errors import DamagedError
 from terrain_cli.batch.folder import result_name
 
 if TYPE_CHECKING:
@@ -21,6 +22,9 @@ class Wish:
     ----------
     configuration : str
         Hash of what decides on the numbers.
+    twin : str
+        That of the same but for --salvage, which makes no difference to a whole input.
+    salvage : bool
     kind : {"parquet", "csv"}
         Of the results.
     force : bool
@@ -30,6 +34,8 @@ class Wish:
     """
 
     configuration: str
+    twin: str = ""
+    salvage: bool = False
     kind: str = "parquet"
     force: bool = False
     retry_failed: bool = False
@@ -60,13 +66,47 @@ def reason(item: Input, folder: Folder, wish: Wish) -> str | None:
         ("forced", wish.force),
         ("cannot be read", item.problem is not None),
         ("changed", not same(item, entry)),
-        ("other options", entry.configuration != wish.configuration),
+        ("other options", not _holds(entry, folder, wish)),
         ("failed in passing", failed and entry.passing),
         ("failed before", failed and wish.retry_failed),
         ("its copy has changed", duplicate and folder.holders.get(key, item.location) == item.location),
         ("result missing", entry.status == "ok" and not whole),
     )
     return next((why for why, holds in reasons if holds), None)
+
+
+def key(sha256: str, folder: Folder, wish: Wish) -> tuple[str, str]:
+    """Return under which configuration a content is known, or else will be.
+
+    Parameters
+    ----------
+    sha256 : str
+    folder : Folder
+    wish : Wish
+
+    Returns
+    -------
+    (str, str)
+        Of `Folder.holders` and `Folder.kept`.
+    """
+    own, other = (sha256, wish.configuration), (sha256, wish.twin)
+    holder = folder.latest.get(folder.holders.get(other, ""))
+    return other if own not in folder.holders and holder and _regardless(holder, wish) else own
+
+
+def _holds(entry: Entry, folder: Folder, wish: Wish) -> bool:
+    """Tell whether the options of an entry give what those of now would give."""
+    if entry.configuration != wish.twin:
+        return entry.configuration == wish.configuration
+    holder = folder.holders.get((str(entry.sha256), wish.twin), entry.location)
+    return _regardless(folder.latest[holder], wish)
+
+
+def _regardless(entry: Entry, wish: Wish) -> bool:
+    """Tell whether an input is one to which --salvage makes no difference."""
+    if entry.status == "failed":
+        return wish.salvage and entry.error_class != DamagedError.__name__
+    return entry.recovered_of is None
 
 
 def same(item: Input, entry: Entry) -> bool:

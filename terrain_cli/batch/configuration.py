@@ -47,8 +47,13 @@ class Configuration:
     @property
     def hash(self) -> str:
         """Stands for `document`."""
-        text = json.dumps(self.document, sort_keys=True, ensure_ascii=True, allow_nan=False)
-        return sha256(text.encode()).hexdigest()[:16]
+        return _hash(self.document)
+
+    @property
+    def twin(self) -> str:
+        """The hash if the answer to --salvage were the other one."""
+        options = self.document["options"]
+        return _hash({**self.document, "options": {**options, "salvage": not options["salvage"]}})
 
     @property
     def resolved(self) -> Settings:
@@ -105,6 +110,11 @@ def _effect(name: str, file: ModelFile) -> str:
         point.dist.name: point.dist.version for point in entry_points(group=effects.GROUP) if point.dist
     }
     return ", ".join(f"{package} {number}" for package, number in sorted(packages.items()))
+
+
+def _hash(document: dict[str, Any]) -> str:
+    text = json.dumps(document, sort_keys=True, ensure_ascii=True, allow_nan=False)
+    return sha256(text.encode()).hexdigest()[:16]
 
 
 def versions() -> dict[str, str]:

@@ -37,6 +37,8 @@ class _Case:
     begun: bool = False
     finished: bool = False
     restored: bool = False
+    #: What it is known under, where that is not what was asked for.
+    configuration: str | None = None
 
 
 @dataclass
@@ -54,6 +56,8 @@ class Tally:
         With something for each input, however small.
     failures : dict of str to Entry
         Those of the inputs of this run that failed, now or before and unchanged; by location.
+    salvaged : list of Entry
+        Those of the damaged inputs that were read in this run.
     """
 
     total: int = 0
@@ -61,6 +65,7 @@ class Tally:
     bytes_total: int = 0
     bytes_done: int = 0
     failures: dict[str, Entry] = field(default_factory=dict)
+    salvaged: list[Entry] = field(default_factory=list)
 
     @property
     def done(self) -> int:
@@ -196,9 +201,11 @@ class Keeper:
                 self._finish(case, reply)
         self._decide(case.item.size)
 
+    def _key(self, case: _Case) -> tuple[str, str]:
+        return agenda.key(str(case.sha256), self._folder, self._wish)
+
     def _holder(self, case: _Case) -> str:
-        key = str(case.sha256), self._wish.configuration
-        return self._folder.holders.get(key, case.item.location)
+        return self._folder.holders.get(self._key(case), case.item.location)
 
     def _decide(self, size: int | None) -> None:
         """Say what is to be done for the first cases of one size, as far as their content is known."""
@@ -211,10 +218,11 @@ class Keeper:
             if holder != case.item.location:
                 self._duplicate(case, holder)
                 continue
-            key = case.sha256, self._wish.configuration
-            self._folder.holders[key] = case.item.location
+            key = self._key(case)
             record = None if self._wish.force else self._folder.record(key)
-            case.restored = record is not None
+            if record is not None:
+                case.restored, case.configuration = True, key[1]
+            self._folder.holders[case.sha256, self._configuration(case)] = case.item.location
             self._ready.append(
                 (
                     case,
@@ -251,6 +259,7 @@ class Keeper:
     def _duplicate(self, case: _Case, holder: str) -> None:
         entry = replace(
             self._entry(case, Reply(case.sha256)),
+            configuration=self._key(case)[1],
             status="duplicate",
             duplicate_of=self._paths[holder],
             exit_code=None,
@@ -284,12 +293,15 @@ class Keeper:
 
     def _keep(self, case: _Case, reply: Reply) -> Entry:
         """Write the record and the result: before the manifest speaks of them."""
-        kept = self._folder.kept.get((str(case.sha256), self._wish.configuration))
+        kept = self._folder.kept.get((str(case.sha256), self._configuration(case)))
         if reply.record and self._folder.records:
             kept = self._folder.records.add(reply.record)
         name = result_name(case.item.location, self._job.kind)
         self._folder.put(name, reply.result)
         return replace(self._entry(case, reply), record=kept, result=name, result_bytes=len(reply.result))
+
+    def _configuration(self, case: _Case) -> str:
+        return case.configuration or self._wish.configuration
 
     def _entry(self, case: _Case, reply: Reply) -> Entry:
         return Entry(
@@ -298,13 +310,16 @@ class Keeper:
             size=case.item.size,
             stamp=case.item.stamp,
             sha256=case.sha256,
-            configuration=self._wish.configuration,
+            configuration=self._configuration(case),
             versions=self._job.versions,
             status="ok",
             exit_code=0,
             samples=reply.samples,
             set_aside=reply.set_aside,
             segments=reply.segments,
+            recovered=reply.recovered,
+            recovered_of=reply.recovered_of,
+            warnings=reply.warnings,
             seconds=round(reply.seconds, 3),
             finished=datetime.now(UTC).isoformat(timespec="milliseconds"),
         )
@@ -344,6 +359,8 @@ class Keeper:
         self.tally.bytes_done += (case.item.size or 0) + _OVERHEAD
         if entry.status == "failed":
             self.tally.failures[entry.location] = entry
+        elif entry.recovered_of:
+            self.tally.salvaged.append(entry)
 
 
 def _told(entry: Entry) -> tuple[object, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal
 
 from formats.errors import CannotWriteError
@@ -47,6 +47,12 @@ class Entry:
     passing : bool
         The error may be gone next time: a worker was killed or hung, memory or a disk was short.
     samples, set_aside, segments : int or None
+    recovered : float or None
+        Share that --salvage read of a damaged input; None where nothing tells, and of whole ones.
+    recovered_of : str or None
+        What it is a share of; None of whole inputs.
+    warnings : list of str
+        What `terrain-est estimate` would have remarked.
     seconds : float
         Spent on it by the worker.
     result : str or None
@@ -75,6 +81,9 @@ class Entry:
     samples: int | None = None
     set_aside: int | None = None
     segments: int | None = None
+    recovered: float | None = None
+    recovered_of: str | None = None
+    warnings: list[str] = field(default_factory=list)
     seconds: float = 0.0
     result: str | None = None
     result_bytes: int | None = None
@@ -95,7 +104,7 @@ class Entry:
             return json.dumps(asdict(self), allow_nan=False).encode() + b"\n"
 
 
-_NAMES = frozenset(field.name for field in fields(Entry))
+_NAMES = frozenset(one.name for one in fields(Entry))
 _NEEDED = frozenset({"path", "location", "size", "stamp", "sha256", "configuration", "status"})
 
 

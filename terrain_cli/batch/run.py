@@ -78,7 +78,14 @@ class Order:
         -------
         Wish
         """
-        return agenda.Wish(configuration.hash, self.kind, self.force, self.retry_failed)
+        return agenda.Wish(
+            configuration.hash,
+            configuration.twin,
+            configuration.settings.salvage,
+            self.kind,
+            self.force,
+            self.retry_failed,
+        )
 
 
 def preview(

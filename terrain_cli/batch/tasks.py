@@ -8,7 +8,7 @@ import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from formats.errors import CannotWriteError, FormatError, NotFoundError
 from terrain_cli.batch import inputs, remote
@@ -54,8 +54,8 @@ class Reply:
     failure : Failure or None
     result, record : bytes
         The file of the result, and the record for the mission table.
-    samples, set_aside, segments : int or None
-    seconds : float
+    samples, set_aside, segments, recovered, recovered_of, warnings, seconds
+        As in `Entry`.
     """
 
     sha256: str | None = None
@@ -65,7 +65,25 @@ class Reply:
     samples: int | None = None
     set_aside: int | None = None
     segments: int | None = None
+    recovered: float | None = None
+    recovered_of: str | None = None
+    warnings: list[str] = field(default_factory=list)
     seconds: float = 0.0
+
+    def tell(self, account: dict[str, Any]) -> None:
+        """Take what there is to tell from the account of an input.
+
+        Parameters
+        ----------
+        account : dict
+            From `pipeline.run`.
+        """
+        wheels, salvage = account["wheels"], account["salvage"]
+        self.samples = sum(wheel["samples"] for wheel in wheels)
+        self.set_aside = sum(wheel["samples"] - wheel["used"] for wheel in wheels)
+        self.warnings = list(dict.fromkeys(remark for wheel in wheels for remark in wheel["remarks"]))
+        if salvage and (salvage["damage"] or salvage["set_aside"]):
+            self.recovered, self.recovered_of = salvage["fraction"], salvage["fraction_of"]
 
 
 class Task(Protocol):
@@ -145,9 +163,7 @@ class Estimate:
         from terrain_cli.batch import records
 
         outcome = pipeline.run(path, self.job.rover, self.job.settings)
-        wheels = outcome.account["wheels"]
-        reply.samples = sum(wheel["samples"] for wheel in wheels)
-        reply.set_aside = sum(wheel["samples"] - wheel["used"] for wheel in wheels)
+        reply.tell(outcome.account)
         if outcome.error:
             raise outcome.error
         table = {**outcome.table, "source": [self.item.path] * len(outcome.table["source"])}
@@ -170,14 +186,9 @@ class Restore:
         from terrain_cli.batch import records
 
         table, _, account = records.decode(self.record, self.item.path)
-        wheels = account["wheels"]
-        return Reply(
-            self.sha256,
-            result=as_file(table, self.job),
-            samples=sum(wheel["samples"] for wheel in wheels),
-            set_aside=sum(wheel["samples"] - wheel["used"] for wheel in wheels),
-            segments=len(table["source"]),
-        )
+        reply = Reply(self.sha256, result=as_file(table, self.job), segments=len(table["source"]))
+        reply.tell(account)
+        return reply
 
 
 def as_file(table: Table, job: Job) -> bytes:

@@ -183,6 +183,8 @@ def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: d
         progress.close()
     if not given["quiet"]:
         click.echo(_told(tally, progress.seconds), err=True)
+        for entry in tally.salvaged:
+            click.echo(_saved(entry), err=True)
     for entry in tally.failures.values():
         click.echo(_line(entry), err=True)
     if not tally.failures:
@@ -214,6 +216,12 @@ def _told(tally: Tally, seconds: float) -> str:
 
 def _line(entry: Entry) -> str:
     return f"failed ({entry.exit_code}): {entry.error}"
+
+
+def _saved(entry: Entry) -> str:
+    # Never 100 % of what is not whole.
+    share = "" if entry.recovered is None else f" ({min(100 * entry.recovered, 99.9):.1f} % of {entry.recovered_of})"
+    return f"salvaged{share}: {entry.path}"
 
 
 def _interrupted(tally: Tally | None, folder: str) -> NoReturn:

@@ -163,6 +163,7 @@ def forecast(
     by: Sequence[str] = (),
     *,
     order: int | None = None,
+    guess: Array | None = None,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Predict the channels, and differentiate them.
 
@@ -176,6 +177,8 @@ def forecast(
         Parameters.
     order : int, optional
         Nodes on each arc.
+    guess : ndarray, shape (n,), optional
+        Sinkages near those that are sought, in m; NaN where there is none.
 
     Returns
     -------
@@ -211,6 +214,7 @@ def forecast(
                 given="sinkage" if given == "sinkage" else "load",
                 by=by,
                 order=order,
+                start=None if guess is None else guess[some],
             )
         for name in names:
             number = getattr(part, name)
@@ -365,7 +369,7 @@ def solve(
                 trial = _linear(model, sought, data, new_t, new_common, state.sinkage)
                 if _far(trial.sinkage, state.sinkage):
                     # Too far for one step of Newton: the soil may not carry the load at all.
-                    exact = _carrying(model, sought, data, new_t, new_common)
+                    exact = _carrying(model, sought, data, new_t, new_common, state.sinkage)
                     trial = _linear(model, sought, data, new_t, new_common, exact)
                 new_cost = _cost(trial.left, new_t, new_common, spread)
                 if new_cost < cost:
@@ -380,8 +384,9 @@ def solve(
             break
         spread = weighed
         # Sinkages anew: some may have been out of reach before.
-        state = _linear(model, sought, data, t, common, _carrying(model, sought, data, t, common))
-    guess = _carrying(model, sought, data, t, common)
+        guess = _carrying(model, sought, data, t, common, state.sinkage)
+        state = _linear(model, sought, data, t, common, guess)
+    guess = _carrying(model, sought, data, t, common, state.sinkage)
     state = _linear(model, sought, data, t, common, guess)
     return Solution(
         model, sought, t, common, state.left, state.design, spread, float(bounded(state.left).sum())
@@ -449,13 +454,15 @@ def _linear(
     return _State(left, design, guess)
 
 
-def _carrying(model: Model, sought: Unknowns, data: Data, t: Array, common: Array) -> Array | None:
+def _carrying(
+    model: Model, sought: Unknowns, data: Data, t: Array, common: Array, guess: Array | None = None
+) -> Array | None:
     """Return the sinkages at which the soil carries the load; None where these are given."""
     if "sinkage" in data.inputs or model.base == "linear":
         return None
     numbers = parameters(sought, t[data.window], common, data.window)
     whole = replace(data, white=Whitening(("sinkage",), np.eye(1)))
-    return forecast(model, whole, numbers, order=ORDER)[0]["sinkage"]
+    return forecast(model, whole, numbers, order=ORDER, guess=guess)[0]["sinkage"]
 
 
 def _far(sinkage: Array | None, before: Array | None) -> bool:

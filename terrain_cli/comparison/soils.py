@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import blocks, heldout, quiet
-from terrain_cli.comparison.wheel import Wheel
-from terrain_cli.windows import by_terrain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
+
+    from terrain_cli.comparison.wheel import Wheel
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -46,13 +46,13 @@ def as_few_as_predict(
     """
     result, told = [], []
     for wheel in wheels:
-        one = by_terrain(wheel.windows)
+        progress(f"one soil or several under wheel {wheel.windows.samples.wheel}")
+        one = wheel.one_soil
         # Samples in another order would be in other blocks than those of the model compared with.
         if one is None or np.any(np.diff(one[1]) != 1):
             result.append(wheel)
             continue
-        progress(f"one soil or several under wheel {wheel.windows.samples.wheel}")
-        fewer = Wheel(one[0], wheel.model, wheel.settings, wheel.segment, wheel.further)
+        fewer = one[0]
         part = _parts(wheel)
         difference = _loss(fewer, wheel, part) - _loss(wheel, wheel, part)
         error = (

@@ -385,23 +385,32 @@ class Wheel:
         change = np.concatenate([[False], (np.diff(self.series) != 0) | (np.diff(self.segment) != 0)])
         return np.cumsum(change[: len(self)]).astype(np.intp)
 
+    @cached_property
+    def one_soil(self) -> tuple[Wheel, Index] | None:
+        """The model fitted with one soil to all segments of each terrain.
+
+        With its samples ordered by terrain, and which usable sample of this wheel each of them is; None
+        where each segment is on a terrain of its own.
+        """
+        return self._joined(1)
+
     def on_common_soil(self) -> tuple[Wheel, Index] | None:
-        """Fit one soil to all segments of each terrain.
+        """Return the same, of evenly thinned samples if they are many.
 
         Returns
         -------
         wheel : Wheel
-            Its samples ordered by terrain.
         order : ndarray of int
-            Which usable sample of this wheel each of its samples is; evenly thinned if they are many.
-
-        None where each segment is on a terrain of its own.
         """
-        found = by_terrain(self.windows, max(1, -(-len(self) // _MOST_COMMON)))
+        step = max(1, -(-len(self) // _MOST_COMMON))
+        return self.one_soil if step == 1 else self._joined(step)
+
+    def _joined(self, step: int) -> tuple[Wheel, Index] | None:
+        found = by_terrain(self.windows, step)
         if found is None:
             return None
         joined, order = found
-        return Wheel(joined, self.model, self.settings, self.window[order]), order
+        return Wheel(joined, self.model, self.settings, self.segment[order], self.further), order
 
     def of_samples(self, rows: Index | slice = slice(None)) -> dict[str, Array]:
         """Return the parameters of some usable samples.

@@ -12,7 +12,7 @@ from terrain_cli import fitting
 from terrain_cli.comparison import blocks, quiet, soils
 from terrain_cli.comparison.compare import ENOUGH_RUNS, fit_wheels, of_fitted
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.comparison.wheel import Settings
 from terrain_cli.diagnosis import (
     joining,
     leftover,
@@ -26,7 +26,6 @@ from terrain_cli.diagnosis import (
 from terrain_cli.diagnosis.parts import Alarm, Candidate, Diagnosis, Hypothesis, Size
 from terrain_cli.models.parts import SOIL_UNITS
 from terrain_cli.telemetry.excerpt import notes
-from terrain_cli.windows import by_terrain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison import Comparison, Finding
+    from terrain_cli.comparison.wheel import Wheel
     from terrain_cli.diagnosis.parts import NotTestable, Verdict
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.diagnosis.screening import Screened
@@ -180,26 +180,21 @@ def _on_fewer_soils(
     """
     wheels, blocks = [], []
     for wheel, own in zip(cut.wheels, block, strict=True):
-        one = by_terrain(wheel.windows)
-        if one is None:
-            wheels.append(wheel)
-            blocks.append(own)
-        else:
-            windows, order = one
-            wheels.append(Wheel(windows, wheel.model, wheel.settings, wheel.segment[order], wheel.further))
-            blocks.append(own[order])
+        joined, order = wheel.one_soil or (wheel, slice(None))
+        wheels.append(joined)
+        blocks.append(own[order])
     if all(one is other for one, other in zip(wheels, cut.wheels, strict=True)):
         return cut, list(block)
-    joined = refits.ground(wheels, blocks, MOST_SAMPLES, cut)
-    several, plain = refits.refit(cut, None), refits.refit(joined, None)
+    one = refits.ground(wheels, blocks, MOST_SAMPLES, cut)
+    several, plain = refits.refit(cut, None), refits.refit(one, None)
     if _as_good(plain.loss, several.loss):
-        return joined, blocks
+        return one, blocks
     gap = float((plain.loss - several.loss).sum())
-    for number, hypothesis in enumerate(hypotheses):
-        progress(f"one soil and {hypothesis.id} ({number + 1} of {len(hypotheses)})")
-        found = refits.refit(joined, hypothesis)
+    for hypothesis in screening.promising(wheels, blocks, hypotheses)[:_RIVALS]:
+        progress(f"one soil and {hypothesis.id}")
+        found = refits.refit(one, hypothesis)
         if _as_good(found.loss, several.loss) or float((plain.loss - found.loss).sum()) > _MOSTLY * gap:
-            return joined, blocks
+            return one, blocks
     return cut, list(block)
 
 

@@ -139,9 +139,7 @@ def screen(
     -------
     Screened
     """
-    step = max(1, -(-sum(len(wheel) for wheel in wheels) // MOST_SAMPLES))
-    blocks = 1 + max(int(one.max(initial=-1)) for one in block)
-    parts = [_Columns(wheel, own, blocks, hypotheses, step) for wheel, own in zip(wheels, block, strict=True)]
+    parts = _columns(wheels, block, hypotheses)
     found = Screened()
     best = _strongest(parts, hypotheses)
     left = [part.beyond(best) for part in parts]
@@ -160,6 +158,39 @@ def screen(
             continue
         _add(found, one, [(part, own, test) for (part, own), test in zip(groups, tests, strict=True)])
     return found
+
+
+def promising(
+    wheels: Sequence[Wheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis]
+) -> list[Hypothesis]:
+    """Order hypotheses by what they explain to first order, assumptions of the base in front.
+
+    Parameters
+    ----------
+    wheels : sequence of Wheel
+        Fitted.
+    block : sequence of ndarray of int, shape (n,)
+        Of the usable samples of each.
+    hypotheses : sequence of Hypothesis
+
+    Returns
+    -------
+    list of Hypothesis
+        Those that explain something, or of which that is not known before they are fitted.
+    """
+    parts = _columns(wheels, block, hypotheses)
+    gains = {
+        one.id: sum(part.explained(one.id) for part in parts) if one.effect else np.inf for one in hypotheses
+    }
+    return sorted((one for one in hypotheses if gains[one.id] > 0.0), key=lambda one: -gains[one.id])
+
+
+def _columns(
+    wheels: Sequence[Wheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis]
+) -> list[_Columns]:
+    step = max(1, -(-sum(len(wheel) for wheel in wheels) // MOST_SAMPLES))
+    blocks = 1 + max(int(one.max(initial=-1)) for one in block)
+    return [_Columns(wheel, own, blocks, hypotheses, step) for wheel, own in zip(wheels, block, strict=True)]
 
 
 def _strongest(parts: Sequence[_Columns], hypotheses: Sequence[Hypothesis]) -> str:

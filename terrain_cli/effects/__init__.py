@@ -32,6 +32,7 @@ NAMES = (
     "load-transfer",
     "load-bias",
     "sinkage-bias",
+    "drawbar-bias",
     "wheel-radius",
     "sensor-lag",
     "acceleration-torque",

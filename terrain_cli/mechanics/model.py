@@ -14,7 +14,7 @@ from terrain_cli.effects.effect import KINDS
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import contact, rim, roots, triangular
 from terrain_cli.mechanics.dual import Dual, chain, seed, slopes, value
-from terrain_cli.mechanics.quadrature import order_for
+from terrain_cli.mechanics.quadrature import ORDER, order_for
 from terrain_cli.settings import BASES, Base
 from terrain_cli.units import STANDARD_GRAVITY
 
@@ -42,8 +42,8 @@ _MEASURED = frozenset({"slip", "load"})
 DEEPEST = 1.5
 #: Least values of what a law may have driven through zero.
 _LEAST = {"shear_modulus": 1e-6, "stiffness": 1.0, "sinkage_exponent": 0.05}
-#: Samples at a time: their nodes stay in the processor's cache.
-_BLOCK = 1024
+#: Nodes of an arc at a time: they stay in the processor's cache.
+_BLOCK = 16_384
 
 
 class WheelGeometry(NamedTuple):
@@ -187,6 +187,7 @@ def predict(
     given: Given = "sinkage",
     by: Collection[str] = (),
     order: int | None = None,
+    start: ArrayLike | None = None,
 ) -> Prediction:
     """Predict the forces on a wheel, and its sinkage where that is not given.
 
@@ -206,6 +207,8 @@ def predict(
         Parameters, and "load", "sinkage" and "slip" as measured, by which to differentiate.
     order : int, optional
         Nodes on each arc, instead of as many as give 1e-8.
+    start : array_like, shape (n,), optional
+        First guess of a sinkage that is sought, in m; NaN will do.
 
     Returns
     -------
@@ -219,9 +222,11 @@ def predict(
     columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}
     given_values = {name: np.asarray(number, dtype=float) for name, number in values.items()}
     n = max((column.size for column in columns.values()), default=0)
+    guess = None if start is None else np.asarray(start, dtype=float)
+    size = max(_BLOCK // (order or ORDER), 1)
     parts = []
-    for start in range(0, max(n, 1), _BLOCK):
-        part = slice(start, start + _BLOCK)
+    for first in range(0, max(n, 1), size):
+        part = slice(first, first + size)
         parts.append(
             _Block(
                 model,
@@ -230,6 +235,7 @@ def predict(
                 {name: number[part] if number.ndim else number for name, number in given_values.items()},
                 frozenset(by),
                 order,
+                None if guess is None else guess[part],
             ).run(given)
         )
     return Prediction(**{f.name: _join([getattr(p, f.name) for p in parts]) for f in fields(Prediction)})
@@ -268,8 +274,9 @@ class _Block:
         values: dict[str, Array],
         by: frozenset[str],
         order: int | None,
+        guess: Array | None,
     ) -> None:
-        self.model, self.wheel, self.order, self.by = model, wheel, order, by
+        self.model, self.wheel, self.order, self.by, self.guess = model, wheel, order, by, guess
         numbers = {name: seed(number, name) if name in by else number for name, number in values.items()}
         self.soil = {name: numbers[name] for name in model.soil}
         self.own = {
@@ -384,6 +391,8 @@ class _Block:
         stiffness, exponent = (value(self.soil[name]) for name in ("stiffness", "sinkage_exponent"))
         arc = self.wheel.width * (3.0 - np.minimum(exponent, 2.0)) * np.sqrt(2.0 * self.wheel.radius)
         start = (3.0 * np.maximum(wanted, 0.0) / (stiffness * arc)) ** (1.0 / (exponent + 0.5))
+        if self.guess is not None:
+            start = np.where(self.guess > 0.0, self.guess, start)
         true, found = roots.carrying(
             lambda z: plain.under_wheel(_Missing({**known, "sinkage": z})),
             wanted,

@@ -17,15 +17,18 @@ if TYPE_CHECKING:
 
 #: Stands for the unknown among the names of derivatives.
 UNKNOWN = "(unknown)"
-#: Most steps: Newton takes a handful, bisection alone would take 50.
-_STEPS = 100
+#: Most steps: Newton takes a handful, bisection alone would take 50; and steps after which a soil is asked
+#: whether it carries the load at all.
+_STEPS, _PATIENCE = 100, 7
 _CLOSE = 1e-12
+#: Step of Newton, on logarithms, that leaves an error of its square.
+_LAST = 1e-6
 
 
 def carrying(
     carried: Callable[[Dual], Any], load: Array, start: Array, deepest: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Find the sinkage at which the soil carries a load.
+    """Find the sinkage at which a soil carries a load.
 
     Newton's steps on the logarithms, of which load and sinkage nearly are a line, kept within a
     bracket that bisection narrows where a step would leave it.
@@ -51,23 +54,29 @@ def carrying(
     high = np.full(load.shape, np.log(deepest))
     low = high + np.log(1e-9)
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = (value(carried(seed(np.full(load.shape, deepest), UNKNOWN))) >= load) & (load > 0.0)
         place = np.log(start)
-        place = np.where(found & (place > low) & (place < high), place, high - 1.0)
-        done = ~found
-        for _ in range(_STEPS):
+        place = np.where((place > low) & (place < high), place, high - 1.0)
+        hopeless = ~(load > 0.0)
+        done = hopeless.copy()
+        for number in range(_STEPS):
+            if number == _PATIENCE:
+                hopeless |= ~done & ~(value(carried(seed(np.full(load.shape, deepest), UNKNOWN))) >= load)
+                done |= hopeless
+            if np.all(done):
+                break
             z = np.exp(place)
             here = carried(seed(z, UNKNOWN))
             short = value(here) < load
             low, high = np.where(short, place, low), np.where(short, high, place)
             step = np.log(load / value(here)) * value(here) / (slopes(here)[UNKNOWN] * z)
             target = place + step
-            done |= np.abs(step) <= _CLOSE
             safe = (target > low) & (target < high)
-            place = np.where(done, place, np.where(safe, target, 0.5 * (low + high)))
-            if np.all(done):
-                break
-    return np.exp(place), found
+            # A step as small as this may leave the bracket by rounding.
+            last = np.abs(step) <= _LAST
+            target = np.where(safe | last, target, 0.5 * (low + high))
+            place = np.where(done, place, target)
+            done = done | last
+    return np.exp(place), done & ~hopeless
 
 
 def inverse(shown: Callable[[Dual], Any], measured: Array) -> Array:

@@ -70,6 +70,7 @@ FULL: dict[str, dict[str, float]] = {
     "load-transfer": {"ratio": 0.3},  # h/L; 5 to 20 % of the load, with a pull of a fifth of it and slopes
     "load-bias": {"gain": 0.95, "offset": 8.0},  # on a real rover 0.949 to 0.987 and 1 to 114 N
     "sinkage-bias": {"offset": 0.0025},  # millimetres
+    "drawbar-bias": {"offset": 2.5},  # on a real rover newtons: here 15 % of the pull
     "wheel-radius": {"relative_error": 0.05},  # 1 to 10 %
     "sensor-lag": {"torque_lag": 0.2},  # 0.05 to 0.5 s
     "acceleration-torque": {"J": 0.5},  # a rotor of 1e-6 kg m² behind a gear of 700

@@ -39,6 +39,7 @@ ENTERS = {
         "motor-temperature",
         "load-bias",
         "sinkage-bias",
+        "drawbar-bias",
         "wheel-radius",
         "sensor-lag",
         "acceleration-torque",
@@ -103,7 +104,7 @@ def away(model, sizes):
 
 
 def test_there_are_all_twenty_five_each_by_its_own_name():
-    assert len(effects.NAMES) == len(set(effects.NAMES)) == 25
+    assert len(effects.NAMES) == len(set(effects.NAMES)) == 26
     assert {name: effect.id for name, effect in effects.catalogue().items()} == dict(
         zip(effects.NAMES, effects.NAMES, strict=True)
     )

@@ -29,6 +29,7 @@ SIGNATURES = {
     "load-transfer": ({"ratio": 0.2}, (UP, UP, MOVED)),
     "load-bias": ({"offset": 10.0}, (DOWN, DOWN, MOVED)),
     "sinkage-bias": ({"offset": 0.002}, (UP, SAME, SAME)),
+    "drawbar-bias": ({"offset": 3.0}, (SAME, SAME, UP)),
     "wheel-radius": ({"relative_error": 0.05}, (MOVED, UP, UP)),
     "sensor-lag": ({"torque_lag": 0.2}, (SAME, DOWN, SAME)),
     "acceleration-torque": ({"J": 0.5}, (SAME, UP, SAME)),

@@ -43,6 +43,7 @@ TRUTH = {
     "load-transfer": ({"ratio": 0.25}, 1e-4),
     "load-bias": ({"gain": 0.96, "offset": 12.0}, 1e-3),
     "sinkage-bias": ({"offset": 0.003}, 1e-4),
+    "drawbar-bias": ({"offset": -2.5}, 1e-4),
     "wheel-radius": ({"relative_error": 0.04}, 1e-4),
     # Rates are slopes over some samples, and the wheel's angle a sum: not exact.
     "sensor-lag": ({"torque_lag": 0.15, "drawbar_pull_lag": 0.1, "sinkage_lag": 0.05}, 0.05),

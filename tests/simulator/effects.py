@@ -235,6 +235,7 @@ KNOWN: dict[str, Known] = {
     "motor-temperature": Known({"alpha": 0.0}),
     "load-bias": Known({"gain": 1.0, "offset": 0.0}, forms=("catalogue",)),
     "sinkage-bias": Known({"offset": 0.0}),
+    "drawbar-bias": Known({"offset": 0.0}),
     "wheel-radius": Known({"relative_error": 0.0}, forms=("catalogue",)),
     "sensor-lag": Known({"torque_lag": 0.0, "drawbar_pull_lag": 0.0, "sinkage_lag": 0.0}),
     "acceleration-torque": Known({"J": 0.0}, forms=("catalogue",)),

@@ -254,6 +254,12 @@ def _sinkage_bias(channels: Channels, p: Numbers, other: bool, _omega: Profile, 
     channels["sinkage"] = (0.97 if other else 1.0) * channels["sinkage"] + p["offset"]
 
 
+def _drawbar_bias(channels: Channels, p: Numbers, other: bool, _omega: Profile, _time: Array) -> None:
+    # Guides that stick a little more under a light load, in the other form.
+    more = 0.5 + 0.5 * np.mean(channels["load"]) / channels["load"] if other else 1.0
+    channels["drawbar_pull"] = channels["drawbar_pull"] + p["offset"] * more
+
+
 def _carried_away(channels: Channels, p: Numbers, other: bool, _omega: Profile, _time: Array) -> None:
     # Lyasko 2010 in the other form: soil is carried away without bearing more.
     slip = np.abs(channels["slip"])
@@ -274,5 +280,6 @@ SENSORS: dict[str, Callable[[Channels, Numbers, bool, Profile, Array], None]] = 
     "motor-temperature": _temperature,
     "load-bias": _load_bias,
     "sinkage-bias": _sinkage_bias,
+    "drawbar-bias": _drawbar_bias,
     "acceleration-torque": _acceleration,
 }
