@@ -91,7 +91,7 @@ def main(arguments=None):
     numbers = diagnosis_drives.QUICK_NUMBERS if given.quick else diagnosis_drives.FULL_NUMBERS
     first = 1000 if given.tuning else diagnosis_drives.FIRST
     folder = given.cache / ("tuning" if given.tuning else "scored")
-    found = {}
+    found, planned = {}, {}
     for section in given.section or diagnosis_drives.SECTIONS:
         wanted = [
             job
@@ -100,12 +100,13 @@ def main(arguments=None):
                 str(job.get(what)) == value for what, _, value in (one.partition("=") for one in given.only)
             )
         ]
+        planned[section] = len(wanted)
         if given.table:
             done = known(folder, section)
             found[section] = [done[key(job)] for job in wanted if key(job) in done]
         else:
             found[section] = study(section, wanted, folder, given.jobs)
-    lines = list(table(found))
+    lines = list(table(found, planned))
     print("\n".join(lines))
     whole = not (given.tuning or given.quick or given.section or given.only or given.number)
     if whole:

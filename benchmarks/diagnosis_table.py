@@ -9,7 +9,7 @@ from diagnosis_drives import FULL, NOISES, OUTSIDE
 
 #: A held-out error within this factor of the noise is as good as it gets.
 CLOSE = 1.05
-#: Norm of what the soil leaves of an effect, over the noise, below which nobody sees it among 25
+#: Norm of what the soil leaves of an effect, over the noise, below which nobody sees it among 26
 #: (`diagnosis_drives.strength`, which asks the truth and not the diagnosis).
 SEEN = 5.0
 
@@ -117,17 +117,24 @@ def halved(one):
 # The table
 
 
-def table(found):
-    """Yield the lines of the table, of what was found in each section."""
+def table(found, planned=None):
+    """Yield the lines of the table, of what was found in each section; `planned` is how many drives that takes."""
     failed = [one for ones in found.values() for one in ones if "error" in one["found"]]
     # A drive that fails found nothing.
     found = {
         name: [{**one, "found": _NOTHING | one["found"]} for one in ones] for name, ones in found.items()
     }
     drives = [one for ones in found.values() for one in ones]
+    short = [
+        f"{name} {len(found.get(name, []))} of {number}"
+        for name, number in (planned or {}).items()
+        if len(found.get(name, [])) < number
+    ]
     yield "Blind study of diagnose: hidden effects on drives of an independent simulator"
     yield ""
     yield from _about(drives, failed)
+    if short:
+        yield f"NOT ALL DRIVES YET: {', '.join(short)}."
     yield ""
     yield from _goals(found)
     for section, rows in (
@@ -165,13 +172,13 @@ def _goals(found):
     for noise in NOISES:
         yield goal(
             f"false alarms on clean logs, {noise}",
-            [alarmed(one) for one in clean if one["noise"] == noise],
+            [alarmed(one) for one in clean if one["noise"].startswith(noise)],
             most=0.05,
             bound=0.07,
         )
     yield goal("rich drive, full size: detected", map(alarmed, full), least=0.95)
     shown = [one for one in full if one["found"].get("strength", math.inf) >= SEEN]
-    yield goal("  of those that the drive can show at all", map(alarmed, shown), least=0.95)
+    yield goal("  of those that the drive shows, or could", map(alarmed, shown), least=0.95)
     yield goal("  true effect in the family, of those detected", map(in_family, heard), least=0.98)
     yield goal("  true effect first, of those detected", map(leads, heard), least=0.90)
     named = [one for name in ("clean", "effects", "removed", "outside") for one in found.get(name, [])]

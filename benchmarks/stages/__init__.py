@@ -2,7 +2,7 @@
 
 from importlib import import_module
 
-MODULES = ("bags", "tables", "program", "stresses", "segments", "estimators", "model")
+MODULES = ("bags", "tables", "program", "stresses", "segments", "estimators", "model", "diagnosis")
 STAGES = {}
 #: Modules that an older program, as `benchmarks.compare` measures it, has not what they need for.
 MISSING = {}

@@ -271,6 +271,8 @@ class _State:
             # A name that leaves something unexplained is not the whole story, and perhaps none of it.
             chance, left = leftover.follows(self.data, near[0][1], self.seed)
             clear = chance >= LEVEL or left < _SMALL * taken
+            # Nor is it where a law that nobody thought of predicts better.
+            clear = clear and not unknowns.beats(draft, near[0][1])
             earned = judged.earned and clear and self.data.blocks >= _FEWEST
         unknown = unknowns.verdict(self.base, best, draft, family)
         verdict: Verdict = "unknown" if unknown else ("effect" if earned else "family")
@@ -312,7 +314,9 @@ class _State:
         again = [
             (one, refits.refit(self.data, one, begun=refit.solutions)) for one, refit in ranked[: _RIVALS + 2]
         ]
-        again = self._credible_first(sorted(again, key=lambda pair: float(pair[1].loss.sum())))
+        again = _plainest_first(
+            self._credible_first(sorted(again, key=lambda pair: float(pair[1].loss.sum())))
+        )
         rest = [(one, refits.weighed(self.data, refit)) for one, refit in ranked[_RIVALS + 2 :]]
         return again + rest, [
             replace(one, refit=refits.refit(self.data, one.hypothesis, one.extra, one.refit.solutions))
@@ -428,6 +432,15 @@ class _State:
             dict(self.found.sizes[one.id]),
             refitted=False,
         )
+
+
+def _plainest_first(ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypothesis, Refit]]:
+    """Put in front, of those that predict as well as the first, the one with fewest parameters."""
+    if not ranked:
+        return ranked
+    good = [pair for pair in ranked if _as_good(pair[1].loss, ranked[0][1].loss)]
+    first = min(good, key=lambda pair: pair[0].free)
+    return [first, *(pair for pair in ranked if pair is not first)]
 
 
 def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:

@@ -41,7 +41,8 @@ def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
         part, wheel, rows = data.data[index], data.wheels[index], data.rows[index]
         columns = []
         for name, values in drafts.drivers(wheel).items():
-            column = part.inputs.get(name, values[rows])
+            # Measured sinkage has its own noise in common with what is left of it.
+            column = part.inputs.get(name, one.predicted[index].get(name, values[rows]))
             known = column[np.isfinite(column)]
             if name == drafts.ANGLE or len(known) == 0 or float(np.std(known)) == 0.0:
                 continue

@@ -38,6 +38,12 @@ class Hypothesis:
     priors: Mapping[str, Prior] = field(default_factory=dict)
     effect: Effect | None = None
 
+    @property
+    def free(self) -> int:
+        """Number of parameters that come with it."""
+        own = [self.effect.qualified(p) for p in self.effect.parameters] if self.effect else self.priors
+        return sum(name not in self.fixed for name in own)
+
 
 class Size(NamedTuple):
     """A parameter of an effect, as the data have it.

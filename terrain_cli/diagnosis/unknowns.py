@@ -116,10 +116,10 @@ def _unit(data: Ground, driver: str) -> str:
 
 
 def _extra(data: Ground, driver: str) -> list[dict[str, Array]]:
-    """Return the driver where it is none of the channels that models read."""
+    """Return the driver where it is none of the channels that models read, nor what they predict."""
     return [
         {driver: wheel.drivers[driver].values[rows]}
-        if driver in wheel.drivers and driver not in part.inputs
+        if driver in wheel.drivers and driver not in {*part.inputs, *part.measured}
         else {}
         for wheel, rows, part in zip(data.wheels, data.rows, data.data, strict=True)
     ]
@@ -151,6 +151,26 @@ def _plainest(tried: list[Tried], base: Refit) -> list[Tried]:
     return [first, *(one for one in tried if one is not first)]
 
 
+def beats(tried: Sequence[Tried], effect: Refit) -> bool:
+    """Tell whether a draft predicts better than an effect, beyond chance.
+
+    Parameters
+    ----------
+    tried : sequence of Tried
+        The best first.
+    effect : Refit
+
+    Returns
+    -------
+    bool
+    """
+    if not tried:
+        return False
+    difference = effect.loss - tried[0].refit.loss
+    error = float(np.std(difference, ddof=1) * np.sqrt(len(difference)))
+    return float(difference.sum()) > _SURE * error
+
+
 def verdict(base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence[str]) -> Unknown | None:
     """Tell whether a draft explains what no effect does.
 
@@ -173,9 +193,7 @@ def verdict(base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence
     if misfit <= 0.0:
         return None
     left = float((effect.loss - tried[0].refit.loss).sum())
-    difference = effect.loss - tried[0].refit.loss
-    error = float(np.std(difference, ddof=1) * np.sqrt(len(difference)))
-    if family and (left < _LEFT * misfit or left < _SURE * error):
+    if family and (left < _LEFT * misfit or not beats(tried, effect)):
         return None
     if not family and left <= 0.0:
         return None

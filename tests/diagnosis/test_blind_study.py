@@ -128,6 +128,7 @@ def records():
         {"section": "clean", "noise": "ar1", "course": "rich", "seed": 72},
         {**effect, "effect": "drivetrain-friction", "seed": 73, "size": 2.0},
         {**effect, "effect": "motor-temperature", "seed": 74, "size": 2.0},
+        {**effect, "effect": "max-stress-angle", "seed": 75},
         {"section": "outside", "effect": "hitch", "noise": "white", "seed": 76},
     ]
     return [diagnosis_drives.run({**job, **length}) for job in jobs]
@@ -145,6 +146,12 @@ def test_hidden_effects_are_in_the_family_and_no_name_is_wrong(records):
     hidden = [one for one in records if one["section"] == "effects"]
     assert all(diagnosis_table.alarmed(one) and diagnosis_table.in_family(one) for one in hidden)
     assert not any(diagnosis_table.wrong(one) for one in records)
+
+
+def test_noise_of_the_sinkage_is_not_taken_for_something_left_over(records):
+    (angle,) = [one for one in records if one.get("effect") == "max-stress-angle"]
+    assert diagnosis_table.right(angle)
+    assert diagnosis_table.close(angle)
 
 
 def test_what_no_catalogue_explains_is_placed_and_its_draft_takes_half_of_the_error_off(records):
