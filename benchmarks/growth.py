@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks import harness, model_speed, rover_bag
+from benchmarks.alone import alone
 from benchmarks.stages import bags, estimators, program, segments, stresses, tables
 
 if TYPE_CHECKING:
@@ -128,7 +129,9 @@ def _exponent(rows: Sequence[dict[str, Any]]) -> float:
 
 
 def _peak(name: str, size: int) -> float:
-    return float(harness.apart("-m", "benchmarks.growth", "--peak", name, str(size)).split()[-1])
+    return float(
+        alone(["-m", "benchmarks.growth", "--peak", name, str(size)], harness.ROOT).output.split()[-1]
+    )
 
 
 def table(results: Sequence[dict[str, Any]]) -> str:

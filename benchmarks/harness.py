@@ -7,8 +7,6 @@ import json
 import os
 import platform
 import resource
-import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import dataclass
@@ -16,6 +14,8 @@ from importlib import metadata
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
+
+from benchmarks.alone import alone
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -159,17 +159,7 @@ def _compared(times: dict[str, list[float]], *, within: bool) -> float | None:
 
 def peak_memory(stage: str, size: str, way: str) -> float:
     """Return the peak memory of one way in MB, inputs included, from a process of its own."""
-    return float(apart("-m", "benchmarks.peak", stage, size, way).split()[-1])
-
-
-def apart(*arguments: str) -> str:
-    """Run Python in a process whose peak memory is its own, and return what it says.
-
-    Linux lets a process begin with the peak of the one that started it: a small one stands between.
-    """
-    between = "import subprocess, sys; sys.exit(subprocess.run([sys.executable, *sys.argv[1:]]).returncode)"
-    command = [sys.executable, "-S", "-c", between, *arguments]
-    return subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    return float(alone(["-m", "benchmarks.peak", stage, size, way], ROOT).output.split()[-1])
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
 
-from formats.cells import EXACT, MISSING_SPELLINGS
+from formats.cells import EXACT, MISSING_SPELLINGS, floats
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -60,12 +60,18 @@ def columns(
         or there are quote marks or NUL bytes. What was yielded before is right.
     """
     names = [str(place) for place in range(width)]
-    convert = pc.ConvertOptions(
-        include_columns=[names[place] for place in kinds],
-        column_types={names[place]: kind for place, kind in kinds.items()},
-        strings_can_be_null=True,
-        null_values=list(MISSING_SPELLINGS),
-    )
+    # Every spelling of a missing value is compared with every cell. Most numbers are there, or the cell is
+    # empty, or a NaN, which is a number; the other spellings are looked for where that does not do.
+    numbers = all(pa.types.is_floating(kind) for kind in kinds.values())
+    convert = [
+        pc.ConvertOptions(
+            include_columns=[names[place] for place in kinds],
+            column_types={names[place]: kind for place, kind in kinds.items()},
+            strings_can_be_null=True,
+            null_values=spellings,
+        )
+        for spellings in ([""], list(MISSING_SPELLINGS))[0 if numbers else 1 :]
+    ]
     parse = partial(_parse, names=names, delimiter=delimiter, convert=convert)
     with ThreadPoolExecutor(_THREADS) as pool:
         waiting: deque[Future[list[pa.Array]]] = deque()
@@ -94,23 +100,25 @@ def _pieces(stream: TextStream) -> Iterator[bytes]:
 
 
 def _parse(
-    piece: bytes, *, names: Sequence[str], delimiter: str, convert: pc.ConvertOptions
+    piece: bytes, *, names: Sequence[str], delimiter: str, convert: Sequence[pc.ConvertOptions]
 ) -> list[pa.Array]:
-    try:
-        table = pc.read_csv(
-            pa.BufferReader(piece),
-            read_options=pc.ReadOptions(
-                use_threads=False, block_size=len(piece) + 1, column_names=list(names)
-            ),
-            parse_options=pc.ParseOptions(delimiter=delimiter, quote_char=False),
-            convert_options=convert,
-        ).combine_chunks()
-    except pa.ArrowInvalid as error:
-        raise OddError from error
+    for options in convert:
+        try:
+            table = pc.read_csv(
+                pa.BufferReader(piece),
+                read_options=pc.ReadOptions(
+                    use_threads=False, block_size=len(piece) + 1, column_names=list(names)
+                ),
+                parse_options=pc.ParseOptions(delimiter=delimiter, quote_char=False),
+                convert_options=options,
+            ).combine_chunks()
+        except pa.ArrowInvalid as error:
+            if options is convert[-1]:
+                raise OddError from error
+        else:
+            break
     found = [column.chunk(0) if column.num_chunks else pa.array([], column.type) for column in table.columns]
     for cells in found:
-        if pa.types.is_floating(cells.type):
-            values = cells.to_numpy(zero_copy_only=False)
-            if (np.abs(values) >= EXACT).any():
-                raise OddError
+        if pa.types.is_floating(cells.type) and (np.abs(floats(cells)) >= EXACT).any():
+            raise OddError
     return found

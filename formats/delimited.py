@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.csv as pc
 
 from formats import clean
-from formats.cells import MISSING, MISSING_SPELLINGS, Names, kind_of, numbers, times
+from formats.cells import MISSING, MISSING_SPELLINGS, Names, floats, kind_of, numbers, times
 from formats.dialect import SAMPLE_ROWS, Dialect, examine, split_line
 from formats.errors import DamagedError, FormatError
 from formats.salvage import HINT, Recovery
@@ -78,7 +78,6 @@ class DelimitedSource(Source):
 
     def __init__(self, path: str, file: str, *, salvage: bool = False) -> None:
         super().__init__(path, "csv")
-        self._label = STANDARD_INPUT if path == "-" else path
         self._file = file
         self.recovery = Recovery("rows", bytes_expected=Path(file).stat().st_size) if salvage else None
         stream = self._open()
@@ -103,6 +102,10 @@ class DelimitedSource(Source):
     def _open(self) -> TextStream:
         kind = TextStream if self.recovery is None else SalvagedText
         return kind(self._label, self._file)
+
+    @property
+    def _label(self) -> str:
+        return STANDARD_INPUT if self.path == "-" else self.path
 
     def streams(self) -> tuple[Stream, ...]:
         """Return the one table.
@@ -170,7 +173,7 @@ class DelimitedSource(Source):
         if kind == "text":
             return names[field].labels(cells)
         if pa.types.is_floating(cells.type):
-            return np.asarray(cells.to_numpy(zero_copy_only=False))
+            return floats(cells)
         values: Column
         values, bad = times(cells) if kind == "time" else numbers(cells, self._dialect.decimal)
         if bad.any():

@@ -8,6 +8,22 @@ FormatError          65   not what its name or content promises
 
 from __future__ import annotations
 
+import os
+
+
+def shown(path: str) -> str:
+    r"""Return a path as text: bytes of a name that are none become ``\x..``.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    str
+    """
+    return os.fsencode(path).decode("utf-8", "backslashreplace")
+
 
 class FormatError(Exception):
     """A file that cannot be read or written, told in one line.
@@ -25,8 +41,8 @@ class FormatError(Exception):
     exit_code = 65
 
     def __init__(self, path: str, message: str, *, hint: str = "") -> None:
-        super().__init__(f"{path}: {message}")
-        self.path = path
+        self.path, self.message = shown(path), message
+        super().__init__(f"{self.path}: {message}")
         self.hint = hint
 
 

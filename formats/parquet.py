@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from formats.cells import MISSING, Names, exact, kind_of, numbers
+from formats.cells import MISSING, Names, exact, floats, kind_of, numbers
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import PARQUET_ROWS, PARQUET_ROWS_PER_BYTE, TooMuchError
 from formats.parquet_pages import check_pages
@@ -54,7 +54,6 @@ class ParquetSource(Source):
 
     def __init__(self, path: str, files: Sequence[str], *, salvage: bool = False) -> None:
         super().__init__(path, "parquet")
-        self._label = STANDARD_INPUT if path == "-" else path
         self._parts = {file: _partition(Path(file), Path(path)) for file in files}
         if salvage:
             files = self._readable(files)
@@ -84,6 +83,10 @@ class ParquetSource(Source):
             self.remarks.append(
                 f"columns passed over, being neither numbers, texts nor times: {', '.join(passed_over)}"
             )
+
+    @property
+    def _label(self) -> str:
+        return STANDARD_INPUT if self.path == "-" else self.path
 
     def streams(self) -> tuple[Stream, ...]:
         """Return the one table.
@@ -241,10 +244,8 @@ def _column(array: pa.Array, kind: Kind, names: Names) -> Column:
     if pa.types.is_duration(array.type):
         seconds = pc.cast(array, pa.duration("ns")).to_numpy(zero_copy_only=False)
         return np.asarray(seconds / np.timedelta64(1, "s"))
-    floats = pc.cast(array, pa.float64(), safe=False)
-    if pa.types.is_integer(array.type):
-        return exact(floats, array)
-    return np.asarray(floats.to_numpy(zero_copy_only=False))
+    rounded = pc.cast(array, pa.float64(), safe=False)
+    return exact(rounded, array) if pa.types.is_integer(array.type) else floats(rounded)
 
 
 def _constant(value: str | None, rows: int, kind: Kind, names: Names) -> Column:

@@ -7,15 +7,15 @@ Footer and heads of pages are structs of Thrift's compact protocol.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from formats.limits import TooMuchError, unpacked_limit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-#: Bytes that the head of a page may have.
-_HEAD = 1 << 16
+#: Bytes that the head of a page nearly always has, and those that it may have.
+_USUAL_HEAD, _HEAD = 1 << 8, 1 << 16
 _DEEPEST = 12
 #: Numbers of the kinds: true and false, integers, bytes, list and set, struct.
 _FLAGS, _INTEGERS, _BYTES, _LISTS, _STRUCT = (1, 2), (4, 5, 6), 8, (9, 10), 12
@@ -52,9 +52,8 @@ def check_pages(file: str) -> None:
         for first, end in _columns(footer):
             at = first
             while 0 <= at < min(end, whole):
-                stream.seek(at)
                 try:
-                    head, length = _struct(stream.read(_HEAD), 0, 0)
+                    head, length = _head(stream, at)
                 except (IndexError, ValueError):
                     break
                 unpacked, packed = _number(head, _PAGE_SIZE), _number(head, _PAGE_PACKED)
@@ -63,6 +62,16 @@ def check_pages(file: str) -> None:
                 at += length + max(packed, 1)
                 if at > whole:
                     raise TooMuchError(f"a page claims {packed:,} bytes, more than the file has")
+
+
+def _head(stream: BinaryIO, at: int) -> tuple[dict[int, Any], int]:
+    """Return the head of the page that begins there, and its length."""
+    stream.seek(at)
+    begin = stream.read(_USUAL_HEAD)
+    try:
+        return _struct(begin, 0, 0)
+    except IndexError:
+        return _struct(begin + stream.read(_HEAD - _USUAL_HEAD), 0, 0)
 
 
 def _columns(footer: dict[int, Any]) -> Iterator[tuple[int, int]]:

@@ -9,10 +9,11 @@ import stat
 import sys
 import tempfile
 import weakref
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-from formats.errors import CannotWriteError, FormatError
+from formats.errors import CannotWriteError, FormatError, shown
 from formats.inputs import parquet_parts, promised_kind
 from formats.limits import METADATA_BYTES
 from formats.streams import COMPRESSED, STANDARD_INPUT, content, failure, first_bytes
@@ -47,6 +48,8 @@ def open_source(path: str, *, salvage: bool = False) -> Source:
     FormatError
         Empty, of a kind that is not read, or not what it promises.
     """
+    if shown(path) != path:
+        return _open_linked(path, salvage=salvage)
     if path == "-":
         return _open_copy(path, sys.stdin.buffer, salvage=salvage)
     try:
@@ -102,6 +105,24 @@ def _open_copy(path: str, stream: BinaryIO, *, salvage: bool) -> Source:
             ) from error
         raise
     weakref.finalize(source, Path(copy).unlink, missing_ok=True)
+    return source
+
+
+def _open_linked(path: str, *, salvage: bool) -> Source:
+    """Open what has no text for a name, which libraries take names for, through a link."""
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="terrain-est-"))
+        # The ending says what the file is.
+        link = Path(folder, f"input{shown(Path(path).suffix)}")
+        link.symlink_to(Path(path).absolute())
+        try:
+            source = open_source(str(link), salvage=salvage)
+        except FormatError as error:
+            if error.path != str(link):
+                raise
+            raise type(error)(path, error.message, hint=error.hint) from error
+        source.path = shown(path)
+        weakref.finalize(source, stack.pop_all().close)
     return source
 
 

@@ -11,9 +11,9 @@ import formats
 from terrain_cli import telemetry
 from terrain_cli.channels import CHANNELS
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import advice, complete
+from terrain_cli.telemetry import advice, bags, complete
 from terrain_cli.telemetry.align import seconds
-from terrain_cli.telemetry.columns import read_whole, stamps
+from terrain_cli.telemetry.columns import read_topics, stamps
 from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.reading import read_raw
 
@@ -68,19 +68,21 @@ def inspect(
     """
     source = formats.open_source(path, salvage=salvage)
     layout = telemetry.plan(source, rover)
-    raws = read_raw(layout, rover, CHANNELS, wheels=wheels)
-    topics = {feed.topic for raw in raws for feed in raw.feeds.values() if feed.topic}
+    tables = None if is_table(source) else read_topics(source, bags.fields(layout, CHANNELS))
+    raws = read_raw(layout, rover, CHANNELS, wheels=wheels, topics=tables)
+    used = {feed.topic for raw in raws for feed in raw.feeds.values() if feed.topic}
     lacks = {raw.wheel: telemetry.lacking(raw, rover) for raw in raws}
     found = [_wheel(source, layout, raw, rover, lacks[raw.wheel]) for raw in raws]
     clock = {wheel.pop("rover_toml", "") for wheel in found} - {""}
-    streams = [_stream(source, stream, read=stream.topic in topics) for stream in source.streams()]
+    clocks = {topic: stamps(table)[0] for topic, table in (tables or {}).items() if topic in used}
+    streams = [_stream(stream, clocks.get(stream.topic)) for stream in source.streams()]
     if is_table(source) and streams[0]["records"] is None:
         first = streams[0]["fields"][0]["name"]
         streams[0]["records"] = sum(len(batch[first]) for batch in source.read("", [first]))
     return {
-        "source": path,
+        "source": source.path,
         "kind": source.kind,
-        "rover": str(rover.path) if rover.path else None,
+        "rover": formats.shown(str(rover.path)) if rover.path else None,
         "streams": streams,
         "wheels": found,
         "extras": list(layout.extras),
@@ -91,10 +93,10 @@ def inspect(
     }
 
 
-def _stream(source: Source, stream: Stream, *, read: bool) -> dict[str, Any]:
+def _stream(stream: Stream, clock: NDArray[np.datetime64] | None) -> dict[str, Any]:
     entry: dict[str, Any] = {"topic": stream.topic, "type": stream.type, "records": stream.count}
-    if read:
-        entry |= _rate(seconds(stamps(read_whole(source, stream.topic, []))[0], 0.0))
+    if clock is not None:
+        entry |= _rate(seconds(clock, 0.0))
     elif stream.count and stream.start is not None and stream.end is not None and stream.end > stream.start:
         span = (stream.end - stream.start) * 1e-9
         entry |= {"duration_s": span, "rate_Hz": (stream.count - 1) / span}

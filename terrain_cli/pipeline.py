@@ -122,7 +122,7 @@ def run(
     if tables:
         outcome.table = results.join(tables)
     else:
-        outcome.error = _nothing_usable(path, outcome.account["wheels"])
+        outcome.error = _nothing_usable(source.path, outcome.account["wheels"])
     return outcome
 
 

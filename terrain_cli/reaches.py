@@ -14,6 +14,7 @@ import numpy as np
 
 from terrain_cli import estimation, fitting, results, windows
 from terrain_cli.telemetry.excerpt import joined
+from terrain_cli.telemetry.samples import NEEDED
 
 if TYPE_CHECKING:
     from terrain_cli.estimation import WindowEstimates
@@ -28,6 +29,8 @@ MOST_ROWS = 2_000_000
 REACH, SETTLED = 1 << 19, 20_000
 #: Longest window: a soil that goes on for longer is cut there.
 LONGEST = 1 << 20
+#: Channels that windows, estimates and the table are made of.
+_KEPT = {*NEEDED, "x", "y", "longitude", "latitude"}
 #: Samples set aside behind each usable one, among its drivers.
 _BEHIND = "@behind"
 
@@ -102,7 +105,8 @@ class Wheel:
             return
         behind = np.diff(np.append(usable, len(part))) - 1.0
         used = part if len(usable) == len(part) else part.taken(usable)
-        self._pending.append(replace(used, drivers={_BEHIND: behind}))
+        channels = {name: values for name, values in used.channels.items() if name in _KEPT}
+        self._pending.append(replace(used, channels=channels, drivers={_BEHIND: behind}))
         self._waiting += len(usable)
         # A long window that is carried on is not searched again for every few samples.
         if self._waiting >= self._carried + max(REACH, self._carried):

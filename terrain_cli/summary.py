@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from terrain_cli.settings import Settings
 
 FORMAT = "terrain-est/summary/1"
+#: Of a table, what `document` looks at.
+COLUMNS = ("terrain", "wheel", "distance_m", "n_samples", "n_rejected")
 
 
 def document(
@@ -28,7 +30,7 @@ def document(
     Parameters
     ----------
     table : dict
-        From `results.join`.
+        From `results.join`; `COLUMNS` are enough.
     estimates : WindowEstimates
         Behind its rows.
     accounts : sequence of dict

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -70,7 +70,7 @@ class Windows:
     @property
     def driving(self) -> NDArray[np.bool_]:
         """Which of the usable samples are of a wheel that does not skid, shape (n,)."""
-        return np.asarray(self.samples.channels["slip"][self.rows] >= 0.0)
+        return np.asarray(at_rows(self.samples.channels["slip"], self.rows) >= 0.0)
 
     def on_line(self) -> Windows:
         """Return the same windows without the samples of a skidding wheel.
@@ -88,8 +88,24 @@ class Windows:
         )
 
 
+def at_rows(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """Return some values of a column: the column itself, not a copy, where these are all.
+
+    Parameters
+    ----------
+    column : ndarray, shape (n,)
+    rows : ndarray of int
+
+    Returns
+    -------
+    ndarray
+    """
+    whole = len(rows) == len(column) and bool(np.all(rows[1:] > rows[:-1]))
+    return column if whole else column[rows]
+
+
 def _measured(samples: Samples, rows: NDArray[np.intp]) -> Measured:
-    load, torque, sinkage, slip = (samples.channels[name][rows] for name in NEEDED)
+    load, torque, sinkage, slip = (at_rows(samples.channels[name], rows) for name in NEEDED)
     return Measured(load=load, torque=torque, sinkage=sinkage, slip=slip)
 
 
@@ -107,6 +123,21 @@ def line(samples: Samples, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64],
         In Pa.
     """
     return linear.line_coordinates(**_measured(samples, rows), **samples.geometry.line)
+
+
+def _coordinates(
+    samples: Samples, rows: NDArray[np.intp], driving: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return x and y of some rows, NaN of those that are not driving."""
+    if len(driving) == len(rows):
+        return line(samples, rows)
+    x, y = _unknown(rows)
+    x[driving], y[driving] = line(samples, rows[driving])
+    return x, y
+
+
+def _unknown(rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    return np.full((2, len(rows)), np.nan)
 
 
 def cut(
@@ -156,14 +187,12 @@ def cut(
         method = "none" if labels is None else "terrain"
     if samples.time is None and labels is not None and method == "terrain":
         rows = rows[np.argsort(labels.codes[rows], kind="stable")]
-    x, y = (np.full(len(rows), np.nan) for _ in range(2))
-    driving = np.flatnonzero(samples.channels["slip"][rows] >= 0.0)
-    if lined:
-        x[driving], y[driving] = line(samples, rows[driving])
+    driving = np.flatnonzero(at_rows(samples.channels["slip"], rows) >= 0.0)
+    x, y = _coordinates(samples, rows, driving) if lined else _unknown(rows)
     # A soil goes on between pieces of one drive.
-    stretch = (samples.stretch if samples.drive is None else samples.drive)[rows]
+    stretch = at_rows(samples.stretch if samples.drive is None else samples.drive, rows)
     breaks = np.flatnonzero(np.diff(stretch)) + 1
-    distance = samples.distance[rows] if samples.distance is not None else None
+    distance = at_rows(samples.distance, rows) if samples.distance is not None else None
     if method == "terrain":
         if labels is None:
             raise InputError(
@@ -186,12 +215,12 @@ def cut(
             len(rows), samples=window_samples, metres=window_distance, distance=distance, breaks=breaks
         )
     elif method == "auto":
-        own = np.flatnonzero(np.diff(stretch[driving])) + 1
+        own = np.flatnonzero(np.diff(at_rows(stretch, driving))) + 1
         changes = segmentation.change_points(
-            x[driving],
-            y[driving],
+            at_rows(x, driving),
+            at_rows(y, driving),
             breaks=own,
-            distance=None if distance is None else distance[driving],
+            distance=None if distance is None else at_rows(distance, driving),
             min_samples=CUT_SAMPLES if min_samples is None else min_samples,
             min_distance=MIN_DISTANCE if window_distance is None else window_distance,
             before=before,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pyarrow.parquet as pq
 from wheel_table import ROVER, good, text
 
 from terrain_cli import rover as rovers
@@ -42,6 +43,16 @@ def manifest(folder):
     """Return the lines of a manifest."""
     lines = (Path(folder) / "manifest.jsonl").read_text().splitlines()
     return [json.loads(line) for line in lines]
+
+
+def by_path(output="out"):
+    """Return the last line of each path."""
+    return {line["path"]: line for line in manifest(output)}
+
+
+def sources(output="out"):
+    """Return the sources of the mission table, in its order."""
+    return list(dict.fromkeys(pq.read_table(Path(output, "segments.parquet"))["source"].to_pylist()))
 
 
 class Inline:

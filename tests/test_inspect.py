@@ -12,6 +12,7 @@ import pytest
 from simulator import DRY_SAND, Clock, Drive, Track, simulate
 from simulator.logs import write_ros1
 
+from formats.rosbag import BagSource
 from terrain_cli import rover as rovers
 from terrain_cli.app import main
 from terrain_cli.errors import InputError
@@ -79,6 +80,19 @@ def test_what_it_counts_is_what_is_read(rover, name):
         low, high = wheel["channels"]["load"]["range"]
         assert (low, high) == (own.channels["load"].min(), own.channels["load"].max())
     assert document["rover_toml"] == ""
+
+
+@pytest.mark.parametrize("name", ["run.bag", "run.mcap"])
+def test_a_bag_is_read_once(rover, name, monkeypatch):
+    passes = []
+    plain = BagSource.read_together
+    monkeypatch.setattr(
+        BagSource,
+        "read_together",
+        lambda self, fields, *rest: passes.append(fields) or plain(self, fields, *rest),
+    )
+    inspect(str(SAMPLE / name), rover)
+    assert len(passes) == 1
 
 
 def test_json(run):

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import rover_bag
-from benchmarks.harness import ROOT, Case, Stage
+from benchmarks.harness import ROOT, Case, Stage, inputs_folder
 from benchmarks.stages import bags
 
 #: Changes of soil this many seconds beside the true ones are found.
@@ -24,8 +24,11 @@ TREE = Path(os.environ.get("TERRAIN_EST_TREE", ROOT))
 
 
 def run(*command: str) -> str:
-    """Run a command, and return what it says."""
-    return subprocess.run(command, cwd=TREE, check=True, capture_output=True, text=True).stdout
+    """Run a command, its modules compiled before as those of installed programs are; return what it says."""
+    compiled = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(inputs_folder() / "compiled")}
+    return subprocess.run(
+        command, cwd=TREE, env=os.environ | compiled, check=True, capture_output=True, text=True
+    ).stdout
 
 
 def program(*arguments: str) -> str:

@@ -13,11 +13,11 @@ from formats.output.text import write_text
 from formats.output.wkt import LAYER
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from formats.output.table import Values
 
-__all__ = ["check_crs", "output_kind", "replacing", "write_table"]
+__all__ = ["check_crs", "output_kind", "replacing", "write_parts", "write_table"]
 
 _TEXT_KINDS = ("csv", "json", "geojson", "geojsonl", "geojsons")
 _KINDS = {f".{kind}": kind for kind in ("csv", "parquet", "json", "geojson", "gpkg", "geojsonl", "geojsons")}
@@ -122,7 +122,7 @@ def write_table(
         elif kind == "parquet":
             from formats.output.parquet import write_parquet
 
-            write_parquet(table, temporary, crs, geometry)
+            write_parquet([table], temporary, crs, geometry)
         else:
             from formats.output.geopackage import Layer, write_geopackage
 
@@ -130,3 +130,32 @@ def write_table(
             styled = graduated or {}
             parts = [Layer(name, some, styled.get(name, ())) for name, some in tables.items()]
             write_geopackage(parts, destination, temporary, crs, geometry)
+
+
+def write_parts(
+    parts: Iterable[Mapping[str, Values]],
+    destination: str,
+    *,
+    crs: str | None = None,
+    geometry: str = "WKT",
+) -> None:
+    """Write a table as Parquet, whole or not at all, of which only a part is held at a time.
+
+    Parameters
+    ----------
+    parts : iterable of mapping
+        At least one; as `write_table` takes them, with the same columns.
+    destination : str
+        A path.
+    crs, geometry : str
+        As for `write_table`.
+
+    Raises
+    ------
+    CannotWriteError, FormatError
+        As from `write_table`.
+    """
+    from formats.output.parquet import write_parquet
+
+    with replacing(destination) as temporary:
+        write_parquet(map(normalise, parts), temporary, crs, geometry)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from formats.errors import CannotWriteError
+from formats.errors import CannotWriteError, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -59,7 +59,7 @@ def replacing(path: str) -> Iterator[str]:
         effective = os.access in os.supports_effective_ids
         if mode is not None and not os.access(target, os.W_OK, effective_ids=effective):
             raise CannotWriteError(path, "is write-protected")
-        temporary = target.with_name(f".{target.stem[:100]}-{secrets.token_hex(4)}{target.suffix}")
+        temporary = target.with_name(f".{shown(target.stem)[:100]}-{secrets.token_hex(4)}{target.suffix}")
         try:
             temporary.touch(exist_ok=False)
             yield str(temporary)
@@ -100,3 +100,7 @@ def explained(path: str) -> Iterator[None]:
         raise
     except OSError as error:
         raise CannotWriteError(path, _REASONS.get(error.errno or 0, error.strerror or str(error))) from error
+    except UnicodeEncodeError as error:
+        if shown(path) == path:
+            raise
+        raise CannotWriteError(path, "a file of this kind needs a path that is text (UTF-8)") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
+from itertools import chain
 from typing import Literal
 
 #: What a GIS shows as the name of the layer.
@@ -38,9 +39,8 @@ class Shape:
         size = len(self.points[0])
         code = (1 if self.kind == "Point" else 2) + 1000 * (size - 2)
         count = b"" if self.kind == "Point" else struct.pack("<I", len(self.points))
-        return (
-            struct.pack("<BI", 1, code) + count + b"".join(struct.pack(f"<{size}d", *p) for p in self.points)
-        )
+        numbers = chain.from_iterable(self.points)
+        return struct.pack("<BI", 1, code) + count + struct.pack(f"<{size * len(self.points)}d", *numbers)
 
 
 def parse(text: str | None) -> Shape | None:

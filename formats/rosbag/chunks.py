@@ -83,6 +83,26 @@ Run: TypeAlias = dict[int, Messages]
 _Unpacked: TypeAlias = tuple[int, Chunk, bytes | memoryview]
 
 
+def opened(file: BinaryIO | None) -> BinaryIO:
+    """Return the file of a reader that rosbags opens and closes.
+
+    Parameters
+    ----------
+    file : binary file or None
+
+    Returns
+    -------
+    binary file
+
+    Raises
+    ------
+    ValueError
+    """
+    if file is None:
+        raise ValueError("not open")
+    return file
+
+
 def runs(
     file: BinaryIO, chunks: Sequence[Chunk], wanted: Collection[int], layout: Layout, size: int = RUN_BYTES
 ) -> Iterator[Run]:
@@ -184,7 +204,8 @@ def _locate(
     buffer = b"".join(pieces)
     for connection, parts in found.items():
         entries, *rest = zip(*parts, strict=True)
-        times, places = layout.entries(np.concatenate(entries))
+        # Joined as bytes: NumPy compares the names of all fields first, which takes three times as long.
+        times, places = layout.entries(np.frombuffer(b"".join(entries), layout.entry))
         lengths = [len(of_chunk) for of_chunk in entries]
         bases, ends, ranks, firsts = (np.repeat(np.array(of_chunk), lengths) for of_chunk in rest)
         records = bases + places

@@ -14,12 +14,9 @@ from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, TooMuchError
 from formats.rosbag.chunks import RUN_BYTES
 from formats.rosbag.damage import HINTS, check, damaged
-from formats.rosbag.db3 import Db3File
-from formats.rosbag.mcap import McapFile
 from formats.rosbag.messages import of_payloads
 from formats.rosbag.recording import Recording
-from formats.rosbag.ros1 import Ros1File
-from formats.rosbag.unpacking import bound_rosbags, unpack, unpacks
+from formats.rosbag.unpacking import unpack, unpacks
 from formats.salvage import Recovery, salvaged
 
 if TYPE_CHECKING:
@@ -33,8 +30,6 @@ if TYPE_CHECKING:
 
 #: What to do where not even salvage helps.
 LOST = "copy or record it again"
-
-bound_rosbags()
 
 
 class Reader(Protocol):
@@ -239,13 +234,7 @@ class Container:
     def _open(self, file: Path) -> Reader:
         name = self._name(file)
         check(file, self.kind, name)
-        reader: Reader
-        if self.kind == "ros1":
-            reader = Ros1File(file)
-        elif self.kind == "mcap":
-            reader = McapFile(file)
-        else:
-            reader = Db3File(file)
+        reader = _reader(file, self.kind)
         try:
             reader.open()
         except Exception as error:  # rosbags answers damaged bytes with any exception there is
@@ -254,3 +243,18 @@ class Container:
             raise damaged(name, self.kind, error) from error
         self._stack.callback(reader.close)
         return reader
+
+
+def _reader(file: Path, kind: str) -> Reader:
+    # What rosbags imports to read ROS 2 takes longer than to read a minute of ROS 1.
+    if kind == "ros1":
+        from formats.rosbag.ros1 import Ros1File
+
+        return Ros1File(file)
+    if kind == "mcap":
+        from formats.rosbag.mcap import McapFile
+
+        return McapFile(file)
+    from formats.rosbag.db3 import Db3File
+
+    return Db3File(file)

@@ -25,6 +25,7 @@ from formats.salvage.sqlite import BrokenError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
+    from io import BufferedReader
     from pathlib import Path
 
     from formats.rosbag.chunks import Run
@@ -48,6 +49,7 @@ class Db3File:
         #: First and last log time of each connection that has messages, by its id.
         self.spans: dict[int, tuple[int, int]] = {}
         self._database: sqlite3.Connection | None = None
+        self._file: BufferedReader | None = None
         self._leaves: Leaves | None = None
 
     def open(self) -> None:
@@ -66,9 +68,11 @@ class Db3File:
     def close(self) -> None:
         """Close the file."""
         if self._database is not None:
-            self._leaves = None
             self._database.close()
-            self._database = None
+            self._database = self._leaves = None
+        if self._file is not None:
+            self._file.close()
+            self._file = None
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
         _refuse_what_calculates(database)
@@ -100,15 +104,15 @@ class Db3File:
     def _plain(self, database: sqlite3.Connection) -> Leaves | None:
         """Return what reads the messages in bulk, if they are as all recorders write them."""
         columns = [
-            (name, kind, key)
-            for _, name, kind, _, _, key in database.execute("PRAGMA table_info(messages)")
+            (name, kind, key) for _, name, kind, _, _, key in database.execute("PRAGMA table_info(messages)")
         ]
         if columns != _PLAIN:
             return None
-        ((root,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'")
+        ((root,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE lower(name) = 'messages'")
         query = "SELECT data FROM messages WHERE id = ?"
+        self._file = self.path.open("rb")
         try:
-            return Leaves(self.path, root, lambda number: database.execute(query, (number,)).fetchone()[0])
+            return Leaves(self._file, root, lambda number: database.execute(query, (number,)).fetchone()[0])
         except (BrokenError, IndexError):
             return None
 

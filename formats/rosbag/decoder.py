@@ -97,12 +97,12 @@ class Decoder:
 
     def message(self, payload: bytes, row: int = 0) -> object:
         """Decode one message with rosbags."""
-        store = self.definition.store
         try:
+            store = self.definition.store
             if self.definition.ros1:
                 return store.deserialize_ros1(payload, self.definition.type)
             return store.deserialize_cdr(payload, self.definition.type)
-        except Exception as error:  # rosbags answers damaged bytes with any exception there is
+        except Exception as error:  # rosbags answers damaged bytes and texts with any exception there is
             raise UndecodableError(row, " ".join(str(error).split())[:160] or type(error).__name__) from error
 
     def _leaf(self, request: Request) -> Leaf | None:

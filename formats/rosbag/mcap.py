@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import struct
 from contextlib import closing
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from rosbags.rosbag2.storage_mcap import McapReader, decompress
+from rosbags.rosbag2 import storage_mcap
+from rosbags.rosbag2.storage_mcap import McapReader
 
-from formats.rosbag.chunks import RUN_BYTES, Chunk, runs
-from formats.rosbag.messages import collected, numbers_at
+from formats.rosbag.chunks import RUN_BYTES, Chunk, opened, runs
+from formats.rosbag.messages import collected, parts_at
+from formats.rosbag.unpacking import unpack
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -27,6 +29,21 @@ _ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
 #: bytes; before a payload channel, sequence, log time and time of publication.
 _RECORD, _INDEX, _MESSAGE = 9, 6, 22
 _MESSAGE_CODE = 0x05
+_HEAD = np.dtype(
+    {
+        "names": ["code", "length", "channel", "time"],
+        "formats": ["u1", "<i8", "<u2", "<i8"],
+        "offsets": [0, 1, _RECORD, _RECORD + 6],
+        "itemsize": _RECORD + _MESSAGE,
+    }
+)
+
+# rosbags itself unpacks without bounds: a few bytes would become gigabytes.
+storage_mcap.DECOMPRESSORS.update(
+    {packing: lambda data, _, packing=packing: unpack(data, packing) for packing in ("lz4", "zstd")}  # type: ignore[misc]
+)
+# YAML, 0.4 ms for each of many topics whose profiles are alike; nobody here asks for them.
+storage_mcap.get_qos = lru_cache(256)(storage_mcap.get_qos)
 
 
 class McapFile(McapReader):
@@ -40,21 +57,7 @@ class McapFile(McapReader):
     entry = _ENTRY
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
-        """Read the messages of some connections.
-
-        Parameters
-        ----------
-        wanted : collection of int
-            Their numbers.
-        size : int
-            As for `chunks.runs`.
-
-        Yields
-        ------
-        dict of int to Messages
-        """
-        if self.bio is None:
-            raise ValueError("not open")
+        """Read the messages of some connections; see `chunks.runs`."""
         if not self.chunks:
             yield from self._walked(wanted, size)
             return
@@ -69,7 +72,7 @@ class McapFile(McapReader):
             )
             for chunk in sorted(self.chunks, key=lambda chunk: chunk.chunk_start_offset)
         ]
-        yield from runs(self.bio, chunks, wanted, self, size)
+        yield from runs(opened(self.bio), chunks, wanted, self, size)
 
     def open(self) -> None:
         """Read the summary, and see what the indexes span."""
@@ -79,11 +82,12 @@ class McapFile(McapReader):
         if len({chunk.chunk_start_offset for chunk in self.chunks}) < len(self.chunks):
             # A few bytes of index could make this unpack one chunk without end.
             raise ValueError("its index names a chunk twice")
+        bio = opened(self.bio)
         for chunk in self.chunks:
             for connection, begin, count in self._index(chunk) or ():
-                if self.bio is not None and count > 0:
-                    self.bio.seek(begin)
-                    times, _ = self.entries(np.frombuffer(self.bio.read(count * _ENTRY.itemsize), _ENTRY))
+                if count > 0:
+                    bio.seek(begin)
+                    times, _ = self.entries(np.frombuffer(bio.read(count * _ENTRY.itemsize), _ENTRY))
                     first, last = int(times.min()), int(times.max())
                     start, end = self.spans.get(connection, (first, last))
                     self.spans[connection] = min(start, first), max(end, last)
@@ -113,12 +117,11 @@ class McapFile(McapReader):
 
     def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
         """Return starts and sizes of payloads; see `chunks.Layout`."""
-        right = numbers_at(buffer, records, "|u1") == _MESSAGE_CODE
-        right &= numbers_at(buffer, records + _RECORD, "<u2") == connection
-        right &= numbers_at(buffer, records + _RECORD + 6, "<i8") == times
+        heads = parts_at(buffer, records, _HEAD.itemsize).view(_HEAD)
+        right = (heads["code"] == _MESSAGE_CODE) & (heads["channel"] == connection) & (heads["time"] == times)
         if not right.all():
             raise ValueError("an index and the message it points at differ")
-        return records + _RECORD + _MESSAGE, numbers_at(buffer, records + 1, "<i8") - _MESSAGE
+        return records + _HEAD.itemsize, heads["length"] - _MESSAGE
 
     def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
         """Make the index of a chunk that has none; see `chunks.Layout`."""
@@ -142,4 +145,4 @@ def _unpack(chunk: ChunkInfo, record: bytes) -> bytes | memoryview:
     if (size, stored) != (chunk.uncompressed_size, chunk.compressed_size) or stored > len(contents):
         raise ValueError("a chunk is not as its index says")
     # Whatever it is packed in, rosbags takes any bytes.
-    return decompress(cast("bytes", contents[:stored]), chunk.compression, size, checksum)
+    return storage_mcap.decompress(cast("bytes", contents[:stored]), chunk.compression, size, checksum)

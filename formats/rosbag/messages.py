@@ -22,7 +22,7 @@ class Messages:
 
     Parameters
     ----------
-    buffer : bytes
+    buffer : bytes or memoryview of bytes
         May hold more than these messages.
     starts, sizes : ndarray of int64, shape (n,)
         Of each payload, in bytes.
@@ -32,7 +32,7 @@ class Messages:
         Rising with the place in the file: what decides between equal times.
     """
 
-    buffer: bytes
+    buffer: bytes | memoryview
     starts: Index
     sizes: Index
     times: Index
@@ -141,12 +141,12 @@ def collected(
         yield {int(number): joined.take(numbers == number) for number in np.unique(numbers)}
 
 
-def numbers_at(buffer: bytes | NDArray[np.uint8], places: Index, code: str) -> NDArray[Any]:
+def numbers_at(buffer: bytes | memoryview | NDArray[np.uint8], places: Index, code: str) -> NDArray[Any]:
     """Read a number at each of some places, wherever they are.
 
     Parameters
     ----------
-    buffer : bytes
+    buffer : bytes, memoryview or ndarray of uint8
     places : ndarray of int64, shape (n,)
     code : str
         NumPy's, such as "<u4".
@@ -162,3 +162,28 @@ def numbers_at(buffer: bytes | NDArray[np.uint8], places: Index, code: str) -> N
     """
     count = max(0, len(buffer) - int(code[2:]) + 1)
     return np.asarray(np.ndarray((count,), code, buffer, strides=(1,))[places])
+
+
+def parts_at(buffer: bytes | memoryview | NDArray[np.uint8], places: Index, size: int) -> NDArray[np.uint8]:
+    """Copy equally long parts together: of some bytes here and there, twice as fast as number by number.
+
+    Parameters
+    ----------
+    buffer : bytes, memoryview or ndarray of uint8
+    places : ndarray of int64, shape (n,)
+        Where the parts begin.
+    size : int
+        Bytes of one.
+
+    Returns
+    -------
+    ndarray of uint8, shape (n * size,)
+        One after the other.
+
+    Raises
+    ------
+    IndexError
+        A part ends beyond the buffer.
+    """
+    count = max(0, len(buffer) - size + 1)
+    return np.ndarray((count,), f"V{size}", buffer, strides=(1,))[places].view("u1")

@@ -8,13 +8,13 @@ comments and whole-number constants, and everything that is wrong.
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.msg import normalize_msgtype
 
 if TYPE_CHECKING:
-    from rosbags.interfaces.typing import FieldDesc, Typesdict
+    from rosbags.interfaces.typing import BaseDesc, Basename, FieldDesc, NameDesc, Typesdict
 
 _BASE = r"(?:bool|byte|char|float(?:32|64)|u?int(?:8|16|32|64)|string)\b"
 _NAMED = r"(?:[a-z][a-z0-9]*(?:_[a-z0-9]+)*/)*[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*"
@@ -67,15 +67,16 @@ def plain_types(text: str, name: str) -> Typesdict | None:
 
 
 def _type(field: re.Match[str], owner: str) -> FieldDesc:
-    inner: FieldDesc
+    inner: BaseDesc | NameDesc
     if field["named"]:
         inner = Nodetype.NAME, _full_name(_SHORT.get(field["named"], field["named"]), owner)
     else:
-        inner = Nodetype.BASE, (field["base"] or "string", int(field["letters"] or 0))
+        inner = Nodetype.BASE, (cast("Basename", field["base"] or "string"), int(field["letters"] or 0))
     if not field["list"]:
         return inner
-    fixed = field["length"] and not field["most"]
-    return (Nodetype.ARRAY if fixed else Nodetype.SEQUENCE), (inner, int(field["length"] or 0))
+    if field["length"] and not field["most"]:
+        return Nodetype.ARRAY, (inner, int(field["length"]))
+    return Nodetype.SEQUENCE, (inner, int(field["length"] or 0))
 
 
 def _full_name(name: str, owner: str) -> str:

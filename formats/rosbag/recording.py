@@ -7,8 +7,6 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from ruamel.yaml import YAML
-
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import METADATA_BYTES, TooMuchError, unpacked_limit
 from formats.rosbag.damage import damaged
@@ -150,6 +148,8 @@ class Recording:
 
 
 def _load(metadata: Path) -> dict[str, Any]:
+    from ruamel.yaml import YAML
+
     with metadata.open("rb") as file:
         text = file.read(METADATA_BYTES + 1)
     if len(text) > METADATA_BYTES:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import io
 import struct
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_uint32
 
-from formats.rosbag.chunks import RUN_BYTES, Chunk, runs
-from formats.rosbag.messages import numbers_at
+from formats.rosbag.chunks import RUN_BYTES, Chunk, opened, runs
+from formats.rosbag.messages import numbers_at, parts_at
+from formats.rosbag.unpacking import unpack
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
@@ -31,6 +33,9 @@ _MESSAGE_FIELDS = {b"op": 1, b"conn": 4, b"time": 8}
 _INDEX_FIELDS = {b"op": 1, b"ver": 4, b"conn": 4, b"count": 4}
 _LONGEST_HEADER = 1 << 10
 _UINT32 = struct.Struct("<I")
+
+# rosbags itself unpacks without bounds: a few bytes would become gigabytes.
+decompressors.update({packing: partial(unpack, packing=packing) for packing in ("lz4", "bz2")})
 
 
 class Ros1File(Reader):
@@ -67,10 +72,9 @@ class Ros1File(Reader):
         indexes : dict
             Not used.
         """
-        if self.bio is None:
-            raise ValueError("not open")
-        (length,) = _UINT32.unpack(self.bio.read(4))
-        header = self.bio.read(length)
+        bio = opened(self.bio)
+        (length,) = _UINT32.unpack(bio.read(4))
+        header = bio.read(length)
         if self._places is None:
             # Every one is alike, and there is one for each connection and chunk.
             self._places = _fields(header, _INDEX_FIELDS)
@@ -86,10 +90,10 @@ class Ros1File(Reader):
             # A few bytes of index could make this read one chunk without end.
             raise ValueError("its index names a chunk twice")
         self._listed.add((pos, connection))
-        if read_uint32(self.bio) != count * _ENTRY.itemsize:
+        if read_uint32(bio) != count * _ENTRY.itemsize:
             raise ValueError("an index is not as long as it says")
-        begin = self.bio.tell()
-        times, _ = self.entries(np.frombuffer(self.bio.read(count * _ENTRY.itemsize), _ENTRY))
+        begin = bio.tell()
+        times, _ = self.entries(np.frombuffer(bio.read(count * _ENTRY.itemsize), _ENTRY))
         if len(times) != count:
             raise EOFError("an index is cut off")
         self._found.setdefault(pos, []).append((connection, begin, count))
@@ -102,21 +106,7 @@ class Ros1File(Reader):
         self.spans[connection] = min(start, first), max(end, last)
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
-        """Read the messages of some connections.
-
-        Parameters
-        ----------
-        wanted : collection of int
-            Their numbers.
-        size : int
-            As for `chunks.runs`.
-
-        Yields
-        ------
-        dict of int to Messages
-        """
-        if self.bio is None:
-            raise ValueError("not open")
+        """Read the messages of some connections; see `chunks.runs`."""
         chunks = [
             Chunk(
                 chunk.datapos,
@@ -129,7 +119,7 @@ class Ros1File(Reader):
             for position, chunk in sorted(self.chunks.items())
             if position in self._firsts
         ]
-        yield from runs(self.bio, chunks, wanted, self, size)
+        yield from runs(opened(self.bio), chunks, wanted, self, size)
 
     def entries(self, of: NDArray[Any]) -> tuple[Index, Index]:
         """Return log times in ns and places in the chunk; see `chunks.Layout`."""
@@ -146,12 +136,11 @@ class Ros1File(Reader):
             first = int(records[rows[0]]) + 4
             places = _fields(buffer[first : first + int(length)], _MESSAGE_FIELDS)
             if places is not None:
-                at = records[rows] + 4
-                sec, nsec = (numbers_at(buffer, at + places[b"time"] + k, "<u4") for k in (0, 4))
+                heads = _heads(buffer, records[rows], int(length), places)
                 known[rows] = (
-                    (numbers_at(buffer, at + places[b"op"], "|u1") == RecordType.MSGDATA)
-                    & (numbers_at(buffer, at + places[b"conn"], "<u4") == connection)
-                    & (sec.astype(np.int64) * _SECOND + nsec == times[rows])
+                    (heads["op"] == RecordType.MSGDATA)
+                    & (heads["conn"] == connection)
+                    & (heads["sec"].astype(np.int64) * _SECOND + heads["nsec"] == times[rows])
                 )
         data = records + 4 + lengths
         for row in np.flatnonzero(~known):
@@ -175,6 +164,20 @@ def _fields(header: bytes, sizes: Mapping[bytes, int]) -> dict[bytes, int] | Non
             places[name] = at + 4 + len(name) + 1
         at += 4 + size
     return places if len(places) == len(sizes) and at == len(header) else None
+
+
+def _heads(buffer: bytes, records: Index, length: int, places: Mapping[bytes, int]) -> NDArray[Any]:
+    """Return the headers of messages of which all have this length and these places of fields."""
+    begins = [4 + places[name] for name in (b"op", b"conn", b"time")]
+    layout = np.dtype(
+        {
+            "names": ["op", "conn", "sec", "nsec"],
+            "formats": ["u1", "<u4", "<u4", "<u4"],
+            "offsets": [*begins, begins[-1] + 4],
+            "itemsize": 4 + length,
+        }
+    )
+    return parts_at(buffer, records, layout.itemsize).view(layout)
 
 
 def _data_of(buffer: bytes, record: int, connection: int, time: int) -> int:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
     from formats.rosbag.chunks import Run
+    from formats.rosbag.cursor import Elements
     from formats.rosbag.definitions import Leaf
     from formats.table import Batch
 
@@ -79,7 +80,9 @@ class BagSource(Source):
         places: dict[str, list[int]] = {}
         for place, connection in enumerate(self._container.connections):
             places.setdefault(connection.topic, []).append(place)
-        topics = {name: self._topic(name, of_topic) for name, of_topic in places.items()}
+        made = {name: self._decoders_of(name, of_topic) for name, of_topic in places.items()}
+        elements = self._elements({name: decoders for name, (decoders, _) in made.items()})
+        topics = {name: self._topic(name, places[name], *made[name], elements[name]) for name in made}
         for origin in ("ROS 1 Noetic", "ROS 2 Humble"):
             types = {
                 decoder.definition.type
@@ -93,7 +96,8 @@ class BagSource(Source):
                 )
         return topics
 
-    def _topic(self, name: str, places: list[int]) -> _Topic:
+    def _decoders_of(self, name: str, places: list[int]) -> tuple[dict[int, Decoder], dict[int, str]]:
+        """Return the decoders of a topic's connections, and why others have none."""
         connections = self._container.connections
         decoders: dict[int, Decoder] = {}
         unusable: dict[int, str] = {}
@@ -103,6 +107,17 @@ class BagSource(Source):
             except UnusableError as error:
                 unusable[place] = f"{connections[place].msgtype}: {error}"
         self.remarks += sorted({f"{name} cannot be read: {reason}" for reason in unusable.values()})
+        return decoders, unusable
+
+    def _topic(
+        self,
+        name: str,
+        places: list[int],
+        decoders: dict[int, Decoder],
+        unusable: dict[int, str],
+        elements: Mapping[str, Elements],
+    ) -> _Topic:
+        connections = self._container.connections
         leaves: dict[str, Leaf] = {}
         for decoder in decoders.values():
             for leaf in decoder.definition.leaves.values():
@@ -111,7 +126,6 @@ class BagSource(Source):
                         f"{name}: {leaf.name} is {leaves[leaf.name].kind} to one publisher and {leaf.kind}"
                         " to another; only the former is read"
                     )
-        elements = self._elements(name, decoders)
         stream = Stream(
             name,
             connections[places[0]].msgtype,
@@ -132,29 +146,37 @@ class BagSource(Source):
             self._decoders[key] = Decoder(define(connection, ros1=self.kind == "ros1"))
         return self._decoders[key]
 
-    def _elements(self, topic: str, decoders: dict[int, Decoder]) -> dict[str, tuple[tuple[str, ...], bool]]:
-        """Return the elements of each list in the first message, and whether they are names."""
-        lists = [
-            leaf
-            for decoder in decoders.values()
-            for leaf in decoder.definition.leaves.values()
-            if leaf.kind in {"numbers", "texts"}
-        ]
-        if not lists:
+    def _elements(self, topics: Mapping[str, dict[int, Decoder]]) -> dict[str, dict[str, Elements]]:
+        """Return the elements of each list in the first message of each topic, and whether they are names.
+
+        Topics that begin in one chunk are told together, so that it is unpacked once: a third of the
+        time of a short compressed bag.
+        """
+        told: dict[str, dict[str, Elements]] = {name: {} for name in topics}
+        waiting = {name for name, decoders in topics.items() if any(map(_lists, decoders.values()))}
+        while waiting:
+            decoders = {place: decoder for name in waiting for place, decoder in topics[name].items()}
+            run = next(filter(None, self._runs(decoders, 1)), {})
+            begun = {name for name in waiting if not run.keys().isdisjoint(topics[name])}
+            for name in sorted(begun):
+                told[name] = self._elements_in(
+                    {p: run[p] for p in topics[name] if p in run}, topics[name], name
+                )
+            waiting = waiting - begun if begun else set()
+        return told
+
+    def _elements_in(self, run: Run, decoders: Mapping[int, Decoder], topic: str) -> dict[str, Elements]:
+        """Return the elements of each list in the first message of a run of one topic."""
+        place = min(run, key=lambda place: (int(run[place].times[0]), int(run[place].order[0])))
+        own = decoders[place].definition.leaves
+        lists = [leaf for decoder in decoders.values() for leaf in _lists(decoder)]
+        found = [leaf for leaf in lists if own.get(leaf.name) == leaf]
+        try:
+            elements = decoders[place].elements(run[place].take(slice(1)), found)
+        except UndecodableError as error:
+            self.remarks.append(f"{topic}: message 1 cannot be decoded ({error})")
             return {}
-        for run in self._runs(decoders, 1):
-            if not run:
-                continue
-            place = min(run, key=lambda place: (int(run[place].times[0]), int(run[place].order[0])))
-            own = decoders[place].definition.leaves
-            found = [leaf for leaf in lists if own.get(leaf.name) == leaf]
-            try:
-                elements = decoders[place].elements(run[place].take(slice(1)), found)
-            except UndecodableError as error:
-                self.remarks.append(f"{topic}: message 1 cannot be decoded ({error})")
-                return {}
-            return {leaf.name: named for leaf, named in zip(found, elements, strict=True)}
-        return {}
+        return {leaf.name: named for leaf, named in zip(found, elements, strict=True)}
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
         """Read the named fields of one topic, in the order of the log times.
@@ -274,6 +296,10 @@ class BagSource(Source):
                     yield from ((reading.topic, batch) for batch in reading.batches())
         for reading in every:
             yield from ((reading.topic, batch) for batch in reading.batches(last=True))
+
+
+def _lists(decoder: Decoder) -> list[Leaf]:
+    return [leaf for leaf in decoder.definition.leaves.values() if leaf.kind in {"numbers", "texts"}]
 
 
 def open_bag(path: str, kind: str, *, salvage: bool = False) -> BagSource:

@@ -7,8 +7,6 @@ from bz2 import BZ2Decompressor
 from typing import TYPE_CHECKING, Any
 
 import lz4.frame  # type: ignore[import-untyped]
-from rosbags.rosbag1 import reader as rosbag1
-from rosbags.rosbag2 import storage_mcap
 
 from formats.limits import CHUNK_BYTES, TooMuchError, unpacked_limit
 
@@ -109,13 +107,3 @@ def unpacks(packed: bytes, packing: str) -> bool:
     except Exception:  # noqa: BLE001 - the libraries raise anything
         return False
     return True
-
-
-def bound_rosbags() -> None:
-    """Let rosbags' readers unpack within the same bounds: its own unpacking has none."""
-    storage_mcap.DECOMPRESSORS.update(
-        {packing: lambda data, _, packing=packing: unpack(data, packing) for packing in ("lz4", "zstd")}  # type: ignore[misc]
-    )
-    rosbag1.decompressors.update(
-        {packing: lambda data, packing=packing: unpack(data, packing) for packing in ("lz4", "bz2")}  # type: ignore[misc]
-    )

@@ -69,6 +69,8 @@ class Child:
         self._link, theirs = socket.socketpair()
         # What a library says as it dies.
         self._said = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
+        # What a process that is killed leaves behind, such as the copy of an object of a store.
+        self._room = tempfile.TemporaryDirectory(prefix="terrain-est-", ignore_cleanup_errors=True)
         with theirs:
             self._process = subprocess.Popen(  # noqa: S603 - this Python, with our own text
                 [sys.executable, "-P", "-c", _START.format(theirs.fileno())],
@@ -76,7 +78,7 @@ class Child:
                 stdin=subprocess.DEVNULL,
                 stdout=self._said,
                 stderr=self._said,
-                env={**dict.fromkeys(_THREADS, "1"), **os.environ},
+                env={**dict.fromkeys(_THREADS, "1"), **os.environ, "TMPDIR": self._room.name},
                 # Ctrl-C is the keeper's to answer.
                 process_group=0,
             )
@@ -145,15 +147,20 @@ class Child:
         """Whether it can take another task."""
         return self._process.poll() is None
 
+    def kill(self) -> None:
+        """End the process, and do not wait until it has."""
+        self._process.kill()
+
     def close(self) -> None:
         """End the process at once."""
         if self._process.returncode is None:
-            self._process.kill()
+            self.kill()
             # One that hangs in the system cannot be ended; it must not hold up the others.
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(1.0)
         self._link.close()
         self._said.close()
+        self._room.cleanup()
 
     def _tell(self, message: object) -> None:
         self._link.settimeout(_PATIENCE)

@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import os
+import signal
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from formats.output.atomic import explained
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Have Ctrl-C and SIGTERM wait until what belongs together is done."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def read_all(path: Path) -> bytes:
@@ -27,6 +40,27 @@ def read_all(path: Path) -> bytes:
             return path.read_bytes()
         except FileNotFoundError:
             return b""
+
+
+def lines(path: Path) -> Iterator[bytes]:
+    """Read a file line by line; nothing if it is not there.
+
+    Parameters
+    ----------
+    path : Path
+
+    Yields
+    ------
+    bytes
+        With the end of the line, where it has one.
+    """
+    with explained(str(path)):
+        try:
+            stream = path.open("rb")
+        except FileNotFoundError:
+            return
+        with stream:
+            yield from stream
 
 
 def write_all(descriptor: int, data: bytes) -> None:

@@ -17,7 +17,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from formats.errors import CannotWriteError
+from formats.errors import CannotWriteError, shown
 from formats.output.atomic import explained
 from terrain_cli.batch import files
 from terrain_cli.batch.manifest import Entry, Manifest
@@ -95,9 +95,14 @@ class Folder:
             os.close(self._lock)
 
     def _take(self) -> None:
+        if shown(str(self.path)) != str(self.path):
+            raise CannotWriteError(str(self.path), "the folder of a batch needs a path that is text (UTF-8)")
         with explained(str(self.path)):
-            for folder in (self.path, self.state, self.path / RESULTS, self.path / CONFIGURATIONS):
-                folder.mkdir(parents=True, exist_ok=True)
+            self.path.mkdir(parents=True, exist_ok=True)
+            for folder in (self.state, self.path / RESULTS, self.path / CONFIGURATIONS):
+                if folder.is_symlink():
+                    raise CannotWriteError(str(folder), "is a link: a batch writes in its own folder")
+                folder.mkdir(exist_ok=True)
             # The lock is the system's, and dies with the process; the file only shows where it is.
             lock = self.state / _LOCK
             self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import formats
-from formats.errors import FormatError, NotFoundError
+from formats.errors import FormatError, NotFoundError, shown
 from formats.streams import failure
 from terrain_cli.batch import remote
 from terrain_cli.errors import UsageError
@@ -108,20 +108,6 @@ def local(path: str) -> Input:
     except OSError as error:
         return Input(label, location, None, None, failure(label, error))
     return Input(label, location, size, stamp)
-
-
-def shown(path: str) -> str:
-    r"""Return a path as text: bytes of a name that are none become ``\x..``.
-
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    str
-    """
-    return os.fsencode(path).decode("utf-8", "backslashreplace")
 
 
 def _file_stamp(status: os.stat_result) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from formats.errors import NotFoundError
 from terrain_cli.batch import agenda
+from terrain_cli.batch.files import uninterrupted
 from terrain_cli.batch.folder import result_name
 from terrain_cli.batch.manifest import Entry
 from terrain_cli.batch.tasks import Estimate, Failure, Identify, Reply, Restore, failure
@@ -326,9 +327,11 @@ class Keeper:
 
     def _write(self, case: _Case, entry: Entry) -> None:
         before = self._folder.latest.get(entry.location)
-        if entry.status != "duplicate" or before is None or _told(entry) != _told(before):
-            self._folder.add(entry)
-        self._count(case, entry)
+        # An interruption between the two would be told of one input fewer than is kept.
+        with uninterrupted():
+            if entry.status != "duplicate" or before is None or _told(entry) != _told(before):
+                self._folder.add(entry)
+            self._count(case, entry)
 
     def lost(self) -> None:
         """Write down what was kept before, is damaged now, and was not among the inputs.

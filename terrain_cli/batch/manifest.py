@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal
 
 from formats.errors import CannotWriteError
 from formats.output.atomic import explained
-from terrain_cli.batch.files import append, read_all
+from terrain_cli.batch.files import append, lines
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 Status = Literal["ok", "failed", "duplicate"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Entry:
     """What became of one input; the last entry of a location holds.
 
@@ -105,6 +106,7 @@ class Entry:
 
 
 _NAMES = frozenset(one.name for one in fields(Entry))
+_versions: dict[str, dict[str, str]] = {}
 _NEEDED = frozenset({"path", "location", "size", "stamp", "sha256", "configuration", "status"})
 
 
@@ -130,6 +132,10 @@ def parse(line: bytes) -> Entry | None:
     known = {"versions": {}, **{name: value for name, value in values.items() if name in _NAMES}}
     if known.get("record"):
         known["record"] = tuple(known["record"])
+    # What is the same in nearly all lines is held once.
+    told = known["versions"]
+    known["versions"] = _versions.setdefault(json.dumps(told), told)
+    known["configuration"] = sys.intern(known["configuration"])
     return Entry(**known)
 
 
@@ -152,26 +158,28 @@ class Manifest:
 
     def __init__(self, path: Path, *, writable: bool = True) -> None:
         self._path = path
-        content = read_all(path)
-        # What follows the last line end was being written when the process died.
-        whole = content.rfind(b"\n") + 1
         self.entries: list[Entry] = []
         self.unreadable: list[int] = []
-        for number, line in enumerate(content[:whole].splitlines(), 1):
+        self._descriptor = -1
+        self._size = size = 0
+        for number, line in enumerate(lines(path), 1):
+            size += len(line)
+            if not line.endswith(b"\n"):
+                # It was being written when the process died.
+                break
+            self._size = size
             entry = parse(line)
             if entry is None:
                 self.unreadable.append(number)
             else:
                 self.entries.append(entry)
-        self._descriptor = -1
-        self._size = whole
         if writable:
             with explained(str(path)):
                 self._descriptor = os.open(
                     path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666
                 )
-                if whole < len(content):
-                    os.ftruncate(self._descriptor, whole)
+                if self._size < size:
+                    os.ftruncate(self._descriptor, self._size)
 
     def add(self, entry: Entry) -> None:
         """Write an entry, so that it outlasts a loss of power.

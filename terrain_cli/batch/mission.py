@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,16 +18,18 @@ from terrain_cli.batch.folder import STATE
 from terrain_cli.batch.tasks import Reply
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from terrain_cli.batch.folder import Folder
     from terrain_cli.batch.manifest import Entry
-    from terrain_cli.batch.records import Pointer
+    from terrain_cli.batch.records import Pointer, Records
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.results import Table
     from terrain_cli.settings import Settings
 
 TABLE, SUMMARY = "segments", "summary.json"
+#: Inputs whose rows are held at a time.
+_AT_ONCE = 256
 _TEXT = frozenset({"source", "wheel", "terrain", "method", "status", "WKT"})
 _WHOLE = frozenset({"segment", "n_samples", "n_rejected"})
 
@@ -152,49 +155,84 @@ class Assemble:
         from terrain_cli import outputs, results
 
         state = Path(self.folder, STATE)
-        table, document = self._read()
-        crs = results.reference_system(table, self.crs)
+        document, crs = self._summary()
         for kind in self.kinds:
-            outputs.write(table, str(state / f"{TABLE}.{kind}"), crs)
-        text = json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False)
-        with formats.replacing(str(state / SUMMARY)) as temporary:
-            Path(temporary).write_text(text + "\n", encoding="utf-8")
+            path = str(state / f"{TABLE}.{kind}")
+            if kind == "parquet":
+                formats.write_parts(self._tables(crs), path, crs=crs)
+            else:
+                # These cannot be written in parts.
+                outputs.write(results.join(list(self._tables(crs))), path, crs)
+        with (
+            formats.replacing(str(state / SUMMARY)) as temporary,
+            Path(temporary).open("w", encoding="utf-8") as stream,
+        ):
+            json.dump(document, stream, ensure_ascii=False, indent=2, allow_nan=False)
+            stream.write("\n")
         return Reply()
 
-    def _read(self) -> tuple[Table, dict[str, Any]]:
+    def _summary(self) -> tuple[dict[str, Any], str | None]:
+        """Read all records, and keep of them what the summary needs; also the reference system."""
         from terrain_cli import estimation, results, summary
-        from terrain_cli.batch.records import decode
 
-        read = [decode(record, part.path) for part, record in self._records()]
         batch = {
             **self.account,
             "configurations": dict(sorted(Counter(part.configuration for part in self.parts).items())),
         }
-        if not read:
-            empty = _empty(results.COLUMNS)
-            return empty, {"format": summary.FORMAT, "batch": batch, "inputs": [], "terrains": []}
-        table = results.join([rows for rows, _, _ in read])
-        estimates: WindowEstimates = estimation.join([some for _, some, _ in read])
-        accounts = [told for _, _, told in read]
-        return table, {"batch": batch, **summary.document(table, estimates, accounts, self.settings)}
+        if not self.parts:
+            return {"format": summary.FORMAT, "batch": batch, "inputs": [], "terrains": []}, None
+        tables, estimates, accounts, systems = [], [], [], set()
+        channels: dict[str, dict[str, str]] = {}
+        for block in self._blocks():
+            table = results.join([rows for rows, _, _ in block])
+            systems.add(results.reference_system(table, self.crs))
+            tables.append({name: table[name] for name in summary.COLUMNS})
+            estimates.append(estimation.join([some for _, some, _ in block]))
+            accounts += [_sharing(told, channels) for _, _, told in block]
+        document = summary.document(results.join(tables), estimation.join(estimates), accounts, self.settings)
+        return {"batch": batch, **document}, next(iter(systems - {None}), None)
 
-    def _records(self) -> list[tuple[Part, bytes]]:
-        from terrain_cli.batch.records import Records
-        from terrain_cli.errors import InputError
+    def _tables(self, crs: str | None) -> Iterator[Table]:
+        """Read the table, some inputs at a time."""
+        from terrain_cli import results
+
+        for block in self._blocks():
+            table = results.join([rows for rows, _, _ in block])
+            if crs and results.reference_system(table, crs) is None:
+                # As `join` has it: one reference system for all.
+                table["WKT"] = [""] * len(table["WKT"])
+            yield table
+        if not self.parts:
+            yield _empty(results.COLUMNS)
+
+    def _blocks(self) -> Iterator[list[tuple[Table, WindowEstimates, dict[str, Any]]]]:
+        from terrain_cli.batch.records import Records, decode
 
         if not self.parts:
-            return []
+            return
         file = Records(Path(self.folder, STATE, "records"))
-        found = [(part, file.read(part.record)) for part in self.parts]
-        file.close()
-        damaged = [part.path for part, record in found if record is None]
-        if damaged:
-            others = f" and {len(damaged) - 1} more" if len(damaged) > 1 else ""
+        with closing(file):
+            for first in range(0, len(self.parts), _AT_ONCE):
+                some = self.parts[first : first + _AT_ONCE]
+                yield [decode(self._record(file, part), part.path) for part in some]
+
+    def _record(self, file: Records, part: Part) -> bytes:
+        from terrain_cli.errors import InputError
+
+        record = file.read(part.record)
+        if record is None:
             raise InputError(
-                f"{self.folder}: what was kept of {damaged[0]}{others} is damaged",
-                hint="run again with --force for these inputs",
+                f"{self.folder}: what was kept of {part.path} is damaged",
+                hint="run again with --force for this input",
             )
-        return [(part, record) for part, record in found if record is not None]
+        return record
+
+
+def _sharing(account: dict[str, Any], channels: dict[str, dict[str, str]]) -> dict[str, Any]:
+    """Hold once what takes most of an account and is the same in nearly all: where channels are from."""
+    for wheel in account["wheels"]:
+        wheel["channels"] = channels.setdefault(json.dumps(wheel["channels"]), wheel["channels"])
+    return account
 
 
 def _empty(columns: Sequence[str]) -> Table:

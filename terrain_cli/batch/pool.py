@@ -113,7 +113,10 @@ class LocalPool:
 
     def close(self) -> None:
         """End all processes at once."""
-        for child in (*self._idle, *self._busy):
+        children = (*self._idle, *self._busy)
+        for child in children:
+            child.kill()
+        for child in children:
             child.close()
         self._idle.clear()
         self._busy.clear()

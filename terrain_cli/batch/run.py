@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Seconds between two looks at what workers have done, and at what has arrived.
 _TICK, _LOOK = 0.2, 1.0
+#: And at least so many times as long as such a look takes.
+_PAUSE = 10
 
 
 @dataclass(frozen=True)
@@ -200,10 +202,12 @@ def _watch(
     assembled = -1
     next_look = 0.0
     while not (order.fail_fast and keeper.tally.failures):
-        if time.monotonic() >= next_look:
+        if (began := time.monotonic()) >= next_look:
             here = [item for item in inputs.discover(names) if not folder.own(item.location)]
             keeper.add(arrivals.rested(here))
-            next_look = time.monotonic() + _LOOK
+            # A folder of very many files is not looked at all the time.
+            now = time.monotonic()
+            next_look = now + max(_LOOK, _PAUSE * (now - began))
         if not keeper.idle:
             keeper.step(_TICK)
         elif keeper.tally.done != assembled:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from formats.errors import CannotWriteError, FormatError, NotFoundError
+from formats.errors import CannotWriteError, FormatError, NotFoundError, shown
 from terrain_cli.batch import inputs, remote
 from terrain_cli.errors import TerrainError
 
@@ -236,14 +236,7 @@ def opened(item: Input, largest: int) -> Iterator[str]:
             yield copy
         return
     inputs.check_unchanged(item)
-    if inputs.shown(item.location) == item.location:
-        yield item.location
-    else:
-        # Libraries take paths for text. The ending is kept: it says what the file is.
-        with tempfile.TemporaryDirectory(prefix="terrain-est-") as folder:
-            link = Path(folder, f"input{inputs.shown(Path(item.location).suffix)}")
-            link.symlink_to(item.location)
-            yield str(link)
+    yield item.location
     inputs.check_unchanged(item)
 
 
@@ -288,6 +281,7 @@ def failure(error: BaseException, path: str = "", label: str = "") -> Failure:
             1,
             passing=True,
         )
+    path = shown(path)
     text = str(error).replace(path, label) if path else str(error)
     if isinstance(error, TerrainError | FormatError):
         hint = error.hint.replace(path, label) if path else error.hint

@@ -124,7 +124,7 @@ def command(context: click.Context, /, **_: Any) -> int:
 
     names = context.params["inputs"]
     found = inputs.discover(names)
-    rover = options.load_rover(context.params["rover"], [item.path for item in found] or names)
+    rover = options.load_rover(context.params["rover"], [item.location for item in found] or names)
     options.with_defaults(context, rover.estimate)
     given = context.params
     _check_kinds(given["also"])
@@ -174,8 +174,9 @@ def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: d
     try:
         tally = run.run(given["inputs"], found, given["output"], gathered, order, progress.show)
     except KeyboardInterrupt:
-        # A second Ctrl-C is for the same.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        # A second one is for the same.
+        for name in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(name, signal.SIG_IGN)
         progress.close()
         _interrupted(progress.tally, given["output"])
     finally:
@@ -220,8 +221,8 @@ def _line(entry: Entry) -> str:
 
 def _saved(entry: Entry) -> str:
     # Never 100 % of what is not whole.
-    share = "" if entry.recovered is None else f" ({min(100 * entry.recovered, 99.9):.1f} % of {entry.recovered_of})"
-    return f"salvaged{share}: {entry.path}"
+    percent = "" if entry.recovered is None else f"{min(100 * entry.recovered, 99.9):.1f} % of "
+    return f"salvaged ({percent}{entry.recovered_of}): {entry.path}"
 
 
 def _interrupted(tally: Tally | None, folder: str) -> NoReturn:

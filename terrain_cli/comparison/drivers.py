@@ -9,6 +9,7 @@ import numpy as np
 from terrain_cli.channels import CHANNELS, LABEL
 from terrain_cli.comparison.parts import Driver
 from terrain_cli.mechanics import rates
+from terrain_cli.windows import at_rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,22 +26,6 @@ _PLACE = frozenset({"longitude", "latitude"})
 ANGLE = "wheel_angle"
 #: Labels that tell one part of the data from another, and nothing of what drives a residual.
 PARTS = frozenset({"segment"})
-
-
-def at_rows(column: Array, rows: NDArray[np.intp]) -> Array:
-    """Return some values of a column: the column itself, not a copy, where these are all.
-
-    Parameters
-    ----------
-    column : ndarray, shape (n,)
-    rows : ndarray of int
-
-    Returns
-    -------
-    ndarray
-    """
-    whole = len(rows) == len(column) and bool(np.all(rows[1:] > rows[:-1]))
-    return column if whole else column[rows]
 
 
 def of_wheel(windows: Windows) -> dict[str, Driver]:

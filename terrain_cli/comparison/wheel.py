@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.comparison import drivers, noise, prediction, quiet, whitening
-from terrain_cli.comparison.drivers import at_rows
 from terrain_cli.comparison.neighbours import from_neighbours
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
-from terrain_cli.windows import by_terrain
+from terrain_cli.windows import at_rows, by_terrain
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence

@@ -92,10 +92,45 @@ def of_windows(columns: Array, bounds: Bounds, keys: Sequence[Key] = _KEYS) -> M
     Moments
     """
     count = np.diff(bounds)
+    if len(count) and count[0] and (count == count[0]).all():
+        return _of_equal_windows(columns.reshape(len(columns), -1, count[0]), bounds, keys)
     mean = segment_sum(columns, bounds) / np.maximum(count, 1)
     deviation = columns - np.repeat(mean, count, axis=-1)
     products = {key: segment_sum(product, bounds) for key, product in _products(deviation, bounds, keys)}
     return Moments(count.astype(float), mean, products)
+
+
+def _of_equal_windows(columns: Array, bounds: Bounds, keys: Sequence[Key]) -> Moments:
+    """Moments of windows of one length, columns of shape (6, w, length): in half the time."""
+    rows, windows, length = columns.shape
+    mean = np.einsum("rwn->rw", columns) / length
+    deviation = columns - mean[:, :, None]
+    products = {
+        key: np.einsum("wn,wn->w", deviation[key[1]], deviation[key[2]]) for key in keys if not key[0]
+    }
+    lagged = [key for key in keys if key[0]]
+    for key, product in _products(deviation.reshape(rows, -1), bounds, lagged):
+        products[key] = np.einsum("wn->w", product.reshape(windows, length))
+    return Moments(np.full(windows, float(length)), mean, products)
+
+
+def join(parts: Sequence[Moments]) -> Moments:
+    """Put the windows of several blocks behind one another.
+
+    Parameters
+    ----------
+    parts : sequence of Moments
+        At least one, all with the same products.
+
+    Returns
+    -------
+    Moments
+    """
+    return Moments(
+        np.concatenate([part.count for part in parts]),
+        np.concatenate([part.mean for part in parts], axis=1),
+        {key: np.concatenate([part.products[key] for part in parts]) for key in parts[0].products},
+    )
 
 
 def running(columns: Array) -> Moments:

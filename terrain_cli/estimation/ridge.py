@@ -31,6 +31,11 @@ if TYPE_CHECKING:
 #: Values of δ tried: two per decade.
 DELTAS = np.logspace(-8.0, 0.0, 17)
 
+#: Samples of a window from which on windows are worked on one by one, for all δ, ...
+_LONG = 512
+#: ... so many samples at a time: few enough to stay in the processor's cache.
+_TOGETHER = 1024
+
 
 @dataclass(frozen=True)
 class Ridge:
@@ -63,18 +68,54 @@ def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: in
     moments : Moments
         Of these windows.
     folds : int or None
+        As for `losses`.
+
+    Returns
+    -------
+    Ridge
+    """
+    return choose(moments, losses(x, y, bounds, moments, folds=folds))
+
+
+def losses(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: int | None) -> Array:
+    """Sum the squared errors of prediction of what is left out of each window.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        In Pa.
+    bounds : ndarray of int, shape (w + 1,)
+    moments : Moments
+        Of these windows.
+    folds : int or None
         Leave one of so many contiguous blocks out, at least 2; None leaves one sample out, by
         the exact identity residual/(1 − leverage).
+
+    Returns
+    -------
+    ndarray, shape (17, w)
+        For each of `DELTAS`, in Pa².
+    """
+    design = _scaled(moments)
+    if folds is None:
+        return _leave_one_out(design, x, y, bounds)
+    return _leave_block_out(design, x, y, bounds, folds)
+
+
+def choose(moments: Moments, loss: Array) -> Ridge:
+    """Fit each window with the δ of which the error of prediction is least.
+
+    Parameters
+    ----------
+    moments : Moments
+    loss : ndarray, shape (17, w)
+        From `losses`.
 
     Returns
     -------
     Ridge
     """
     design = _scaled(moments)
-    if folds is None:
-        loss = _leave_one_out(design, x, y, bounds)
-    else:
-        loss = _leave_block_out(design, x, y, bounds, folds)
     delta = DELTAS[np.argmin(loss, axis=0)]
     cohesion, slope, (cohesion_mean, cohesion_shared, slope_mean, slope_shared) = _solve(design, delta)
     gain = np.array(
@@ -136,16 +177,34 @@ def _solve(design: _Design, delta: Array | float) -> tuple[Array, Array, tuple[A
 
 def _leave_one_out(design: _Design, x: Array, y: Array, bounds: Bounds) -> Array:
     """Sum the squared residuals of samples left out, shape (deltas, w)."""
-    window = np.repeat(np.arange(len(design.count)), np.diff(bounds))
-    scaled = x / design.scale[window]
+    scaled = x / np.repeat(design.scale, np.diff(bounds))
     even, odd = (1.0 + scaled) ** 2, (1.0 - scaled) ** 2
-    loss = np.empty((len(DELTAS), len(design.count)))
-    for row, delta in enumerate(DELTAS):
-        cohesion, slope, _ = _solve(design, delta)
-        kept = 1.0 - (0.5 / (design.count * (design.plus + delta)))[window] * even
-        kept -= (0.5 / (design.count * (design.minus + delta)))[window] * odd
-        residual = (y - cohesion[window] - slope[window] * scaled) / np.maximum(kept, 1e-12)
-        loss[row] = segment_sum(residual * residual, bounds)
+    cohesion, slope, _ = _solve(design, DELTAS[:, None])
+    # Shares of the leverage of a sample.
+    plus, minus = (
+        0.5 / (design.count * (eigenvalue + DELTAS[:, None])) for eigenvalue in (design.plus, design.minus)
+    )
+    loss = np.empty(cohesion.shape)
+    if len(x) < _LONG * len(design.count):
+        window = np.repeat(np.arange(len(design.count)), np.diff(bounds))
+        for row, (c, t, p, m) in enumerate(zip(cohesion, slope, plus, minus, strict=True)):
+            kept = 1.0 - p[window] * even
+            kept -= m[window] * odd
+            residual = (y - c[window] - t[window] * scaled) / np.maximum(kept, 1e-12)
+            loss[row] = segment_sum(residual * residual, bounds)
+        return loss
+    # Both are sums of three rows, for all δ a product of matrices, too small for BLAS to take threads.
+    ones = np.ones_like(x)
+    rows = np.array([[y, ones, scaled], [ones, even, odd]])
+    factors = np.array([[np.ones_like(cohesion), -cohesion, -slope], [np.ones_like(plus), -plus, -minus]])
+    for j in range(len(design.count)):
+        of_window = np.ascontiguousarray(factors[..., j].transpose(0, 2, 1))
+        total = np.zeros(len(DELTAS))
+        for first in range(bounds[j], bounds[j + 1], _TOGETHER):
+            residual, kept = of_window @ rows[..., first : min(first + _TOGETHER, bounds[j + 1])]
+            residual /= np.maximum(kept, 1e-12, out=kept)
+            total += np.einsum("ij,ij->i", residual, residual)
+        loss[:, j] = total
     return loss
 
 

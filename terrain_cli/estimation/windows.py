@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 
 from terrain_cli.errors import UsageError
+from terrain_cli.estimation import moments as moments_of
+from terrain_cli.estimation import ridge
 from terrain_cli.estimation.least_squares import fit_line
-from terrain_cli.estimation.moments import of_windows, segment_sum
-from terrain_cli.estimation.ridge import fit_ridge
+from terrain_cli.estimation.moments import X, Y, of_windows, segment_sum
 from terrain_cli.estimation.separability import LARGEST_PHI
 from terrain_cli.estimation.uncertainty import uncertainty
 from terrain_cli.mechanics import linear
@@ -44,6 +45,8 @@ _OF_THE_FULL_MODEL = (
 
 #: Samples worked on at a time: few enough to stay in the processor's cache.
 _BLOCK = 32_768
+#: Windows estimated together from their moments.
+_TOGETHER = 1024
 
 
 @dataclass(frozen=True)
@@ -211,15 +214,15 @@ def estimate_windows(
     geometry = {"radius": radius, "width": width, "shear_modulus": shear_modulus}
     parts = [
         _estimate(
-            np.array([row[bounds[first] : bounds[last]] for row in rows]),
-            bounds[first : last + 1] - bounds[first],
+            rows,
+            bounds[first : first + _TOGETHER + 1],
             geometry,
             method=method,
             min_samples=min_samples,
             correlated=correlated,
             folds=folds,
         )
-        for first, last in blocks(bounds)
+        for first in range(0, max(len(bounds) - 1, 1), _TOGETHER)
     ]
     return join(parts)
 
@@ -263,8 +266,15 @@ def blocks(bounds: Bounds) -> Iterator[tuple[int, int]]:
         first = last
 
 
+def _blocks(rows: Sequence[Array], bounds: Bounds) -> Iterator[tuple[Array, Bounds, int, int]]:
+    """Yield columns and bounds of runs of windows, the first window and the one after the last."""
+    for first, last in blocks(bounds):
+        begin, end = bounds[first], bounds[last]
+        yield np.array([row[begin:end] for row in rows]), bounds[first : last + 1] - begin, first, last
+
+
 def _estimate(
-    columns: Array,
+    rows: Sequence[Array],
     bounds: Bounds,
     geometry: dict[str, float],
     *,
@@ -273,26 +283,31 @@ def _estimate(
     correlated: bool,
     folds: int | None,
 ) -> WindowEstimates:
-    """Estimate one block of windows; the rows of `columns` are those of `moments`."""
-    x, y, load, torque, sinkage, slip = columns
-    moments = of_windows(columns, bounds)
+    """Estimate some windows; `rows` are those of `moments`."""
+    measured, losses = [], []
+    for columns, inner, _, _ in _blocks(rows, bounds):
+        measured.append(of_windows(columns, inner))
+        losses.append(ridge.losses(columns[X], columns[Y], inner, measured[-1], folds=folds))
+    moments = moments_of.join(measured)
     line = fit_line(moments)
-    ridge = fit_ridge(x, y, bounds, moments, folds=folds)
+    penalty = ridge.choose(moments, np.concatenate(losses, axis=1))
 
     penalised = np.full(len(line.tan_phi), method == "ridge")
     if method == "auto":
         penalised = line.condition_number > LARGEST_CONDITION
-    cohesion = np.where(penalised, ridge.cohesion, line.cohesion)
-    tan_phi = np.where(penalised, ridge.tan_phi, line.tan_phi)
-    gain = np.where(penalised, ridge.gain, np.eye(2)[:, :, None])
+    cohesion = np.where(penalised, penalty.cohesion, line.cohesion)
+    tan_phi = np.where(penalised, penalty.tan_phi, line.tan_phi)
+    gain = np.where(penalised, penalty.gain, np.eye(2)[:, :, None])
     errors = uncertainty(moments, line, cohesion, tan_phi, gain, correlated=correlated)
 
     count = np.diff(bounds)
+    torque_rmse = np.empty(len(count))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        predicted = linear.torque(
-            load, sinkage, slip, np.repeat(cohesion, count), np.repeat(tan_phi, count), **geometry
-        )
-        torque_rmse = np.sqrt(segment_sum((torque - predicted) ** 2, bounds) / count)
+        for columns, inner, first, last in _blocks(rows, bounds):
+            _, _, load, torque, sinkage, slip = columns
+            c, t = (np.repeat(values[first:last], count[first:last]) for values in (cohesion, tan_phi))
+            away = torque - linear.torque(load, sinkage, slip, c, t, **geometry)
+            torque_rmse[first:last] = np.sqrt(segment_sum(away**2, inner) / count[first:last])
     known = np.where(count > 0, 1.0, np.nan)
     phi = np.arctan(tan_phi) * known
     status = np.select(
@@ -317,9 +332,9 @@ def _estimate(
         corr=errors.correlation,
         c_ls=line.cohesion,
         phi_ls=np.arctan(line.tan_phi),
-        c_ridge=ridge.cohesion * known,
-        phi_ridge=np.arctan(ridge.tan_phi) * known,
-        delta=ridge.delta * known,
+        c_ridge=penalty.cohesion * known,
+        phi_ridge=np.arctan(penalty.tan_phi) * known,
+        delta=penalty.delta * known,
         condition_number=line.condition_number,
         sigma_star=errors.pivot * known,
         strength=errors.strength * known,

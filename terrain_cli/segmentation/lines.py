@@ -59,8 +59,8 @@ def possible_slopes(moments: Array) -> Slopes:
     """Return the least and the largest slope that the line of a soil with these x and y can have."""
     positive = moments[X] > 0.0
     ratio = np.where(positive, moments[Y], 1.0) / np.where(positive, moments[X], 1.0)
-    low = np.clip(SMALLEST_SHARE * ratio, SMALLEST_SLOPE, LARGEST_SLOPE)
-    return low, np.clip(LARGEST_SHARE * ratio, low, LARGEST_SLOPE)
+    low = np.minimum(np.maximum(SMALLEST_SHARE * ratio, SMALLEST_SLOPE), LARGEST_SLOPE)
+    return low, np.minimum(np.maximum(LARGEST_SHARE * ratio, low), LARGEST_SLOPE)
 
 
 def best_line(moments: Array, slopes: Slopes | None = None) -> tuple[Array, Array]:
@@ -81,6 +81,13 @@ def best_line(moments: Array, slopes: Slopes | None = None) -> tuple[Array, Arra
     misfit : ndarray, shape (k,)
         Sum of squares across the line, in units of the noise's variance across it.
     """
+    # Without scatter there is no root, and comparisons with it are false; windows without samples,
+    # and those that are far too small, are nobody's choice.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        return _best_line(moments, slopes)
+
+
+def _best_line(moments: Array, slopes: Slopes | None) -> tuple[Array, Array]:
     xx, xy, yy = scatter(moments)
     noise_xx, noise_xy, noise_yy = moments[NOISE_XX], moments[NOISE_XY], moments[NOISE_YY]
     a = xx * noise_xy - xy * noise_xx
@@ -88,9 +95,7 @@ def best_line(moments: Array, slopes: Slopes | None = None) -> tuple[Array, Arra
     c = xy * noise_yy - yy * noise_xy
     root = np.sqrt(np.maximum(b * b - 4.0 * a * c, 0.0))
     falling = b >= 0.0
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # Without scatter there is no root; the comparisons below are then false.
-        slope = np.where(falling, -(b + root), 2.0 * c) / np.where(falling, 2.0 * a, root - b)
+    slope = np.where(falling, -(b + root), 2.0 * c) / np.where(falling, 2.0 * a, root - b)
     low, high = possible_slopes(moments)
     if slopes is not None:
         low, high = np.clip(slopes[0], low, high), np.clip(slopes[1], low, high)

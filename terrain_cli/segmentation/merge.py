@@ -28,7 +28,11 @@ LONGEST_BRIDGE = 10 * BESIDE
 KNOWN = 0.15
 #: ... and the slope of the steps that load and slip make on that soil is then within this share.
 SLOPE_TOLERANCE = 0.2
+#: Neighbours that move by less than this share of a window do not move its other bound.
+HARDLY = 0.01
 _ROUNDS = 20
+#: Bounds moved together: few enough to stay in the processor's cache.
+_TOGETHER = 64
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,27 @@ class Criteria:
     gradual: Criterion
 
 
+class _Known:
+    """Sums over all samples before a bound, computed once: from round to round most bounds stay."""
+
+    def __init__(self, before: Callable[[Index], Array]) -> None:
+        self._compute = before
+        self._bounds = np.zeros(1, dtype=np.intp)
+        self._sums = before(self._bounds)
+
+    def __call__(self, bounds: Index) -> Array:
+        """Return the sums before each of these bounds, shape (10, k)."""
+        at = np.minimum(np.searchsorted(self._bounds, bounds), len(self._bounds) - 1)
+        new = np.unique(bounds[self._bounds[at] != bounds])
+        if len(new):
+            merged = np.concatenate([self._bounds, new])
+            order = np.argsort(merged)
+            self._sums = np.concatenate([self._sums, self._compute(new)], axis=1)[:, order]
+            self._bounds = merged[order]
+            at = np.searchsorted(self._bounds, bounds)
+        return self._sums[:, at]
+
+
 class Refinement:
     """The way from candidates to the changes of soil of one stretch.
 
@@ -87,83 +112,130 @@ class Refinement:
     """
 
     def __init__(self, moments: Moments, limits: Limits, criteria: Criteria) -> None:
-        self._between = moments.between
-        self._before = moments.before
-        self._step = moments.step
+        self._moments = moments
+        self._before = _Known(moments.before)
+        self._n = len(moments.x)
         self._limits = limits
         self._criteria = criteria
-        self._moves: dict[tuple[int, ...], int] = {}
-        self._bridges: dict[tuple[int, ...], tuple[float, int]] = {}
+        # Bounds that were found best, between their neighbours: none so far.
+        self._settled = np.full((3, 1), -1, dtype=np.intp)
 
     def settle(self, bounds: Index) -> Index:
         """Merge windows, move bounds and give bridges away until nothing changes."""
-        bounds = self._merge(bounds, self._ratios)
+        # A block that holds the end of one soil and the beginning of the next is a window of its own.
+        bounds = self._without_bridges(self._merge(bounds))
+        seen = bounds[:0]
         for _ in range(_ROUNDS):
-            before = bounds
-            bounds = self._merge(self._move(bounds), self._ratios)
-            bounds = self._without_bridges(bounds)
-            bounds = self._merge(bounds, self._sharp_ratios)
-            if np.array_equal(bounds, before):
+            bounds = self._move(bounds)
+            if np.array_equal(bounds, seen):
                 break
+            bounds = seen = self._without_bridges(self._merge(bounds))
+            bounds = self._merge(bounds, sharp=True)
         return bounds
 
-    def _merge(self, bounds: Index, ratios: Callable[[Index], Array]) -> Index:
-        """Drop bounds of too little gain, the least among neighbours first."""
+    def _merge(self, bounds: Index, *, sharp: bool = False) -> Index:
+        """Drop bounds of too little gain, the least among neighbours first.
+
+        Sharp changes are seen in the samples beside them, or else large. A new soil begins at once.
+        What the model leaves out bends the relation as slip or load sweep, and that is not to be
+        seen within a few samples.
+        """
+        # The sums before each bound, and before the samples that are beside it.
+        sums = np.stack(
+            [
+                self._before(np.minimum(np.maximum(bounds + away, 0), self._n))
+                for away in ((0, -BESIDE, BESIDE) if sharp else (0,))
+            ]
+        )
         while len(bounds) > 2:
-            least = _least_below_one(ratios(bounds))
+            least = _least_below_one(self._ratios(bounds, sums))
             if len(least) == 0:
                 break
-            bounds = np.delete(bounds, least + 1)
+            kept = np.ones(len(bounds), dtype=bool)
+            kept[least + 1] = False
+            bounds, sums = bounds[kept], sums[:, :, kept]
         return bounds
 
-    def _ratios(self, bounds: Index) -> Array:
-        a, b, c = bounds[:-2], bounds[1:-1], bounds[2:]
-        windows = np.diff(self._before(bounds), axis=1)
-        ratio = self._criteria.always.ratio(windows[:, :-1], windows[:, 1:])
-        # A window that is too short must go, by the bound it can spare.
-        long_enough = self._limits.met(a, b) & self._limits.met(b, c)
-        return np.where(long_enough, ratio, ratio / (1.0 + np.abs(ratio)) - 2.0)
-
-    def _sharp_ratios(self, bounds: Index) -> Array:
-        """Return the ratios for changes that are seen in the samples beside them, or else large.
-
-        A new soil begins at once. What the model leaves out bends the relation as slip or load
-        sweep, and that is not to be seen within a few samples.
-        """
-        a, b, c = bounds[:-2], bounds[1:-1], bounds[2:]
-        windows = np.diff(self._before(bounds), axis=1)
+    def _ratios(self, bounds: Index, sums: Array) -> Array:
+        """Return the gain of each bound, where 1 is just enough."""
+        windows = np.diff(sums[0], axis=1)
         left, right = windows[:, :-1], windows[:, 1:]
+        gain, worth = lines.split_gain(left, right)
+        both = left + right
+        ratio = gain / self._criteria.always.least_gain(both, worth)
+        # A window that is too short must go, by the bound it can spare.
+        long_enough = self._limits.met(bounds[:-1], bounds[1:])
+        ratio = np.where(long_enough[:-1] & long_enough[1:], ratio, ratio / (1.0 + np.abs(ratio)) - 2.0)
+        if len(sums) == 1:
+            return ratio
+        near = np.diff(bounds) < BESIDE
         beside = self._criteria.beside.ratio(
-            self._between(np.maximum(a, b - BESIDE), b),
-            self._between(b, np.minimum(c, b + BESIDE)),
-            _slopes_of_steps(left, right),
+            np.where(near[:-1], left, sums[0, :, 1:-1] - sums[1, :, 1:-1]),
+            np.where(near[1:], right, sums[2, :, 1:-1] - sums[0, :, 1:-1]),
+            _slopes_of_steps(windows),
         )
-        sharp = np.maximum(beside, self._criteria.gradual.ratio(left, right))
-        return np.minimum(self._ratios(bounds), sharp)
-
-    def _costs(self, first: int, cuts: Index, last: int) -> Array:
-        """Return the misfit of the two windows, for each place to cut."""
-        sums = self._before(np.concatenate([[first], cuts, [last]]))
-        left, right = sums[:, 1:-1] - sums[:, :1], sums[:, -1:] - sums[:, 1:-1]
-        misfit = lines.best_line(np.concatenate([left, right], axis=1))[1]
-        return np.asarray(misfit[: len(cuts)] + misfit[len(cuts) :])
+        return np.minimum(ratio, np.maximum(beside, gain / self._criteria.gradual.least_gain(both, worth)))
 
     def _move(self, bounds: Index) -> Index:
-        """Move every bound to the best sample near it."""
-        moved = bounds.copy()
-        for k in range(1, len(moved) - 1):
-            around = tuple(moved[k - 1 : k + 2].tolist())
-            if around not in self._moves:
-                self._moves[around] = self._best_near(*around)
-            moved[k] = self._moves[around]
-        return moved
+        """Move every other bound to the best sample near it, between fixed neighbours, and then the rest."""
+        bounds, around = bounds.copy(), np.empty((3, len(bounds) - 2), dtype=np.intp)
+        for begin in (0, 1):
+            at = np.arange(begin, len(bounds) - 2, 2)
+            a, b, c = around[:, at] = bounds[at], bounds[at + 1], bounds[at + 2]
+            at = at[~self._is_settled(a, b, c)]
+            for some in np.split(at, range(_TOGETHER, len(at), _TOGETHER)) if len(at) else ():
+                bounds[some + 1] = self._best_near(*around[:, some])
+        far = np.abs(bounds[1:-1] - around[1]) > BESIDE
+        around[1] = bounds[1:-1]
+        self._settled = around[:, ~far] if not far.all() else self._settled
+        return bounds
 
-    def _best_near(self, a: int, b: int, c: int) -> int:
-        reach = max(2 * BESIDE, 4 * self._step)
-        cuts = np.arange(max(a + 1, b - reach), min(c, b + reach + 1))
-        long_enough = self._limits.met(np.full_like(cuts, a), cuts)
-        cuts = cuts[long_enough & self._limits.met(cuts, np.full_like(cuts, c))]
-        return int(cuts[self._costs(a, cuts, c).argmin()]) if len(cuts) else b
+    def _is_settled(self, a: Index, b: Index, c: Index) -> NDArray[np.bool_]:
+        """Return which bounds b are where they were found best, between neighbours that hardly moved."""
+        at = np.minimum(np.searchsorted(self._settled[1], b), self._settled.shape[1] - 1)
+        last_a, last_b, last_c = self._settled[:, at]
+        near = np.maximum(np.abs(last_a - a) / (b - a), np.abs(last_c - c) / (c - b)) <= HARDLY
+        return np.asarray((last_b == b) & near)
+
+    def _best_near(self, a: Index, b: Index, c: Index) -> Index:
+        """Return the best bounds near b between a and c."""
+        reach = max(2 * BESIDE, 4 * self._moments.step)
+        best, cost = self._best_between(a, np.maximum(a + 1, b - reach), np.minimum(c - 1, b + reach), c)
+        return np.where(np.isfinite(cost), best, b)
+
+    def _best_between(self, a: Index, low: Index, high: Index, c: Index) -> tuple[Index, Array]:
+        """Return where from low to high it is best to cut [a, c), and the misfit of the two windows.
+
+        On the grid of blocks, then on a finer one within a block of the best, then at any sample.
+        """
+        ends = self._before(a)[:, :, None], self._before(c)[:, :, None]
+        step = self._moments.step
+        finer = max(1, step // 16)
+        block = -(-low // step)[:, None] + np.arange(int((high - low).max()) // step + 1)
+        block = np.minimum(block, high[:, None] // step)
+        costs = self._costs(block * step, self._moments.total[:, block], ends, (a, low, high, c))
+        nearest = np.take_along_axis(block, costs.argmin(axis=1)[:, None], axis=1)[:, 0]
+        cuts, sums = self._moments.around(nearest)
+        if finer > 1:
+            some = np.arange(0, 2 * step + 1, finer)
+            costs = self._costs(cuts[:, some], sums[:, :, some], ends, (a, low, high, c))
+            around = some[costs.argmin(axis=1)][:, None] + np.arange(-finer, finer + 1)
+            around = np.minimum(np.maximum(around, 0), 2 * step)
+            cuts = np.take_along_axis(cuts, around, axis=1)
+            sums = np.take_along_axis(sums, around[None], axis=2)
+        costs = self._costs(cuts, sums, ends, (a, low, high, c))
+        best = costs.argmin(axis=1)[:, None]
+        return np.take_along_axis(cuts, best, axis=1)[:, 0], np.take_along_axis(costs, best, axis=1)[:, 0]
+
+    def _costs(self, cuts: Index, sums: Array, ends: tuple[Array, Array], inside: tuple[Index, ...]) -> Array:
+        """Return the misfit of [a, cut) and [cut, c); inf beyond low and high, or where one is too short."""
+        a, low, high, c = (bound[:, None] for bound in inside)
+        parts = np.stack([sums - ends[0], ends[1] - sums], axis=1)
+        misfit = lines.best_line(parts.reshape(lines.ROWS, -1))[1].reshape(2, *cuts.shape).sum(axis=0)
+        cut = np.minimum(np.maximum(cuts, a), c)
+        allowed = (cuts >= low) & (cuts <= high) & self._limits.met(np.broadcast_to(a, cut.shape), cut)
+        allowed &= self._limits.met(cut, np.broadcast_to(c, cut.shape))
+        return np.where(allowed, misfit, np.inf)
 
     def _without_bridges(self, bounds: Index) -> Index:
         """Give windows away whose samples the lines of both neighbours explain.
@@ -174,44 +246,42 @@ class Refinement:
         while len(bounds) > 3:
             ratio = np.full(len(bounds) - 3, np.inf)
             cut = bounds[1:-2].copy()
-            for k in np.flatnonzero(np.diff(bounds[1:-1]) <= LONGEST_BRIDGE):
-                around = tuple(bounds[k : k + 4].tolist())
-                if around not in self._bridges:
-                    self._bridges[around] = self._bridge(*around)
-                ratio[k], cut[k] = self._bridges[around]
+            short = np.flatnonzero(np.diff(bounds[1:-1]) <= LONGEST_BRIDGE)
+            for some in np.split(short, range(_TOGETHER, len(short), _TOGETHER)):
+                if len(some):
+                    ratio[some], cut[some] = self._bridge(*(bounds[some + k] for k in range(4)))
             given = _least_below_one(ratio)
             if len(given) == 0:
                 break
             bounds = bounds.copy()
             bounds[given + 1] = cut[given]
+            found = np.stack([bounds[given], cut[given], bounds[given + 3]])
+            found = np.concatenate([self._settled, found], axis=1)
+            self._settled = found[:, np.argsort(found[1])]
             bounds = np.delete(bounds, given + 2)
         return bounds
 
-    def _bridge(self, a: int, b: int, c: int, d: int) -> tuple[float, int]:
-        """Return the gain of the window [b, c) over the best cut in it, 1 being just enough, and that cut."""
-        cuts = np.arange(b, c + 1)
-        costs = self._costs(a, cuts, d)
-        cut = int(cuts[costs.argmin()])
-        windows = np.diff(self._before(np.array([a, b, c, d])), axis=1)
-        gain = costs.min() - lines.best_line(windows)[1].sum()
-        left, middle, right = windows[:, :1], windows[:, 1:2], windows[:, 2:]
-        worth = np.zeros(1)
+    def _bridge(self, a: Index, b: Index, c: Index, d: Index) -> tuple[Array, Index]:
+        """Return the gain of windows [b, c) over the best cuts in them, 1 being just enough, and the cuts."""
+        cut, cost = self._best_between(a, b, c, d)
+        windows = np.diff(self._before(np.stack([a, b, c, d])), axis=1)
+        gain = cost - lines.best_line(windows.reshape(lines.ROWS, -1))[1].reshape(3, -1).sum(axis=0)
+        left, middle, right = windows.transpose(1, 0, 2)
+        worth = np.zeros(len(b))
         for share, other in (((cut - b) / (c - b), left), ((c - cut) / (c - b), right)):
             weight = share * middle[lines.W]
             worth += weight * other[lines.W] / (weight + other[lines.W])
         worth /= lines.noise_across(middle, lines.MIDDLE_SLOPE)
-        return float(gain / self._criteria.always.least_gain(middle, worth)[0]), cut
+        return gain / self._criteria.always.least_gain(middle, worth), cut
 
 
-def _slopes_of_steps(left: Array, right: Array) -> lines.Slopes:
-    """Return the slopes along which load and slip step if the soil is that of one window or the other."""
-    lows, highs = [], []
-    for window in (left, right):
-        slope, _ = lines.best_line(window)
-        known = lines.slope_error(window, slope) < KNOWN * slope
-        lows.append(np.where(known, (1.0 - SLOPE_TOLERANCE) * slope, -np.inf))
-        highs.append(np.where(known, (1.0 + SLOPE_TOLERANCE) * slope, np.inf))
-    return np.minimum(*lows), np.maximum(*highs)
+def _slopes_of_steps(windows: Array) -> lines.Slopes:
+    """Return the slopes along which load and slip step on the soil before a bound or that behind it."""
+    slope, _ = lines.best_line(windows)
+    known = lines.slope_error(windows, slope) < KNOWN * slope
+    low = np.where(known, (1.0 - SLOPE_TOLERANCE) * slope, -np.inf)
+    high = np.where(known, (1.0 + SLOPE_TOLERANCE) * slope, np.inf)
+    return np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])
 
 
 def _least_below_one(ratio: Array) -> Index:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.segmentation import blocks
 from terrain_cli.segmentation.lines import MIDDLE_SLOPE, ROWS, across
 from terrain_cli.segmentation.noise import block_noise, tame
 
@@ -33,46 +34,65 @@ class Moments:
     def __init__(self, x: Array, y: Array, step: int) -> None:
         self.step = step
         self.edges = np.append(np.arange(0, len(x), step, dtype=np.intp), len(x))
-        self.x, self.y = tame(x, y, self.edges)
-        self.noise = block_noise(self.x, self.y, self.edges)
+        self.x, self.y, measured, scale = tame(x, y, step)
+        self.noise = block_noise(self.x, self.y, step, measured, scale)
         noise_xx, noise_xy, noise_yy = self.noise
         self._weight = 1.0 / across(noise_xx, noise_xy, noise_yy, MIDDLE_SLOPE)
-        sums = np.stack(
-            [
-                np.diff(self.edges).astype(float),
-                *(
-                    np.add.reduceat(product, self.edges[:-1])
-                    for product in (self.x, self.y, self.x**2, self.x * self.y, self.y**2)
-                ),
-            ]
-        )
-        steps = np.concatenate([self._weight * sums, self._weight * sums[0] * self.noise, sums[:1]])
-        self._total = np.concatenate([np.zeros((ROWS, 1)), np.cumsum(steps, axis=1)], axis=1)
+        number = blocks.sizes(len(x), step)
+        #: Sums over all blocks before each, shape (10, blocks + 1).
+        self.total = np.zeros((ROWS, len(self.edges)))
+        for row, sums in enumerate((number, *measured[blocks.POWERS], *(number * self.noise))):
+            np.cumsum(self._weight * sums, out=self.total[row, 1:])
+        self.total[-1] = self.edges
 
     def between(self, first: Index, last: Index) -> Array:
         """Return the moments of the windows [first, last), shape (10, k)."""
         return self.before(last) - self.before(first)
 
-    def between_blocks(self, first: Index, last: Index) -> Array:
-        """Return the moments of the windows from block `first` up to block `last`."""
-        # Row by row in memory; picking columns with brackets takes three times as long.
-        between = self._total.take(last, axis=1)
-        between -= self._total.take(first, axis=1)
-        return between
-
     def before(self, sample: Index) -> Array:
         """Return the sums over all samples before each of these: of whole blocks, then of what is left."""
         block = sample // self.step
-        total = self._total[:, block]
         rest = sample - block * self.step
-        if not rest.any():
-            return np.asarray(total)
-        block = np.minimum(block, len(self._weight) - 1)
-        place = np.minimum(block[:, None] * self.step + np.arange(self.step - 1), len(self.x) - 1)
-        counted = np.arange(self.step - 1) < rest[:, None]
-        x, y = np.where(counted, self.x[place], 0.0), np.where(counted, self.y[place], 0.0)
-        weight = self._weight[block]
-        part = np.stack([rest, x.sum(1), y.sum(1), (x * x).sum(1), (x * y).sum(1), (y * y).sum(1)])
-        return np.concatenate(
-            [total[:6] + weight * part, total[6:9] + weight * rest * self.noise[:, block], total[9:] + rest]
-        )
+        total = self.total[:, block]
+        if rest.any():
+            cut = np.flatnonzero(rest)
+            counted = np.arange(self.step - 1) < rest[cut, None]
+            total[:, cut] += (self._rows(block[cut] * self.step, self.step - 1) * counted).sum(axis=2)
+        return np.asarray(total)
+
+    def around(self, block: Index) -> tuple[Index, Array]:
+        """Return every bound within a block of the beginning of these, and the sums before it.
+
+        Parameters
+        ----------
+        block : ndarray of int, shape (k,)
+
+        Returns
+        -------
+        bounds : ndarray of int, shape (k, 2 step + 1)
+            Beyond the ends of the stretch no samples, for which the sums are those at the end.
+        sums : ndarray, shape (10, k, 2 step + 1)
+        """
+        first = np.maximum(block - 1, 0)
+        begin = first * self.step
+        bounds = begin[:, None] + np.arange(2 * self.step + 1)
+        rows = np.concatenate([self.total[:, first, None], self._rows(begin, 2 * self.step)], axis=2)
+        return bounds, np.cumsum(rows, axis=2, out=rows)
+
+    def _rows(self, begin: Index, count: int) -> Array:
+        """Return the weighted moments of single samples, shape (10, k, count), zero after the last."""
+        place = begin[:, None] + np.arange(count)
+        inside = place < len(self.x)
+        place = np.minimum(place, len(self.x) - 1)
+        x, y, block = self.x[place], self.y[place], place // self.step
+        weight = np.where(inside, self._weight[block], 0.0)
+        rows = np.empty((ROWS, *place.shape))
+        rows[0] = weight
+        np.multiply(weight, x, out=rows[1])
+        np.multiply(weight, y, out=rows[2])
+        np.multiply(rows[1], x, out=rows[3])
+        np.multiply(rows[1], y, out=rows[4])
+        np.multiply(rows[2], y, out=rows[5])
+        np.multiply(weight, self.noise[:, block], out=rows[6:9])
+        rows[9] = inside
+        return rows

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.segmentation.blocks import in_blocks, slabs
+from terrain_cli.segmentation import blocks
 from terrain_cli.segmentation.lines import LARGEST_SLOPE, SMALLEST_SLOPE
 
 if TYPE_CHECKING:
@@ -27,17 +27,74 @@ FLOOR = 2e-3
 #: A difference larger than this many mean differences is a step or a wild value, not noise.
 WILD = 3.0
 #: A sample further from its neighbours than this many mean steps is not the soil's doing.
-OUTLIER = 4.0
+OUTLIER = 4.7
 #: Correlation of x and y that noise may have. Equal relative errors of W, T, z and i leave next to
 #: none (below 0.1 on all soils tried); more is a load that varies from sample to sample.
 NOISE_CORRELATION = 0.15
-
-
 #: Samples over which what is left after prewhitening may still be correlated.
 LARGEST_LAG = 30
 
 
-def block_noise(x: Array, y: Array, step: int, power: Array) -> Array:
+def tame(x: Array, y: Array, step: int) -> tuple[Array, Array, Array, float]:
+    """Replace wild samples, one or two in a row, by the median of five around them.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+    step : int
+        Samples in a block.
+
+    Returns
+    -------
+    x, y : ndarray, shape (n,)
+    measured : ndarray, shape (14, blocks)
+        Of these, from `blocks.measure`.
+    scale : float
+        By which y was brought to the scale of x in it.
+    """
+    n = len(x)
+    some = slice(None, None, 1 + n // 4096)
+    scale = float(np.abs(x[some]).sum() / (np.abs(y[some]).sum() or 1.0)) or 1.0
+    number = blocks.sizes(n, step)
+    number[0] -= 1
+    measured = np.empty((blocks.ROWS, len(number)))
+    stale, asked = list(blocks.slabs(n, step)), np.ones(len(number), dtype=bool)
+    # Where three of five are wild, some are seen only after others have been replaced.
+    for _ in range(3):
+        blocks.measure(x, y, step, scale, stale, measured)
+        limit = OUTLIER * np.stack([_moving_mean(row, number, step) for row in measured[blocks.STEPS]])
+        suspected = (measured[blocks.LARGEST_STEPS] > limit).any(axis=0) & asked
+        place = _far(x, y, step, limit, np.flatnonzero(suspected))
+        middles = np.stack([_median_of_five(values, place) for values in (x, y)])
+        wild = (np.abs(np.stack([x[place], y[place]]) - middles) > limit[:, place // step]).any(axis=0)
+        if not wild.any():
+            return x, y, measured, scale
+        if asked.all():
+            x, y = x.copy(), y.copy()
+        place = place[wild]
+        x[place], y[place] = middles[:, wild]
+        stale = list(blocks.about(place, n, step))
+        asked = np.zeros(len(number), dtype=bool)
+        for first, last in stale:
+            asked[max(first - 2 * REACH, 0) // step : (last + 2 * REACH) // step] = True
+    blocks.measure(x, y, step, scale, stale, measured)
+    return x, y, measured, scale
+
+
+def _far(x: Array, y: Array, step: int, limit: Array, block: Index) -> Index:
+    """Return which samples of some blocks are far from a neighbour: none is further from its median."""
+    found = []
+    for some in blocks.together(block, step):
+        far = np.zeros((len(some), step), dtype=bool)
+        for values, most in zip((x, y), limit[:, some, None], strict=True):
+            rises = np.abs(blocks.differences(values, some, step)[0]) > most
+            far |= rises[:, 1:] | rises[:, :-1]
+        row, column = np.nonzero(far)
+        found.append(some[row] * step + column)
+    return np.concatenate(found)
+
+
+def block_noise(x: Array, y: Array, step: int, measured: Array, scale: float) -> Array:
     """Estimate the covariance of the noise of (x, y), block by block.
 
     From second differences, in which a drift of the load cancels, averaged over `REACH` samples on
@@ -50,55 +107,29 @@ def block_noise(x: Array, y: Array, step: int, power: Array) -> Array:
         In Pa, n ≥ 3.
     step : int
         Samples in a block.
-    power : ndarray, shape (2, blocks)
-        Sums of x² and of y².
+    measured : ndarray, shape (14, blocks)
+        Of these samples, from `blocks.measure`.
+    scale : float
+        That of y in it.
 
     Returns
     -------
     ndarray, shape (3, blocks)
         Variance of x, covariance, variance of y, in Pa².
     """
-    n, blocks = len(x), power.shape[1]
-    reach = _reach(step)
-    sizes = _sizes(n, step)
-    level = np.sqrt([_moving_mean(row, sizes, reach) for row in power])
+    number = blocks.sizes(len(x), step)
+    level = np.sqrt([_moving_mean(measured[row], number, step) for row in (blocks.POWER_X, blocks.POWER_Y)])
     level = np.maximum(level, np.where(level.any(axis=1), 1e-9 * level.max(axis=1), 1.0)[:, None])
     # The two ends have no second difference; the sums below are over the others.
-    counts = sizes.copy()
-    counts[0] -= 1
-    counts[-1] -= 1
-    # What is wild is told by the size of both differences, for which y is brought to the scale of x.
-    to_x = float(np.sqrt(power[0].sum() / power[1].sum())) if power.any(axis=1).all() else 1.0
-    sums, size, largest = np.empty((3, blocks)), np.empty(blocks), np.empty(blocks)
-    for first, last in slabs(n, step):
-        at = slice(first // step, -(-last // step))
-        dx, dy = (_second_differences(values, first, last, step) for values in (x, y))
-        squares = dy * dy
-        sums[:, at] = np.stack(
-            [np.einsum("ij,ij->i", dx, dx), np.einsum("ij,ij->i", dx, dy), np.einsum("ij->i", squares)]
-        )
-        squares *= to_x**2
-        squares += dx * dx
-        length = np.sqrt(squares, out=squares)
-        size[at] = np.einsum("ij->i", length)
-        largest[at] = np.maximum.reduceat(length.ravel(), np.arange(0, length.size, step))
-    limit = WILD * _moving_mean(size, counts, reach)
-    wild = np.flatnonzero(largest > limit)
-    if len(wild):
-        place = wild[:, None] * step + np.arange(step)
-        dx, dy = (
-            np.where((place > 0) & (place < n - 1), _second(values, np.clip(place, 1, n - 2)), 0.0)
-            for values in (x, y)
-        )
-        size = np.sqrt(dx * dx + to_x**2 * dy * dy)
-        shrink = limit[wild, None] / np.maximum(size, limit[wild, None])
-        dx, dy = shrink * dx, shrink * dy
-        sums[:, wild] = [(dx * dx).sum(1), (dx * dy).sum(1), (dy * dy).sum(1)]
+    number[0] -= 1
+    number[-1] -= 1
+    limit = WILD * _moving_mean(measured[blocks.SIZE], number, step)
+    sums = measured[blocks.SECONDS] - _excess(x, y, step, scale, limit, measured[blocks.LARGEST_SIZE])
     # Second differences of white noise have six times its variance.
     level_x, level_y = level
     xx, xy, yy = (
-        _moving_mean(total / (6.0 * scale), counts, reach)
-        for total, scale in zip(sums, (level_x**2, level_x * level_y, level_y**2), strict=True)
+        _moving_mean(total / (6.0 * unit), number, step)
+        for total, unit in zip(sums, (level_x**2, level_x * level_y, level_y**2), strict=True)
     )
     xx, yy = xx + FLOOR**2, yy + FLOOR**2
     slope, variance = _load_variation(xx, xy, yy, level_x / level_y)
@@ -111,73 +142,23 @@ def block_noise(x: Array, y: Array, step: int, power: Array) -> Array:
     )
 
 
-def _second(values: Array, place: Index) -> Array:
-    return np.asarray(values[place - 1] - 2.0 * values[place] + values[place + 1])
-
-
-def _second_differences(values: Array, first: int, last: int, step: int) -> Array:
-    """Return the second differences of the samples from first to last, zero at either end, in blocks."""
-    begin, end = max(first, 1), min(last, len(values) - 1)
-    rises = np.diff(values[begin - 1 : end + 1])
-    second = np.zeros(-(-(last - first) // step) * step)
-    np.subtract(rises[1:], rises[:-1], out=second[begin - first : end - first])
-    return second.reshape(-1, step)
-
-
-def tame(x: Array, y: Array, step: int) -> tuple[Array, Array]:
-    """Replace wild samples, one or two in a row, by the median of five around them.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-    step : int
-        Samples in a block.
-
-    Returns
-    -------
-    x, y : ndarray, shape (n,)
-    """
-    n, reach = len(x), _reach(step)
-    counts = _sizes(n, step)
-    counts[0] -= 1
-    blocks = len(counts)
-    mean, largest = np.empty((2, blocks)), np.empty((2, blocks))
-    stale = list(slabs(n, step))
-    changed = False
-    # Where three of five are wild, some are seen only after others have been replaced.
-    for _ in range(3):
-        for first, last in stale:
-            at = slice(first // step, -(-last // step))
-            for row, values in enumerate((x, y)):
-                mean[row, at], largest[row, at] = _rises(values, first, last, step)
-        limit = OUTLIER * np.stack([_moving_mean(row, counts, reach) for row in mean])
-        # No sample is further from the median about it than from a neighbour.
-        suspected = np.flatnonzero((largest > limit).any(axis=0))
-        place = suspected[:, None] * step + np.arange(step)
-        inside = place < n
-        place = np.minimum(place, n - 1)
-        middles = [_median_of_five(values, place) for values in (x, y)]
-        wild = np.zeros(place.shape, dtype=bool)
-        for values, middle, most in zip((x, y), middles, limit[:, suspected, None], strict=True):
-            wild |= np.abs(values[place] - middle) > most
-        wild &= inside
-        if not wild.any():
-            break
-        if not changed:
-            x, y, changed = x.copy(), y.copy(), True
-        x[place[wild]], y[place[wild]] = middles[0][wild], middles[1][wild]
-        stale = [(a, b) for a, b in stale if ((place[wild] >= a - 1) & (place[wild] <= b)).any()]
-    return x, y
-
-
-def _rises(values: Array, first: int, last: int, step: int) -> tuple[Array, Array]:
-    """Return for each block from first to last the sum of steps to its samples, and the largest to or from them."""
-    rises = np.zeros(-(-(last - first) // step) * step + 1)
-    begin, end = max(first, 1), min(last + 1, len(values))
-    np.subtract(values[begin:end], values[begin - 1 : end - 1], out=rises[begin - first : end - first])
-    np.abs(rises, out=rises)
-    largest = np.maximum.reduceat(rises[:-1], np.arange(0, len(rises) - 1, step))
-    return np.einsum("ij->i", rises[:-1].reshape(-1, step)), np.maximum(largest, rises[step::step])
+def _excess(x: Array, y: Array, step: int, scale: float, limit: Array, largest: Array) -> Array:
+    """Return by how much second differences beyond the limit raise the sums of their products."""
+    excess = np.zeros((3, len(limit)))
+    for some in blocks.together(np.flatnonzero(largest > limit), step):
+        dx, dy = (blocks.differences(values, some, step)[1] for values in (x, y))
+        size = np.abs(dy)
+        size *= scale
+        size += np.abs(dx)
+        row, column = np.nonzero(size > limit[some, None])
+        place = some[row] * step + column
+        inner = (place > 0) & (place < len(x) - 1)
+        row, column = row[inner], column[inner]
+        dx, dy, size = dx[row, column], dy[row, column], size[row, column]
+        beyond = 1.0 - (limit[some[row]] / size) ** 2
+        for total, product in zip(excess, (dx * dx, dx * dy, dy * dy), strict=True):
+            total[some] = np.bincount(row, beyond * product, len(some))
+    return excess
 
 
 def _median_of_five(values: Array, place: Index) -> Array:
@@ -199,19 +180,14 @@ def _load_variation(xx: Array, xy: Array, yy: Array, ratio: Array) -> tuple[Arra
     return slope, np.minimum(excess / slope, 0.9 * np.minimum(xx, yy / slope**2))
 
 
-def _reach(step: int) -> int:
-    """Return the blocks on either side from which the noise of a block is learnt."""
-    return max(1, round(REACH / step))
-
-
-def _moving_mean(sums: Array, counts: Index, reach: int) -> Array:
-    """Return the mean over the blocks up to `reach` away, near the ends over as many of those there are."""
-    blocks = len(sums)
-    width = min(2 * reach + 1, blocks)
-    first = np.clip(np.arange(blocks) - reach, 0, blocks - width)
+def _moving_mean(sums: Array, number: Index, step: int) -> Array:
+    """Return the mean over blocks up to `REACH` samples away, near the ends over as many of them."""
+    reach = max(1, round(REACH / step))
+    width = min(2 * reach + 1, len(sums))
+    first = np.clip(np.arange(len(sums)) - reach, 0, len(sums) - width)
     total = np.concatenate([[0.0], np.cumsum(sums)])
-    number = np.concatenate([[0], np.cumsum(counts)])
-    return np.asarray((total[first + width] - total[first]) / (number[first + width] - number[first]))
+    count = np.concatenate([[0], np.cumsum(number)])
+    return np.asarray((total[first + width] - total[first]) / (count[first + width] - count[first]))
 
 
 def correlation_factor(residuals: Array, starts: Index, fitted: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,24 +84,95 @@ def resample(clock: Array, time: Array, values: Array, max_gap: float | None = N
         A time that is in `time` gets exactly what was measured then, be it NaN. Others are
         interpolated between numbers, and are NaN outside the channel's time span and inside gaps.
     """
-    order = np.argsort(time, kind="stable")
-    time, values = time[order], values[order]
-    time, values = time[np.isfinite(time)], values[np.isfinite(time)]
+    if not ascends(time):
+        order = np.argsort(time, kind="stable")
+        order = order[np.isfinite(time[order])]
+        time, values = time[order], values[order]
+    known = ~np.isnan(values)
+    if known.all():
+        return neighbours(clock, time, max_gap).between(values)
+    here = np.clip(np.searchsorted(time, clock), 0, len(time) - 1)
+    without = resample(clock, time[known], values[known], max_gap)
+    return np.where(time[here] == clock, values[here], without)
+
+
+def ascends(time: Array) -> bool:
+    """Tell whether every time is a number, and none is earlier than the one before.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+
+    Returns
+    -------
+    bool
+    """
+    return bool(np.isfinite(time).all() and (time[1:] >= time[:-1]).all())
+
+
+@dataclass(frozen=True, slots=True)
+class Neighbours:
+    """Where the times of a clock lie between the samples of a topic: the same for all its channels.
+
+    Parameters
+    ----------
+    after : ndarray of int, shape (n,)
+        The sample at each time, or the next.
+    share : ndarray, shape (n,)
+        How far the time is from the sample before to that; NaN where nothing may be interpolated.
+    exact : ndarray of bool, shape (n,)
+        The sample is of this very time.
+    """
+
+    after: NDArray[np.intp]
+    share: Array
+    exact: NDArray[np.bool_]
+
+    def between(self, values: Array) -> Array:
+        """Interpolate.
+
+        Parameters
+        ----------
+        values : ndarray, shape (m,)
+            Of the samples; none is NaN.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        if len(values) == 0:
+            return np.full(len(self.after), np.nan)
+        following, before = values[self.after], values[np.maximum(self.after - 1, 0)]
+        with np.errstate(invalid="ignore"):
+            return np.where(self.exact, following, before + self.share * (following - before))
+
+
+def neighbours(clock: Array, time: Array, max_gap: float | None = None) -> Neighbours:
+    """Find the samples on either side of each time of a clock.
+
+    Parameters
+    ----------
+    clock : ndarray, shape (n,)
+        In s.
+    time : ndarray, shape (m,)
+        Of the samples, in s; they ascend.
+    max_gap : float, optional
+        As for `resample`.
+
+    Returns
+    -------
+    Neighbours
+    """
     if len(time) == 0:
-        return np.full(len(clock), np.nan)
-    here = np.clip(np.searchsorted(time, clock, side="left"), 0, len(time) - 1)
-    exact, measured = time[here] == clock, values[here]
-    time, values = time[~np.isnan(values)], values[~np.isnan(values)]
-    if len(time) == 0:
-        return np.full(len(clock), np.nan)
+        nothing = np.zeros(len(clock), dtype=np.intp)
+        return Neighbours(nothing, np.full(len(clock), np.nan), nothing > 0)
     gap = default_gap(time) if max_gap is None else max_gap
-    after = np.clip(np.searchsorted(time, clock, side="left"), 0, len(time) - 1)
-    before = np.maximum(after - 1, 0)
-    inside = (time[before] < clock) & (clock < time[after]) & (time[after] - time[before] <= gap + RESOLUTION)
+    after = np.minimum(np.searchsorted(time, clock), len(time) - 1)
+    start, end = time[np.maximum(after - 1, 0)], time[after]
+    inside = (start < clock) & (clock < end) & (end - start <= gap + RESOLUTION)
     with np.errstate(invalid="ignore", divide="ignore"):
-        share = (clock - time[before]) / (time[after] - time[before])
-        between = values[before] + share * (values[after] - values[before])
-    return np.where(exact, measured, np.where(inside, between, np.nan))
+        share = np.where(inside, (clock - start) / (end - start), np.nan)
+    return Neighbours(after, share, end == clock)
 
 
 def seconds(stamps: NDArray[np.datetime64], origin: float) -> Array:

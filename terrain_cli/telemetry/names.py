@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -14,6 +15,7 @@ _GENERIC = re.compile(r"wheel|joint|motor|drive", re.IGNORECASE)
 _LONG_ENOUGH = 4
 
 
+@cache
 def words(name: str) -> frozenset[str]:
     """Split a name into the words that tell it from others.
 
@@ -33,6 +35,7 @@ def words(name: str) -> frozenset[str]:
     return frozenset(special or re.findall(r"[^\W_]+", parted.casefold()))
 
 
+@cache
 def _plain(name: str) -> str:
     return re.sub(r"[\W_]+", "", name).casefold()
 

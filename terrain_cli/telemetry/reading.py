@@ -8,14 +8,15 @@ import numpy as np
 
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.telemetry import bags, tables
+from terrain_cli.telemetry.columns import read_topics
 from terrain_cli.telemetry.feeds import CLOCKS
 from terrain_cli.telemetry.mapping import is_table, only_wheel
 from terrain_cli.telemetry.names import match_name
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
-    from formats import Batch, Labels
+    from formats import Batch, Column, Labels
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry.feeds import Plan
     from terrain_cli.telemetry.samples import Raw
@@ -29,6 +30,7 @@ def read_raw(
     *,
     wheels: Collection[str] = (),
     batches: list[Batch] | None = None,
+    topics: Mapping[str, dict[str, Column]] | None = None,
 ) -> list[Raw]:
     """Read the channels asked for, wheel by wheel.
 
@@ -44,6 +46,8 @@ def read_raw(
         Only these; all if empty.
     batches : list of dict, optional
         The columns of a table, where they were read before.
+    topics : mapping of str to dict, optional
+        The columns of the topics of a bag (`bags.fields`), where they were read before.
 
     Returns
     -------
@@ -66,7 +70,9 @@ def read_raw(
 
     if is_table(plan.source):
         return tables.read(plan, wanted, extras, choose, rover.max_gap, batches)
-    return bags.read(plan, wanted, choose, rover.max_gap)
+    if topics is None:
+        topics = read_topics(plan.source, bags.fields(plan, wanted))
+    return bags.wheels(plan, topics, wanted, choose, rover.max_gap)
 
 
 def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Collection[str]) -> list[str]:

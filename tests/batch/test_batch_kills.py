@@ -17,6 +17,8 @@ from pathlib import Path
 import missions
 import pytest
 
+from terrain_cli.batch.files import uninterrupted
+
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 
@@ -100,8 +102,33 @@ def test_a_worker_killed_at_any_moment(tmp_path, undisturbed):
     same_as(undisturbed, tmp_path, results=False)
 
 
+def test_what_belongs_together_is_not_interrupted():
+    done = []
+
+    def together():
+        with uninterrupted():
+            os.kill(os.getpid(), signal.SIGINT)
+            done.append("all of it")
+
+    with pytest.raises(KeyboardInterrupt):
+        together()
+    assert done == ["all of it"]
+
+
 @pytest.mark.parametrize("name", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_within_a_second(tmp_path, undisturbed, name):
+    # A machine at work on other things may take its time once, but not each time.
+    for attempt in range(3):
+        folder = tmp_path / str(attempt)
+        took = interrupted(folder, name)
+        same_as(undisturbed, folder)
+        if took < 1.0:
+            return
+    pytest.fail(f"took {took:.2f} s, the last of three times")
+
+
+def interrupted(tmp_path, name):
+    """Interrupt a batch of which four inputs are done; return how many seconds its end took."""
     missions.mission(tmp_path / "in")
     # Something that takes its time.
     (tmp_path / "site").mkdir()
@@ -115,7 +142,7 @@ def test_interrupted_within_a_second(tmp_path, undisturbed, name):
     env = {**os.environ, "PYTHONPATH": f"{tmp_path / 'site'}:{ROOT}"}
     with start(tmp_path, env=env) as process:
         manifest, end = tmp_path / "out/manifest.jsonl", time.monotonic() + 120
-        while not (manifest.exists() and len(manifest.read_bytes().splitlines()) >= 4):
+        while not (manifest.exists() and manifest.read_bytes().count(b"\n") >= 4):
             assert time.monotonic() < end
             time.sleep(0.05)
         asked = time.monotonic()
@@ -123,8 +150,6 @@ def test_interrupted_within_a_second(tmp_path, undisturbed, name):
         code, err = finish(process)
         took = time.monotonic() - asked
     assert code == 130
-    # Of a machine that has one to spare.
-    assert took < max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
     assert "terrain-est: out: interrupted; 4 of 5 inputs done, and kept" in err
     assert "run the same command again to go on" in err
-    same_as(undisturbed, tmp_path)
+    return took

@@ -16,62 +16,16 @@ import pytest
 import terrain_cli
 from terrain_cli import models, pipeline, results
 from terrain_cli.app import main
-from terrain_cli.batch import configuration, run
-from terrain_cli.batch.folder import result_name
+from terrain_cli.batch import configuration
 from terrain_cli.settings import Settings
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 
 
-@pytest.fixture
-def pools(monkeypatch):
-    """Have batches work in this process; return the tasks of each."""
-    made = []
-
-    class Pool(missions.Inline):
-        def __init__(self, *args):
-            super().__init__(*args)
-            made.append(self)
-
-    monkeypatch.setattr(run, "LocalPool", Pool)
-    return made
-
-
-@pytest.fixture
-def source(tmp_path, monkeypatch):
-    """Work beside a folder `in` of inputs."""
-    monkeypatch.chdir(tmp_path)
-    missions.mission(tmp_path / "in")
-    return Path("in")
-
-
-@pytest.fixture
-def batch(source, pools):
-    """Return a function that runs a batch over the inputs, and returns what it did for which of them."""
-
-    def batch(*names, output="out", **order):
-        pools.clear()
-        tally = missions.batch(names or ("in", "in/day1", "in/day2"), output, rover="in/rover.toml", **order)
-        tasks = [task for pool in pools for task in pool.tasks]
-        did = sorted((type(task).__name__, task.item.path) for task in tasks if hasattr(task, "item"))
-        return tally, [(kind, path) for kind, path in did if kind != "Identify"]
-
-    return batch
-
-
-def by_path(output="out"):
-    """Return the last line of each path."""
-    return {line["path"]: line for line in missions.manifest(output)}
-
-
-def sources(output="out"):
-    return list(dict.fromkeys(pq.read_table(Path(output, "segments.parquet"))["source"].to_pylist()))
-
-
 def test_every_input_has_its_line_and_result(batch, source):
     tally, _ = batch()
     assert dict(tally.counts) == {"ok": 3, "duplicate": 1, "failed": 1}
-    lines = by_path()
+    lines = missions.by_path()
     assert {path: line["status"] for path, line in lines.items()} == {
         "in/b.csv": "ok",
         "in/copy.csv": "ok",
@@ -107,7 +61,7 @@ def test_a_result_is_what_estimate_writes(batch, kind):
     batch(kind=kind)
     with pytest.raises(SystemExit):
         main(["estimate", "in/b.csv", "-q", "-o", f"b.{kind}"])
-    written = Path("out", by_path()["in/b.csv"]["result"])
+    written = Path("out", missions.by_path()["in/b.csv"]["result"])
     assert written.read_bytes() == Path(f"b.{kind}").read_bytes()
 
 
@@ -128,7 +82,7 @@ def test_the_table_is_that_of_estimate_over_all(batch):
             ]
         )
     # In the order of the names, the copy under the first of its names.
-    assert sources() == ["in/b.csv", "in/copy.csv", "in/day2/a.csv"]
+    assert missions.sources() == ["in/b.csv", "in/copy.csv", "in/day2/a.csv"]
     assert pq.read_table("out/segments.parquet").equals(pq.read_table("all.parquet"))
     document, whole = (
         json.loads(Path("out/summary.json").read_text()),
@@ -162,11 +116,11 @@ def test_only_what_is_new_or_changed_is_done(batch, source):
     (source / "b.csv").write_text(missions.drive(0.4))
     assert batch()[1] == [("Estimate", "in/b.csv"), ("Estimate", "in/new.csv")]
     shutil.rmtree("out")
-    after = by_path
+    after = missions.by_path
     batch()
     fresh = missions.files("out")
     assert after()["in/b.csv"]["status"] == "ok"
-    assert sources() == ["in/b.csv", "in/copy.csv", "in/day2/a.csv", "in/new.csv"]
+    assert missions.sources() == ["in/b.csv", "in/copy.csv", "in/day2/a.csv", "in/new.csv"]
     assert batch()[1] == []
     assert missions.files("out") == fresh
 
@@ -270,7 +224,7 @@ def test_fail_fast(batch):
     assert ("Estimate", "in/day2/a.csv") not in did
     # The rest next time.
     assert batch()[0].counts["ok"] >= 1
-    assert sources() == ["in/b.csv", "in/copy.csv", "in/day2/a.csv"]
+    assert missions.sources() == ["in/b.csv", "in/copy.csv", "in/day2/a.csv"]
 
 
 def test_a_copy_that_comes_later_or_leaves_first(batch, source):
@@ -278,13 +232,13 @@ def test_a_copy_that_comes_later_or_leaves_first(batch, source):
     shutil.copy(source / "b.csv", source / "a-copy.csv")
     tally, did = batch("in/b.csv", "in/a-copy.csv")
     assert (did, tally.counts["duplicate"]) == ([], 1)
-    assert by_path()["in/a-copy.csv"]["duplicate_of"] == "in/b.csv"
+    assert missions.by_path()["in/a-copy.csv"]["duplicate_of"] == "in/b.csv"
     # The table counts it once, under the first name.
-    assert sources() == ["in/a-copy.csv"]
+    assert missions.sources() == ["in/a-copy.csv"]
     # What the copy holds now stands for itself, and is known.
     (source / "b.csv").write_text(missions.drive(0.7))
     assert batch("in/b.csv", "in/a-copy.csv")[1] == [("Estimate", "in/b.csv"), ("Restore", "in/a-copy.csv")]
-    assert sources() == ["in/a-copy.csv", "in/b.csv"]
+    assert missions.sources() == ["in/a-copy.csv", "in/b.csv"]
     other = missions.files("out")
     shutil.rmtree("out")
     batch("in/b.csv", "in/a-copy.csv")
@@ -314,7 +268,7 @@ def test_what_was_taken_away_stays_in_the_table(batch, source):
 def test_a_result_that_is_missing_or_cut_is_written_again(batch):
     batch()
     before = missions.files("out")
-    for name in (by_path()["in/b.csv"]["result"], by_path()["in/copy.csv"]["result"]):
+    for name in (missions.by_path()["in/b.csv"]["result"], missions.by_path()["in/copy.csv"]["result"]):
         os.truncate(Path("out", name), 100)
         assert [kind for kind, _ in batch()[1]] == ["Restore"]
     Path("out/segments.parquet").unlink()
@@ -347,9 +301,9 @@ def test_a_damaged_record_of_what_is_not_there_any_more(batch, source):
         file.write(b"?")
     tally, _ = batch("in/copy.csv")
     assert [entry.error for entry in tally.failures.values()] == ["in/b.csv: what was kept of it is damaged"]
-    assert sources() == ["in/copy.csv", "in/day2/a.csv"]
+    assert missions.sources() == ["in/copy.csv", "in/day2/a.csv"]
     assert batch()[1] == [("Estimate", "in/b.csv")]
-    assert sources() == ["in/b.csv", "in/copy.csv", "in/day2/a.csv"]
+    assert missions.sources() == ["in/b.csv", "in/copy.csv", "in/day2/a.csv"]
 
 
 def test_another_kind_of_result(batch):
@@ -384,101 +338,6 @@ def test_a_folder_is_no_input_of_itself(batch, source):
     assert tally.counts["ok"] == 3
     tally, did = batch("in", "in/**/*.*", output="in")
     assert (did, tally.counts["ok"]) == ([], 0)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        *(
-            "with space.csv",
-            "new\nline.csv",
-            "'quoted\" $(x).csv",
-            "-o.csv",
-            "…größe.csv",
-            "a..csv.csv",
-            "%2e%2e.csv",
-        ),
-        "x" * 251 + ".csv",
-    ],
-)
-def test_any_name_of_a_file(batch, source, name):
-    file = source / "day1" / name
-    file.write_text(missions.drive(0.9))
-    tally, _ = batch("in/day1")
-    assert not tally.failures
-    (line,) = [line for line in missions.manifest("out") if line["path"] == f"in/day1/{name}"]
-    written = Path("out", line["result"])
-    assert written.parent == Path("out/results")
-    assert written.is_file()
-    assert f"in/day1/{name}" in sources()
-
-
-def test_a_name_that_is_no_text(batch, source):
-    file = os.fsencode(source / "day1") + b"/\xff\xfe.csv"
-    Path(os.fsdecode(file)).write_text(missions.drive(0.9))
-    tally, _ = batch("in/day1")
-    assert not tally.failures
-    assert r"in/day1/\xff\xfe.csv" in sources()
-    assert batch("in/day1")[1] == []
-
-
-def test_names_of_results_do_not_collide_nor_lead_out():
-    names = {
-        result_name(location, "csv")
-        for location in ("/a/run.bag", "/b/run.bag", "/a/run_bag", "s3://a/run.bag")
-    }
-    assert len(names) == 4
-    for location in ("/a/..", "/", "/a/.hidden", "/a/b\\..\\c", "s3://x/..%2f..", "/a/" + "é" * 300):
-        name = result_name(location, "parquet")
-        assert name.count("/") == 1
-        assert name.isascii()
-        assert len(name) < 200
-        assert not name.removeprefix("results/").startswith(".")
-
-
-def test_a_link_in_the_place_of_a_result_is_not_followed(batch):
-    batch("in/b.csv")
-    written = Path("out", by_path()["in/b.csv"]["result"])
-    before = written.read_bytes()
-    for link, target in (
-        (written, "victim"),
-        (Path("out/segments.parquet"), "victim2"),
-        (Path("out/.state/new"), "victim3"),
-    ):
-        Path(target).write_text("mine")
-        link.unlink(missing_ok=True)
-        link.symlink_to(Path(target).absolute())
-    batch("in/b.csv")
-    assert [Path(name).read_text() for name in ("victim", "victim2", "victim3")] == ["mine"] * 3
-    assert written.read_bytes() == before
-
-
-def test_a_manifest_that_leads_out_of_the_folder(batch, source):
-    batch("in/b.csv")
-    Path("mine.csv").write_text("mine")
-    manifest = Path("out/manifest.jsonl")
-    line = json.loads(manifest.read_text())
-    manifest.write_text(json.dumps({**line, "result": "results/../../mine.csv"}) + "\n")
-    (source / "b.csv").write_text("")
-    batch("in/b.csv")
-    assert Path("mine.csv").read_text() == "mine"
-
-
-def test_a_pipe_and_a_missing_file_do_not_stop_the_rest(batch, source):
-    os.mkfifo(source / "pipe.csv")
-    (source / "broken.csv").symlink_to("nowhere")
-    tally, _ = batch("in", "in/nothing.csv", "in/none*.bag")
-    assert tally.counts["ok"] == 2
-    assert sorted((entry.path, entry.exit_code) for entry in tally.failures.values()) == [
-        ("in/broken.csv", 66),
-        ("in/empty.csv", 65),
-        ("in/none*.bag", 66),
-        ("in/nothing.csv", 66),
-        ("in/pipe.csv", 65),
-    ]
-    lines = len(missions.manifest("out"))
-    batch("in", "in/nothing.csv", "in/none*.bag")
-    assert len(missions.manifest("out")) == lines
 
 
 def test_a_folder_that_is_one_log(batch, source):

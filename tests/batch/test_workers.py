@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import closing
 from pathlib import Path
@@ -97,6 +98,15 @@ def test_too_little_memory_to_begin_with():
     with closing(LocalPool(1, memory=GIGA // 10)) as pool:
         (reply,) = run(pool, [work.Say("a")])
     assert reply.failure.error_class == "MemoryError"
+
+
+@pytest.mark.parametrize("task", [work.Copy(), work.Copy(hang=True)], ids=["killed", "hangs"])
+def test_nothing_is_left_of_what_a_lost_worker_copied(task, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with closing(LocalPool(1, timeout=2.0)) as pool:
+        (reply,) = run(pool, [task])
+        assert reply.failure.passing
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_large_answers():

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 from terrain_cli.batch.tasks import Reply
 
@@ -28,6 +30,19 @@ class Die:
         sys.stderr.flush()
         os.kill(os.getpid(), self.how)
         time.sleep(60)
+
+
+@dataclass(frozen=True)
+class Copy:
+    """Be lost over a copy, as one of an object of a store."""
+
+    hang: bool = False
+
+    def run(self):
+        Path(tempfile.mkdtemp(), "copy").write_bytes(b"x" * 1000)
+        if self.hang:
+            time.sleep(600.0)
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
 @dataclass(frozen=True)

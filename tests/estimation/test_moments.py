@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
-from terrain_cli.estimation.moments import X, of_windows, running, segment_sum
+from terrain_cli.estimation.moments import X, join, of_windows, running, segment_sum
 
 lengths = st.lists(st.integers(0, 12), min_size=1, max_size=6).filter(lambda counts: sum(counts) > 0)
 
@@ -30,6 +30,7 @@ def test_empty_windows_sum_to_zero():
     np.testing.assert_array_equal(total, [0.0, 3.0, 0.0, 4.0, 0.0])
 
 
+@example([7, 7, 7], 0)
 @given(lengths, st.integers(0, 99))
 def test_moments_of_windows_are_those_of_plain_loops(counts, seed):
     columns, bounds = block(sum(counts), seed), np.cumsum([0, *counts])
@@ -61,3 +62,13 @@ def test_rounding_is_not_variation():
     assert not of_windows(columns, np.array([0, 8])).varies(X)[0]
     columns[X, 0] *= 1.0 + 1e-6
     assert of_windows(columns, np.array([0, 8])).varies(X)[0]
+
+
+def test_windows_of_several_blocks_are_joined_in_order():
+    columns, bounds = block(30, 4), np.array([0, 9, 15, 22, 30])
+    whole = of_windows(columns, bounds)
+    parts = join([of_windows(columns[:, :15], bounds[:3]), of_windows(columns[:, 15:], bounds[2:] - 15)])
+    np.testing.assert_array_equal(parts.count, whole.count)
+    np.testing.assert_allclose(parts.mean, whole.mean, rtol=1e-14)
+    for key, values in whole.products.items():
+        np.testing.assert_allclose(parts[key], values, rtol=1e-9, atol=1e-6)

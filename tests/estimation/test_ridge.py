@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from sklearn.linear_model import Ridge, RidgeCV
 
+from terrain_cli.estimation import ridge
 from terrain_cli.estimation.moments import of_windows
 from terrain_cli.estimation.ridge import DELTAS, fit_ridge
 
@@ -38,21 +39,21 @@ def design_of(x):
 @pytest.mark.parametrize("seed", range(20))
 def test_leave_one_out_chooses_and_fits_as_sklearn_does(seed):
     x, y, bounds = windows(seed)
-    ridge = ridge_of(x, y, bounds)
+    fitted = ridge_of(x, y, bounds)
     for j, count in enumerate(COUNTS):
         window = slice(bounds[j], bounds[j + 1])
         design, scale = design_of(x[window])
         model = RidgeCV(alphas=count * DELTAS, fit_intercept=False).fit(design, y[window])
-        assert ridge.delta[j] == pytest.approx(model.alpha_ / count)
+        assert fitted.delta[j] == pytest.approx(model.alpha_ / count)
         np.testing.assert_allclose(
-            (ridge.cohesion[j], ridge.tan_phi[j] * scale), model.coef_, rtol=1e-6, atol=1e-6 * y.mean()
+            (fitted.cohesion[j], fitted.tan_phi[j] * scale), model.coef_, rtol=1e-6, atol=1e-6 * y.mean()
         )
 
 
 @pytest.mark.parametrize("folds", [2, 5, 7])
 def test_blocks_left_out_are_those_of_refits(folds):
     x, y, bounds = windows(3)
-    ridge = ridge_of(x, y, bounds, folds)
+    fitted = ridge_of(x, y, bounds, folds)
     for j, count in enumerate(COUNTS):
         window = slice(bounds[j], bounds[j + 1])
         design, _ = design_of(x[window])
@@ -66,7 +67,7 @@ def test_blocks_left_out_are_those_of_refits(folds):
                 held = np.arange(start, stop)
                 if len(held):
                     loss[row] += np.sum((y[window][held] - model.predict(design[held])) ** 2)
-        assert ridge.delta[j] == pytest.approx(DELTAS[np.argmin(loss)])
+        assert fitted.delta[j] == pytest.approx(DELTAS[np.argmin(loss)])
 
 
 def test_unit_of_stress_does_not_matter():
@@ -79,16 +80,16 @@ def test_unit_of_stress_does_not_matter():
 
 def test_noise_free_window_is_not_drawn():
     x, y, bounds = windows(2, scatter=0.0)
-    ridge = ridge_of(x, y, bounds)
-    np.testing.assert_array_equal(ridge.delta, DELTAS[0])
-    np.testing.assert_allclose(ridge.tan_phi, 0.58, rtol=1e-4)
-    np.testing.assert_allclose(ridge.cohesion, 800.0, rtol=1e-3)
+    fitted = ridge_of(x, y, bounds)
+    np.testing.assert_array_equal(fitted.delta, DELTAS[0])
+    np.testing.assert_allclose(fitted.tan_phi, 0.58, rtol=1e-4)
+    np.testing.assert_allclose(fitted.cohesion, 800.0, rtol=1e-3)
 
 
 def test_without_variation_strength_is_shared_equally():
-    ridge = ridge_of(np.full(8, 1e4), np.full(8, 6e3), np.array([0, 8]))
-    assert ridge.cohesion[0] == pytest.approx(3e3, rel=1e-7)
-    assert ridge.tan_phi[0] == pytest.approx(0.3, rel=1e-7)
+    fitted = ridge_of(np.full(8, 1e4), np.full(8, 6e3), np.array([0, 8]))
+    assert fitted.cohesion[0] == pytest.approx(3e3, rel=1e-7)
+    assert fitted.tan_phi[0] == pytest.approx(0.3, rel=1e-7)
 
 
 def test_gain_is_the_derivative_by_the_line_of_least_squares():
@@ -102,3 +103,33 @@ def test_gain_is_the_derivative_by_the_line_of_least_squares():
         stress = (moved.cohesion - base.cohesion) / 1e-3 + mean * slope
         np.testing.assert_allclose(base.gain[0, column], stress, rtol=1e-4, atol=1e-4)
         np.testing.assert_allclose(base.gain[1, column], slope, rtol=1e-4, atol=1e-9)
+
+
+def test_long_windows_one_by_one_are_all_windows_at_once(monkeypatch):
+    x, y, bounds = windows(6)
+    together = ridge_of(x, y, bounds)
+    monkeypatch.setattr(ridge, "_LONG", 1)
+    monkeypatch.setattr(ridge, "_TOGETHER", 7)
+    one_by_one = ridge_of(x, y, bounds)
+    np.testing.assert_array_equal(one_by_one.delta, together.delta)
+    np.testing.assert_allclose(one_by_one.cohesion, together.cohesion, rtol=1e-12)
+    columns = np.array([x, y, *np.ones((4, len(x)))])
+    moments = of_windows(columns, bounds)
+    np.testing.assert_allclose(
+        ridge.losses(x, y, bounds, moments, folds=None), losses_by_hand(x, y, bounds), rtol=1e-9
+    )
+
+
+def losses_by_hand(x, y, bounds):
+    """Leave out one sample after the other, and fit the rest with the penalty of them all."""
+    loss = np.zeros((len(DELTAS), len(bounds) - 1))
+    for j, (start, stop) in enumerate(pairwise(bounds)):
+        design, _ = design_of(x[start:stop])
+        n = stop - start
+        for row, delta in enumerate(DELTAS):
+            for out in range(n):
+                kept = np.arange(n) != out
+                normal = design[kept].T @ design[kept] + n * delta * np.eye(2)
+                found = np.linalg.solve(normal, design[kept].T @ y[start:stop][kept])
+                loss[row, j] += (y[start + out] - design[out] @ found) ** 2
+    return loss

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from formats import clean
+from formats.cells import MISSING_SPELLINGS
 from formats.delimited import DelimitedSource
 from formats.errors import FormatError
 from formats.table import Labels
@@ -94,6 +95,20 @@ def test_what_is_even_is_read_at_once(tmp_path, monkeypatch):
     batches = list(source.read("", ["torque", "terrain"], 1_000))
     assert np.concatenate([batch["torque"] for batch in batches]).tolist() == [i / 8 for i in range(5_000)]
     assert batches[-1]["terrain"].names == ("clay", "sand")
+
+
+def test_every_spelling_of_a_missing_value_is_read_at_once(tmp_path, monkeypatch):
+    path = tmp_path / "t.csv"
+    lines = [f"{i},{i / 8}" for i in range(2_000)]
+    lines[1_500:] = [f"{i},{spelling}" for i, spelling in enumerate(MISSING_SPELLINGS, 1_500)]
+    path.write_text("a,b\n" + "\n".join(lines) + "\n")
+    monkeypatch.setattr(clean, "_PIECE_BYTES", 1_000)
+    source = DelimitedSource("t.csv", str(path))
+    monkeypatch.setattr(DelimitedSource, "_texts", None)
+    values = np.concatenate([batch["b"] for batch in source.read("", ["b"])])
+    assert values[:1_500].tolist() == [i / 8 for i in range(1_500)]
+    assert len(values) == 1_500 + len(MISSING_SPELLINGS)
+    assert np.isnan(values[1_500:]).all()
 
 
 def test_what_was_passed_on_is_not_read_twice(tmp_path, monkeypatch):

@@ -20,12 +20,12 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from salvage_cases import START, samples, write
 
 import formats
-from formats import limits, parquet, streams
+from formats import limits, parquet, parquet_pages, streams
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.parquet_pages import check_pages
 from formats.rosbag import containers, open_bag, recording
 from formats.rosbag.decoder import Decoder, UndecodableError
-from formats.rosbag.definitions import UnusableError, define
+from formats.rosbag.definitions import FILLER, UnusableError, define
 from formats.rosbag.unpacking import unpack, zstd
 
 NOTHING = bytes(64 << 20)
@@ -255,6 +255,13 @@ def test_constants_do_not_become_code(value):
     assert not hasattr(found.store.types["a/msg/B"], "A")
 
 
+def test_a_definition_of_which_no_class_can_be_made():
+    """Found when a message is decoded by itself, for only then rosbags writes its class."""
+    decoder = Decoder(define(connection(f"uint8 {FILLER}\nstring[] x\n"), ros1=True))
+    with pytest.raises(UndecodableError, match="default"):
+        decoder.message(bytes(5))
+
+
 def test_a_list_that_claims_more_than_there_is():
     decoder = Decoder(define(connection(f"C[] x\n{BAR}MSG: a/C\nstring[] y\n"), ros1=True))
     with pytest.raises(UndecodableError):
@@ -396,6 +403,7 @@ def test_pages_claim_no_more_than_can_be(tmp_path, monkeypatch):
     for options in ({}, {"use_dictionary": False, "compression": "zstd"}, {"data_page_version": "2.0"}):
         pq.write_table(pa.table(columns), path, row_group_size=20_000, **options)
         assert formats.open_source(str(path)).streams()[0].count == 50_000
+    monkeypatch.setattr(parquet_pages, "_USUAL_HEAD", 3)
     monkeypatch.setattr(limits, "UNPACKED_BYTES", 100)
     monkeypatch.setattr(limits, "UNPACKED_RATIO", 1)
     with pytest.raises(DamagedError, match="a page claims to unpack to"):

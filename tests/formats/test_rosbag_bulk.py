@@ -214,6 +214,30 @@ def test_one_pass_over_all_topics(tmp_path, container, monkeypatch):
     assert joined(found["/speed"])["data"].tolist() == [i / 4 for i in range(200)]
 
 
+def test_topics_that_begin_together_are_listed_together(tmp_path, monkeypatch):
+    """What lists hold stands in first messages: a chunk is read once for all that begin in it."""
+    joints = [
+        (f"/joints{k}", JOINTS, 1_000 * (k // 4) + i, {"name": [f"wheel{k}"], "effort": [0.5]})
+        for k in range(12)
+        for i in range(60)
+    ]
+    joints.sort(key=lambda row: row[2])
+    path = write_ros2(tmp_path / "run", joints, typestore(ros1=False), "mcap", "zstd", chunk=15_000)
+    taken = []
+    plain = chunks._read
+    monkeypatch.setattr(
+        chunks,
+        "_read",
+        lambda file, position, size: taken.append(position) or plain(file, position, size),
+    )
+    source = open_bag(str(path), "mcap")
+    elements = {s.topic: f.elements for s in source.streams() for f in s.fields if f.name == "effort"}
+    assert elements == {f"/joints{k}": (f"wheel{k}",) for k in range(12)}
+    begins = {chunk.chunk_start_offset for chunk in source._container._readers[0][0].chunks}
+    assert len(begins) > 3
+    assert len([position for position in taken if position in begins]) <= 6
+
+
 def test_fields_of_ros1_headers_in_any_order(tmp_path):
     """Each second message has the fields of its header the other way round, of equal length."""
     path = write_ros1(tmp_path / "run.bag", rows(), typestore(ros1=True), chunk=1 << 20)

@@ -54,9 +54,7 @@ def compare(definition, payloads, *, must_be_fast):
 
 
 def define(store, name, *, ros1):
-    return Definition(
-        name, ros1, store.fielddefs, find_leaves(store.fielddefs, name), lambda: store
-    )
+    return Definition(name, ros1, store.fielddefs, find_leaves(store.fielddefs, name), lambda: store)
 
 
 @settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))

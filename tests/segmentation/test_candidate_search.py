@@ -6,10 +6,12 @@ import numpy as np
 import ruptures
 from hypothesis import given
 from hypothesis import strategies as st
+from soil_drives import Kind, drive, mixed
 
-from terrain_cli.segmentation import change_points, lines
+from terrain_cli.segmentation import change_points, lines, search
+from terrain_cli.segmentation.merge import Criteria, Criterion, Refinement
 from terrain_cli.segmentation.moments import Moments
-from terrain_cli.segmentation.search import CHUNK, Limits, candidates
+from terrain_cli.segmentation.search import CHUNK, EXACT, Limits, candidates
 
 SOILS = ((1000.0, 0.55), (3000.0, 0.7), (1500.0, 0.3))
 
@@ -43,11 +45,10 @@ def exhaustive(moments, n, least, penalty):
 
 
 @given(st.integers(0, 200), st.sampled_from([10, 25]), st.sampled_from([5.0, 12.5, 50.0]))
-def test_the_candidates_of_one_chunk_are_the_exact_optimum(seed, least, penalty):
-    x, y, _ = three_soils(seed, noise=0.05)
+def test_the_candidates_of_few_blocks_are_the_exact_optimum(seed, least, penalty):
+    x, y, _ = three_soils(seed, n=EXACT, noise=0.05)
     moments = Moments(x, y, 1)
     bounds, factor = candidates(moments, Limits(least), penalty)
-    assert len(x) <= CHUNK
     assert bounds.tolist() == exhaustive(moments, len(x), least, penalty * factor)
 
 
@@ -63,11 +64,52 @@ def test_ruptures_finds_the_same_where_its_cost_is_the_same():
 
 def test_seams_between_chunks_leave_no_trace():
     rng = np.random.default_rng(4)
-    n = 12 * CHUNK
+    n, block = 1536, 4
     x = rng.uniform(8e3, 1.4e4, n)
     y = (1000.0 + 0.6 * x) * (1.0 + 0.02 * rng.standard_normal(n))
     assert change_points(x, y).tolist() == [0, n]
-    # A change just beside where chunks of blocks of 4 samples meet, closer than the least window.
-    for change in (6 * CHUNK - 7, 6 * CHUNK, 6 * CHUNK + 3):
+    # A change just beside where chunks meet, closer than the least window.
+    seam = 32 * CHUNK * block
+    for change in (seam - 7, seam, seam + 3):
         stronger = np.where(np.arange(n) < change, y, 1.3 * y)
         assert change_points(x, stronger, min_samples=60).tolist() == [0, change, n]
+
+
+def test_places_thinned_round_by_round_hold_what_an_exact_search_finds(monkeypatch):
+    """A few thousand samples, searched exactly at once and in rounds."""
+    drives = [mixed(seed, Kind(load)) for load in ("waves", "steps") for seed in range(12)]
+    in_rounds = sum(one.score(change_points(one.x, one.y, distance=one.distance)) for one in drives)
+    monkeypatch.setattr(search, "EXACT", 10_000)
+    exact = sum(one.score(change_points(one.x, one.y, distance=one.distance)) for one in drives)
+    assert in_rounds[0] >= exact[0] - 0.01 * exact[1]
+    assert in_rounds[2] <= exact[2] + 1
+
+
+def test_short_stretches_of_soil_are_found_in_long_drives():
+    rng = np.random.default_rng(8)
+    names = np.resize(["dry sand", "wet clayey soil", "upland sandy loam"], 120)
+    lengths = rng.integers(150, 1500, len(names)).tolist()
+    one = drive(rng, Kind(), names, lengths, 50)
+    hits, changes, false, _ = one.score(change_points(one.x, one.y, distance=one.distance))
+    assert hits >= 0.97 * changes
+    assert false <= 1
+
+
+@given(st.integers(0, 100), st.integers(80, 700))
+def test_the_best_place_to_cut_is_found_to_the_sample(seed, change):
+    """On the grid of blocks, on a finer one and sample by sample, as among all samples at once."""
+    rng = np.random.default_rng(seed)
+    n = 800
+    x = rng.uniform(8e3, 1.4e4, n)
+    y = (1000.0 + 0.6 * x) * np.where(np.arange(n) < change, 1.0, 1.3)
+    y *= 1.0 + 0.01 * rng.standard_normal(n)
+    moments = Moments(x, y, 32)
+    criterion = Criterion(25.0, 0.02)
+    refinement = Refinement(moments, Limits(10), Criteria(criterion, criterion, criterion))
+    ends = np.array([0]), np.array([n])
+    found, cost = refinement._best_between(ends[0], np.array([20]), np.array([n - 20]), ends[1])
+    cuts = np.arange(20, n - 20)
+    left = lines.best_line(moments.between(np.zeros_like(cuts), cuts))[1]
+    right = lines.best_line(moments.between(cuts, np.full_like(cuts, n)))[1]
+    assert found.tolist() == [cuts[(left + right).argmin()]]
+    np.testing.assert_allclose(cost, (left + right).min(), rtol=1e-9)
