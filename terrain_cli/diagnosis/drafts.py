@@ -18,6 +18,7 @@ from terrain_cli.comparison.parts import UNITS
 from terrain_cli.diagnosis import signatures
 from terrain_cli.effects import user_file
 from terrain_cli.effects.effect import QUANTITIES
+from terrain_cli.effects.vocabulary import ON_DEMAND
 from terrain_cli.errors import TerrainError
 
 if TYPE_CHECKING:
@@ -223,7 +224,7 @@ def write(  # noqa: C901 - one branch for each form
     name = re.sub(r"[^a-z0-9]+", "-", f"{changes}-{follows}-{form}".lower()).strip("-")
     what = changes.replace("_", " ").capitalize()
     title = f"{what} follows {driver or 'nothing: an offset'} ({form}; empirical)"
-    columns = {driver: unit} if unit and driver not in CHANNELS else {}
+    columns = {driver: unit} if unit and driver not in {*CHANNELS, *ON_DEMAND} else {}
     text = _text(name, title, changes, law, parameters, [driver] if driver else [], columns)
     try:
         effect = user_file.parse(text)

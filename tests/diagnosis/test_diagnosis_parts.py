@@ -137,8 +137,10 @@ def test_held_out_loss_falls_with_the_right_effect_only():
 @pytest.mark.parametrize("changes", ["torque", "drawbar_pull", "sinkage", "tan_phi"])
 def test_every_draft_is_an_effect_that_a_user_can_add(form, changes, tmp_path):
     column = np.linspace(-0.2, 0.3, 100)
-    driver = {"constant": "", "periodic": "wheel_angle"}.get(form, "yaw_rate")
-    draft = drafts.write(changes, driver, form, column)
+    driver, unit = {"constant": ("", ""), "periodic": ("wheel_angle", "rad"), "linear": ("hitch", "rad")}.get(
+        form, ("yaw_rate", "rad/s")
+    )
+    draft = drafts.write(changes, driver, form, column, unit)
     if changes == "tan_phi" and form in {"constant", "periodic"}:
         return
     assert draft is not None
