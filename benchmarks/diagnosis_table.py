@@ -172,13 +172,15 @@ def _goals(found):
     for noise in NOISES:
         yield goal(
             f"false alarms on clean logs, {noise}",
-            [alarmed(one) for one in clean if one["noise"].startswith(noise)],
+            [alarmed(one) for one in clean if one["noise"] == noise],
             most=0.05,
             bound=0.07,
         )
     yield goal("rich drive, full size: detected", map(alarmed, full), least=0.95)
-    shown = [one for one in full if one["found"].get("strength", math.inf) >= SEEN]
-    yield goal("  of those that the drive shows, or could", map(alarmed, shown), least=0.95)
+    # A drive that failed counts as missed; where strength was not noted of all others, nothing is said.
+    noted = all("strength" in one["found"] or "error" in one["found"] for one in full)
+    shown = [one for one in full if noted and one["found"].get("strength", math.inf) >= SEEN]
+    yield goal("  of those that the drive can show at all", map(alarmed, shown), least=0.95)
     yield goal("  true effect in the family, of those detected", map(in_family, heard), least=0.98)
     yield goal("  true effect first, of those detected", map(leads, heard), least=0.90)
     named = [one for name in ("clean", "effects", "removed", "outside") for one in found.get(name, [])]

@@ -50,6 +50,10 @@ def stresses(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
+#: Times our penalty, at which the peer finds no change in a wild value either.
+TOLD = 2.0
+
+
 def with_ruptures(x, y, penalty):
     import ruptures
 
@@ -69,10 +73,9 @@ def short(n: int, size: str, folder: Path) -> Case:  # noqa: ARG001 - every stag
     def check(ours, peer):
         inner = ours[1:-1]
         hits = found(inner, truth), found(peer[:-1], truth)
-        if hits != (len(truth), len(truth)) or len(inner) != len(truth):
+        if hits != (len(truth), len(truth)) or len(inner) != len(truth) or len(peer) - 1 != len(truth):
             raise AssertionError(f"of {len(truth)} changes {hits} found; {inner} and {peer}")
-        others = len(peer) - 1 - len(truth)
-        return f"both find the {len(truth)} changes; ours no other, the peer {others or 'none'}"
+        return f"both find the {len(truth)} changes and no other"
 
     # Across the line, from the residuals of a line in each soil: the peer must be told.
     edges = [0, *truth, n]
@@ -80,7 +83,10 @@ def short(n: int, size: str, folder: Path) -> Case:  # noqa: ARG001 - every stag
         [np.polyfit(x[a:b], y[a:b], 1, full=True)[1][0] / (b - a) for a, b in itertools.pairwise(edges)]
     )
     return Case(
-        lambda: change_points(x, y), lambda: with_ruptures(x, y, PENALTY * variance), check, unit="drive"
+        lambda: change_points(x, y),
+        lambda: with_ruptures(x, y, TOLD * PENALTY * variance),
+        check,
+        unit="drive",
     )
 
 
