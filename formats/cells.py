@@ -5,23 +5,23 @@ from __future__ import annotations
 import contextlib
 import re
 from datetime import UTC, datetime, timedelta
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from formats.table import Labels
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
     from formats.table import Kind
 
 #: What stands for "no value", in lower case.
-MISSING = frozenset({"", "nan", "na", "n/a", "null", "none", "<na>", "nat"})
+MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none", "<na>", "nat"})
 #: The same as commonly written, for the parser's own fast comparison.
 MISSING_SPELLINGS = ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "<NA>", "NaT")
 
@@ -71,12 +71,15 @@ def kind_of(cells: Sequence[str], decimal: str) -> Kind | None:
     filled = [cell for cell in map(str.strip, cells) if cell.lower() not in MISSING]
     if not filled:
         # A column of NaN is one of numbers; one of empty cells could still be anything.
-        return "number" if any(cell.strip().lower() == "nan" for cell in cells) else None
-    if 2 * sum(bool(pattern.match(cell)) for cell in filled) >= len(filled):
+        return "number" if any(cell.strip().lower() in ("nan", "-nan") for cell in cells) else None
+    if _mostly(filled, pattern.match):
         return "number"
-    if 2 * sum(bool(_TIME.fullmatch(cell)) for cell in filled) >= len(filled):
-        return "time"
-    return "text"
+    return "time" if _mostly(filled, _TIME.fullmatch) else "text"
+
+
+def _mostly(cells: Sequence[str], match: Callable[[str], object]) -> bool:
+    half = (len(cells) + 1) // 2
+    return len(list(islice(filter(match, cells), half))) == half
 
 
 def numbers(cells: pa.Array, decimal: str) -> tuple[NDArray[Any], NDArray[np.bool_]]:
@@ -95,6 +98,8 @@ def numbers(cells: pa.Array, decimal: str) -> tuple[NDArray[Any], NDArray[np.boo
     bad : ndarray of bool, shape (n,)
         True where there is something that is not a number.
     """
+    import pyarrow.compute as pc
+
     bad = np.zeros(len(cells), dtype=bool)
     # A point in a number with decimal comma may be one of thousands: never read as a decimal point.
     if decimal == "," and not pc.any(pc.match_substring(cells, ".")).as_py():
@@ -130,7 +135,7 @@ def floats(values: pa.Array) -> NDArray[np.float64]:
     known = np.frombuffer(data, np.float64)[values.offset : values.offset + len(values)]
     if not values.null_count:
         return known
-    return np.where(np.from_dlpack(pc.is_null(values).cast(pa.int8())), np.nan, known)
+    return np.where(np.from_dlpack(values.is_null().cast(pa.int8())), np.nan, known)
 
 
 def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:
@@ -147,6 +152,8 @@ def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:
     ndarray, shape (n,)
         float64, NaN where null; int64 where all are integers, of which float64 loses digits.
     """
+    import pyarrow.compute as pc
+
     rounded = floats(values)
     if not values.null_count and (np.abs(rounded) >= EXACT).any():
         with contextlib.suppress(pa.ArrowInvalid):
@@ -168,6 +175,8 @@ def times(cells: pa.Array) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
     bad : ndarray of bool, shape (n,)
         True where there is something that is not a time.
     """
+    import pyarrow.compute as pc
+
     for zone in ("UTC", None):
         try:
             values = pc.cast(cells, pa.timestamp("ns", zone))
@@ -197,6 +206,8 @@ class Names:
         -------
         Labels
         """
+        import pyarrow.compute as pc
+
         if not pa.types.is_dictionary(cells.type):
             cells = cells.dictionary_encode()
         codes = [self._code(text) for text in cells.dictionary.to_pylist()]
@@ -212,10 +223,14 @@ class Names:
 
 
 def _mask(array: pa.Array) -> NDArray[np.bool_]:
+    import pyarrow.compute as pc
+
     return np.asarray(pc.fill_null(array, False).to_numpy(zero_copy_only=False), dtype=bool)
 
 
 def _filled(trimmed: pa.Array) -> NDArray[np.bool_]:
+    import pyarrow.compute as pc
+
     missing = pc.is_in(pc.utf8_lower(trimmed), value_set=pa.array([*MISSING, None], pa.string()))
     return ~_mask(missing)
 

@@ -7,6 +7,8 @@ numbers of its cells while it parses. On two cores that is 2 to 3 times as fast.
 
 from __future__ import annotations
 
+import io
+import os
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
@@ -19,14 +21,14 @@ import pyarrow.csv as pc
 from formats.cells import EXACT, MISSING_SPELLINGS, floats
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 
     from formats.streams import TextStream
 
 #: More bytes fall out of the processor's cache, fewer are not worth a thread's while.
 _PIECE_BYTES = 1 << 20
-#: A line that is longer than this is no row of numbers.
-_LONGEST_LINE = 1 << 18
+#: A line that is longer than this is no row of numbers; nearly all are shorter than that.
+_LONGEST_LINE, _USUAL_LINE = 1 << 18, 1 << 12
 _THREADS = 2
 
 
@@ -35,13 +37,14 @@ class OddError(Exception):
 
 
 def columns(
-    stream: TextStream, delimiter: str, width: int, kinds: Mapping[int, pa.DataType]
-) -> Iterator[list[pa.Array]]:
+    stream: TextStream | io.FileIO, delimiter: str, width: int, kinds: Mapping[int, pa.DataType]
+) -> Generator[list[pa.Array], None, None]:
     """Read some columns of the rows that a stream still has.
 
     Parameters
     ----------
-    stream : TextStream
+    stream : TextStream or FileIO
+        The file itself where it should be plain UTF-8: threads then read it too.
     delimiter : str
     width : int
         Number of columns of the table.
@@ -57,7 +60,7 @@ def columns(
     ------
     OddError
         A row has more or fewer cells, a cell of a number is none, float64 would lose digits of it,
-        or there are quote marks or NUL bytes. What was yielded before is right.
+        or there are quote marks, NUL bytes or bytes that are no UTF-8. What was yielded before is right.
     """
     names = [str(place) for place in range(width)]
     # Every spelling of a missing value is compared with every cell. Most numbers are there, or the cell is
@@ -75,7 +78,7 @@ def columns(
     parse = partial(_parse, names=names, delimiter=delimiter, convert=convert)
     with ThreadPoolExecutor(_THREADS) as pool:
         waiting: deque[Future[list[pa.Array]]] = deque()
-        for piece in _pieces(stream):
+        for piece in _file_pieces(stream) if isinstance(stream, io.FileIO) else _pieces(stream):
             waiting.append(pool.submit(parse, piece))
             if len(waiting) > _THREADS:
                 yield waiting.popleft().result()
@@ -83,25 +86,56 @@ def columns(
             yield waiting.popleft().result()
 
 
-def _pieces(stream: TextStream) -> Iterator[bytes]:
-    """Cut a stream after ends of lines."""
+def _file_pieces(file: io.FileIO) -> Iterator[Callable[[], bytes]]:
+    """Cut what is left of a file after ends of lines; its bytes are read where they are parsed."""
+    begin, size, number = file.tell(), os.fstat(file.fileno()).st_size, file.fileno()
+    while begin < size:
+        end = begin + _PIECE_BYTES
+        for reach in (_USUAL_LINE, _LONGEST_LINE):
+            found = os.pread(number, reach, end).find(b"\n")
+            if found >= 0:
+                break
+        end = size if found < 0 else end + found + 1
+        if end - begin > _PIECE_BYTES + _LONGEST_LINE:
+            raise OddError
+        yield partial(_read, number, begin, end)
+        begin = end
+
+
+def _read(number: int, begin: int, end: int) -> bytes:
+    piece = os.pread(number, end - begin, begin)
+    if len(piece) < end - begin or b"\0" in piece:
+        raise OddError
+    if not piece.isascii():
+        try:
+            piece.decode()
+        except UnicodeDecodeError as error:
+            raise OddError from error
+    return piece
+
+
+def _pieces(stream: TextStream) -> Iterator[Callable[[], bytes]]:
+    """Cut a stream, which can be read only in order, after ends of lines."""
     rest = b""
     while data := stream.read(_PIECE_BYTES):
         end = data.rfind(b"\n") + 1
-        if b'"' in data or stream.nul_bytes or len(data) - end > _LONGEST_LINE:
+        if stream.nul_bytes or len(data) - end > _LONGEST_LINE:
             raise OddError
         if end:
-            yield rest + data[:end]
+            yield partial(bytes, b"".join((rest, memoryview(data)[:end])))
             rest = data[end:]
         else:
             rest += data
     if rest:
-        yield rest
+        yield partial(bytes, rest)
 
 
 def _parse(
-    piece: bytes, *, names: Sequence[str], delimiter: str, convert: Sequence[pc.ConvertOptions]
+    read: Callable[[], bytes], *, names: Sequence[str], delimiter: str, convert: Sequence[pc.ConvertOptions]
 ) -> list[pa.Array]:
+    piece = read()
+    if b'"' in piece:
+        raise OddError
     for options in convert:
         try:
             table = pc.read_csv(

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8
+from contextlib import closing
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -98,6 +101,7 @@ class DelimitedSource(Source):
         self._kinds: dict[str, Kind] = {}
         self._kinds = dict(zip(self._dialect.names, self._look_ahead(), strict=True))
         self.skipped = 0
+        self._count: int | None = None
 
     def _open(self) -> TextStream:
         kind = TextStream if self.recovery is None else SalvagedText
@@ -108,14 +112,14 @@ class DelimitedSource(Source):
         return STANDARD_INPUT if self.path == "-" else self.path
 
     def streams(self) -> tuple[Stream, ...]:
-        """Return the one table.
+        """Return the one table; its rows are counted once it has been read.
 
         Returns
         -------
         tuple of Stream
         """
         fields = tuple(Field(name, kind) for name, kind in self._kinds.items() if name)
-        return (Stream("", "table", fields),)
+        return (Stream("", "table", fields, count=self._count),)
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
         """Read the named columns, in the order of the file.
@@ -144,22 +148,23 @@ class DelimitedSource(Source):
                 raise FormatError(self._label, f"has no column {name!r}")
         findings: _Findings = {}
         names = {field: Names() for field in fields}
-        found = False
+        count = 0
         for rows, block in self._rows([self._dialect.names.index(field) for field in fields], findings):
             for begin in range(0, len(rows), batch_rows):
                 part = slice(begin, begin + batch_rows)
-                found = True
                 yield {
                     field: self._column(field, block[j].slice(begin, batch_rows), rows[part], names, findings)
                     for j, field in enumerate(fields)
                 }
+            count += len(rows)
         self.remarks = [remark for remark in self.remarks if remark not in self._said.values()]
         self._said |= {key: str(finding) for key, finding in findings.items()}
         self.remarks += self._said.values()
-        if fields and not found:
+        if fields and not count:
             raise FormatError(
                 self._label, f"has no row that fits its header: {next(iter(findings.values()), '')}"
             )
+        self._count = count if fields else self._count
 
     def _column(
         self,
@@ -189,29 +194,41 @@ class DelimitedSource(Source):
         """Read the cells of some fields, with the number of each row: as numbers, else as text."""
         done = 0
         if places and self._dialect.decimal == "." and self.recovery is None:
-            stream = TextStream(self._label, self._file)
             kinds = {
                 j: pa.float64() if self._kinds.get(self._dialect.names[j]) == "number" else pa.string()
                 for j in places
             }
             try:
-                stream.read(self._dialect.offset)
-                for block in clean.columns(stream, self._dialect.delimiter, len(self._dialect.names), kinds):
-                    begin = self._dialect.first_row + done
-                    done += len(block[0])
-                    yield np.arange(begin, begin + len(block[0])), block
-            except clean.OddError:
+                width = len(self._dialect.names)
+                with (
+                    self._rows_alone() as stream,
+                    closing(clean.columns(stream, self._dialect.delimiter, width, kinds)) as blocks,
+                ):
+                    for block in blocks:
+                        begin = self._dialect.first_row + done
+                        done += len(block[0])
+                        yield np.arange(begin, begin + len(block[0])), block
+            except (clean.OddError, OSError):
                 pass
             else:
                 self.skipped = 0
                 return
-            finally:
-                stream.close()
         # Once more from the beginning, without the rows that were passed on.
         for rows, block in self._texts(places, findings):
             known = int(np.searchsorted(rows, self._dialect.first_row + done))
             if known < len(rows):
                 yield rows[known:], [cells.slice(known) for cells in block]
+
+    def _rows_alone(self) -> TextStream | FileIO:
+        """Open the file after its header."""
+        stream = TextStream(self._label, self._file)
+        stream.read(self._dialect.offset)
+        if stream.packing or stream.encoding != "utf-8" or stream.nul_bytes:
+            return stream
+        stream.close()
+        file = FileIO(self._file)
+        file.seek(self._dialect.offset + len(BOM_UTF8) * (file.read(len(BOM_UTF8)) == BOM_UTF8))
+        return file
 
     def _texts(
         self, places: list[int], findings: _Findings

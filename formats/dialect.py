@@ -195,6 +195,11 @@ def _decimal(delimiter: str, rows: list[list[str]]) -> str:
 def _refuse_units_row(
     path: str, names: tuple[str, ...], columns: list[list[str]], decimal: str, line: int
 ) -> None:
+    if not any(
+        name and cells and kind_of(cells[:1], decimal) == "text"
+        for name, cells in zip(names, columns, strict=True)
+    ):
+        return
     numeric = [j for j, cells in enumerate(columns) if names[j] and kind_of(cells[1:], decimal) == "number"]
     units = [(names[j], columns[j][0].strip()) for j in numeric]
     words = [(name, unit) for name, unit in units if kind_of([unit], decimal) == "text"]

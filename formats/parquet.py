@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from formats.cells import MISSING, Names, exact, floats, kind_of, numbers
@@ -20,7 +21,8 @@ from formats.streams import STANDARD_INPUT
 from formats.table import BATCH_ROWS, Field, Labels, Source, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Generator, Iterator, Sequence
+    from concurrent.futures import Future
 
     from formats.table import Batch, Column, Kind
 
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 _LOST = "Parquet keeps its index at the end: copy the file again, or write it anew"
 #: What Hive writes for a partition without a value.
 _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
+#: Threads that read: each some of the columns, and the next rows of them while these are worked on.
+_THREADS = 2
 
 
 class ParquetSource(Source):
@@ -125,16 +129,22 @@ class ParquetSource(Source):
                 raise FormatError(self._label, f"has no column {name!r}")
         names = {field: Names() for field in fields}
         for file, partition in self._parts.items():
-            with self._open(file) as part:
+            with ExitStack() as stack:
+                part = stack.enter_context(self._open(file))
                 stored = [f for f in fields if f not in self._partitions and f in part.schema_arrow.names]
-                batches = part.iter_batches(batch_rows, columns=stored)
+                readers = [part.iter_batches(batch_rows, columns=stored[::_THREADS], use_threads=False)]
+                for j in range(1, min(_THREADS, len(stored))):
+                    other = stack.enter_context(self._open(file, part.metadata))
+                    readers.append(
+                        other.iter_batches(batch_rows, columns=stored[j::_THREADS], use_threads=False)
+                    )
                 rows = 0
-                while (batch := self._next(file, batches)) is not None:
-                    rows += len(batch)
+                for batch, columns in stack.enter_context(closing(self._together(file, readers))):
+                    rows += batch
                     yield {
-                        field: _column(batch.column(field), self._kinds[field], names[field])
-                        if field in stored
-                        else _constant(partition.get(field), len(batch), self._kinds[field], names[field])
+                        field: self._values(file, field, columns[field], names[field])
+                        if field in columns
+                        else _constant(partition.get(field), batch, self._kinds[field], names[field])
                         for field in fields
                     }
 
@@ -183,11 +193,16 @@ class ParquetSource(Source):
     def _name(self, file: str) -> str:
         return file if len(self._parts) > 1 else self._label
 
-    def _open(self, file: str) -> Any:
+    def _open(self, file: str, metadata: Any = None) -> Any:
         try:
-            # The default reads ahead without bound: gigabytes on a long log.
             return pq.ParquetFile(
-                file, pre_buffer=False, buffer_size=1 << 20, page_checksum_verification=True
+                file,
+                metadata=metadata,
+                # The default reads ahead without bound: gigabytes on a long log.
+                pre_buffer=False,
+                # Longer pages are read at once; what goes through the buffer is copied once more.
+                buffer_size=1 << 16,
+                page_checksum_verification=True,
             )
         except PermissionError as error:
             raise NotFoundError(self._name(file), "no permission to read it") from error
@@ -198,12 +213,41 @@ class ParquetSource(Source):
                 hint=f"{_LOST}; without it nothing tells where its columns are, so --salvage cannot help",
             ) from error
 
-    def _next(self, file: str, batches: Iterator[Any]) -> Any:
+    def _together(
+        self, file: str, readers: Sequence[Iterator[pa.RecordBatch]]
+    ) -> Generator[tuple[int, dict[str, pa.Array]], None, None]:
+        """Yield how many rows, and the columns of all readers; the next are read meanwhile."""
+        with ThreadPoolExecutor(len(readers)) as pool:
+            ahead = [pool.submit(next, reader, None) for reader in readers]
+            batches: list[Any] = [()] * len(readers)
+            while True:
+                for j, reader in enumerate(readers):
+                    if not len(batches[j]):
+                        batches[j] = self._next(file, ahead[j])
+                        ahead[j] = pool.submit(next, reader, None)
+                if any(batch is None for batch in batches):
+                    return
+                # Dictionaries end the batches of their columns earlier.
+                rows = min(map(len, batches))
+                heads = [batch.slice(0, rows) for batch in batches]
+                yield rows, {name: head.column(name) for head in heads for name in head.schema.names}
+                batches = [batch.slice(rows) for batch in batches]
+
+    def _next(self, file: str, batch: Future[Any]) -> Any:
         try:
-            return next(batches, None)
+            return batch.result()
         except (OSError, pa.ArrowException) as error:
-            reason = (str(error).splitlines() or [type(error).__name__])[0]
-            raise DamagedError(self._name(file), f"is corrupt: {reason[:160]}", hint=_LOST) from error
+            raise DamagedError(self._name(file), f"is corrupt: {_reason(error)}", hint=_LOST) from error
+
+    def _values(self, file: str, field: str, array: pa.Array, names: Names) -> Column:
+        try:
+            return _column(array, self._kinds[field], names)
+        except (pa.ArrowException, UnicodeDecodeError) as error:
+            raise FormatError(self._name(file), f"{field} cannot be read: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:160]
 
 
 def _partition(file: Path, folder: Path) -> dict[str, str]:
@@ -239,12 +283,12 @@ def _column(array: pa.Array, kind: Kind, names: Names) -> Column:
         array = array.dictionary_decode()
     if kind == "time":
         zone = getattr(array.type, "tz", None)
-        ns = pc.cast(array, pa.timestamp("ns", zone)).to_numpy(zero_copy_only=False)
+        ns = array.cast(pa.timestamp("ns", zone)).to_numpy(zero_copy_only=False)
         return np.asarray(ns, dtype="datetime64[ns]")
     if pa.types.is_duration(array.type):
-        seconds = pc.cast(array, pa.duration("ns")).to_numpy(zero_copy_only=False)
+        seconds = array.cast(pa.duration("ns")).to_numpy(zero_copy_only=False)
         return np.asarray(seconds / np.timedelta64(1, "s"))
-    rounded = pc.cast(array, pa.float64(), safe=False)
+    rounded = array if pa.types.is_float64(array.type) else array.cast(pa.float64(), safe=False)
     return exact(rounded, array) if pa.types.is_integer(array.type) else floats(rounded)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import secrets
 import stat
 from contextlib import contextmanager
 from pathlib import Path
@@ -59,7 +58,7 @@ def replacing(path: str) -> Iterator[str]:
         effective = os.access in os.supports_effective_ids
         if mode is not None and not os.access(target, os.W_OK, effective_ids=effective):
             raise CannotWriteError(path, "is write-protected")
-        temporary = target.with_name(f".{shown(target.stem)[:100]}-{secrets.token_hex(4)}{target.suffix}")
+        temporary = target.with_name(f".{shown(target.stem)[:100]}-{os.urandom(4).hex()}{target.suffix}")
         try:
             temporary.touch(exist_ok=False)
             yield str(temporary)

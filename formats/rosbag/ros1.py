@@ -130,7 +130,9 @@ class Ros1File(Reader):
         """Return starts and sizes of payloads; see `chunks.Layout`."""
         lengths = numbers_at(buffer, records, "<u4").astype(np.int64)
         known = np.zeros(len(records), dtype=bool)
-        for length in np.unique(lengths):
+        ordered = np.sort(lengths)
+        # np.unique would import numpy.ma, which takes longer than a short bag.
+        for length in ordered[np.diff(ordered, prepend=-1) > 0]:
             # Writers put the fields in one order, so that the first header of a length tells of all.
             rows = np.flatnonzero(lengths == length)
             first = int(records[rows[0]]) + 4

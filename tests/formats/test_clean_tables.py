@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, example, given, settings
@@ -25,18 +27,21 @@ cells = st.one_of(
 row = st.lists(numbers, min_size=3, max_size=3)
 odd = st.lists(cells, min_size=1, max_size=5)
 ends = st.sampled_from(["\n", "\n", "\n", "\r\n", "\n\n"])
+wrappings = st.sampled_from(["utf-8", "utf-8", "utf-8-sig", "utf-16", "gzip"])
+
+
+def refuse(*_):
+    """Find everything odd."""
+    raise clean.OddError
+    yield
 
 
 def read(path, *, at_once, batch_rows=7):
     """Return columns, remarks and rows set aside, or the error."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(clean, "_PIECE_BYTES", 64)
+        patch.setattr(clean, "_USUAL_LINE", 4)
         if not at_once:
-
-            def refuse(*_):
-                raise clean.OddError
-                yield
-
             patch.setattr(clean, "columns", refuse)
         try:
             source = DelimitedSource("t.csv", str(path))
@@ -69,19 +74,72 @@ def assert_same(path):
 
 
 @settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))
-@example([["1", "2", "3"]] * 40, [], 0, "\n", True)
-@example([["1", "2", "3"]] * 40, [["4", "5"]], 30, "\n", True)
-@example([["1", "2", "3"]] * 40, [["9007199254740993", "1", "1"]], 35, "\n", True)
-@example([["1", "2", "3"]] * 9, [["4", "5"]], 9, "\n", False)
+@example([["1", "2", "3"]] * 40, [], 0, "\n", True, "utf-8")
+@example([["1", "2", "3"]] * 40, [["4", "5"]], 30, "\n", True, "utf-8-sig")
+@example([["1", "2", "3"]] * 40, [["9007199254740993", "1", "1"]], 35, "\n", True, "utf-8")
+@example([["1", "2", "3"]] * 9, [["4", "5"]], 9, "\n", False, "utf-8")
+@example([["0", "0", "0"]] * 7, [[" 7"], ["-nan"]], 6, "\n", False, "utf-8")
 @given(
-    st.lists(row, min_size=1, max_size=30), st.lists(odd, max_size=2), st.integers(0, 30), ends, st.booleans()
+    st.lists(row, min_size=1, max_size=30),
+    st.lists(odd, max_size=2),
+    st.integers(0, 30),
+    ends,
+    st.booleans(),
+    wrappings,
 )
-def test_the_same_as_from_texts(tmp_path_factory, rows, others, where, end, closed):
+def test_the_same_as_from_texts(tmp_path_factory, rows, others, where, end, closed, wrapping):
     rows[where:where] = others
     path = tmp_path_factory.mktemp("table") / "t.csv"
     text = end.join(["a,b,c", *(",".join(row) for row in rows)]) + (end if closed else "")
-    path.write_bytes(text.encode())
+    path.write_bytes(gzip.compress(text.encode()) if wrapping == "gzip" else text.encode(wrapping))
     assert_same(path)
+
+
+@pytest.mark.parametrize("row", [2_000, 90_000, 99_999], ids=["head", "middle", "end"])
+@pytest.mark.parametrize(
+    "cell",
+    [b"\0\0", b"\xe9", b"\xe2\x82", "gr\N{LATIN SMALL LETTER U WITH DIAERESIS}n".encode(), b'"'],
+    ids=ascii,
+)
+def test_odd_bytes_are_told_of_as_from_texts(tmp_path, row, cell):
+    """In a column that is not asked for, too."""
+    path = tmp_path / "t.csv"
+    lines = [b"%d,%d,sand" % (i, 2 * i) for i in range(100_000)]
+    lines[row] = lines[row].replace(b"sand", cell)
+    path.write_bytes(b"a,b,terrain\n" + b"\n".join(lines) + b"\n")
+    told = []
+    for at_once in (True, False):
+        with pytest.MonkeyPatch.context() as patch:
+            if not at_once:
+                patch.setattr(clean, "columns", refuse)
+            try:
+                source = DelimitedSource("t.csv", str(path))
+                batches = list(source.read("", ["b"]))
+            except FormatError as error:
+                told.append(str(error))
+            else:
+                values = np.concatenate([batch["b"] for batch in batches])
+                told.append((values.tolist(), sorted(source.remarks), source.skipped))
+    assert told[0] == told[1]
+
+
+def test_lines_longer_than_a_piece(tmp_path, monkeypatch):
+    path = tmp_path / "t.csv"
+    names = [f"c{j}" for j in range(40)]
+    lines = [",".join(f"{i * j / 8}" for j in range(40)) for i in range(3_000)]
+    path.write_text("\n".join([",".join(names), *lines]))
+    monkeypatch.setattr(clean, "_PIECE_BYTES", 50)
+    monkeypatch.setattr(clean, "_USUAL_LINE", 20)
+    source = DelimitedSource("t.csv", str(path))
+    texts = DelimitedSource._texts
+    monkeypatch.setattr(DelimitedSource, "_texts", None)
+    values = np.concatenate([batch["c39"] for batch in source.read("", ["c39"])])
+    assert values.tolist() == [i * 39 / 8 for i in range(3_000)]
+    monkeypatch.setattr(DelimitedSource, "_texts", texts)
+    monkeypatch.setattr(clean, "_LONGEST_LINE", 100)
+    np.testing.assert_array_equal(
+        np.concatenate([batch["c39"] for batch in source.read("", ["c39"])]), values
+    )
 
 
 def test_what_is_even_is_read_at_once(tmp_path, monkeypatch):

@@ -338,3 +338,14 @@ def test_what_is_written_is_read_back_to_the_last_digit(tmp_path_factory, values
     same(np.signbit(batch["f"][~np.isnan(batch["f"])]), np.signbit([v for v in values if not math.isnan(v)]))
     same(batch["i"], integers)
     assert source.remarks == []
+
+
+def test_rows_are_counted_by_a_reading_that_ends(make):
+    source = open_source(make("a,b\n" + "1,2\n" * 30 + "1,2,3\n" + "4,5\n"))
+    assert source.streams()[0].count is None
+    reading = source.read("", ["a"], 10)
+    next(reading)
+    reading.close()
+    assert source.streams()[0].count is None
+    list(source.read("", ["b"], 10))
+    assert (source.streams()[0].count, source.skipped) == (31, 1)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import datetime as dt
 import decimal
+import io
+import threading
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from formats import DamagedError, FormatError, Labels, open_source
+from formats import DamagedError, FormatError, Labels, open_source, parquet, parquet_pages
 
 
 @pytest.fixture
@@ -198,3 +200,126 @@ def test_damaged_page(make, tmp_path):
     path.write_bytes(data)
     with pytest.raises(DamagedError, match="is corrupt"):
         list(open_source(str(path)).read("", ["a"]))
+
+
+def lists(batch):
+    """Return columns as lists, texts as they are."""
+    return {
+        name: texts(column) if isinstance(column, Labels) else column.tolist()
+        for name, column in batch.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("array", "told"),
+    [
+        (pa.array([32_503_680_000_000_000], pa.timestamp("us")), "out of bounds timestamp"),
+        (
+            pa.array([b"clay", b"\xe9"]).view(pa.string()),
+            "codec can't decode byte 0xe9",
+        ),
+    ],
+    ids=["time", "text"],
+)
+def test_values_that_cannot_be(make, array, told):
+    with pytest.raises(FormatError, match=f"x cannot be read: .*{told}"):
+        list(open_source(make({"x": array})).read("", ["x"]))
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_rows_of_columns_that_threads_read_stay_together(make, monkeypatch, threads):
+    """Batches of a column of dictionaries end with its row groups."""
+    n = 1_000
+    terrain = ["sand" if i % 3 else "rock" for i in range(n)]
+    path = make(
+        {
+            "i": np.arange(n),
+            "terrain": pa.array(terrain).dictionary_encode(),
+            "x": pa.array([None if i % 7 == 0 else i / 8 for i in range(n)]),
+            "text": [f"{i % 5}" for i in range(n)],
+        },
+        row_group_size=300,
+    )
+    monkeypatch.setattr(parquet, "_THREADS", threads)
+    names = ["text", "x", "terrain", "i"]
+    batches = [lists(batch) for batch in open_source(path).read("", names, 128)]
+    assert all(list(batch) == names for batch in batches)
+    assert all(1 <= len({len(column) for column in batch.values()}) == 1 for batch in batches)
+    whole = {name: [value for batch in batches for value in batch[name]] for name in names}
+    assert whole["i"] == list(range(n))
+    assert whole["terrain"] == terrain
+    np.testing.assert_array_equal(whole["x"], [np.nan if i % 7 == 0 else i / 8 for i in range(n)])
+    assert whole["text"] == [f"{i % 5}" for i in range(n)]
+
+
+def test_nothing_but_a_partition(make, tmp_path):
+    make({"a": np.arange(5.0)}, "drive/run=3/part-0.parquet")
+    assert one(open_source(str(tmp_path / "drive")), "run")["run"].tolist() == [3.0] * 5
+
+
+def test_no_thread_outlives_a_reading_that_is_given_up(make):
+    source = open_source(make({"a": np.arange(1000.0), "b": np.arange(1000.0)}))
+    before = threading.active_count()
+    reading = source.read("", ["a", "b"], 10)
+    next(reading)
+    assert threading.active_count() > before
+    reading.close()
+    assert threading.active_count() == before
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"data_page_version": "2.0"}, {"write_page_checksum": True}], ids=str
+)
+def test_damage_is_told_of_as_by_one_thread(make, tmp_path, monkeypatch, options):
+    path = tmp_path / "log.parquet"
+    rng = np.random.default_rng(1)
+    make({"a": rng.random(3_000), "b": rng.integers(0, 9, 3_000)}, row_group_size=1_000, **options)
+    whole = path.read_bytes()
+
+    def told():
+        try:
+            return repr([lists(batch) for batch in open_source(str(path)).read("", ["a", "b"], 700)])
+        except FormatError as error:
+            return f"fails: {error}"
+
+    found = []
+    for at in rng.integers(4, len(whole), 60):
+        data = bytearray(whole)
+        data[at : at + 8] = rng.bytes(len(data[at : at + 8]))
+        path.write_bytes(data)
+        both = []
+        for threads in (1, 2):
+            monkeypatch.setattr(parquet, "_THREADS", threads)
+            both.append(told())
+        assert both[0] == both[1]
+        found.append(both[0])
+    failures = [outcome for outcome in found if outcome.startswith("fails: ")]
+    assert failures
+    assert len(failures) < len(found) or "write_page_checksum" in options
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"data_page_version": "2.0"}, {"write_page_checksum": True}, {"use_dictionary": False}],
+    ids=str,
+)
+def test_plain_heads_of_pages_say_what_their_fields_say(make, tmp_path, options):
+    make(
+        {"a": np.arange(9_000.0), "i": np.arange(9_000), "b": [True] * 9_000, "t": ["x"] * 9_000},
+        data_page_size=4_000,
+        **options,
+    )
+    data = (tmp_path / "log.parquet").read_bytes()
+    heads = [data[begin:] for begin in range(len(data)) if parquet_pages._PLAIN_HEAD.match(data, begin)]
+    assert len(heads) > 20
+    rng = np.random.default_rng(2)
+    for head in heads:
+        for changed in (None, *rng.integers(0, 40, 50)):
+            begin = bytearray(head[:256])
+            if changed is not None:
+                begin[changed % len(begin)] = rng.integers(256)
+            plain = parquet_pages._PLAIN_HEAD.match(begin)
+            if plain:
+                fields, length = parquet_pages._struct(bytes(begin), 0, 0)
+                assert plain.end() == length
+                assert parquet_pages._head(io.BytesIO(begin), 0) == (fields[2], fields[3], length)
