@@ -226,7 +226,7 @@ def cut(
             before=before,
         )
         # A wheel that skids between two soils belongs to the first: no line tells.
-        inner = np.setdiff1d(changes[1:-1], own)
+        inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
         bounds = segmentation.whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))
     else:
         bounds = segmentation.whole_windows(len(rows), breaks=breaks)

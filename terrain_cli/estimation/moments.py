@@ -7,6 +7,7 @@ anything is multiplied: stresses of 10⁴ Pa that vary by 100 Pa would lose half
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +35,9 @@ _KEYS: tuple[Key, ...] = (
     *((1, channel, other) for channel in CHANNELS for other in (channel, X)),
 )
 
+#: Samples of long windows, which are worked on one by one, so many at a time: few enough to stay in
+#: the processor's cache, and for BLAS not to take threads.
+_LONG = 4096
 #: A spread below this share of the mean is rounding.
 _ROUNDING = 1e-9
 
@@ -92,12 +96,35 @@ def of_windows(columns: Array, bounds: Bounds, keys: Sequence[Key] = _KEYS) -> M
     Moments
     """
     count = np.diff(bounds)
+    if len(count) and len(columns[0]) >= _LONG * len(count):
+        return join([_of_long_window(columns[:, a:b], keys) for a, b in pairwise(bounds)])
     if len(count) and count[0] and (count == count[0]).all():
         return _of_equal_windows(columns.reshape(len(columns), -1, count[0]), bounds, keys)
     mean = segment_sum(columns, bounds) / np.maximum(count, 1)
     deviation = columns - np.repeat(mean, count, axis=-1)
     products = {key: segment_sum(product, bounds) for key, product in _products(deviation, bounds, keys)}
     return Moments(count.astype(float), mean, products)
+
+
+def _of_long_window(columns: Array, keys: Sequence[Key]) -> Moments:
+    """Moments of one window, all products of a lag at once."""
+    rows, length = columns.shape
+    mean = np.einsum("rn->r", columns) / max(length, 1)
+    lags = max(lag for lag, _, _ in keys)
+    total = np.zeros((lags + 1, rows, rows))
+    # Nothing comes before the first sample.
+    deviation = np.zeros((rows, lags + _LONG))
+    for first in range(0, length, _LONG):
+        last = min(first + _LONG, length)
+        begin = max(first - lags, 0)
+        some = deviation[:, : lags + last - first]
+        np.subtract(columns[:, begin:last], mean[:, None], out=some[:, lags - (first - begin) :])
+        # A copy, as BLAS takes a routine for an array with itself that is slow for few rows.
+        late = some[:, lags:].copy()
+        for lag in range(lags + 1):
+            total[lag] += late @ some[:, lags - lag : some.shape[1] - lag].T
+    products = {(lag, a, b): np.array([0.5 * (total[lag, a, b] + total[lag, b, a])]) for lag, a, b in keys}
+    return Moments(np.array([float(length)]), mean[:, None], products)
 
 
 def _of_equal_windows(columns: Array, bounds: Bounds, keys: Sequence[Key]) -> Moments:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.segmentation.windows import distinct
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
@@ -81,7 +83,7 @@ def about(place: Index, n: int, step: int) -> Iterator[tuple[int, int]]:
     first, last : int
         As from `slabs`.
     """
-    block = np.unique(np.clip(place[:, None] + np.arange(-1, 2), 0, n - 1) // step)
+    block = distinct(np.clip(place[:, None] + np.arange(-1, 2), 0, n - 1).ravel() // step)
     slab = block // max(1, _SLAB // step)
     runs = np.flatnonzero((np.diff(block) * step > _GAP) | (np.diff(slab) > 0)) + 1
     for run in np.split(block, runs):

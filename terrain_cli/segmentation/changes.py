@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.segmentation.merge import Criteria, Criterion, Refinement
-from terrain_cli.segmentation.moments import Moments
+from terrain_cli.segmentation.moments import LONG, Moments
 from terrain_cli.segmentation.search import Limits, candidates
-from terrain_cli.segmentation.windows import checked_distance, whole_windows
+from terrain_cli.segmentation.windows import checked_distance, distinct, whole_windows
 from terrain_cli.settings import CUT_SAMPLES, MIN_DISTANCE
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ BESIDE_TOLERANCE, BESIDE_SHARE = 0.05, 0.4
 GRADUAL_TOLERANCE = 0.08
 #: A candidate need gain only this share of the penalty.
 CANDIDATE_SHARE = 0.5
+#: Longest blocks whose edges alone are searched, and samples of a stretch that may have `LONG` ones.
+_LONGEST, _LONG_SAMPLES = 15, 1 << 14
 #: Fewer samples than this are not searched: they tell nothing of their noise.
 _FEWEST = 6
 
@@ -101,7 +103,7 @@ def change_points(
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     if x.ndim != 1 or x.shape != y.shape:
         raise ValueError(f"x and y are to be one series each of equal length, not {x.shape} and {y.shape}")
-    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+    if not (_finite(x) and _finite(y)):
         raise ValueError("x and y must be finite")
     penalty = PENALTY if penalty is None else penalty
     if min_samples < 1 or min_distance < 0.0 or not penalty > 0.0:
@@ -111,9 +113,15 @@ def change_points(
     found = [bounds]
     for a, b in pairwise(bounds):
         metres = None if driven is None else np.append(driven[a:b], driven[b - 1])
-        block = _block_length(b - a + (before if a == 0 else 0))
+        block = _block_length(b - a, before if a == 0 else 0)
         found.append(a + _changes(x[a:b], y[a:b], Limits(min_samples, min_distance, metres), penalty, block))
-    return np.unique(np.concatenate(found)).astype(np.intp)
+    return distinct(np.concatenate(found).astype(np.intp))
+
+
+def _finite(values: Array) -> bool:
+    # A sum is quicker than asking each, and may overflow.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(values.sum()) or np.isfinite(values).all())
 
 
 def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> Bounds:
@@ -132,6 +140,7 @@ def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> 
     return Refinement(moments, limits, criteria).settle(bounds)
 
 
-def _block_length(n: int) -> int:
-    """Return the samples in a block: 2 for hundreds of samples, 3 for a thousand, 10 for 10⁵, 32 for 10⁷."""
-    return min(max(int(0.57 * n**0.25 + 0.5), 1), 32)
+def _block_length(n: int, before: int) -> int:
+    """Return the samples in a block: 2 for hundreds of samples, 3 for a thousand, 10 for 10⁵, then `LONG`."""
+    length = max(int(0.57 * (n + before) ** 0.25 + 0.5), 1)
+    return LONG if length > _LONGEST and n >= _LONG_SAMPLES else min(length, _LONGEST)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.segmentation import lines
+from terrain_cli.segmentation.moments import FINE, LONG
+from terrain_cli.segmentation.windows import distinct
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -91,7 +93,7 @@ class _Known:
     def __call__(self, bounds: Index) -> Array:
         """Return the sums before each of these bounds, shape (10, k)."""
         at = np.minimum(np.searchsorted(self._bounds, bounds), len(self._bounds) - 1)
-        new = np.unique(bounds[self._bounds[at] != bounds])
+        new = distinct(bounds[self._bounds[at] != bounds])
         if len(new):
             merged = np.concatenate([self._bounds, new])
             order = np.argsort(merged)
@@ -199,31 +201,36 @@ class Refinement:
 
     def _best_near(self, a: Index, b: Index, c: Index) -> Index:
         """Return the best bounds near b between a and c."""
-        reach = max(2 * BESIDE, 4 * self._moments.step)
+        reach = 2 * BESIDE
         best, cost = self._best_between(a, np.maximum(a + 1, b - reach), np.minimum(c - 1, b + reach), c)
         return np.where(np.isfinite(cost), best, b)
 
     def _best_between(self, a: Index, low: Index, high: Index, c: Index) -> tuple[Index, Array]:
         """Return where from low to high it is best to cut [a, c), and the misfit of the two windows.
 
-        On the grid of blocks, then on a finer one within a block of the best, then at any sample.
+        On the grid of blocks, within a block of the best on a finer one if blocks are long, and then
+        at any sample.
         """
         ends = self._before(a)[:, :, None], self._before(c)[:, :, None]
-        step = self._moments.step
-        finer = max(1, step // 16)
+        moments, step = self._moments, self._moments.step
         block = -(-low // step)[:, None] + np.arange(int((high - low).max()) // step + 1)
         block = np.minimum(block, high[:, None] // step)
-        costs = self._costs(block * step, self._moments.total[:, block], ends, (a, low, high, c))
-        nearest = np.take_along_axis(block, costs.argmin(axis=1)[:, None], axis=1)[:, 0]
-        cuts, sums = self._moments.around(nearest)
-        if finer > 1:
-            some = np.arange(0, 2 * step + 1, finer)
-            costs = self._costs(cuts[:, some], sums[:, :, some], ends, (a, low, high, c))
-            around = some[costs.argmin(axis=1)][:, None] + np.arange(-finer, finer + 1)
-            around = np.minimum(np.maximum(around, 0), 2 * step)
-            cuts = np.take_along_axis(cuts, around, axis=1)
-            sums = np.take_along_axis(sums, around[None], axis=2)
-        costs = self._costs(cuts, sums, ends, (a, low, high, c))
+        best, _ = self._cheapest(block * step, moments.total[:, block], ends, (a, low, high, c))
+        reach = step
+        if step >= LONG:
+            reach = FINE
+            block = np.clip(best // step + np.array([[-1], [0]]), 0, moments.total.shape[1] - 2)
+            cuts, sums = moments.finer(block.ravel())
+            cuts = cuts.reshape(2, len(best), -1).transpose(1, 0, 2).reshape(len(best), -1)
+            sums = sums.reshape(len(sums), 2, len(best), -1).transpose(0, 2, 1, 3)
+            best, _ = self._cheapest(cuts, sums.reshape(len(sums), *cuts.shape), ends, (a, low, high, c))
+        return self._cheapest(*moments.around(best, reach), ends, (a, low, high, c))
+
+    def _cheapest(
+        self, cuts: Index, sums: Array, ends: tuple[Array, Array], inside: tuple[Index, ...]
+    ) -> tuple[Index, Array]:
+        """Return the cuts of least misfit, and that."""
+        costs = self._costs(cuts, sums, ends, inside)
         best = costs.argmin(axis=1)[:, None]
         return np.take_along_axis(cuts, best, axis=1)[:, 0], np.take_along_axis(costs, best, axis=1)[:, 0]
 

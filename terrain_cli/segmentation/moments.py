@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.segmentation import blocks
-from terrain_cli.segmentation.lines import MIDDLE_SLOPE, ROWS, across
+from terrain_cli.segmentation.lines import MIDDLE_SLOPE, NOISE_XX, NOISE_YY, ROWS, YY, N, W, X, across
 from terrain_cli.segmentation.noise import block_noise, tame
 
 if TYPE_CHECKING:
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
+
+#: Samples in the blocks of long drives, and between the bounds that are tried first within one.
+LONG, FINE = 64, 8
 
 
 class Moments:
@@ -41,8 +44,10 @@ class Moments:
         number = blocks.sizes(len(x), step)
         #: Sums over all blocks before each, shape (10, blocks + 1).
         self.total = np.zeros((ROWS, len(self.edges)))
-        for row, sums in enumerate((number, *measured[blocks.POWERS], *(number * self.noise))):
-            np.cumsum(self._weight * sums, out=self.total[row, 1:])
+        for sums, total in zip((number, *measured[blocks.POWERS], *self.noise), self.total, strict=False):
+            np.multiply(self._weight, sums, out=total[1:])
+        self.total[NOISE_XX : NOISE_YY + 1, 1:] *= number
+        np.cumsum(self.total, axis=1, out=self.total)
         self.total[-1] = self.edges
 
     def between(self, first: Index, last: Index) -> Array:
@@ -56,27 +61,71 @@ class Moments:
         total = self.total[:, block]
         if rest.any():
             cut = np.flatnonzero(rest)
-            counted = np.arange(self.step - 1) < rest[cut, None]
-            total[:, cut] += (self._rows(block[cut] * self.step, self.step - 1) * counted).sum(axis=2)
+            place = block[cut, None] * self.step + np.arange(self.step - 1)
+            place, counted = np.minimum(place, len(self.x) - 1), np.arange(self.step - 1) < rest[cut, None]
+            x, y = ((values[place] * counted)[:, None] for values in (self.x, self.y))
+            total[:, cut] += self._sums(block[cut], x, y, rest[cut, None])[:, :, 0]
         return np.asarray(total)
 
-    def around(self, block: Index) -> tuple[Index, Array]:
-        """Return every bound within a block of the beginning of these, and the sums before it.
+    def finer(self, block: Index) -> tuple[Index, Array]:
+        """Return bounds `FINE` samples apart from the beginning of blocks on, and the sums before each.
 
         Parameters
         ----------
         block : ndarray of int, shape (k,)
+            Of a multiple of `FINE` samples. What is beyond the end of the stretch means nothing.
 
         Returns
         -------
-        bounds : ndarray of int, shape (k, 2 step + 1)
-            Beyond the ends of the stretch no samples, for which the sums are those at the end.
-        sums : ndarray, shape (10, k, 2 step + 1)
+        bounds : ndarray of int, shape (k, step / FINE)
+        sums : ndarray, shape (10, k, step / FINE)
         """
-        first = np.maximum(block - 1, 0)
-        begin = first * self.step
-        bounds = begin[:, None] + np.arange(2 * self.step + 1)
-        rows = np.concatenate([self.total[:, first, None], self._rows(begin, 2 * self.step)], axis=2)
+        place = block[:, None] * self.step + np.arange(self.step - FINE)
+        place = np.minimum(place, len(self.x) - 1)
+        shape = len(block), self.step // FINE - 1, FINE
+        x, y = (values[place].reshape(shape) for values in (self.x, self.y))
+        rows = np.empty((ROWS, len(block), self.step // FINE))
+        rows[:, :, 0] = self.total[:, block]
+        rows[:, :, 1:] = self._sums(block, x, y, np.full((1, 1), FINE))
+        np.cumsum(rows, axis=2, out=rows)
+        return block[:, None] * self.step + np.arange(0, self.step, FINE), rows
+
+    def _sums(self, block: Index, x: Array, y: Array, number: Index) -> Array:
+        """Return the weighted moments of parts of blocks, shape (10, k, m).
+
+        Parameters
+        ----------
+        block : ndarray of int, shape (k,)
+        x, y : ndarray, shape (k, m, s)
+        number : ndarray of int, shape (k, m)
+            Samples that are more than zeros.
+        """
+        rows = np.empty((ROWS, *x.shape[:2]))
+        rows[W] = number
+        for row, factors in zip(rows[X : YY + 1], ((x,), (y,), (x, x), (x, y), (y, y)), strict=True):
+            np.einsum("kms->km" if len(factors) == 1 else "kms,kms->km", *factors, out=row)
+        np.multiply(number, self.noise[:, block, None], out=rows[NOISE_XX : NOISE_YY + 1])
+        rows[:N] *= self._weight[block, None]
+        rows[N] = number
+        return rows
+
+    def around(self, sample: Index, reach: int) -> tuple[Index, Array]:
+        """Return every bound within reach of samples, and the sums before it.
+
+        Parameters
+        ----------
+        sample : ndarray of int, shape (k,)
+        reach : int
+
+        Returns
+        -------
+        bounds : ndarray of int, shape (k, 2 reach + 1)
+            Beyond the ends of the stretch no samples, for which the sums are those at the end.
+        sums : ndarray, shape (10, k, 2 reach + 1)
+        """
+        begin = np.maximum(sample - reach, 0)
+        bounds = begin[:, None] + np.arange(2 * reach + 1)
+        rows = np.concatenate([self.before(begin)[:, :, None], self._rows(begin, 2 * reach)], axis=2)
         return bounds, np.cumsum(rows, axis=2, out=rows)
 
     def _rows(self, begin: Index, count: int) -> Array:

@@ -184,10 +184,13 @@ def _moving_mean(sums: Array, number: Index, step: int) -> Array:
     """Return the mean over blocks up to `REACH` samples away, near the ends over as many of them."""
     reach = max(1, round(REACH / step))
     width = min(2 * reach + 1, len(sums))
-    first = np.clip(np.arange(len(sums)) - reach, 0, len(sums) - width)
     total = np.concatenate([[0.0], np.cumsum(sums)])
     count = np.concatenate([[0], np.cumsum(number)])
-    return np.asarray((total[first + width] - total[first]) / (count[first + width] - count[first]))
+    inner = (total[width:] - total[:-width]) / (count[width:] - count[:-width])
+    mean, first = np.empty(len(sums)), min(reach, len(sums) - width)
+    last = first + len(inner)
+    mean[:first], mean[first:last], mean[last:] = inner[0], inner, inner[-1]
+    return mean
 
 
 def correlation_factor(residuals: Array, starts: Index, fitted: int) -> float:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from terrain_cli.segmentation import lines
+from terrain_cli.segmentation.moments import FINE, LONG
 from terrain_cli.segmentation.noise import correlation_factor
 
 if TYPE_CHECKING:
@@ -24,6 +25,12 @@ EXACT = 64
 #: ... and where there are more, among so many at a time: what is chosen anywhere, and the seams
 #: between, are the places of the next round.
 CHUNK = 6
+#: Of the blocks of long drives only the seams between so many are places for bounds, and where
+#: something happens between two seams, places `FINE` samples apart.
+_CALM = 4
+#: Something happens where residuals about one line wander by this share of what a bound must gain:
+#: of the gain of a step in the middle they show a quarter, by chance 0.2 in one group of ten at most.
+_RESTLESS = 0.2
 #: Rounds go on while they leave fewer than this share of the places.
 _THINNING = 0.7
 #: Windows whose costs are computed together: few enough to stay in the processor's cache.
@@ -59,35 +66,43 @@ class Limits:
         return enough
 
 
+class _Places(NamedTuple):
+    """Where bounds may be, rising: samples, shape (k,), and the sums before them, shape (10, k)."""
+
+    samples: Index
+    sums: Array
+
+
 class _Chunks:
     """Costs of all windows within chunks of places, from which those least in sum are chosen.
 
     Parameters
     ----------
-    moments : Moments
+    places : _Places
+        From 0 to n.
     limits : Limits
         Windows that begin or end at a seam may be shorter: they go on beyond it.
-    places : ndarray of int, shape (size + 1, chunks)
-        Blocks; the last of a chunk is the first of the next, or repeated where there are no more.
+    index : ndarray of int, shape (size + 1, chunks)
+        From `_chunked`.
     """
 
-    def __init__(self, moments: Moments, limits: Limits, places: Index) -> None:
-        self._places = places
-        a, b = _windows(len(places) - 1)
-        self._cost = np.full((len(a), places.shape[1]), np.inf)
+    def __init__(self, places: _Places, limits: Limits, index: Index) -> None:
+        self._places, self._index = places, index
+        a, b = _windows(len(index) - 1)
+        self._cost = np.full((len(a), index.shape[1]), np.inf)
         together = max(1, _TOGETHER // len(a))
-        for begin in range(0, places.shape[1], together):
+        for begin in range(0, index.shape[1], together):
             some = slice(begin, begin + together)
-            allowed = _allowed(moments, limits, places[:, some], a, b)
+            allowed = _allowed(limits, places.samples[index[:, some]], places.samples[-1], a, b)
             kept = np.flatnonzero(allowed.any(axis=1))
-            total = moments.total[:, places[:, some]]
-            windows = (total[:, b[kept]] - total[:, a[kept]]).reshape(lines.ROWS, -1)
+            sums = places.sums[:, index[:, some]]
+            windows = (sums[:, b[kept]] - sums[:, a[kept]]).reshape(lines.ROWS, -1)
             cost = lines.best_line(windows)[1].reshape(len(kept), -1)
             self._cost[kept, some] = np.where(allowed[kept], cost, np.inf)
 
     def optimum(self, penalty: float) -> NDArray[np.bool_]:
         """Tell which places have the least sum of costs and penalties (optimal partitioning)."""
-        size, chunks = len(self._places) - 1, self._places.shape[1]
+        size, chunks = len(self._index) - 1, self._index.shape[1]
         least = np.zeros((size + 1, chunks))
         best = np.zeros((size + 1, chunks), dtype=np.intp)
         chunk = np.arange(chunks)
@@ -104,9 +119,11 @@ class _Chunks:
             chunk, at = chunk[at > 0], at[at > 0]
         return chosen
 
-    def bounds(self, penalty: float) -> Index:
-        """Return the places chosen, rising."""
-        return np.unique(self._places[self.optimum(penalty)])
+    def chosen(self, penalty: float) -> _Places:
+        """Return the places chosen."""
+        found = np.zeros(len(self._places.samples), dtype=bool)
+        found[self._index[self.optimum(penalty)]] = True
+        return _Places(self._places.samples[found], self._places.sums[:, found])
 
 
 @lru_cache(maxsize=8)
@@ -116,22 +133,24 @@ def _windows(size: int) -> tuple[Index, Index]:
     return a, b
 
 
-def _allowed(moments: Moments, limits: Limits, places: Index, a: Index, b: Index) -> NDArray[np.bool_]:
+def _allowed(limits: Limits, samples: Index, n: int, a: Index, b: Index) -> NDArray[np.bool_]:
     """Return which windows [a, b) of chunks are long enough, shape (windows, chunks)."""
-    samples = moments.edges[places]
     allowed = limits.met(samples[a], samples[b])
     # Windows go on beyond a seam, and a stretch too short for any window is one.
-    start, end = samples[0] == 0, samples[-1] == moments.edges[-1]
+    start, end = samples[0] == 0, samples[-1] == n
     allowed |= (a == 0)[:, None] & (~start | (samples[b] == samples[-1]))
     allowed |= (samples[b] == samples[-1]) & ~end
     return np.asarray(allowed & (samples[b] > samples[a]))
 
 
-def _chunked(places: Index, size: int) -> Index:
-    """Part places into chunks, as `_Chunks` takes them."""
-    chunks = -(-(len(places) - 1) // size)
+def _chunked(places: int, size: int) -> Index:
+    """Part so many places into chunks, shape (size + 1, chunks).
+
+    The last of a chunk is the first of the next, or repeated where there are no more.
+    """
+    chunks = -(-(places - 1) // size)
     index = np.arange(size + 1)[:, None] + size * np.arange(chunks)
-    return np.asarray(places[np.minimum(index, len(places) - 1)])
+    return np.asarray(np.minimum(index, places - 1))
 
 
 def candidates(moments: Moments, limits: Limits, penalty: float) -> tuple[Index, float]:
@@ -152,14 +171,87 @@ def candidates(moments: Moments, limits: Limits, penalty: float) -> tuple[Index,
         By which the noise's correlation raises what a bound gains by chance.
     """
     factor = _survey(moments, limits, penalty)
-    places = np.arange(len(moments.edges), dtype=np.intp)
+    places = _promising(moments, penalty * factor)
     while True:
-        exact = len(places) - 1 <= EXACT
-        chunks = _Chunks(moments, limits, _chunked(places, len(places) - 1 if exact else CHUNK))
-        found = chunks.bounds(penalty * factor)
-        if exact or len(found) > _THINNING * len(places):
-            return moments.edges[found], factor
+        count = len(places.samples)
+        exact = count - 1 <= EXACT
+        found = _Chunks(places, limits, _chunked(count, count - 1 if exact else CHUNK)).chosen(
+            penalty * factor
+        )
+        if exact or len(found.samples) > _THINNING * count:
+            return found.samples, factor
         places = found
+
+
+def _promising(moments: Moments, penalty: float) -> _Places:
+    """Return places among which the bounds are: in long drives few where all is calm.
+
+    What a change of soil leaves about one line through a few blocks is a residual whose sum first
+    rises and then falls, or that of its products with x does.
+    """
+    if moments.step < LONG:
+        return _Places(moments.edges, moments.total)
+    groups = len(moments.x) // (moments.step * _CALM)
+    restless = np.empty(groups, dtype=bool)
+    together = max(1, _TOGETHER // _CALM)
+    for first in range(0, groups, together):
+        last = min(first + together, groups)
+        total = moments.total[:, first * _CALM : last * _CALM + 1]
+        ends = total[:, ::_CALM]
+        parts = total[: lines.YY, :-1].reshape(lines.YY, -1, _CALM)[:, :, 1:] - ends[: lines.YY, :-1, None]
+        restless[first:last] = _wanders(np.diff(ends, axis=1), parts, _RESTLESS * penalty)
+    # The seams, what is left at the end, and all places of groups that are not calm.
+    kept = np.ones(len(moments.edges), dtype=bool)
+    group = kept[: groups * _CALM].reshape(groups, _CALM)
+    group[:, 1:], group[restless, 0] = False, False
+    block = (np.flatnonzero(restless)[:, None] * _CALM + np.arange(_CALM)).ravel()
+    return _finer(moments, np.flatnonzero(kept), block)
+
+
+def _finer(moments: Moments, edges: Index, block: Index) -> _Places:
+    """Return some edges of blocks, and places within other, whole blocks from their beginning on."""
+    samples, sums = moments.finer(block)
+    samples = np.concatenate([moments.edges[edges], samples.ravel()])
+    order = np.argsort(samples, kind="stable")
+    sums = np.concatenate([moments.total[:, edges], sums.reshape(lines.ROWS, -1)], axis=1)
+    return _Places(samples[order], sums[:, order])
+
+
+def _wanders(windows: Array, parts: Array, limit: float) -> NDArray[np.bool_]:
+    """Tell in which windows the residuals about one line do not stay about it.
+
+    Parameters
+    ----------
+    windows : ndarray, shape (10, k)
+        Moments.
+    parts : ndarray, shape (5, k, m)
+        Moments W to XY of the first samples of each, of more and more of them.
+    limit : float
+        Squared range of the sums of residuals, and of their products with x, in units of the
+        variance of such a sum over the window.
+
+    Returns
+    -------
+    ndarray of bool, shape (k,)
+    """
+    slope, _ = lines.best_line(windows)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        variance = lines.noise_across(windows, slope)
+        x = windows[lines.X] / windows[lines.W]
+        # Residuals y − t x − c, and their products with x − mean(x): all with both off their mean.
+        level = (windows[lines.Y] - slope * windows[lines.X]) / windows[lines.W]
+        share = parts[lines.W] / windows[lines.W][:, None]
+        column = slope[:, None]
+        away = parts[lines.Y] - column * parts[lines.X] - level[:, None] * parts[lines.W]
+        tilt = parts[lines.XY] - column * parts[lines.XX] - level[:, None] * parts[lines.X]
+        tilt -= x[:, None] * away
+        whole = windows[lines.XY] - slope * windows[lines.XX] - level * windows[lines.X]
+        tilt -= share * whole[:, None]
+        calm = np.ones(len(slope), dtype=bool)
+        for sums, weight in ((away, windows[lines.W]), (tilt, lines.scatter(windows)[0])):
+            spread = np.maximum(sums.max(axis=1), 0.0) - np.minimum(sums.min(axis=1), 0.0)
+            calm &= spread**2 <= limit * weight * variance
+    return ~calm
 
 
 def _survey(moments: Moments, limits: Limits, penalty: float) -> float:
@@ -169,15 +261,12 @@ def _survey(moments: Moments, limits: Limits, penalty: float) -> float:
     so the factor is raised until it explains itself.
     """
     patient = replace(limits, samples=max(limits.samples, _SURVEY_SAMPLES))
-    blocks = len(moments.edges) - 1
-    size = min(max(_SURVEYED_SAMPLES // moments.step, 16), EXACT, blocks)
-    places = _chunked(np.arange(blocks + 1), size)
-    places = places[:, :: -(-places.shape[1] // _SURVEYED)]
-    chunks = _Chunks(moments, patient, places)
+    places, index = _surveyed(moments)
+    chunks = _Chunks(places, patient, index)
     factor = 1.0
     for _ in range(8):
         chosen = chunks.optimum(penalty * factor).T
-        bounds, chunk = moments.edges[places.T[chosen]], np.nonzero(chosen)[0]
+        bounds, chunk = places.samples[index.T[chosen]], np.nonzero(chosen)[0]
         inside = (chunk[1:] == chunk[:-1]) & (bounds[1:] > bounds[:-1])
         first, last = bounds[:-1][inside], bounds[1:][inside]
         residuals = _residuals(moments, first, last)
@@ -186,6 +275,22 @@ def _survey(moments: Moments, limits: Limits, penalty: float) -> float:
             return max(found, factor)
         factor = found
     return factor
+
+
+def _surveyed(moments: Moments) -> tuple[_Places, Index]:
+    """Return places, and those of each chunk of the survey."""
+    blocks = len(moments.edges) - 1
+    if moments.step < LONG:
+        size = min(max(_SURVEYED_SAMPLES // moments.step, 16), EXACT, blocks)
+        index = _chunked(blocks + 1, size)
+        return _Places(moments.edges, moments.total), index[:, :: -(-index.shape[1] // _SURVEYED)]
+    size = _SURVEYED_SAMPLES // LONG
+    first = np.arange(0, len(moments.x) // LONG - size + 1, size)
+    first = first[:: -(-len(first) // _SURVEYED)]
+    block = (first[:, None] + np.arange(size)).ravel()
+    places = _finer(moments, np.setdiff1d(np.append(first + size, blocks), block), block)
+    index = np.arange(_SURVEYED_SAMPLES // FINE + 1)[:, None]
+    return places, index + np.searchsorted(places.samples, first * LONG)
 
 
 def _residuals(moments: Moments, first: Index, last: Index) -> Array:

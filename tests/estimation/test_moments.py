@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from terrain_cli.estimation import moments as moments_of
 from terrain_cli.estimation.moments import X, join, of_windows, running, segment_sum
 
 lengths = st.lists(st.integers(0, 12), min_size=1, max_size=6).filter(lambda counts: sum(counts) > 0)
@@ -42,6 +43,20 @@ def test_moments_of_windows_are_those_of_plain_loops(counts, seed):
         for (lag, a, b), values in moments.products.items():
             expected = plain(window[a], window[b], lag) if stop > start else 0.0
             assert values[j] == pytest.approx(expected, abs=1e-6)
+
+
+@given(lengths, st.integers(0, 99), st.integers(1, 5))
+def test_long_windows_piece_by_piece_are_all_at_once(counts, seed, piece):
+    columns, bounds = block(sum(counts), seed), np.cumsum([0, *counts])
+    together = of_windows(columns, bounds)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(moments_of, "_LONG", piece)
+        one_by_one = of_windows(columns, bounds)
+    np.testing.assert_array_equal(one_by_one.count, together.count)
+    np.testing.assert_allclose(one_by_one.mean, together.mean, rtol=1e-14)
+    assert one_by_one.products.keys() == together.products.keys()
+    for key, values in one_by_one.products.items():
+        np.testing.assert_allclose(values, together[key], rtol=1e-9, atol=1e-6)
 
 
 @given(st.integers(1, 25), st.integers(0, 99))

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from terrain_cli.segmentation import blocks, noise
-from terrain_cli.segmentation.moments import Moments
+from terrain_cli.segmentation.moments import FINE, Moments
 
 SMALL_SLAB, SMALL_GAP = 24, 8
 
@@ -134,8 +134,8 @@ def test_the_excess_is_what_a_limit_takes_off(case):
 def test_sums_up_to_any_bound_agree(case, data):
     x, y, step = case
     moments, n = Moments(x, y, step), len(x)
-    block = np.array([data.draw(st.integers(0, (n - 1) // step))])
-    bounds, sums = moments.around(block)
+    sample = np.array([data.draw(st.integers(0, n - 1))])
+    bounds, sums = moments.around(sample, data.draw(st.integers(1, 2 * step)))
     np.testing.assert_allclose(
         sums[:, 0], moments.before(np.minimum(bounds[0], n)), rtol=1e-9, atol=1e-12 * sums.max()
     )
@@ -143,3 +143,16 @@ def test_sums_up_to_any_bound_agree(case, data):
     assert whole[-1] == n
     alone = moments.between(np.arange(n), np.arange(1, n + 1))
     np.testing.assert_allclose(alone.sum(axis=1), whole, rtol=1e-6)
+
+
+@settings(deadline=None)
+@given(series(), st.integers(1, 3))
+def test_sums_up_to_bounds_within_blocks_agree(case, multiple):
+    x, y, _ = case
+    moments = Moments(x, y, multiple * FINE)
+    bounds, sums = moments.finer(np.arange(len(moments.edges) - 1))
+    assert bounds.ravel().tolist() == list(range(0, bounds.size * FINE, FINE))
+    inside = bounds <= len(x)
+    np.testing.assert_allclose(
+        sums[:, inside], moments.before(bounds[inside]), rtol=1e-9, atol=1e-12 * sums.max()
+    )

@@ -3,14 +3,15 @@
 import itertools
 
 import numpy as np
+import pytest
 import ruptures
 from hypothesis import given
 from hypothesis import strategies as st
-from soil_drives import Kind, drive, mixed
+from soil_drives import Kind, clean, drive, mixed
 
 from terrain_cli.segmentation import change_points, lines, search
 from terrain_cli.segmentation.merge import Criteria, Criterion, Refinement
-from terrain_cli.segmentation.moments import Moments
+from terrain_cli.segmentation.moments import LONG, Moments
 from terrain_cli.segmentation.search import CHUNK, EXACT, Limits, candidates
 
 SOILS = ((1000.0, 0.55), (3000.0, 0.7), (1500.0, 0.3))
@@ -85,25 +86,35 @@ def test_places_thinned_round_by_round_hold_what_an_exact_search_finds(monkeypat
     assert in_rounds[2] <= exact[2] + 1
 
 
-def test_short_stretches_of_soil_are_found_in_long_drives():
+@pytest.mark.parametrize("before", [0, 10**7])
+def test_short_stretches_of_soil_are_found_in_long_drives(before):
+    """Also in blocks as long as many of these soils."""
     rng = np.random.default_rng(8)
     names = np.resize(["dry sand", "wet clayey soil", "upland sandy loam"], 120)
-    lengths = rng.integers(150, 1500, len(names)).tolist()
+    lengths = rng.integers(100 if before else 150, 1500, len(names)).tolist()
     one = drive(rng, Kind(), names, lengths, 50)
-    hits, changes, false, _ = one.score(change_points(one.x, one.y, distance=one.distance))
+    hits, changes, false, _ = one.score(change_points(one.x, one.y, distance=one.distance, before=before))
     assert hits >= 0.97 * changes
     assert false <= 1
 
 
-@given(st.integers(0, 100), st.integers(80, 700))
-def test_the_best_place_to_cut_is_found_to_the_sample(seed, change):
+@pytest.mark.parametrize("slip", ["constant", "waves"])
+def test_one_soil_is_one_window_in_long_drives(slip):
+    for seed in range(5):
+        one = clean(seed, Kind("steps", slip, "linear"), shortest=29_999, longest=30_000)
+        found = change_points(one.x, one.y, distance=one.distance, before=10**7)
+        assert found.tolist() == [0, len(one.x)]
+
+
+@given(st.integers(0, 100), st.integers(80, 700), st.sampled_from([15, LONG]))
+def test_the_best_place_to_cut_is_found_to_the_sample(seed, change, step):
     """On the grid of blocks, on a finer one and sample by sample, as among all samples at once."""
     rng = np.random.default_rng(seed)
     n = 800
     x = rng.uniform(8e3, 1.4e4, n)
     y = (1000.0 + 0.6 * x) * np.where(np.arange(n) < change, 1.0, 1.3)
     y *= 1.0 + 0.01 * rng.standard_normal(n)
-    moments = Moments(x, y, 32)
+    moments = Moments(x, y, step)
     criterion = Criterion(25.0, 0.02)
     refinement = Refinement(moments, Limits(10), Criteria(criterion, criterion, criterion))
     ends = np.array([0]), np.array([n])
