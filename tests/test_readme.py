@@ -71,6 +71,18 @@ def test_two_commands_set_up_and_do_everything():
     assert set(re.findall(r"\[(\w+)\]", test)) <= extras.keys()
 
 
+def test_every_extra_that_a_page_asks_for_is_there():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+    asked = {
+        extra
+        for page in pages
+        for several in re.findall(r"(?:\.|terrain-est)\[([a-z,]+)\]", page.read_text("utf-8"))
+        for extra in several.split(",")
+    }
+    assert {"bench", "test"} <= asked <= extras.keys()
+
+
 @pytest.mark.parametrize("block", [block for kind, block in BLOCKS if kind == "toml"])
 def test_rover_file_loads(block, tmp_path):
     (tmp_path / "rover.toml").write_text(block, "utf-8")

@@ -343,7 +343,12 @@ def test_place_of_every_part_is_its_text(text):
         node = waiting.pop()
         waiting.extend(expression.children(node))
         if not isinstance(node, expression.Comparison | expression.Logic):
-            own = grammar.parse(text[node.start : node.end])
+            try:
+                own = grammar.parse(text[node.start : node.end])
+            except LawError as error:
+                # Within min(0, 1/0) a constant may be what it may not be alone.
+                assert "no finite number" in error.problem  # noqa: PT017
+                continue
             assert expression.evaluate(own, NUMBERS) == pytest.approx(
                 expression.evaluate(node, NUMBERS), nan_ok=True
             )
