@@ -11,8 +11,6 @@ import numpy as np
 from terrain_cli import results
 from terrain_cli.channels import CHANNELS
 from terrain_cli.errors import InputError, UsageError
-from terrain_cli.estimation import wheel_fit
-from terrain_cli.estimation.wheel_fit import Noise, Prior
 from terrain_cli.rover import NOISY
 from terrain_cli.settings import FIT_SAMPLES
 from terrain_cli.telemetry.needs import CONSTANTS
@@ -23,11 +21,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.estimation import WindowEstimates
-    from terrain_cli.estimation.wheel_fit import Fit
+    from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Noise as SensorNoise
     from terrain_cli.settings import LineMethod, Method
     from terrain_cli.telemetry import Samples
+    from terrain_cli.telemetry.samples import Geometry
     from terrain_cli.windows import Windows
 
     Array = NDArray[np.float64]
@@ -141,7 +140,7 @@ def estimate(
     if file is None:
         return Fitted(line)
     channels = _channels(windows, file)
-    held, because = _held(windows, file, channels)
+    held, because = _held(windows.samples.geometry, file, [channels])
     fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust)
     return Fitted(_with_soil(fit, line), _account(windows, file, fit, held, because))
 
@@ -183,7 +182,7 @@ def assumed(
     noise : Noise or None
         Of the sensors, if rover.toml gives it for every channel that the fit weighs.
     """
-    held: dict[str, float] = {}
+    every: list[dict[str, Array]] = []
     measured: set[str] = set()
     for windows in several:
         samples, rows = windows.samples, windows.rows
@@ -192,30 +191,34 @@ def assumed(
             for name, column in {**samples.drivers, **samples.channels}.items()
             if np.isfinite(column[rows]).any()
         }
-        held |= _held(windows, file, there)[0]
+        every.append(there)
         measured |= there.keys() & set(NOISY)
     samples = several[0].samples
     given = {name: samples.noise[name] for name in measured & samples.noise.keys()}
+    held, _ = _held(samples.geometry, file, every)
     return held, _priors(samples, file), _noise(given) if given.keys() == measured else None
 
 
 def _priors(samples: Samples, file: ModelFile) -> dict[str, Prior]:
+    # Only whole models need this: it takes as long to import as a short log to estimate.
+    from terrain_cli.estimation.wheel_fit import Prior
+
     return {"shear_modulus": Prior.factor(samples.geometry.shear_modulus, K_FACTOR), **file.priors}
 
 
 def _held(
-    windows: Windows, file: ModelFile, channels: Mapping[str, Array]
+    geometry: Geometry, file: ModelFile, wheels: Sequence[Mapping[str, Array]]
 ) -> tuple[dict[str, float], dict[str, str]]:
     """Return the parameters held, and why where the file does not say so."""
     held, because = dict(file.fixed), {}
     for name, parameter in file.model.parameters.items():
-        missing = [need for need in parameter.needs if need not in channels]
-        if missing and name not in held:
+        idle = parameter.idle(wheels)
+        if idle and name not in held:
             held[name] = parameter.null
-            because[name] = f"{' and '.join(missing)} not measured"
+            because[name] = idle
     said = "shear_modulus" in {*file.fixed, *file.priors, *file.shared}
     if file.model.base == "linear" and not said:
-        held["shear_modulus"] = windows.samples.geometry.shear_modulus
+        held["shear_modulus"] = geometry.shear_modulus
     return held, because
 
 
@@ -228,6 +231,8 @@ def _fit(
     *,
     robust: bool,
 ) -> Fit:
+    from terrain_cli.estimation import wheel_fit
+
     samples = windows.samples
     priors = _priors(samples, file)
 
@@ -258,6 +263,8 @@ def _fit(
 
 
 def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noise:
+    from terrain_cli.estimation.wheel_fit import Noise
+
     relative = {name: noise.relative for name, noise in given.items()}
     absolute = {name: noise.absolute for name, noise in given.items()}
     if others is None:
@@ -269,6 +276,8 @@ def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noi
 
 
 def _with_soil(fit: Fit, line: WindowEstimates) -> WindowEstimates:
+    from terrain_cli.estimation import wheel_fit
+
     soil: dict[str, Any] = {
         name: column
         for parameter in ("shear_modulus", "stiffness", "sinkage_exponent")

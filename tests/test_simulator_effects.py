@@ -38,7 +38,7 @@ SOIL = base_contact(DRY_SAND)
 RIPPLE = {f"{name}_{part}": 0.04 for name in ("torque", "pull", "sinkage") for part in ("sine", "cosine")}
 #: A typical size of each effect.
 TYPICAL = {
-    "slip-sinkage": {"n1": 0.4, "S": 0.2},
+    "slip-sinkage": {"n1": 0.4, "n2": 0.3, "S": 0.2},
     "multi-pass": {"stiffness_gain": 0.6, "cohesion_gain": 0.3, "shear_modulus_gain": -0.2},
     "shear-modulus": {"k1": 1.0},
     "hardpan": {"modulus": 5e5, "top": 0.008},
@@ -53,7 +53,7 @@ TYPICAL = {
     "side-slip": {"k_growth": 2.0, "lateral": 3.0},
     "bulldozing": {"factor": 0.3},
     "slope": {"factor": 1.0},
-    "load-transfer": {"ratio": 0.15},
+    "load-transfer": {"ratio": 0.15, "slope_ratio": 0.1},
     "drivetrain-friction": {"Tc": 0.4, "Bv": 0.2},
     "gear-efficiency": {"eta": 0.8},
     "motor-temperature": {"alpha": -0.001},
@@ -206,8 +206,8 @@ def test_the_other_form_is_another_law_of_the_same_thing(name):
 def test_effects_that_cannot_be_are_errors():
     with pytest.raises(ValueError, match="no effect 'slip'"):
         freeze({"slip": {}})
-    with pytest.raises(ValueError, match="slip-sinkage has no n2"):
-        freeze({"slip-sinkage": {"n2": 1.0}})
+    with pytest.raises(ValueError, match="slip-sinkage has no n3"):
+        freeze({"slip-sinkage": {"n3": 1.0}})
     with pytest.raises(ValueError, match="load-bias has no form other"):
         freeze({"load-bias": {"form": "other"}})
     with pytest.raises(ValueError, match="never early"):
@@ -340,12 +340,13 @@ def test_a_skidding_wheel_is_braked():
 
 
 def test_a_climb_moves_load_backwards():
-    log = log_of({"load-transfer": {"ratio": 0.15}, "slope": {"factor": 1.0}})
+    log = log_of({"load-transfer": {"ratio": 0.15, "slope_ratio": 0.1}, "slope": {"factor": 1.0}})
     pull, flat = log.measured["drawbar_pull"].values, log.measured["load"].values
     pitch, acceleration = log.truth["pitch"], log.truth["acceleration"]
-    expected = (flat + 0.15 * (pull + flat / 9.80665 * acceleration)) * np.cos(pitch)
+    moved = 0.15 * (pull + flat / 9.80665 * acceleration) + 0.1 * flat * np.sin(pitch)
+    expected = (flat + moved) * np.cos(pitch)
     np.testing.assert_allclose(log.truth["load"], expected, rtol=1e-8)
-    assert np.ptp(log.truth["load"] - flat) > 3.0
+    assert np.ptp(log.truth["load"] - flat) > 2.0
 
 
 def test_a_rover_on_its_own_is_held_by_the_slope_alone():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -83,17 +83,14 @@ def hypotheses(
     """
     found: list[Hypothesis] = []
     lacking: list[NotTestable] = []
+    available = [_available(wheel) for wheel in wheels]
     for effect in effects:
         reason = signatures.possible(file.model, effect) or _missing(effect, wheels)
         if reason:
             lacking.append(NotTestable(effect.id, reason))
             continue
         model = Model(file.model.base, (*file.model.effects, effect))
-        held = {
-            effect.qualified(p): p.null
-            for p in effect.parameters
-            if any(need not in _available(wheel) for wheel in wheels for need in p.needs)
-        }
+        held = {effect.qualified(p): p.null for p in effect.parameters if p.idle(available)}
         found.append(Hypothesis(effect.id, effect.title, model, held, effect=effect))
     modulus = wheels[0].windows.samples.geometry.shear_modulus
     for assumption in assumptions.made_by(file, modulus):
@@ -104,10 +101,11 @@ def hypotheses(
     return found, lacking
 
 
-def _available(wheel: Wheel) -> set[str]:
-    geometry = wheel.windows.samples.geometry
-    constants = {name for name in ("grouser_count", "grouser_height") if getattr(geometry, name)}
-    return {*wheel.channels, *constants, *(["time"] if wheel.ordered else [])}
+def _available(wheel: Wheel) -> dict[str, Any]:
+    geometry, time = wheel.windows.samples.geometry, wheel.windows.samples.time
+    constants = {name: getattr(geometry, name) for name in ("grouser_count", "grouser_height")}
+    there = {name: value for name, value in constants.items() if value}
+    return {**wheel.channels, **there, **({} if time is None else {"time": time})}
 
 
 def _missing(effect: Effect, wheels: Sequence[Wheel]) -> str:

@@ -67,6 +67,7 @@ def _parameter(parameter: Parameter) -> dict[str, Any]:
         "meaning": parameter.meaning,
         "shape": parameter.shape,
         "needs": list(parameter.needs),
+        "skids": parameter.skids,
     }
 
 
@@ -236,6 +237,7 @@ def _parameters(effect: Effect) -> list[str]:
             parameter.meaning,
             "shapes the others' influence" * parameter.shape,
             f"needs {', '.join(parameter.needs)}" * bool(parameter.needs),
+            "shows on a skidding wheel alone" * parameter.skids,
         ]
         rows.append((parameter.name, parameter.unit, *numbers, "; ".join(filter(None, remarks))))
     lines = _aligned([header, *rows])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 #: Where an effect enters: what the soil is, the stress under the rim, the shape of the contact, a
 #: force on the wheel, or what a sensor shows of it.
@@ -34,6 +34,9 @@ QUANTITIES: dict[str, str] = {
     "torque": "N m",
     "drawbar_pull": "N",
 }
+
+#: Slip below which, with its sign, a wheel skids: nearer to 0 it may be noise.
+SKID = 0.05
 
 #: What a law reads and gives: arrays, or numbers with derivatives. ``q["slip"]`` is a channel, a
 #: quantity as it stands when the law is reached, a parameter of the effect by its own name, or one of
@@ -66,6 +69,8 @@ class Parameter:
         `null` is only where a search starts.
     needs : tuple of str
         Channels without which it has no influence on anything measured.
+    skids : bool
+        It has none on a wheel that does not skid, either.
     """
 
     name: str
@@ -78,6 +83,28 @@ class Parameter:
     factor: float = 1.0
     shape: bool = False
     needs: tuple[str, ...] = ()
+    skids: bool = False
+
+    def idle(self, several: Sequence[Mapping[str, Any]]) -> str:
+        """Say why nothing measured under some wheels depends on it; empty if something does.
+
+        Parameters
+        ----------
+        several : sequence of mapping of str to ndarray
+            The channels of each wheel.
+
+        Returns
+        -------
+        str
+        """
+        missing = [need for need in self.needs if any(need not in channels for channels in several)]
+        if missing:
+            return f"{' and '.join(missing)} not measured"
+        if self.skids and not any(
+            (channels["slip"] < -SKID).any() for channels in several if "slip" in channels
+        ):
+            return "no wheel skids"
+        return ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -162,10 +162,16 @@ def test_slope_parts_the_weight():
         ({"acceleration": 0.3}, 3.0),
         # A pull that is measured is not counted twice.
         ({"measured_drawbar_pull": 12.0, "pitch": 0.1, "acceleration": 0.3}, 15.0),
+        # The weight along the slope has a lever of its own, where a pull is measured.
+        (
+            {"measured_drawbar_pull": 12.0, "pitch": 0.1, "slope_ratio": 0.5},
+            12.0 + 2.0 * 98.0665 * np.sin(0.1),
+        ),
+        ({"pitch": 0.1, "slope_ratio": 0.5}, 98.0665 * np.sin(0.1)),
     ],
 )
 def test_load_moves_by_what_is_measured(channels, moved):
-    q = {"load": 98.0665, "gravity": 9.80665, "ratio": 0.25, **channels}
+    q = {"load": 98.0665, "gravity": 9.80665, "ratio": 0.25, "slope_ratio": 0.0, **channels}
     assert effects.find("load-transfer").laws["load"](q) == pytest.approx(98.0665 + 0.25 * moved)
 
 

@@ -28,7 +28,7 @@ OUTPUTS = ("sinkage", "torque", "drawbar_pull")
 
 #: The truth, and how near to it the fit must come, as a share of the parameter's scale.
 TRUTH = {
-    "slip-sinkage": ({"n1": 0.4, "S": 0.2}, 1e-3),
+    "slip-sinkage": ({"n1": 0.4, "n2": 0.3, "S": 0.2}, 1e-3),
     "max-stress-angle": ({"c1": 0.4, "c2": 0.25}, 1e-4),
     "rear-contact": ({"c3": 0.25}, 1e-4),
     "grousers": ({"lambda_s": 0.7}, 1e-4),
@@ -40,7 +40,7 @@ TRUTH = {
     "motor-temperature": ({"alpha": -0.0011}, 1e-4),
     "rate-dependence": ({"beta": 0.06}, 1e-4),
     "slope": ({"factor": 1.0}, 1e-4),
-    "load-transfer": ({"ratio": 0.25}, 1e-4),
+    "load-transfer": ({"ratio": 0.25, "slope_ratio": 0.15}, 1e-4),
     "load-bias": ({"gain": 0.96, "offset": 12.0}, 1e-3),
     "sinkage-bias": ({"offset": 0.003}, 1e-4),
     "drawbar-bias": ({"offset": -2.5}, 1e-4),
@@ -70,11 +70,13 @@ TRUTH = {
 
 def measured(name, values):
     """Drive with an effect, everything varying, and return the channels that a model may read."""
+    slip = wave(0.42, 0.9, 13.0)
+    skids = 0.3 if name == "slip-sinkage" else 0.0
     track = Track(
         "wheel",
         [(SOIL, SECONDS)],
         load=undulation(80.0, 0.5, 9.0, seed=1),
-        slip=wave(0.42, 0.9, 13.0),
+        slip=lambda t: slip(t) - skids,
         pass_number=steps([(0.0, 8.0), (1.0, 7.0), (2.0, 9.0)]),
         motor_temperature=undulation(45.0, 0.6, 11.0, seed=2),
     )

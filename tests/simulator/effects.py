@@ -80,6 +80,8 @@ def base_contact(soil: Soil) -> Soil:
 def slip_sinkage(ground: Ground, _moment: Moment, p: Numbers, other: bool) -> None:
     # Ding et al. 2010: the exponent grows with slip.
     ground.exponent += p["n1"] * abs(ground.slip) ** (1.5 if other else 1.0)
+    if ground.slip < 0.0:
+        ground.exponent += p["n2"] * -ground.slip
 
 
 def multi_pass(ground: Ground, moment: Moment, p: Numbers, other: bool) -> None:
@@ -210,7 +212,7 @@ def side_slip(ground: Ground, moment: Moment, p: Numbers, other: bool) -> None:
 
 
 KNOWN: dict[str, Known] = {
-    "slip-sinkage": Known({"n1": 0.0, "S": 0.0}, act=slip_sinkage),
+    "slip-sinkage": Known({"n1": 0.0, "n2": 0.0, "S": 0.0}, act=slip_sinkage),
     "multi-pass": Known(
         {"stiffness_gain": 0.0, "cohesion_gain": 0.0, "shear_modulus_gain": 0.0},
         reads=("pass_number",),
@@ -229,7 +231,7 @@ KNOWN: dict[str, Known] = {
     "side-slip": Known({"k_growth": 0.0, "lateral": 0.0}, "stresses", reads=("slip_angle",), act=side_slip),
     "bulldozing": Known({"factor": 0.0}),
     "slope": Known({"factor": 0.0}, forms=("catalogue",)),
-    "load-transfer": Known({"ratio": 0.0}),
+    "load-transfer": Known({"ratio": 0.0, "slope_ratio": 0.0}),
     "drivetrain-friction": Known({"Tc": 0.0, "Bv": 0.0}),
     "gear-efficiency": Known({"eta": 1.0}),
     "motor-temperature": Known({"alpha": 0.0}),

@@ -64,6 +64,7 @@ def felt_load(
                 # In the other form the wheels pull as much as the slope takes, whatever they could.
                 held = flat * np.sin(channels["pitch"]) if form == "other" else pull
                 felt = felt + p["ratio"] * (held + flat / GRAVITY * channels["acceleration"])
+                felt = felt + p["slope_ratio"] * flat * np.sin(channels["pitch"])
         if np.allclose(felt, before, rtol=1e-10, atol=0.0):
             return felt
     raise ArithmeticError("load and pull do not come to rest")
