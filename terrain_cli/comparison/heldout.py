@@ -81,6 +81,9 @@ def predict(
             width = FARTHEST * wheel.prior[name]
             move = np.clip(moved[cell[rows], column], -width, width)
             found[name] = found[name] * np.exp(move) if name in wheel.logarithmic else found[name] + move
+            if name in wheel.model.parameters:
+                own = wheel.model.parameters[name]
+                found[name] = np.clip(found[name], own.lower, own.upper)
         if "sinkage_exponent" in found:
             found["sinkage_exponent"] = np.maximum(found["sinkage_exponent"], 0.1)
         return found

@@ -19,7 +19,7 @@ from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.model import predict
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -38,6 +38,8 @@ ORDER = 6
 #: Samples predicted at a time.
 _SLAB = 65_536
 _ITERATIONS, _ROUNDS, _TRIES = 12, 2, 6
+#: Samples of a window with which a search is begun.
+_ROUGH = 400
 #: Times that a neutral soil's stiffness is corrected.
 _CARRIED = 3
 #: Change of the cost, as a share, at which the search is over.
@@ -390,6 +392,60 @@ def solve(
     state = _linear(model, sought, data, t, common, guess)
     return Solution(
         model, sought, t, common, state.left, state.design, spread, float(bounded(state.left).sum())
+    )
+
+
+def search(
+    model: Model, sought: Unknowns, data: Data, beginnings: Iterable[tuple[Array | None, Array]]
+) -> Solution:
+    """Fit a model from several beginnings, of which a part of the samples chooses one.
+
+    Parameters
+    ----------
+    model : Model
+    sought : Unknowns
+    data : Data
+    beginnings : iterable of (ndarray of shape (w, q) or None, ndarray of shape (m,))
+        Soils and what is common to them; the neutral soil for None.
+
+    Returns
+    -------
+    Solution
+    """
+    rough = thinned(data, np.arange(0, len(data.use), max(1, len(data.use) // (_ROUGH * data.windows))))
+    tried = [
+        solve(
+            model,
+            sought,
+            rough,
+            neutral(model, sought, rough, common) if soil is None else soil,
+            common,
+            rounds=1,
+        )
+        for soil, common in beginnings
+    ]
+    best = min(tried, key=lambda one: one.merit)
+    return solve(model, sought, data, best.t, best.common)
+
+
+def thinned(data: Data, rows: Index) -> Data:
+    """Keep some samples.
+
+    Parameters
+    ----------
+    data : Data
+    rows : ndarray of int
+
+    Returns
+    -------
+    Data
+    """
+    return replace(
+        data,
+        inputs={name: column[rows] for name, column in data.inputs.items()},
+        measured={name: column[rows] for name, column in data.measured.items()},
+        use=data.use[rows],
+        window=data.window[rows],
     )
 
 

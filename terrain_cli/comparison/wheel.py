@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,11 +40,13 @@ _READ = (*NOISY, *_WITH_SLIP, "torque", "drawbar_pull")
 _MOST_COMMON = 30_000
 #: Mean square of the residuals, in units of the noise, from which on a model misses something.
 _MISFIT = 1.5
+#: The same of one channel, from which on another fit is tried, and taken if it is less off.
+_NOTICED = 1.1
 #: Ways in which a channel is interpolated for a fit: samples left out beside each, and samples averaged.
 _WAYS = ((2, 3), (1, 2), (0, 1))
-#: Share by which sinkage grows with the load, over the load's own: 1 / (n + ½) of an ordinary soil; and
-#: samples that tell.
-_YIELD, _ENOUGH = 0.75, 30
+#: Share by which a channel grows with the load, over the load's own: sinkage by 1 / (n + ½) of an ordinary
+#: soil, less on a hard layer, torque as friction does; and samples that tell.
+_ANSWERS, _ENOUGH = {"sinkage": 0.75, "torque": 1.0}, 30
 #: Most by which an interpolation is drawn out, as its neighbours flatten what changes fast.
 _MOST_SHARE = 1.5
 #: Times its noise that an interpolation may be off by.
@@ -151,17 +154,39 @@ class Wheel:
         return len(self.windows.rows)
 
     def _robust(self) -> None:
-        """Take the soil from a fit that a wrong model does not lead astray, if the model is wrong."""
+        """Take the soil from a fit that a wrong model does not lead astray, where the fit went wrong."""
+        if not self.measured:
+            return
         known = self.fit.dof > 0.0
         ratio = float(self.fit.chi2[known].sum() / self.fit.dof[known].sum()) if known.any() else 1.0
         # Of test points load and slip were set, and are exact.
-        if (ratio < _MISFIT and self.ordered and not self._lost()) or not self.measured:
+        astray = ratio >= _MISFIT or not self.ordered or self._lost()
+        levels = {name: level.deviation for name, level in self.noise.items()}
+        before = self._off(levels)
+        if not astray and not before > _NOTICED:
             return
         data = self.least_squares_data()
         t, common = self.beginning()
-        begun = (t, quiet.neutral(self.model, self.sought, data, common))
-        found = [quiet.solve(self.model, self.sought, data, soil, common) for soil in begun]
-        self.take(min(found, key=lambda one: one.merit), data)
+        # That fit can have gone astray in what is common too: none of its effects is where others begin.
+        starts = product((t, None), (common, np.zeros_like(common)) if len(common) else (common,))
+        first = (self.fit, dict(self.parameters))
+        self.take(quiet.search(self.model, self.sought, data, starts), data)
+        if not astray and self._off(levels) >= before:
+            self._forget()
+            self.fit, self.parameters = first
+
+    def _off(self, levels: Mapping[str, float]) -> float:
+        """Return the largest mean square of the residuals of a channel, in units of its noise's."""
+        squares = [
+            float(np.nanmean(error**2)) / levels[name] ** 2
+            for name, error in self.residuals.items()
+            if levels[name] > 0.0 and np.isfinite(error).any()
+        ]
+        return max(squares, default=0.0)
+
+    def _forget(self) -> None:
+        for name in ("predicted", "residuals", "noise"):
+            self.__dict__.pop(name, None)
 
     def _lost(self) -> bool:
         """Tell whether the fit went to a soil without friction, or one that does not carry the load."""
@@ -289,27 +314,30 @@ class Wheel:
         )
         share = float(np.clip(share, 0.0, _MOST_SHARE))
         if name == "load" and share > 0.0:
-            # Noise that lasts is shared too; but the wheel does not sink with it.
+            # Noise that lasts is shared too; but the wheel does not answer to it.
             felt = self._felt() / (share**2 * power)
             share *= felt if felt < 0.5 else 1.0
         return np.asarray(middle + share * (column - middle))
 
     def _felt(self) -> float:
-        """Return the variance of the load, in N², that the sinkage answers to: noise has no part in it."""
-        if "sinkage" not in self.channels or "slip" not in self.channels:
+        """Return the variance of the load, in N², that sinkage or torque answers to: noise has no part."""
+        return max(self._answered(name, growth) for name, growth in _ANSWERS.items())
+
+    def _answered(self, name: str, growth: float) -> float:
+        if name not in self.channels or "slip" not in self.channels:
             return 0.0
-        load, sinkage, slip = (self.channels[name] for name in ("load", "sinkage", "slip"))
-        known = np.isfinite(load) & np.isfinite(sinkage) & np.isfinite(slip)
+        load, answer, slip = (self.channels[one] for one in ("load", name, "slip"))
+        known = np.isfinite(load) & np.isfinite(answer) & np.isfinite(slip)
         if known.sum() < _ENOUGH:
             return 0.0
         steady = np.stack([np.ones(int(known.sum())), slip[known], slip[known] ** 2], axis=1)
         own, other = (
             column[known] - steady @ np.linalg.lstsq(steady, column[known], rcond=None)[0]
-            for column in (load, sinkage)
+            for column in (load, answer)
         )
-        share = float(np.mean(own * other)) / max(float(np.mean(sinkage[known])), 1e-300)
-        answer = share * float(np.mean(load[known])) / _YIELD
-        return float(np.clip(answer, 0.0, np.var(own)))
+        share = float(np.mean(own * other)) / max(abs(float(np.mean(answer[known]))), 1e-300)
+        felt = share * float(np.mean(load[known])) / growth
+        return float(np.clip(felt, 0.0, np.var(own)))
 
     def take(self, solution: quiet.Solution, data: quiet.Data) -> None:
         """Replace what was fitted.
@@ -320,8 +348,7 @@ class Wheel:
         data : quiet.Data
         """
         covariance, common = quiet.covariance(data, solution)
-        for name in ("predicted", "residuals", "noise"):
-            self.__dict__.pop(name, None)
+        self._forget()
         fit = self.fit
         values, errors = dict(fit.values), dict(fit.errors)
         shared, shared_errors = dict(fit.shared), dict(fit.shared_errors)
