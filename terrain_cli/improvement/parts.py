@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from terrain_cli.comparison import Comparison
     from terrain_cli.models import ModelFile
 
@@ -15,8 +17,9 @@ Action = Literal["add", "remove"]
 FEWEST_BLOCKS, ENOUGH_BLOCKS = 3, 8
 #: Share by which a channel's error must fall to count: sensors' noise feigns less in a fit.
 LEAST = 0.02
-#: Share by which it must rise to outweigh another's fall.
-MUCH = 0.05
+#: Share by which a channel's error must rise to outweigh another's fall, and part of that fall, both as
+#: logarithms: what is missing besides may have been hidden by a soil that the better model takes back.
+MUCH, _TRADED = 0.05, 0.25
 #: Chance that a model without the effect gives parameters as far from null, above which it does not count.
 LEVEL = 0.01
 #: Ratio of errors whose 95 % interval lies below this says so by itself.
@@ -227,15 +230,15 @@ class Step:
 
     @property
     def pays(self) -> bool:
-        """Whether the held-out error fell in a channel and over all, and rose much in none."""
-        much = any(one.share > MUCH for one in self.rose)
+        """Whether the held-out error fell in a channel and over all, and no rise outweighs that."""
+        much = _outweighs(self.rose, self.fell)
         over_all = self.evidence.overall.high < 1.0 and self.evidence.lost <= MOST_LOST
         return self.testable and self.there and over_all and bool(self.fell) and not much
 
     @property
     def costs(self) -> bool:
-        """Whether the way back would pay: it rose in a channel and over all, and fell much in none."""
-        much = any(one.share > MUCH for one in self.fell)
+        """Whether the way back would pay: it rose in a channel and over all, and no fall outweighs that."""
+        much = _outweighs(self.fell, self.rose)
         over_all = self.evidence.overall.low > 1.0 and bool(self.rose) and not much
         return self.testable and ((self.there and over_all) or self.evidence.lost > MOST_LOST)
 
@@ -243,6 +246,12 @@ class Step:
     def quiet(self) -> bool:
         """Whether what is left follows nothing beyond chance."""
         return not self.second.failures
+
+
+def _outweighs(some: Sequence[ChannelChange], others: Sequence[ChannelChange]) -> bool:
+    """Tell whether some channels' change speaks against that of others, which goes the other way."""
+    against, in_favour = (sum(math.log1p(one.share) for one in those) for those in (some, others))
+    return any(one.share > MUCH for one in some) and against > _TRADED * in_favour
 
 
 @dataclass(frozen=True)
