@@ -63,6 +63,8 @@ _FEWEST, _UNRELATED = 8, 0.2
 _SMALL = 0.05
 #: Part of the best one's gain with which an effect within its bounds comes before it.
 _CREDIBLE = 0.7
+#: Error of a parameter, as a share of what was known beforehand, from which on the data leave it open.
+_OPEN = 0.95
 #: Standard errors by which one held-out loss has to be below another to count.
 _SURE = 1.0
 
@@ -445,26 +447,31 @@ def _plainest_first(ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypoth
 
 
 def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
-    """Return the parameters that came with a hypothesis, averaged over the wheels by their errors."""
+    """Return the parameters that came with a hypothesis, averaged over the wheels by their errors.
+
+    NaN where the data leave one open.
+    """
     names = [one.effect.qualified(p) for p in one.effect.parameters] if one.effect else list(one.priors)
-    pairs: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
+    pairs: dict[str, list[tuple[float, float]]] = {}
     for part, solution in zip(data.data, refit.solutions, strict=True):
         covariance, _ = quiet.covariance(part, solution)
         sought = solution.unknowns
         for column, unknown in enumerate((*sought.local, *sought.shared)):
-            if unknown.name not in pairs:
+            if unknown.name not in names:
                 continue
             own = column < len(sought.local)
             t = solution.t[:, column] if own else solution.common[[column - len(sought.local)]]
             error = np.sqrt(covariance[:, column, column]) if own else np.sqrt(covariance[:1, column, column])
-            pairs[unknown.name] += list(zip(unknown.value(t).tolist(), error.tolist(), strict=True))
+            told = (error < _OPEN * unknown.sd) | unknown.logarithm
+            known = zip(unknown.value(t)[told].tolist(), error[told].tolist(), strict=True)
+            pairs.setdefault(unknown.name, []).extend(known)
     sizes = {}
-    for name, known in pairs.items():
-        own_parameter = one.model.parameters.get(name)
-        if not known:
-            continue
-        weight = np.array([se**-2.0 if np.isfinite(se) and se > 0.0 else 1.0 for _, se in known])
-        value, se = float(np.average([v for v, _ in known], weights=weight)), float(weight.sum() ** -0.5)
+    for name in (name for name in names if name in pairs):
+        own_parameter, found = one.model.parameters.get(name), pairs[name]
+        value, se = np.nan, np.nan
+        if found:
+            weight = np.array([se**-2.0 if np.isfinite(se) and se > 0.0 else 1.0 for _, se in found])
+            value, se = float(np.average([v for v, _ in found], weights=weight)), float(weight.sum() ** -0.5)
         factor = own_parameter.factor if own_parameter else 1.0
         unit = own_parameter.unit if own_parameter else SOIL_UNITS.get(name, "")
         sizes[own_parameter.name if own_parameter else name] = Size(value / factor, se / factor, unit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.diagnosis.sentences import size_text
+from terrain_cli.diagnosis.sentences import sizes_text
 
 if TYPE_CHECKING:
     from terrain_cli.diagnosis.parts import Candidate, Diagnosis
@@ -147,7 +147,7 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
             f"{one.explained:.0%}",
             f"{one.surviving:.0%}",
             *(_short(one.heldout.get(name, math.nan)) for name in channels),
-            ", ".join(f"{name} {size_text(size)}" for name, size in one.sizes.items()),
+            sizes_text(one),
         ]
         for one in shown
     ]

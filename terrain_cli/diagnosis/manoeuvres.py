@@ -254,4 +254,13 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
             load={"steps": [1.0, 0.6, 1.4]},
             slip=[0.05, 0.6] * 3 + [0.05],
         ),
+        made(
+            f"sweep the slip from 0.05 to 0.6 and back at {speeds}, at each with {loads} in turn",
+            "load",
+            "slip",
+            "speed",
+            load={"steps": [1.0, 0.6, 1.4] * 3},
+            speed={"steps": [speed for speed in (1.0, 0.4, 2.5) for _ in range(3)]},
+            slip=[0.05, 0.6] * 9 + [0.05],
+        ),
     ]

@@ -1,31 +1,22 @@
-"""The drive that tells two effects apart, and how surely it will.
-
-Both effects are fitted to the log at hand. Each in turn is taken for the truth: what a manoeuvre would
-show then is forecast, and the other one is fitted to log and manoeuvre together, to first order. What it
-cannot imitate there, in units of the noise, is the distance between the two (optimal discrimination,
-Atkinson & Fedorov 1975, Biometrika 62(1), 57–70). A law is never exactly that of the catalogue: the same is
-done with the truth bent as in `rivals`, which neither of the two can imitate.
-"""
+"""The drive that tells the effects of a family apart, and how surely it will."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import quiet
 from terrain_cli.diagnosis import manoeuvres
+from terrain_cli.diagnosis.margins import SHOWN, Log, Side, margins
 from terrain_cli.diagnosis.parts import NextDrive
-from terrain_cli.diagnosis.rivals import FORMS
-from terrain_cli.mechanics import rates
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.quiet import Data, Solution
     from terrain_cli.diagnosis.manoeuvres import Manoeuvre
     from terrain_cli.diagnosis.parts import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
@@ -38,21 +29,10 @@ SECONDS = 60.0
 LEAST = 0.75
 #: No drive is surer than this: there are more ways to go wrong than noise and bent laws.
 MOST = 0.99
-#: Powers that differ by less are the same, and the plainer drive is taken.
-_SAME = 0.05
-#: Sinkage, as a share of the radius, at which a rover is stuck.
-_STUCK = 0.6
-#: Share of a manoeuvre for which both models need an answer.
-_ANSWERED = 0.8
-#: Rounds until what is measured and what is predicted from it agree.
-_ROUNDS = 3
-#: Neighbours on either side of a sample from which a rate is taken: 0.2 s.
-_REACH = 2
-#: Samples of a manoeuvre of which one is forecast.
-_STEP = 4
-#: What a bent effect is at the least and at the most, in its usual sizes.
-_BENT = (0.05, 4.0)
-_SHOWN = ("torque", "drawbar_pull", "sinkage")
+#: Margin, in deviations, from which a drive is sure even of laws that are somewhat otherwise; and margins
+#: that differ by less are the same. Of drives that are as sure, that which settles more of the family is
+#: taken, then the plainer one.
+_CLEAR, _SAME = 4.0, 0.25
 #: How a sensor is checked without any soil, by what it shows.
 _CHECKS = {
     "load": "calibrate the load cell with known weights",
@@ -97,38 +77,68 @@ def suggest(
     part = data.data[wheel]
     if not part.use.any() or "slip" not in part.inputs:
         return []
-    ground = _Old(data, wheel, pairs[0][1])
-    sides = [_Side(ground, hypothesis, refit.solutions[wheel]) for hypothesis, refit in pairs[: most + 1]]
+    ground = Log(data, wheel, pairs[0][1])
+    sides = [Side(ground, hypothesis, refit.solutions[wheel]) for hypothesis, refit in pairs[: most + 1]]
     at = manoeuvres.Conditions.of(part)
     channels = set(part.inputs) | set(part.measured)
     known = [one for one in manoeuvres.library(at, seconds) if one.possible(channels)]
-    courses = [one.drive(at) for one in known]
-    return [_best(ground, sides[0], other, known, courses) for other in sides[1:]]
+    table = np.array([margins(ground, sides, one.drive(at)) for one in known])
+    every = [_Pair(sides[a], sides[b], _both(table, a, b)) for a, b in combinations(range(len(sides)), 2)]
+    whole = np.mean([np.minimum(pair.worst, _CLEAR) for pair in every], axis=0)
+    found = [_best(pair, known, whole) for pair in every if pair.one is sides[0]]
+    # What is driven first had better settle more than its own pair.
+    return [drive for drive, _ in sorted(found, key=lambda one: -one[1])]
 
 
-def _best(
-    ground: _Old, one: _Side, other: _Side, known: Sequence[Manoeuvre], courses: Sequence[Mapping[str, Array]]
-) -> NextDrive:
-    pair = (one.hypothesis.id, other.hypothesis.id)
-    powers = [power(ground, one, other, course) for course in courses]
-    best = max(powers, default=0.5)
+def _both(table: Array, a: int, b: int) -> Array:
+    """Return the margins of a pair, either of them being the truth, shape (drives, any)."""
+    return np.concatenate([table[:, a, b], table[:, b, a]], axis=1)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two of a family, and the margins by which each drive tells them apart, shape (drives, any)."""
+
+    one: Side
+    other: Side
+    margins: Array
+
+    @property
+    def worst(self) -> Array:
+        return np.asarray(self.margins.min(axis=1))
+
+    @property
+    def power(self) -> Array:
+        """How often each drive leads to the right one of the two, at most `MOST`."""
+        from scipy.special import ndtr
+
+        return np.asarray(np.minimum(ndtr(self.margins).mean(axis=1), MOST))
+
+
+def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDrive, float]:
+    """Choose the drive for a pair, and return how much it settles of the whole family."""
+    names, power = (pair.one.hypothesis.id, pair.other.hypothesis.id), pair.power
+    best = float(power.max())
     if best < LEAST:
-        return NextDrive(pair, _unsettled(one.hypothesis, other.hypothesis, best), best)
-    follows = manoeuvres.drivers({*_reads(one), *_reads(other)})
+        return NextDrive(names, _unsettled(pair.one.hypothesis, pair.other.hypothesis, best), best), 0.0
+    follows = manoeuvres.drivers({*_reads(pair.one), *_reads(pair.other)})
 
     def plainness(place: int) -> tuple[bool, bool, int]:
         # What an effect follows by its own law is the plainest question to ask.
         own = known[place].varies & follows
         return not own - {"speed"}, not own, place
 
-    chosen = min((p for p in range(len(known)) if powers[p] >= best - _SAME), key=plainness)
-    return NextDrive(pair, known[chosen].text, powers[chosen], known[chosen].part)
+    level = np.flatnonzero(pair.worst >= min(float(pair.worst.max()), _CLEAR) - _SAME)
+    most = float(whole[level].max())
+    chosen = min((int(p) for p in level if whole[p] >= most - _SAME), key=plainness)
+    drive = NextDrive(names, known[chosen].text, float(power[chosen]), known[chosen].part)
+    return drive, float(whole[chosen])
 
 
-def _reads(side: _Side) -> set[str]:
+def _reads(side: Side) -> set[str]:
     effect = side.hypothesis.effect
     # Every drive has a load and a slip: that a law reads them says nothing of what it follows.
-    return set(effect.reads) - {"load", "slip", *_SHOWN} if effect else set()
+    return set(effect.reads) - {"load", "slip", *SHOWN} if effect else set()
 
 
 def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> str:
@@ -142,258 +152,3 @@ def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> str:
     what = " or ".join(dict.fromkeys(sensors or said))
     ending = f": {what}" if sensors else (f"; what may: {what}" if what else "")
     return f"no drive tells them apart for sure (the best in {best:.0%} of all cases){ending}"
-
-
-class _Old:
-    """The log at hand: one wheel of it, and how much less its samples tell than independent ones."""
-
-    def __init__(self, data: Ground, wheel: int, best: Refit) -> None:
-        self.part = data.data[wheel]
-        residual = np.clip(best.residuals[wheel], -quiet.BEND, quiet.BEND)
-        seen = residual != 0.0
-        square = max(float((residual**2).sum() / max(np.count_nonzero(seen), 1)), 1.0)
-        sums = np.zeros((data.blocks, residual.shape[1]))
-        np.add.at(sums, data.block[wheel], residual)
-        # Var Σ r over a block is that of n independent values times the samples that say the same.
-        between = float((sums**2).sum() / max(np.count_nonzero(seen), 1))
-        self.inflation = max(between, square)
-        samples = data.wheels[wheel].windows.samples
-        self.new_inflation = self.inflation
-        if samples.time is not None:
-            time = samples.time[data.wheels[wheel].windows.rows[data.rows[wheel]]]
-            steps = np.diff(time)
-            steps = steps[np.isfinite(steps) & (steps > 0.0)]
-            step = float(np.median(steps)) if len(steps) else 1.0 / manoeuvres.RATE
-            self.new_inflation = max(self.inflation * step * manoeuvres.RATE, square)
-        counts = np.bincount(self.part.window[self.part.use], minlength=self.part.windows)
-        #: The soil of the new drive: that on which most was driven.
-        self.window = int(np.argmax(counts))
-
-
-@dataclass(frozen=True)
-class _Shown:
-    """What a model predicts of some samples, in units of the noise.
-
-    Parameters
-    ----------
-    predicted, effect : ndarray, shape (n, c)
-        `effect` is the part of it that goes with the effect.
-    known : ndarray of bool, shape (n,)
-    sinkage : ndarray, shape (n,)
-        In m; of no samples where it is not measured.
-    """
-
-    predicted: Array
-    effect: Array
-    known: NDArray[np.bool_]
-    sinkage: Array
-
-
-class _Side:
-    """One of the two, fitted to the log."""
-
-    def __init__(self, ground: _Old, hypothesis: Hypothesis, solution: Solution) -> None:
-        self.hypothesis, self.solution = hypothesis, solution
-        part = ground.part
-        self.soil, self.windows = solution.t.shape[1], part.windows
-        self.old = self.shown(part)
-        self.lost = ~self.old.known
-        self.design = self._wide(solution.design, part.window) / np.sqrt(ground.inflation)
-        size = np.sqrt((self.old.effect**2).sum(axis=1))
-        self.usual = float(np.sqrt(np.mean(size**2)))
-        flat = self.design.reshape(-1, self.design.shape[2])
-        #: Of the unknowns counted in deviations of their priors, hence the unit matrix.
-        self.information = flat.T @ flat + np.eye(flat.shape[1])
-
-    def _wide(self, design: Array, window: NDArray[np.intp]) -> Array:
-        """Give every window columns of its own for its own soil."""
-        n, c, p = design.shape
-        q = self.soil
-        wide = np.zeros((n, c, self.windows * q + p - q))
-        rows = np.arange(n)
-        for column in range(q):
-            wide[rows, :, window * q + column] = design[:, :, column]
-        wide[:, :, self.windows * q :] = design[:, :, q:]
-        return wide
-
-    def shown(self, part: Data) -> _Shown:
-        """Predict with the effect, and without it."""
-        numbers = self.solution.of_samples(part.window)
-        predicted, known, sinkage = self._white(part, numbers)
-        effect = self.hypothesis.effect
-        if effect is None:
-            return _Shown(predicted, np.zeros_like(predicted), known, sinkage)
-        nulls = {effect.qualified(p): p.null for p in effect.parameters}
-        absent = {name: np.full_like(v, nulls[name]) if name in nulls else v for name, v in numbers.items()}
-        without, there, _ = self._white(part, absent)
-        return _Shown(predicted, (predicted - without) * (known & there)[:, None], known, sinkage)
-
-    def _white(self, part: Data, numbers: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_], Array]:
-        found, _ = quiet.forecast(self.solution.model, part, numbers, order=quiet.ORDER)
-        known: NDArray[np.bool_] = np.logical_and.reduce([np.isfinite(column) for column in found.values()])
-        white = part.white({name: np.nan_to_num(column) for name, column in found.items()}, part.seen)
-        return white, known, found.get("sinkage", np.zeros(0))
-
-    def slopes(self, part: Data) -> Array:
-        """Differentiate what is predicted by all unknowns, in units of the noise."""
-        solution = self.solution
-        sought = solution.unknowns
-        names = [u.name for u in (*sought.local, *sought.shared)]
-        numbers = solution.of_samples(part.window)
-        _, tables = quiet.forecast(solution.model, part, numbers, names, order=quiet.ORDER)
-        scale = np.ones((len(part.window), len(names)))
-        for column, unknown in enumerate(sought.local):
-            scale[:, column] = unknown.slope(solution.t[:, column])[part.window]
-        for column, unknown in enumerate(sought.shared):
-            scale[:, self.soil + column] = unknown.slope(np.asarray(solution.common[column]))
-        return self._wide(
-            part.white({name: table * scale for name, table in tables.items()}, part.seen), part.window
-        )
-
-    def bent(self, effect: Array, form: float) -> Array:
-        """Return by how much an effect changes when it is bent by a power of its own size."""
-        if form == 0.0 or self.usual == 0.0:
-            return np.zeros_like(effect)
-
-        def bend(some: Array) -> Array:
-            size = np.sqrt((some**2).sum(axis=1)) / self.usual
-            return np.asarray(some * (np.clip(size, *_BENT) ** form)[:, None])
-
-        whole = bend(self.old.effect)
-        norm = np.sqrt((self.old.effect**2).sum() / max(float((whole**2).sum()), 1e-300))
-        return np.asarray(norm * bend(effect) - effect)
-
-
-def power(ground: _Old, one: _Side, other: _Side, course: Mapping[str, Array]) -> float:
-    """Return how often a drive leads to the right one of two, each of them as likely.
-
-    With d the distances by which the new drive takes the wrong and the right one from what is shown, in
-    deviations of the noise, the difference of their squares is normal with a deviation of at most twice
-    the sum of d, so that the right one is nearer with a probability of Φ((d_wrong − d_right)/2).
-
-    Parameters
-    ----------
-    ground : _Old
-    one, other : _Side
-    course : mapping of str to ndarray, shape (n,)
-
-    Returns
-    -------
-    float
-        At most `MOST`; 0 where the drive cannot be driven.
-    """
-    from scipy.special import ndtr
-
-    chances: list[float] = []
-    views: _Views | None = None
-    for truth, wrong in ((one, other), (other, one)):
-        if views is None or views.coupled:
-            views = _views(ground, truth, wrong, course)
-        if views is None:
-            return 0.0
-        usable = ~(truth.lost | wrong.lost)[:, None]
-        for form in FORMS if truth.hypothesis.effect else FORMS[:1]:
-            shown = views.shown[truth]
-            old = truth.old.predicted + truth.bent(truth.old.effect, form)
-            new = shown.predicted + truth.bent(shown.effect, form)
-            away = [
-                _apart(
-                    ground,
-                    side,
-                    usable * (old - side.old.predicted),
-                    views.weight * (new - views.shown[side].predicted),
-                    views.weight[:, :, None] * views.slopes[side],
-                )
-                for side in (wrong, truth)
-            ]
-            chances.append(float(ndtr(0.5 * (away[0] - away[1]))))
-    return min(float(np.mean(chances)), MOST)
-
-
-def _apart(ground: _Old, side: _Side, old_gap: Array, new_gap: Array, design: Array) -> float:
-    """Return by how much a new drive takes a model, fitted to old and new, from what is shown."""
-    old, new = old_gap / np.sqrt(ground.inflation), new_gap / np.sqrt(ground.new_inflation)
-    table = (design / np.sqrt(ground.new_inflation)).reshape(-1, design.shape[2])
-    before = side.design.reshape(-1, design.shape[2]).T @ old.ravel()
-    after = before + table.T @ new.ravel()
-    cost = before @ np.linalg.solve(side.information, before)
-    both = after @ np.linalg.solve(side.information + table.T @ table, after)
-    return float(np.sqrt(max((new**2).sum() + cost - both, 0.0)))
-
-
-@dataclass(frozen=True)
-class _Views:
-    """What both models make of a drive.
-
-    Parameters
-    ----------
-    coupled : bool
-        Whether what is measured, and so what they make of it, depends on which of them is the truth.
-    shown : dict of _Side to _Shown
-    slopes : dict of _Side to ndarray, shape (n, c, p)
-    weight : ndarray, shape (n, 1)
-        Root of the number of samples for which each one stands.
-    """
-
-    coupled: bool
-    shown: dict[_Side, _Shown]
-    slopes: dict[_Side, Array]
-    weight: Array
-
-
-def _views(ground: _Old, truth: _Side, wrong: _Side, course: Mapping[str, Array]) -> _Views | None:
-    """Forecast a drive with both models; None if it cannot be driven."""
-    models = (truth.solution.model, wrong.solution.model)
-    reads = {name for model in models for effect in model.effects for name in effect.reads}
-    # A sinkage from which a model predicts is the drive's own.
-    there = reads & ground.part.inputs.keys() - {"sinkage"}
-    coupled = [name for name in there if name.removesuffix("_rate") in _SHOWN]
-    # Where no rate of what is shown is needed, few samples tell as much as many.
-    step = 1 if coupled else _STEP
-    new = _measured(ground, truth, course, coupled, step)
-    shown = {side: side.shown(new) for side in (truth, wrong)}
-    known = shown[truth].known & shown[wrong].known
-    deepest = float(np.nanmax(shown[truth].sinkage, initial=0.0))
-    if np.mean(known) < _ANSWERED or deepest > _STUCK * new.geometry.radius:
-        return None
-    slopes = {side: side.slopes(new) for side in (truth, wrong)}
-    return _Views(bool(coupled), shown, slopes, np.sqrt(step) * known[:, None])
-
-
-def _measured(
-    ground: _Old, truth: _Side, course: Mapping[str, Array], coupled: Sequence[str], step: int
-) -> Data:
-    """Return what would be measured, were one model the truth, as far as models read it."""
-    part, n = ground.part, len(course["time"])
-    stretch = np.zeros(n, dtype=np.intp)
-
-    def column(name: str) -> Array:
-        of = name.removesuffix("_rate")
-        if name in coupled:
-            return np.zeros(n)
-        if name == "wheel_angle":
-            return rates.wheel_angle(course["time"], stretch, course["angular_velocity"])
-        if name in course:
-            return course[name]
-        if of != name and of in course:
-            return rates.rate(course["time"], stretch, course[of], reach=_REACH)
-        return np.full(n, np.nanmedian(part.inputs[name][part.use]))
-
-    inputs = {name: column(name)[::step] for name in part.inputs}
-    count = len(inputs["slip"])
-    new = replace(
-        part,
-        inputs=inputs,
-        measured={name: np.zeros(count) for name in part.white.channels},
-        use=np.ones(count, dtype=bool),
-        window=np.full(count, ground.window),
-    )
-    numbers = truth.solution.of_samples(new.window)
-    for _ in range(_ROUNDS if coupled else 0):
-        found, _ = quiet.forecast(truth.solution.model, new, numbers, order=quiet.ORDER)
-        for name in coupled:
-            shown = found.get(name.removesuffix("_rate"), np.zeros(n))
-            inputs[name] = (
-                shown if name in _SHOWN else rates.rate(course["time"], stretch, shown, reach=_REACH)
-            )
-    return new

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 _NEAR = 0.01
 #: Samples that tell the noise.
 _FEWEST = 30
-#: Samples of a window with which a search is begun.
-_ROUGH = 400
 #: Multiples of its null at which the search for a parameter that only shapes an effect begins.
 _SHAPES = (0.4, 1.0, 2.5)
 
@@ -112,30 +110,18 @@ def ground(wheels: Sequence[Wheel], block: Sequence[Index], most: int, like: Gro
         white = like.data[index].white if like is not None else None
         data = replace(wheel.least_squares_data(white), blocks=blocks)
         some = np.arange(0, len(wheel), step)
-        thin = _thinned(data, some)
+        thin = quiet.thinned(data, some)
         t, common = wheel.beginning()
-        begun = (t, quiet.neutral(wheel.model, wheel.sought, thin, common))
-        tried = [quiet.solve(wheel.model, wheel.sought, thin, soil, common) for soil in begun]
-        solution = min(tried, key=lambda one: one.merit)
+        solution = quiet.search(wheel.model, wheel.sought, thin, ((t, common), (None, common)))
         if white is None:
             data = replace(data, white=_noise(wheel, data, solution))
-            thin = _thinned(data, some)
+            thin = quiet.thinned(data, some)
             solution = quiet.solve(wheel.model, wheel.sought, thin, solution.t, solution.common)
         rows.append(some)
         kept.append(block[index][some])
         datas.append(thin)
         solutions.append(solution)
     return Ground(list(wheels), rows, kept, datas, solutions)
-
-
-def _thinned(data: Data, rows: Index) -> Data:
-    return replace(
-        data,
-        inputs={name: column[rows] for name, column in data.inputs.items()},
-        measured={name: column[rows] for name, column in data.measured.items()},
-        use=data.use[rows],
-        window=data.window[rows],
-    )
 
 
 def _noise(wheel: Wheel, data: Data, solution: Solution) -> whitening.Whitening:
@@ -295,16 +281,9 @@ def _solved(data: Ground, index: int, part: Data, hypothesis: Hypothesis) -> Sol
         windows=part.windows,
     )
     t, common = _from(base, sought, part.windows)
-    some = np.arange(0, len(part.use), max(1, len(part.use) // (_ROUGH * part.windows)))
-    rough = _thinned(part, some)
-    best: Solution | None = None
-    for begun in _beginnings(sought, common, hypothesis):
-        for soil in (t, quiet.neutral(hypothesis.model, sought, rough, begun)):
-            found = quiet.solve(hypothesis.model, sought, rough, soil, begun, rounds=1)
-            if best is None or found.merit < best.merit:
-                best = found
-    assert best is not None  # noqa: S101 - there is always a beginning
-    return quiet.solve(hypothesis.model, sought, part, best.t, best.common)
+    return quiet.search(
+        hypothesis.model, sought, part, product((t, None), _beginnings(sought, common, hypothesis))
+    )
 
 
 def _from(base: Solution, sought: Unknowns, windows: int) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -56,21 +57,28 @@ def _seen(diagnosis: Diagnosis) -> str:
 
 
 def _told(one: Candidate) -> str:
-    sizes = ", ".join(f"{name} = {size_text(size)}" for name, size in one.sizes.items())
+    sizes = sizes_text(one, " = ")
     return f"{one.effect} ({sizes})" if sizes else one.effect
 
 
-def size_text(size: Size) -> str:
-    """Write a value with its error and unit.
+def sizes_text(one: Candidate, sign: str = " ") -> str:
+    """Write the parameters of a candidate, as far as the data tell them.
 
     Parameters
     ----------
-    size : Size
+    one : Candidate
+    sign : str
+        Between name and value.
 
     Returns
     -------
     str
     """
+    known = {name: size for name, size in one.sizes.items() if math.isfinite(size.value)}
+    return ", ".join(f"{name}{sign}{_text(size)}" for name, size in known.items())
+
+
+def _text(size: Size) -> str:
     unit = "" if size.unit in ("", "1") else f" {size.unit}"
     error = f" ± {size.se:.2g}" if size.se == size.se else ""
     return f"{size.value:.3g}{error}{unit}"

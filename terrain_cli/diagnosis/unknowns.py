@@ -29,7 +29,7 @@ _MOST = 4_000
 #: Gain in the sum of squares that a further parameter has to bring to be worth it.
 _PRICE = 6.0
 #: Part of the misfit that the best effect has to leave, and a draft to take, for the draft to stand.
-_LEFT = 0.1
+_LEFT = 0.12
 #: Standard errors by which a draft has to be better than the best effect.
 _SURE = 2.0
 #: Drivers whose noise is in the residual too.
