@@ -30,6 +30,8 @@ from terrain_cli.mechanics.model import Model  # noqa: E402 - as above
 
 #: Seeds: below, thresholds were tuned; from here on, they are scored. And how far apart rows are.
 FIRST, APART = 3_000_000, 100
+#: Sections on later seeds: how they are told was changed after they had been scored.
+LATER = {"outside": 3_500_000}
 NOISES = ("white", "ar1", "soil", "soil-unlabelled")
 COURSES = ("rich", "poor-load", "rich", "poor", "rich", "poor-speed")
 SIZES = (0.5, 1.0, 2.0)

@@ -89,10 +89,10 @@ def main(arguments=None):
     given = parser.parse_args(arguments)
 
     numbers = diagnosis_drives.QUICK_NUMBERS if given.quick else diagnosis_drives.FULL_NUMBERS
-    first = 1000 if given.tuning else diagnosis_drives.FIRST
     folder = given.cache / ("tuning" if given.tuning else "scored")
     found, planned = {}, {}
     for section in given.section or diagnosis_drives.SECTIONS:
+        first = 1000 if given.tuning else diagnosis_drives.LATER.get(section, diagnosis_drives.FIRST)
         wanted = [
             job
             for job in diagnosis_drives.jobs(section, given.number or numbers[section], first)

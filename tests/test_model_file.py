@@ -159,8 +159,8 @@ WR = HEAD + 'base = "wong-reece"\n'
             "fixed.stiffness: the model has no parameter 'stiffness'",
         ),
         (
-            WR + 'effects = ["slip-sinkage"]\n[fixed.slip-sinkage]\nn2 = 0.4',
-            "fixed.slip-sinkage.n2: the model has no parameter 'slip-sinkage.n2'; did you mean slip-sink",
+            WR + 'effects = ["slip-sinkage"]\n[fixed.slip-sinkage]\nn3 = 0.4',
+            "fixed.slip-sinkage.n3: the model has no parameter 'slip-sinkage.n3'; did you mean slip-sink",
         ),
         (WR + "[fixed]\nslip-sinkage.n1 = 0.4", "fixed.slip-sinkage.n1: the model has no parameter"),
         (

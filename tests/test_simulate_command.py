@@ -165,7 +165,8 @@ class TestTruth:
         document = json.loads(truth.read_text("utf-8"))
         assert document["format"] == "terrain-est/truth/1"
         (effect,) = document["model"]["effects"]
-        assert effect["parameters"] == {"n1": {"value": 0.4, "unit": "1"}, "S": {"value": 0.5, "unit": "1"}}
+        sizes = {"n1": 0.4, "n2": 0.0, "S": 0.5}
+        assert effect["parameters"] == {name: {"value": v, "unit": "1"} for name, v in sizes.items()}
         assert effect["hidden"] is False
         assert document["soils"]["dry-sand"]["c_kPa"] == pytest.approx(1.04)
         assert document["soils"]["dry-sand"]["phi_deg"] == pytest.approx(28.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -71,7 +72,10 @@ def with_pandas_csv(path: Path) -> dict[str, np.ndarray]:
 
 def with_pandas_parquet(path: Path) -> dict[str, np.ndarray]:
     import pandas as pd
+    import pyarrow as pa
 
+    # OMP_NUM_THREADS, which keeps BLAS to one thread, would keep Arrow's pool to one too.
+    pa.set_cpu_count(os.cpu_count() or 1)
     frame = pd.read_parquet(path, columns=USED)
     return {name: frame[name].to_numpy() for name in USED}
 

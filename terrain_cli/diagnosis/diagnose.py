@@ -277,9 +277,9 @@ class _State:
             # Nor is it where a law that nobody thought of predicts better.
             clear = clear and not unknowns.beats(draft, near[0][1])
             earned = judged.earned and clear and self.data.blocks >= _FEWEST
-        unknown = unknowns.verdict(self.base, best, draft, family)
-        verdict: Verdict = "unknown" if unknown else ("effect" if earned else "family")
-        if unknown:
+        unknown, alone = unknowns.verdict(self.base, best, draft, family)
+        verdict: Verdict = "unknown" if alone else ("effect" if earned else "family")
+        if alone:
             family = ()
         candidates = self._candidates(ranked, hypotheses, family)
         drives = []
@@ -290,7 +290,7 @@ class _State:
             comparison,
             alarm,
             verdict,
-            family[0] if earned and not unknown else None,
+            family[0] if earned and not alone else None,
             family,
             candidates,
             unknown,

@@ -40,12 +40,14 @@ def verdict(diagnosis: Diagnosis) -> str:
             f"terrain-est model add FILE {first.effect} --data INPUT…"
         )
     others = list(diagnosis.family[1:])
+    better = f" {diagnosis.unknown.sentence} --draft FILE.toml writes it." if diagnosis.unknown else ""
     if not others:
         return (
             f"{seen}Probably {_told(first)}, but something is left over, or this very drive would not "
-            "show it often enough to be sure of the name."
+            f"show it often enough to be sure of the name.{better}"
         )
-    return f"{seen}{_told(first)[0].upper()}{_told(first)[1:]}, or {_listed(others)}: these data cannot tell."
+    told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
+    return f"{seen}{told}, or {_listed(others)}: these data cannot tell.{better}"
 
 
 def _seen(diagnosis: Diagnosis) -> str:

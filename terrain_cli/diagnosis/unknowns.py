@@ -171,7 +171,9 @@ def beats(tried: Sequence[Tried], effect: Refit) -> bool:
     return float(difference.sum()) > _SURE * error
 
 
-def verdict(base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence[str]) -> Unknown | None:
+def verdict(
+    base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence[str]
+) -> tuple[Unknown | None, bool]:
     """Tell whether a draft explains what no effect does.
 
     Parameters
@@ -184,28 +186,29 @@ def verdict(base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence
 
     Returns
     -------
-    Unknown or None
+    unknown : Unknown or None
+        A draft that predicts better than every effect.
+    alone : bool
+        Whether the effects leave so much that they are none of the story.
     """
     if not tried:
-        return None
+        return None, False
     count = sum(int(np.count_nonzero(one)) for one in base.residuals)
     misfit = float(base.loss.sum()) - min(count, float(min(effect.loss.sum(), tried[0].refit.loss.sum())))
-    if misfit <= 0.0:
-        return None
     left = float((effect.loss - tried[0].refit.loss).sum())
-    if family and (left < _LEFT * misfit or not beats(tried, effect)):
-        return None
-    if not family and left <= 0.0:
-        return None
+    if misfit <= 0.0 or left <= 0.0 or (family and not beats(tried, effect)):
+        return None, False
+    alone = not family or left >= _LEFT * misfit
     draft = tried[0].draft
     explained = float(np.clip((base.loss - tried[0].refit.loss).sum() / misfit, 0.0, 1.0))
     channel = draft.changes if draft.changes in drafts.SHOWN else _channel(base, tried[0].refit)
     follows = f"follows {draft.driver.replace('_', ' ')}" if draft.driver else "is off by a constant"
+    head = "No effect of the catalogue explains it" if alone else "A law of one driver predicts it better"
     sentence = (
-        f"No effect of the catalogue explains it: {channel.replace('_', ' ')} {follows} ({draft.form}), "
+        f"{head}: {channel.replace('_', ' ')} {follows} ({draft.form}), "
         f"which accounts for {explained:.0%} of the misfit."
     )
-    return Unknown(channel, draft.driver, draft.form, explained, sentence, draft.text)
+    return Unknown(channel, draft.driver, draft.form, explained, sentence, draft.text), alone
 
 
 def _channel(base: Refit, refit: Refit) -> str:

@@ -28,6 +28,9 @@ PLAUSIBLE = {
     "sensor-lag.torque_lag": (0.05, 0.4),
     "sensor-lag.drawbar_pull_lag": (0.05, 0.4),
     "sensor-lag.sinkage_lag": (0.05, 0.4),
+    # What not every rover or soil has besides.
+    "slip-sinkage.n2": (0.0, 0.0),
+    "load-transfer.slope_ratio": (0.0, 0.0),
 }
 
 

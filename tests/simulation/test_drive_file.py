@@ -179,7 +179,7 @@ def test_model_file_gives_base_and_effects(drive, tmp_path):
         ("[wheel]\nradius = 0", "a positive length"),
         ("[rates]\nslip = 5", "unknown key"),
         ("[effects]\nslip-sinkag = {}", "slip-sinkag"),
-        ("[effects]\nslip-sinkage = { n2 = 1 }", "no parameter 'n2'"),
+        ("[effects]\nslip-sinkage = { n3 = 1 }", "no parameter 'n3'"),
         ("[effects]\nslip-sinkage = { n1 = 99 }", "n1 of slip-sinkage must be from"),
         ("[effects]\nslip-sinkage = 3", "must be a table"),
         ('model = "wong"', "wong"),
