@@ -29,6 +29,8 @@ SECONDS = 60.0
 LEAST = 0.75
 #: No drive is surer than this: there are more ways to go wrong than noise and bent laws.
 MOST = 0.99
+#: Powers that differ by less are the same.
+_LITTLE = 0.05
 #: Margin, in deviations, from which a drive is sure even of laws that are somewhat otherwise; and margins
 #: that differ by less are the same. Of drives that are as sure, that which settles more of the family is
 #: taken, then the plainer one.
@@ -128,7 +130,9 @@ def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDr
         own = known[place].varies & follows
         return not own - {"speed"}, not own, place
 
-    level = np.flatnonzero(pair.worst >= min(float(pair.worst.max()), _CLEAR) - _SAME)
+    able = np.flatnonzero(power >= max(best - _LITTLE, LEAST))
+    sure = min(float(pair.worst[able].max()), _CLEAR)
+    level = able[pair.worst[able] >= sure - _SAME]
     most = float(whole[level].max())
     chosen = min((int(p) for p in level if whole[p] >= most - _SAME), key=plainness)
     drive = NextDrive(names, known[chosen].text, float(power[chosen]), known[chosen].part)
