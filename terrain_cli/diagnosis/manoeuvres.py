@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from terrain_cli.comparison.parts import UNITS
+
 if TYPE_CHECKING:
     from collections.abc import Collection
 
@@ -33,7 +35,6 @@ _LIFTED, _HEAVY = 0.1, 2.0
 _MOVING = 0.2
 #: Turned round while the wheel drives backwards.
 _MIRRORED = ("pitch", "roll")
-_SHOWN = ("torque", "drawbar_pull", "sinkage")
 
 
 @dataclass(frozen=True)
@@ -158,7 +159,7 @@ def drivers(channels: Collection[str]) -> frozenset[str]:
     """
     speed = {"velocity", "angular_velocity", "wheel_angle"}
     found = {"speed" if name in speed else name for name in channels}
-    if any(f"{name}_rate" in found for name in _SHOWN):
+    if any(f"{name}_rate" in found for name in UNITS):
         found.add("rates")
     return frozenset(found)
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import quiet
+from terrain_cli.comparison.parts import UNITS
 from terrain_cli.diagnosis import manoeuvres
 from terrain_cli.diagnosis.rivals import FORMS
 from terrain_cli.mechanics import rates
@@ -42,7 +43,6 @@ _REACH = 2
 _STEP = 4
 #: What a bent effect is at the least and at the most, in its usual sizes.
 _BENT = (0.05, 4.0)
-SHOWN = ("torque", "drawbar_pull", "sinkage")
 
 
 class Log:
@@ -256,7 +256,7 @@ def _views(ground: Log, truth: Side, sides: Sequence[Side], course: Mapping[str,
     reads = {name for side in sides for effect in side.solution.model.effects for name in effect.reads}
     # A sinkage from which a model predicts is the drive's own.
     there = reads & ground.part.inputs.keys() - {"sinkage"}
-    coupled = [name for name in there if name.removesuffix("_rate") in SHOWN]
+    coupled = [name for name in there if name.removesuffix("_rate") in UNITS]
     # Where no rate of what is shown is needed, few samples tell as much as many.
     step = 1 if coupled else _STEP
     new = _measured(ground, truth, course, coupled, step)
@@ -301,6 +301,6 @@ def _measured(
         for name in coupled:
             shown = found.get(name.removesuffix("_rate"), np.zeros(n))
             inputs[name] = (
-                shown if name in SHOWN else rates.rate(course["time"], stretch, shown, reach=_REACH)
+                shown if name in UNITS else rates.rate(course["time"], stretch, shown, reach=_REACH)
             )
     return new

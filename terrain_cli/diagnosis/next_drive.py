@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison.parts import UNITS
 from terrain_cli.diagnosis import manoeuvres
-from terrain_cli.diagnosis.margins import SHOWN, Log, Side, margins
+from terrain_cli.diagnosis.margins import Log, Side, margins
 from terrain_cli.diagnosis.parts import NextDrive
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDr
 def _reads(side: Side) -> set[str]:
     effect = side.hypothesis.effect
     # Every drive has a load and a slip: that a law reads them says nothing of what it follows.
-    return set(effect.reads) - {"load", "slip", *SHOWN} if effect else set()
+    return set(effect.reads) - {"load", "slip", *UNITS} if effect else set()
 
 
 def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> str:

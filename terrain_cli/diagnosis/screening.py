@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import effects as catalogues
+from terrain_cli.comparison.parts import UNITS
 from terrain_cli.diagnosis import scores as scoring
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.parts import Hypothesis, NotTestable, Size
@@ -113,7 +114,7 @@ def _missing(effect: Effect, wheels: Sequence[Wheel]) -> str:
     measured = {name for wheel in wheels for name in wheel.measured}
     if lacking:
         return f"it needs {' and '.join(sorted(lacking))}, which nothing gives"
-    only = {"torque", "drawbar_pull", "sinkage"}.intersection(effect.laws)
+    only = UNITS.keys() & effect.laws.keys()
     if only and len(only) == len(effect.laws) and not only & measured:
         return f"it shows in {' and '.join(sorted(only))} alone, which is not measured".replace("_", " ")
     return ""
