@@ -12,24 +12,28 @@ import numpy as np
 from terrain_cli.segmentation.windows import distinct
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-#: Rows of `measure`: sums of x, y, x², xy and y²;
+#: Rows of what `summed` returns: sums of x, y, x², xy and y²;
 POWERS, POWER_X, POWER_Y = slice(0, 5), 2, 4
-#: of the steps |Δx| and |Δy| to the samples, and the largest step to or from a sample;
-STEPS, LARGEST_STEPS = slice(5, 7), slice(7, 9)
-#: of squares and products of the second differences of x and y, of their size |Δ²x| + s |Δ²y|, and
-#: the largest size.
-SECONDS, SIZE, LARGEST_SIZE = slice(9, 12), 12, 13
-ROWS = 14
+#: and of squares and products of the second differences of x and y, as far as they are noise.
+SECONDS = slice(5, 8)
+ROWS = 8
+
+#: Samples on either side from which the noise of a sample is learnt.
+REACH = 64
+#: A difference larger than this many mean differences is a step or a wild value, not noise.
+WILD = 3.0
+#: A sample further from its neighbours than this many mean steps is not the soil's doing.
+OUTLIER = 4.7
 
 #: Samples worked on at a time: few enough to stay in the processor's cache.
-_SLAB = 32_768
+_SLAB = 131_072
 #: Runs of samples that lie closer are worked on as one.
 _GAP = 2048
 
@@ -48,7 +52,14 @@ def sizes(n: int, step: int) -> Index:
     -------
     ndarray of int, shape (blocks,)
     """
-    return np.diff(np.append(np.arange(0, n, step, dtype=np.intp), n))
+    number = np.full(-(-n // step), step, dtype=np.intp)
+    number[-1] = n - (len(number) - 1) * step
+    return number
+
+
+def reach(step: int) -> int:
+    """Return the blocks on either side from which the noise of a block is learnt."""
+    return max(1, round(REACH / step))
 
 
 def slabs(n: int, step: int) -> Iterator[tuple[int, int]]:
@@ -69,6 +80,15 @@ def slabs(n: int, step: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + length, n)
 
 
+def around(first: int, last: int, n: int, step: int) -> tuple[int, int]:
+    """Return the samples on which the noise of blocks depends, from the first to the last sample of a run.
+
+    At an end of the series noise is that of its first or last blocks, as many as elsewhere.
+    """
+    beside = 4 * reach(step) * step
+    return max(first - beside, 0), min(last + beside, n)
+
+
 def about(place: Index, n: int, step: int) -> Iterator[tuple[int, int]]:
     """Part the blocks that depend on some samples into runs, none longer than those of `slabs`.
 
@@ -83,17 +103,17 @@ def about(place: Index, n: int, step: int) -> Iterator[tuple[int, int]]:
     first, last : int
         As from `slabs`.
     """
-    block = distinct(np.clip(place[:, None] + np.arange(-1, 2), 0, n - 1).ravel() // step)
+    # The blocks of the samples beside them too, and all that learn their noise there.
+    away = np.arange(-4 * reach(step) - 1, 4 * reach(step) + 2)
+    block = distinct(np.clip(place[:, None] // step + away, 0, (n - 1) // step).ravel())
     slab = block // max(1, _SLAB // step)
     runs = np.flatnonzero((np.diff(block) * step > _GAP) | (np.diff(slab) > 0)) + 1
     for run in np.split(block, runs):
         yield int(run[0]) * step, min(int(run[-1] + 1) * step, n)
 
 
-def measure(
-    x: Array, y: Array, step: int, scale: float, parts: Iterable[tuple[int, int]], out: Array
-) -> None:
-    """Sum what is to be known of the samples over blocks.
+def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Array, Index, Array]:
+    """Sum what is to be known of the samples over blocks, and look for samples far from a neighbour.
 
     Parameters
     ----------
@@ -101,96 +121,95 @@ def measure(
     step : int
         Samples in a block.
     scale : float
-        s, which brings y to the scale of x.
-    parts : iterable of (int, int)
-        Those of `slabs` or `about` to measure.
-    out : ndarray, shape (14, blocks)
-        Filled for the blocks of these parts. The first sample of all has no step to it, and neither
-        the first nor the last a second difference.
-    """
-    n, length = len(x), min(max(1, _SLAB // step) * step, -(-len(x) // step) * step)
-    values, rises, seconds = np.empty(length), np.empty((2, length + 1)), np.empty((2, length))
-    starts = np.arange(0, length, step)
-    for first, last in parts:
-        count = -(-(last - first) // step)
-        blocks, samples = out[:, first // step : first // step + count], count * step
-        u, v = (
-            series[first:last].reshape(-1, step)
-            if last - first == samples
-            else np.append(series[first:last], np.zeros(samples - (last - first))).reshape(-1, step)
-            for series in (x, y)
-        )
-        for row, factors in enumerate(((u,), (v,), (u, u), (u, v), (v, v))):
-            np.einsum("ij->i" if len(factors) == 1 else "ij,ij->i", *factors, out=blocks[row])
-        begin, end = max(first, 1), min(last + 1, n)
-        for k, series in enumerate((x, y)):
-            rise, second = rises[k, : samples + 1], seconds[k, :samples]
-            rise[0] = rise[end - first :] = second[0] = second[n - 1 - first :] = 0.0
-            np.subtract(series[begin:end], series[begin - 1 : end - 1], out=rise[begin - first : end - first])
-            inner = slice(begin - first, min(last, n - 1) - first)
-            np.subtract(rise[inner.start + 1 : inner.stop + 1], rise[inner], out=second[inner])
-            np.abs(rise, out=rise)
-            np.einsum("ij->i", rise[:-1].reshape(-1, step), out=blocks[STEPS][k])
-            np.maximum.reduceat(rise[:-1], starts[:count], out=blocks[LARGEST_STEPS][k])
-            np.maximum(blocks[LARGEST_STEPS][k], rise[step::step], out=blocks[LARGEST_STEPS][k])
-        d, e = (second[:samples].reshape(-1, step) for second in seconds)
-        for row, factors in enumerate(((d, d), (d, e), (e, e)), SECONDS.start):
-            np.einsum("ij,ij->i", *factors, out=blocks[row])
-        size = values[:samples]
-        np.multiply(seconds[1, :samples], scale, out=size)
-        np.abs(size, out=size)
-        size += np.abs(seconds[0, :samples], out=seconds[0, :samples])
-        np.einsum("ij->i", size.reshape(-1, step), out=blocks[SIZE])
-        np.maximum.reduceat(size, starts[:count], out=blocks[LARGEST_SIZE])
-
-
-def together(block: Index, step: int) -> Iterator[Index]:
-    """Part blocks into as many at a time as stay in the processor's cache.
-
-    Parameters
-    ----------
-    block : ndarray of int, shape (k,)
-    step : int
-
-    Yields
-    ------
-    ndarray of int
-        At least once.
-    """
-    number = max(1, _SLAB // (2 * step))
-    for first in range(0, max(len(block), 1), number):
-        yield block[first : first + number]
-
-
-def differences(values: Array, block: Index, step: int) -> tuple[Array, Array]:
-    """Return steps and second differences of the samples of some blocks.
-
-    Beyond either end of the stretch the last sample is repeated.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-    block : ndarray of int, shape (k,)
-        Rising.
-    step : int
+        s, which brings y to the scale of x: a second difference is of size |Δ²x| + s |Δ²y|.
+    room : ndarray, shape (6, n rounded up to blocks)
+        Is overwritten.
 
     Returns
     -------
-    rises : ndarray, shape (k, step + 1)
-        To each sample, and behind the last.
-    seconds : ndarray, shape (k, step)
+    rows : ndarray, shape (8, blocks)
+        The first and the last sample have no second difference.
+    place : ndarray of int, shape (k,)
+        Rising, among them all samples of which a step of x or y, to or from them, is beyond the limit.
+    limit : ndarray, shape (2, k)
+        For x and y there.
     """
-    n, whole = len(values), len(values) // step
-    rows = np.empty((len(block), step + 2))
-    if whole:
-        rows[:, 1:-1] = values[: whole * step].reshape(-1, step).take(block, axis=0, mode="clip")
-    if len(block) and block[-1] == whole:
-        rows[-1, 1:-1] = values[np.minimum(whole * step + np.arange(step), n - 1)]
-    rows[:, 0] = values[np.maximum(block * step - 1, 0)]
-    rows[:, -1] = values[np.minimum((block + 1) * step, n - 1)]
-    # All in one row: differences across the seams between rows are cut off.
-    rises, seconds = np.empty((2, *rows.shape))
-    flat, second = rises.ravel(), seconds.ravel()
-    np.subtract(rows.ravel()[1:], rows.ravel()[:-1], out=flat[:-1])
-    np.subtract(flat[1:], flat[:-1], out=second[:-1])
-    return rises[:, :-1], seconds[:, :-2]
+    n, number = len(x), sizes(len(x), step)
+    samples = len(number) * step
+    rows, mean = np.empty((ROWS, len(number))), np.empty((3, len(number)))
+    u, v = (
+        (series if n == samples else np.append(series, np.zeros(samples - n))).reshape(-1, step)
+        for series in (x, y)
+    )
+    rises, seconds, (size, spare) = room[:2, :samples], room[2:4, :samples], room[4:6, :samples]
+    for series, rise, second in zip((x, y), rises, seconds, strict=True):
+        rise[0] = rise[n:] = second[0] = second[n - 1 :] = 0.0
+        np.subtract(series[1:], series[:-1], out=rise[1:n])
+        np.subtract(rise[2:n], rise[1 : n - 1], out=second[1 : n - 1])
+        np.abs(rise, out=rise)
+    np.abs(np.multiply(seconds[1], scale, out=size), out=size)
+    size += np.abs(seconds[0], out=spare)
+    p, q, d, e, w = (series.reshape(-1, step) for series in (*rises, *seconds, size))
+    for row, factors in zip(
+        (*rows, *mean),
+        ((u,), (v,), (u, u), (u, v), (v, v), (d, d), (d, e), (e, e), (p,), (q,), (w,)),
+        strict=True,
+    ):
+        np.einsum("ij->i" if len(factors) == 1 else "ij,ij->i", *factors, out=row)
+
+    # There is no step to the first sample.
+    number[0] -= 1
+    moving_mean(mean, number, step, out=mean)
+    limit, most = OUTLIER * mean[:2], WILD * mean[2]
+    # A step is too large for the sample behind it or for that before it, perhaps of the block before.
+    least = limit.copy()
+    np.minimum(limit[:, 1:], limit[:, :-1], out=least[:, 1:])
+    beyond = ((p > least[0, :, None]) | (q > least[1, :, None])).ravel()
+    beyond[:-1] |= beyond[1:]
+    far = np.flatnonzero(beyond)
+    # Beyond the limit a second difference counts as if it were as long as that.
+    large = np.flatnonzero(w > most[:, None])
+    dx, dy, block = seconds[0, large], seconds[1, large], large // step
+    excess = 1.0 - (most[block] / size[large]) ** 2
+    rows[SECONDS] -= [
+        np.bincount(block, excess * product, len(number)) for product in (dx * dx, dx * dy, dy * dy)
+    ]
+    return rows, far, limit[:, far // step]
+
+
+def moving_mean(sums: Array, number: Index, step: int, out: Array | None = None) -> Array:
+    """Return the mean over blocks up to `REACH` samples away, near the ends over as many of them.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (k, blocks)
+        Of each block.
+    number : ndarray of int, shape (blocks,)
+        Of what is summed.
+    step : int
+        Samples in a block.
+    out : ndarray, shape (k, blocks), optional
+        For the means; it may be the sums.
+
+    Returns
+    -------
+    ndarray, shape (k, blocks)
+    """
+    blocks, near = len(number), reach(step)
+    width = min(2 * near + 1, blocks)
+    inner = _running(sums, width) / _running(number, width)
+    mean = np.empty(sums.shape) if out is None else out
+    first = min(near, blocks - width)
+    last = first + inner.shape[1]
+    mean[:, :first], mean[:, first:last], mean[:, last:] = inner[:, :1], inner, inner[:, -1:]
+    return mean
+
+
+def _running(values: NDArray[np.number], width: int) -> NDArray[np.number]:
+    """Return the sums of so many values in a row: of halves, as cumulative sums are slow to make."""
+    if width == 1:
+        return values
+    half = width // 2
+    part = _running(values, half)
+    total = part[..., :-half] + part[..., half:]
+    return total if width == 2 * half else total[..., :-1] + values[..., width - 1 :]

@@ -100,11 +100,14 @@ def _best_line(moments: Array, slopes: Slopes | None) -> tuple[Array, Array]:
     if slopes is not None:
         low, high = np.clip(slopes[0], low, high), np.clip(slopes[1], low, high)
 
-    def misfit(t: Array) -> Array:
-        return across(xx, xy, yy, t) / across(noise_xx, noise_xy, noise_yy, t)
+    def misfit(t: Array, of: NDArray[np.intp] | slice = slice(None)) -> Array:
+        return across(xx[of], xy[of], yy[of], t) / across(noise_xx[of], noise_xy[of], noise_yy[of], t)
 
-    flat, steep = misfit(low), misfit(high)
-    slope = np.where((slope > low) & (slope < high), slope, np.where(flat <= steep, low, high))
+    beyond = np.flatnonzero(~((slope > low) & (slope < high)))
+    if len(beyond):
+        ends = np.stack([low[beyond], high[beyond]])
+        flat, steep = misfit(ends, beyond)
+        slope[beyond] = np.where(flat <= steep, *ends)
     return slope, misfit(slope) * moments[N]
 
 

@@ -34,7 +34,7 @@ SLOPE_TOLERANCE = 0.2
 HARDLY = 0.01
 _ROUNDS = 20
 #: Bounds moved together: few enough to stay in the processor's cache.
-_TOGETHER = 64
+_TOGETHER = 512
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Refinement:
     def __init__(self, moments: Moments, limits: Limits, criteria: Criteria) -> None:
         self._moments = moments
         self._before = _Known(moments.before)
-        self._n = len(moments.x)
+        self._n = len(moments.samples)
         self._limits = limits
         self._criteria = criteria
         # Bounds that were found best, between their neighbours: none so far.

@@ -8,7 +8,8 @@ import numpy as np
 
 from terrain_cli.segmentation import blocks
 from terrain_cli.segmentation.lines import MIDDLE_SLOPE, NOISE_XX, NOISE_YY, ROWS, YY, N, W, X, across
-from terrain_cli.segmentation.noise import block_noise, tame
+from terrain_cli.segmentation.noise import tame
+from terrain_cli.segmentation.samples import Samples
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,15 +38,15 @@ class Moments:
     def __init__(self, x: Array, y: Array, step: int) -> None:
         self.step = step
         self.edges = np.append(np.arange(0, len(x), step, dtype=np.intp), len(x))
-        self.x, self.y, measured, scale = tame(x, y, step)
-        self.noise = block_noise(self.x, self.y, step, measured, scale)
+        self.samples = Samples(x, y)
+        sums, self.noise = tame(self.samples, step)
+        number = blocks.sizes(len(x), step)
         noise_xx, noise_xy, noise_yy = self.noise
         self._weight = 1.0 / across(noise_xx, noise_xy, noise_yy, MIDDLE_SLOPE)
-        number = blocks.sizes(len(x), step)
         #: Sums over all blocks before each, shape (10, blocks + 1).
         self.total = np.zeros((ROWS, len(self.edges)))
-        for sums, total in zip((number, *measured[blocks.POWERS], *self.noise), self.total, strict=False):
-            np.multiply(self._weight, sums, out=total[1:])
+        for row, total in zip((number, *sums, *self.noise), self.total, strict=False):
+            np.multiply(self._weight, row, out=total[1:])
         self.total[NOISE_XX : NOISE_YY + 1, 1:] *= number
         np.cumsum(self.total, axis=1, out=self.total)
         self.total[-1] = self.edges
@@ -61,10 +62,9 @@ class Moments:
         total = self.total[:, block]
         if rest.any():
             cut = np.flatnonzero(rest)
-            place = block[cut, None] * self.step + np.arange(self.step - 1)
-            place, counted = np.minimum(place, len(self.x) - 1), np.arange(self.step - 1) < rest[cut, None]
-            x, y = ((values[place] * counted)[:, None] for values in (self.x, self.y))
-            total[:, cut] += self._sums(block[cut], x, y, rest[cut, None])[:, :, 0]
+            counted = np.arange(self.step) < rest[cut, None]
+            x, y = (self.samples.blocks(block[cut], self.step) * counted)[:, None]
+            total[:, cut] += self._sums(block[cut], x, y, rest[None, cut])[:, 0]
         return np.asarray(total)
 
     def finer(self, block: Index) -> tuple[Index, Array]:
@@ -80,32 +80,31 @@ class Moments:
         bounds : ndarray of int, shape (k, step / FINE)
         sums : ndarray, shape (10, k, step / FINE)
         """
-        place = block[:, None] * self.step + np.arange(self.step - FINE)
-        place = np.minimum(place, len(self.x) - 1)
-        shape = len(block), self.step // FINE - 1, FINE
-        x, y = (values[place].reshape(shape) for values in (self.x, self.y))
-        rows = np.empty((ROWS, len(block), self.step // FINE))
-        rows[:, :, 0] = self.total[:, block]
-        rows[:, :, 1:] = self._sums(block, x, y, np.full((1, 1), FINE))
-        np.cumsum(rows, axis=2, out=rows)
-        return block[:, None] * self.step + np.arange(0, self.step, FINE), rows
+        parts = self.samples.blocks(block, self.step).reshape(2, len(block), self.step // FINE, FINE)
+        x, y = parts[:, :, :-1].transpose(0, 2, 1, 3)
+        rows = np.empty((ROWS, self.step // FINE, len(block)))
+        rows[:, 0] = self.total[:, block]
+        rows[:, 1:] = self._sums(block, x, y, np.full((1, 1), FINE))
+        for place in range(1, rows.shape[1]):
+            rows[:, place] += rows[:, place - 1]
+        return block[:, None] * self.step + np.arange(0, self.step, FINE), rows.swapaxes(1, 2)
 
     def _sums(self, block: Index, x: Array, y: Array, number: Index) -> Array:
-        """Return the weighted moments of parts of blocks, shape (10, k, m).
+        """Return the weighted moments of parts of blocks, shape (10, m, k).
 
         Parameters
         ----------
         block : ndarray of int, shape (k,)
-        x, y : ndarray, shape (k, m, s)
-        number : ndarray of int, shape (k, m)
+        x, y : ndarray, shape (m, k, s)
+        number : ndarray of int, shape (m, k)
             Samples that are more than zeros.
         """
         rows = np.empty((ROWS, *x.shape[:2]))
         rows[W] = number
         for row, factors in zip(rows[X : YY + 1], ((x,), (y,), (x, x), (x, y), (y, y)), strict=True):
-            np.einsum("kms->km" if len(factors) == 1 else "kms,kms->km", *factors, out=row)
-        np.multiply(number, self.noise[:, block, None], out=rows[NOISE_XX : NOISE_YY + 1])
-        rows[:N] *= self._weight[block, None]
+            np.einsum("mks->mk" if len(factors) == 1 else "mks,mks->mk", *factors, out=row)
+        np.multiply(number, self.noise[:, None, block], out=rows[NOISE_XX : NOISE_YY + 1])
+        rows[:N] *= self._weight[block]
         rows[N] = number
         return rows
 
@@ -131,9 +130,8 @@ class Moments:
     def _rows(self, begin: Index, count: int) -> Array:
         """Return the weighted moments of single samples, shape (10, k, count), zero after the last."""
         place = begin[:, None] + np.arange(count)
-        inside = place < len(self.x)
-        place = np.minimum(place, len(self.x) - 1)
-        x, y, block = self.x[place], self.y[place], place // self.step
+        inside = place < len(self.samples)
+        (x, y), block = self.samples.at(place), np.minimum(place // self.step, len(self._weight) - 1)
         weight = np.where(inside, self._weight[block], 0.0)
         rows = np.empty((ROWS, *place.shape))
         rows[0] = weight

@@ -15,19 +15,22 @@ from terrain_cli.segmentation import blocks
 from terrain_cli.segmentation.lines import LARGEST_SLOPE, SMALLEST_SLOPE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
+
+    from terrain_cli.segmentation.samples import Samples
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
+    Parts = Sequence[tuple[int, int]]
 
-#: Samples on either side from which the noise of a sample is learnt.
-REACH = 64
 #: No channel is known better than this share of its value.
 FLOOR = 2e-3
-#: A difference larger than this many mean differences is a step or a wild value, not noise.
-WILD = 3.0
-#: A sample further from its neighbours than this many mean steps is not the soil's doing.
-OUTLIER = 4.7
+#: No level of x or y is below this share of the usual one: noise is a share of it.
+LEVEL_FLOOR = 1e-9
+#: Series of so many samples are shared among threads.
+_SHARED, _THREADS = 1 << 19, 2
 #: Correlation of x and y that noise may have. Equal relative errors of W, T, z and i leave next to
 #: none (below 0.1 on all soils tried); more is a load that varies from sample to sample.
 NOISE_CORRELATION = 0.15
@@ -35,136 +38,130 @@ NOISE_CORRELATION = 0.15
 LARGEST_LAG = 30
 
 
-def tame(x: Array, y: Array, step: int) -> tuple[Array, Array, Array, float]:
+def tame(samples: Samples, step: int) -> tuple[Array, Array]:
     """Replace wild samples, one or two in a row, by the median of five around them.
 
     Parameters
     ----------
-    x, y : ndarray, shape (n,)
+    samples : Samples
+        Three or more; some are replaced.
     step : int
         Samples in a block.
 
     Returns
     -------
-    x, y : ndarray, shape (n,)
-    measured : ndarray, shape (14, blocks)
-        Of these, from `blocks.measure`.
-    scale : float
-        By which y was brought to the scale of x in it.
+    sums : ndarray, shape (5, blocks)
+        Of x, y, x², xy and y² over blocks.
+    noise : ndarray, shape (3, blocks)
+        Variance of x, covariance, variance of y, in Pa².
     """
-    n = len(x)
-    some = slice(None, None, 1 + n // 4096)
-    scale = float(np.abs(x[some]).sum() / (np.abs(y[some]).sum() or 1.0)) or 1.0
-    number = blocks.sizes(n, step)
-    number[0] -= 1
-    measured = np.empty((blocks.ROWS, len(number)))
-    stale, asked = list(blocks.slabs(n, step)), np.ones(len(number), dtype=bool)
+    n = len(samples)
+    sums, noise = np.empty((5, -(-n // step))), np.empty((3, -(-n // step)))
+    stale = list(blocks.slabs(n, step))
+    usual = np.abs(samples.at(np.arange(0, n, 1 + n // 4096))).mean(axis=1)
+    usual[usual == 0.0] = 1.0
     # Where three of five are wild, some are seen only after others have been replaced.
     for _ in range(3):
-        blocks.measure(x, y, step, scale, stale, measured)
-        limit = OUTLIER * np.stack([_moving_mean(row, number, step) for row in measured[blocks.STEPS]])
-        suspected = (measured[blocks.LARGEST_STEPS] > limit).any(axis=0) & asked
-        place = _far(x, y, step, limit, np.flatnonzero(suspected))
-        middles = np.stack([_median_of_five(values, place) for values in (x, y)])
-        wild = (np.abs(np.stack([x[place], y[place]]) - middles) > limit[:, place // step]).any(axis=0)
+        # No sample is further from its median than from one of its neighbours.
+        place, limit = _measure(samples, step, usual, stale, (sums, noise))
+        middles = _median_of_five(samples, place)
+        wild = (np.abs(samples.at(place) - middles) > limit).any(axis=0)
         if not wild.any():
-            return x, y, measured, scale
-        if asked.all():
-            x, y = x.copy(), y.copy()
-        place = place[wild]
-        x[place], y[place] = middles[:, wild]
-        stale = list(blocks.about(place, n, step))
-        asked = np.zeros(len(number), dtype=bool)
-        for first, last in stale:
-            asked[max(first - 2 * REACH, 0) // step : (last + 2 * REACH) // step] = True
-    blocks.measure(x, y, step, scale, stale, measured)
-    return x, y, measured, scale
+            return sums, noise
+        samples.replace(place[wild], middles[:, wild])
+        stale = list(blocks.about(place[wild], n, step))
+    _measure(samples, step, usual, stale, (sums, noise))
+    return sums, noise
 
 
-def _far(x: Array, y: Array, step: int, limit: Array, block: Index) -> Index:
-    """Return which samples of some blocks are far from a neighbour: none is further from its median."""
+def _measure(
+    samples: Samples, step: int, usual: Array, parts: Parts, out: tuple[Array, Array]
+) -> tuple[Index, Array]:
+    """Fill in sums and noise of the blocks of these parts.
+
+    Returns which of their samples may be wild, and the limits of x and y there.
+    """
+    if sum(last - first for first, last in parts) < _SHARED:
+        found = _measure_alone(samples, step, usual, parts, out)
+    else:
+        from concurrent.futures import ThreadPoolExecutor
+
+        # Most of the time is NumPy's, which lets the other thread work.
+        with ThreadPoolExecutor(_THREADS) as pool:
+            shares = [parts[k::_THREADS] for k in range(_THREADS)]
+            work = pool.map(lambda share: _measure_alone(samples, step, usual, share, out), shares)
+            found = [part for share in work for part in share]
+    places, limits = zip(*found, strict=True)
+    return np.concatenate(places), np.concatenate(limits, axis=1)
+
+
+def _measure_alone(
+    samples: Samples, step: int, usual: Array, parts: Parts, out: tuple[Array, Array]
+) -> list[tuple[Index, Array]]:
+    """Measure part by part, in the same piece of memory."""
+    spans = [blocks.around(first, last, len(samples), step) for first, last in parts]
+    room = np.empty((6, -(-max(end - begin for begin, end in spans) // step) * step))
     found = []
-    for some in blocks.together(block, step):
-        far = np.zeros((len(some), step), dtype=bool)
-        for values, most in zip((x, y), limit[:, some, None], strict=True):
-            rises = np.abs(blocks.differences(values, some, step)[0]) > most
-            far |= rises[:, 1:] | rises[:, :-1]
-        row, column = np.nonzero(far)
-        found.append(some[row] * step + column)
-    return np.concatenate(found)
+    for (first, last), (begin, end) in zip(parts, spans, strict=True):
+        x, y = samples.between(begin, end)
+        rows, place, limit = blocks.summed(x, y, step, usual[0] / usual[1], room)
+        noise = block_noise(rows, blocks.sizes(end - begin, step), step, LEVEL_FLOOR * usual)
+        inner = slice((first - begin) // step, -(-(last - begin) // step))
+        for whole, part in zip(out, (rows[blocks.POWERS], noise), strict=True):
+            whole[:, first // step : -(-last // step)] = part[:, inner]
+        place += begin
+        own = (place >= first) & (place < last)
+        found.append((place[own], limit[:, own]))
+    return found
 
 
-def block_noise(x: Array, y: Array, step: int, measured: Array, scale: float) -> Array:
+def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:
     """Estimate the covariance of the noise of (x, y), block by block.
 
-    From second differences, in which a drift of the load cancels, averaged over `REACH` samples on
-    either side. A load that varies from sample to sample moves (x, y) along the soil's line and
-    would pass for noise: it shows as a correlation that noise has not, and is taken out.
+    From second differences, in which a drift of the load cancels, averaged over `blocks.REACH`
+    samples on either side. A load that varies from sample to sample moves (x, y) along the soil's
+    line and would pass for noise: it shows as a correlation that noise has not, and is taken out.
 
     Parameters
     ----------
-    x, y : ndarray, shape (n,)
-        In Pa, n ≥ 3.
+    rows : ndarray, shape (8, blocks)
+        From `blocks.summed`, of 3 samples or more.
+    number : ndarray of int, shape (blocks,)
+        Samples of each block.
     step : int
         Samples in a block.
-    measured : ndarray, shape (14, blocks)
-        Of these samples, from `blocks.measure`.
-    scale : float
-        That of y in it.
+    least : ndarray, shape (2,)
+        Below this no level of x and y is believed, in Pa.
 
     Returns
     -------
     ndarray, shape (3, blocks)
         Variance of x, covariance, variance of y, in Pa².
     """
-    number = blocks.sizes(len(x), step)
-    level = np.sqrt([_moving_mean(measured[row], number, step) for row in (blocks.POWER_X, blocks.POWER_Y)])
-    level = np.maximum(level, np.where(level.any(axis=1), 1e-9 * level.max(axis=1), 1.0)[:, None])
-    # The two ends have no second difference; the sums below are over the others.
+    squares = blocks.moving_mean(rows[[blocks.POWER_X, blocks.POWER_Y]], number, step)
+    xx, yy = np.maximum(squares, least[:, None] ** 2)
+    # Relative to the levels of x and y.
+    units = np.stack([xx, np.sqrt(xx * yy), yy])
+    # The two ends have no second difference; the sums are over the others.
+    number = number.copy()
     number[0] -= 1
     number[-1] -= 1
-    limit = WILD * _moving_mean(measured[blocks.SIZE], number, step)
-    sums = measured[blocks.SECONDS] - _excess(x, y, step, scale, limit, measured[blocks.LARGEST_SIZE])
     # Second differences of white noise have six times its variance.
-    level_x, level_y = level
-    xx, xy, yy = (
-        _moving_mean(total / (6.0 * unit), number, step)
-        for total, unit in zip(sums, (level_x**2, level_x * level_y, level_y**2), strict=True)
+    noise_xx, noise_xy, noise_yy = found = blocks.moving_mean(
+        rows[blocks.SECONDS] / (6.0 * units), number, step
     )
-    xx, yy = xx + FLOOR**2, yy + FLOOR**2
-    slope, variance = _load_variation(xx, xy, yy, level_x / level_y)
-    return np.stack(
-        [
-            (xx - variance) * level_x**2,
-            (xy - variance * slope) * level_x * level_y,
-            (yy - variance * slope**2) * level_y**2,
-        ]
-    )
+    noise_xx += FLOOR**2
+    noise_yy += FLOOR**2
+    slope, variance = _load_variation(noise_xx, noise_xy, noise_yy, np.sqrt(xx / yy))
+    found -= [variance, variance * slope, variance * slope**2]
+    found *= units
+    return found
 
 
-def _excess(x: Array, y: Array, step: int, scale: float, limit: Array, largest: Array) -> Array:
-    """Return by how much second differences beyond the limit raise the sums of their products."""
-    excess = np.zeros((3, len(limit)))
-    for some in blocks.together(np.flatnonzero(largest > limit), step):
-        dx, dy = (blocks.differences(values, some, step)[1] for values in (x, y))
-        size = np.abs(dy)
-        size *= scale
-        size += np.abs(dx)
-        row, column = np.nonzero(size > limit[some, None])
-        place = some[row] * step + column
-        inner = (place > 0) & (place < len(x) - 1)
-        row, column = row[inner], column[inner]
-        dx, dy, size = dx[row, column], dy[row, column], size[row, column]
-        beyond = 1.0 - (limit[some[row]] / size) ** 2
-        for total, product in zip(excess, (dx * dx, dx * dy, dy * dy), strict=True):
-            total[some] = np.bincount(row, beyond * product, len(some))
-    return excess
-
-
-def _median_of_five(values: Array, place: Index) -> Array:
+def _median_of_five(samples: Samples, place: Index) -> Array:
     """Return the median of each sample and two on either side; beyond an end the samples are mirrored."""
-    end = len(values) - 1
-    a, b, c, d, e = (values[end - np.abs(end - np.abs(place + away))] for away in range(-2, 3))
+    end = len(samples) - 1
+    a, b, c, d, e = (samples.at(end - np.abs(end - np.abs(place + away))) for away in range(-2, 3))
     low = np.maximum(np.minimum(a, b), np.minimum(d, e))
     high = np.minimum(np.maximum(a, b), np.maximum(d, e))
     return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c)))
@@ -178,19 +175,6 @@ def _load_variation(xx: Array, xy: Array, yy: Array, ratio: Array) -> tuple[Arra
     axis = (yy - xx + np.sqrt((yy - xx) ** 2 + divisor**2)) / divisor
     slope = np.clip(axis, SMALLEST_SLOPE * ratio, LARGEST_SLOPE * ratio)
     return slope, np.minimum(excess / slope, 0.9 * np.minimum(xx, yy / slope**2))
-
-
-def _moving_mean(sums: Array, number: Index, step: int) -> Array:
-    """Return the mean over blocks up to `REACH` samples away, near the ends over as many of them."""
-    reach = max(1, round(REACH / step))
-    width = min(2 * reach + 1, len(sums))
-    total = np.concatenate([[0.0], np.cumsum(sums)])
-    count = np.concatenate([[0], np.cumsum(number)])
-    inner = (total[width:] - total[:-width]) / (count[width:] - count[:-width])
-    mean, first = np.empty(len(sums)), min(reach, len(sums) - width)
-    last = first + len(inner)
-    mean[:first], mean[first:last], mean[last:] = inner[0], inner, inner[-1]
-    return mean
 
 
 def correlation_factor(residuals: Array, starts: Index, fitted: int) -> float:

@@ -34,9 +34,13 @@ _RESTLESS = 0.2
 #: Rounds go on while they leave fewer than this share of the places.
 _THINNING = 0.7
 #: Windows whose costs are computed together: few enough to stay in the processor's cache.
-_TOGETHER = 4096
+_TOGETHER = 8192
+#: Chunks whose costs are computed together at least: they are copied side by side.
+_LEAST_TOGETHER = 16
 #: Searches from which the correlation of the noise is learnt, and their samples at least.
 _SURVEYED, _SURVEYED_SAMPLES = 32, 512
+#: Half as many searches in long blocks, where places lie so close that each takes longer.
+_SURVEYED_LONG = 16
 #: Least length of their windows: shorter ones would take the correlation for soil.
 _SURVEY_SAMPLES = 40
 
@@ -90,14 +94,15 @@ class _Chunks:
         self._places, self._index = places, index
         a, b = _windows(len(index) - 1)
         self._cost = np.full((len(a), index.shape[1]), np.inf)
-        together = max(1, _TOGETHER // len(a))
+        together = max(_LEAST_TOGETHER, _TOGETHER // len(a))
         for begin in range(0, index.shape[1], together):
             some = slice(begin, begin + together)
             allowed = _allowed(limits, places.samples[index[:, some]], places.samples[-1], a, b)
             kept = np.flatnonzero(allowed.any(axis=1))
             sums = places.sums[:, index[:, some]]
-            windows = (sums[:, b[kept]] - sums[:, a[kept]]).reshape(lines.ROWS, -1)
-            cost = lines.best_line(windows)[1].reshape(len(kept), -1)
+            windows = sums.take(b[kept], axis=1)
+            windows -= sums.take(a[kept], axis=1)
+            cost = lines.best_line(windows.reshape(lines.ROWS, -1))[1].reshape(len(kept), -1)
             self._cost[kept, some] = np.where(allowed[kept], cost, np.inf)
 
     def optimum(self, penalty: float) -> NDArray[np.bool_]:
@@ -191,14 +196,15 @@ def _promising(moments: Moments, penalty: float) -> _Places:
     """
     if moments.step < LONG:
         return _Places(moments.edges, moments.total)
-    groups = len(moments.x) // (moments.step * _CALM)
+    groups = len(moments.samples) // (moments.step * _CALM)
     restless = np.empty(groups, dtype=bool)
     together = max(1, _TOGETHER // _CALM)
     for first in range(0, groups, together):
         last = min(first + together, groups)
         total = moments.total[:, first * _CALM : last * _CALM + 1]
         ends = total[:, ::_CALM]
-        parts = total[: lines.YY, :-1].reshape(lines.YY, -1, _CALM)[:, :, 1:] - ends[: lines.YY, :-1, None]
+        parts = np.stack([total[: lines.YY, k:-1:_CALM] for k in range(1, _CALM)], axis=1)
+        parts -= ends[: lines.YY, None, :-1]
         restless[first:last] = _wanders(np.diff(ends, axis=1), parts, _RESTLESS * penalty)
     # The seams, what is left at the end, and all places of groups that are not calm.
     kept = np.ones(len(moments.edges), dtype=bool)
@@ -224,7 +230,7 @@ def _wanders(windows: Array, parts: Array, limit: float) -> NDArray[np.bool_]:
     ----------
     windows : ndarray, shape (10, k)
         Moments.
-    parts : ndarray, shape (5, k, m)
+    parts : ndarray, shape (5, m, k)
         Moments W to XY of the first samples of each, of more and more of them.
     limit : float
         Squared range of the sums of residuals, and of their products with x, in units of the
@@ -240,16 +246,15 @@ def _wanders(windows: Array, parts: Array, limit: float) -> NDArray[np.bool_]:
         x = windows[lines.X] / windows[lines.W]
         # Residuals y − t x − c, and their products with x − mean(x): all with both off their mean.
         level = (windows[lines.Y] - slope * windows[lines.X]) / windows[lines.W]
-        share = parts[lines.W] / windows[lines.W][:, None]
-        column = slope[:, None]
-        away = parts[lines.Y] - column * parts[lines.X] - level[:, None] * parts[lines.W]
-        tilt = parts[lines.XY] - column * parts[lines.XX] - level[:, None] * parts[lines.X]
-        tilt -= x[:, None] * away
+        share = parts[lines.W] / windows[lines.W]
+        away = parts[lines.Y] - slope * parts[lines.X] - level * parts[lines.W]
+        tilt = parts[lines.XY] - slope * parts[lines.XX] - level * parts[lines.X]
+        tilt -= x * away
         whole = windows[lines.XY] - slope * windows[lines.XX] - level * windows[lines.X]
-        tilt -= share * whole[:, None]
+        tilt -= share * whole
         calm = np.ones(len(slope), dtype=bool)
         for sums, weight in ((away, windows[lines.W]), (tilt, lines.scatter(windows)[0])):
-            spread = np.maximum(sums.max(axis=1), 0.0) - np.minimum(sums.min(axis=1), 0.0)
+            spread = np.maximum(sums.max(axis=0), 0.0) - np.minimum(sums.min(axis=0), 0.0)
             calm &= spread**2 <= limit * weight * variance
     return ~calm
 
@@ -285,8 +290,8 @@ def _surveyed(moments: Moments) -> tuple[_Places, Index]:
         index = _chunked(blocks + 1, size)
         return _Places(moments.edges, moments.total), index[:, :: -(-index.shape[1] // _SURVEYED)]
     size = _SURVEYED_SAMPLES // LONG
-    first = np.arange(0, len(moments.x) // LONG - size + 1, size)
-    first = first[:: -(-len(first) // _SURVEYED)]
+    first = np.arange(0, len(moments.samples) // LONG - size + 1, size)
+    first = first[:: -(-len(first) // _SURVEYED_LONG)]
     block = (first[:, None] + np.arange(size)).ravel()
     places = _finer(moments, np.setdiff1d(np.append(first + size, blocks), block), block)
     index = np.arange(_SURVEYED_SAMPLES // FINE + 1)[:, None]
@@ -301,5 +306,6 @@ def _residuals(moments: Moments, first: Index, last: Index) -> Array:
     variance = lines.noise_across(windows, slope) * windows[lines.N] / windows[lines.W]
     sizes = last - first
     row = np.arange(sizes.sum()) + np.repeat(last - np.cumsum(sizes), sizes)
-    away = moments.y[row] - np.repeat(slope, sizes) * moments.x[row] - np.repeat(intercept, sizes)
+    x, y = moments.samples.at(row)
+    away = y - np.repeat(slope, sizes) * x - np.repeat(intercept, sizes)
     return np.asarray(away / np.sqrt(np.repeat(variance, sizes)))

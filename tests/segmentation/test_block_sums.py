@@ -7,14 +7,16 @@ from hypothesis import strategies as st
 
 from terrain_cli.segmentation import blocks, noise
 from terrain_cli.segmentation.moments import FINE, Moments
+from terrain_cli.segmentation.samples import Samples
 
-SMALL_SLAB, SMALL_GAP = 24, 8
+SMALL_SLAB, SMALL_GAP, SMALL_REACH = 24, 8, 6
 
 
 @pytest.fixture(autouse=True)
 def _small_slabs(monkeypatch):
     monkeypatch.setattr(blocks, "_SLAB", SMALL_SLAB)
     monkeypatch.setattr(blocks, "_GAP", SMALL_GAP)
+    monkeypatch.setattr(blocks, "REACH", SMALL_REACH)
 
 
 @st.composite
@@ -29,73 +31,116 @@ def series(draw, shortest=3):
     return x, y, step
 
 
-def measured(x, y, step, scale=2.0):
-    out = np.full((blocks.ROWS, -(-len(x) // step)), np.nan)
-    blocks.measure(x, y, step, scale, blocks.slabs(len(x), step), out)
-    return out
+def summed(x, y, step, scale=2.0):
+    return blocks.summed(x, y, step, scale, np.full((6, len(x) + step), np.nan))
+
+
+def steps_by_hand(x, y):
+    """Return the steps to the samples, and their second differences."""
+    rises = [np.abs(np.diff(values, prepend=values[0])) for values in (x, y)]
+    seconds = [np.concatenate([[0.0], np.diff(values, 2), [0.0]]) for values in (x, y)]
+    return rises, seconds
+
+
+def mean_by_hand(values, step):
+    """Return the mean around each sample, and of at least as many blocks near the ends."""
+    blocks_of = np.arange(len(values)) // step
+    near, last = max(1, round(blocks.REACH / step)), blocks_of[-1]
+    first = np.clip(blocks_of - near, 0, max(last - 2 * near, 0))
+    chosen = [values[(blocks_of >= f) & (blocks_of <= f + 2 * near)] for f in first]
+    # There is no step to the first sample.
+    return np.array([some.sum() / (len(some) - (f == 0)) for f, some in zip(first, chosen, strict=True)])
 
 
 def by_hand(x, y, step, scale=2.0):
     n = len(x)
     rows = np.zeros((blocks.ROWS, -(-n // step)))
+    _, (dx, dy) = steps_by_hand(x, y)
+    size = np.abs(dx) + scale * np.abs(dy)
+    limit = blocks.WILD * mean_by_hand(size, step)
     for i in range(n):
         block = i // step
         rows[blocks.POWERS, block] += x[i], y[i], x[i] ** 2, x[i] * y[i], y[i] ** 2
-        for k, values in enumerate((x, y)):
-            to = abs(values[i] - values[i - 1]) if i else 0.0
-            behind = abs(values[i + 1] - values[i]) if i < n - 1 else 0.0
-            rows[blocks.STEPS, block][k] += to
-            rows[blocks.LARGEST_STEPS, block][k] = max(rows[blocks.LARGEST_STEPS, block][k], to, behind)
-        if 0 < i < n - 1:
-            dx, dy = (values[i - 1] - 2.0 * values[i] + values[i + 1] for values in (x, y))
-            size = abs(dx) + scale * abs(dy)
-            rows[blocks.SECONDS, block] += dx * dx, dx * dy, dy * dy
-            rows[blocks.SIZE, block] += size
-            rows[blocks.LARGEST_SIZE, block] = max(rows[blocks.LARGEST_SIZE, block], size)
+        kept = min(1.0, limit[i] / max(size[i], 1e-300)) ** 2
+        rows[blocks.SECONDS, block] += kept * dx[i] ** 2, kept * dx[i] * dy[i], kept * dy[i] ** 2
     return rows
 
 
 @settings(deadline=None)
 @given(series())
 def test_one_pass_is_plain_loops(case):
-    np.testing.assert_allclose(measured(*case), by_hand(*case), rtol=1e-12, atol=1e-6)
+    np.testing.assert_allclose(summed(*case)[0], by_hand(*case), rtol=1e-9, atol=1e-6)
 
 
 @settings(deadline=None)
-@given(series(), st.lists(st.integers(0, 119), min_size=1, max_size=5))
-def test_what_depends_on_changed_samples_is_measured_again(case, changed):
+@given(series())
+def test_what_is_far_from_a_neighbour_is_found(case):
     x, y, step = case
-    out = measured(x, y, step)
+    _, place, limit = summed(*case)
+    rises, _ = steps_by_hand(x, y)
+    expected = blocks.OUTLIER * np.stack([mean_by_hand(rise, step) for rise in rises])
+    np.testing.assert_allclose(limit, expected[:, place], rtol=1e-9)
+    either = [np.maximum(rise, np.append(rise[1:], 0.0)) for rise in rises]
+    assert set(np.flatnonzero((either > expected * (1.0 + 1e-9)).any(axis=0))) <= set(place)
+
+
+@settings(deadline=None)
+@given(series(shortest=60), st.lists(st.integers(0, 119), min_size=1, max_size=5))
+def test_what_depends_on_changed_samples_is_measured_again(case, changed):
+    """Part by part, as all at once, and with few samples around some again."""
+    x, y, step = np.tile(case[0], 12), np.tile(case[1], 12), case[2]
+    samples, usual = Samples(x, y), np.array([2.0, 1.0])
+    out = np.full((5, -(-len(x) // step)), np.nan), np.full((3, -(-len(x) // step)), np.nan)
+    noise._measure(samples, step, usual, list(blocks.slabs(len(x), step)), out)
     place = np.unique(np.array(changed) % len(x))
+    samples.replace(place, np.stack([x[place], y[place]]) + 500.0)
+    noise._measure(samples, step, usual, list(blocks.about(place, len(x), step)), out)
     x[place] += 500.0
-    blocks.measure(x, y, step, 2.0, blocks.about(place, len(x), step), out)
-    np.testing.assert_allclose(out, measured(x, y, step), rtol=1e-12, atol=1e-6)
+    y[place] += 500.0
+    rows = summed(x, y, step)[0]
+    np.testing.assert_allclose(out[0], rows[blocks.POWERS], rtol=1e-12)
+    expected = noise.block_noise(rows, blocks.sizes(len(x), step), step, np.full(2, 1e-9))
+    np.testing.assert_allclose(out[1], expected, rtol=1e-6, atol=1e-9 * expected.max())
 
 
-@given(series(), st.data())
-def test_differences_are_those_of_the_samples_of_a_block(case, data):
-    x, _, step = case
+def test_threads_share_what_is_long(monkeypatch):
+    rng = np.random.default_rng(2)
+    x, y = 1e4 + 100.0 * rng.standard_normal(5000), 5e3 + 80.0 * rng.standard_normal(5000)
+    x[::700] *= 3.0
+    alone = noise.tame(Samples(x, y), 4)
+    monkeypatch.setattr(noise, "_SHARED", 100)
+    np.testing.assert_array_equal(np.concatenate(noise.tame(Samples(x, y), 4)), np.concatenate(alone))
+
+
+@given(series(), st.lists(st.integers(0, 119), max_size=6), st.data())
+def test_few_samples_are_replaced_without_a_copy(case, changed, data):
+    x, y, step = case
     n = len(x)
-    some = np.array(sorted(data.draw(st.sets(st.integers(0, (n - 1) // step), min_size=1))))
-    rises, seconds = blocks.differences(x, some, step)
-    padded = np.concatenate([x[:1], x, np.full(2 * step, x[-1])])
-    for row, block in enumerate(some):
-        around = padded[block * step : (block + 1) * step + 2]
-        np.testing.assert_allclose(rises[row], np.diff(around))
-        np.testing.assert_allclose(seconds[row], np.diff(around, 2))
+    samples, new = Samples(x, y), np.stack([x, y])
+    before = new.copy()
+    for number in range(2):
+        place = np.array(changed, dtype=int) % n
+        new[:, place] += 1.0 + number
+        samples.replace(place, new[:, place])
+    np.testing.assert_array_equal((x, y), before)
+    place = np.array(data.draw(st.lists(st.integers(0, n + step), min_size=1)))
+    np.testing.assert_array_equal(samples.at(place), new[:, np.minimum(place, n - 1)])
+    block = np.array(data.draw(st.lists(st.integers(0, n // step), min_size=1)))
+    inside = np.minimum(block[:, None] * step + np.arange(step), n - 1)
+    np.testing.assert_array_equal(samples.blocks(block, step), new[:, inside])
+    first = data.draw(st.integers(0, n - 1))
+    last = data.draw(st.integers(first + 1, n))
+    np.testing.assert_array_equal(samples.between(first, last), new[:, first:last])
 
 
 def tame_by_hand(x, y, step):
     """Look at every sample, three times."""
     n = len(x)
-    number = blocks.sizes(n, step)
-    number[0] -= 1
     for _ in range(3):
         wild = np.zeros(n, dtype=bool)
         middles = []
-        for values in (x, y):
-            steps = measured(values, values, step)[blocks.STEPS][0]
-            limit = noise.OUTLIER * np.repeat(noise._moving_mean(steps, number, step), step)[:n]
+        for values, rise in zip((x, y), steps_by_hand(x, y)[0], strict=True):
+            limit = blocks.OUTLIER * mean_by_hand(rise, step)
             padded = np.pad(values, 2, mode="reflect")
             middles.append(np.median([padded[k : k + n] for k in range(5)], axis=0))
             wild |= np.abs(values - middles[-1]) > limit
@@ -108,25 +153,12 @@ def tame_by_hand(x, y, step):
 def test_no_wild_sample_is_overlooked(case):
     x, y, step = case
     before = x.copy(), y.copy()
-    found_x, found_y, out, scale = noise.tame(x, y, step)
-    np.testing.assert_array_equal((found_x, found_y), tame_by_hand(x, y, step))
+    samples = Samples(x, y)
+    sums, _ = noise.tame(samples, step)
+    found = samples.between(0, len(x))
+    np.testing.assert_array_equal(found, tame_by_hand(x, y, step))
     np.testing.assert_array_equal((x, y), before)
-    np.testing.assert_allclose(out, measured(found_x, found_y, step, scale), rtol=1e-12, atol=1e-6)
-
-
-@settings(deadline=None)
-@given(series())
-def test_the_excess_is_what_a_limit_takes_off(case):
-    x, y, step = case
-    out = measured(x, y, step)
-    limit = np.full(out.shape[1], 400.0)
-    expected = np.zeros((3, out.shape[1]))
-    for i in range(1, len(x) - 1):
-        dx, dy = (values[i - 1] - 2.0 * values[i] + values[i + 1] for values in (x, y))
-        beyond = 1.0 - min(1.0, 400.0 / max(abs(dx) + 2.0 * abs(dy), 1e-300)) ** 2
-        expected[:, i // step] += beyond * dx * dx, beyond * dx * dy, beyond * dy * dy
-    excess = noise._excess(x, y, step, 2.0, limit, out[blocks.LARGEST_SIZE])
-    np.testing.assert_allclose(excess, expected, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(sums, summed(*found, step)[0][blocks.POWERS], rtol=1e-12)
 
 
 @settings(deadline=None)

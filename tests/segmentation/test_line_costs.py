@@ -27,7 +27,7 @@ def weighted(moments, first, last):
     """Return weights, x, y and covariances of the noise of the samples of a window."""
     block = np.arange(first, last) // moments.step
     noise = moments.noise[:, block]
-    return 1.0 / lines.across(*noise, lines.MIDDLE_SLOPE), moments.x[first:last], moments.y[first:last], noise
+    return 1.0 / lines.across(*noise, lines.MIDDLE_SLOPE), *moments.samples.between(first, last), noise
 
 
 @given(PLACES, PLACES, st.integers(1, 32))
