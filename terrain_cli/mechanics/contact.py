@@ -118,20 +118,29 @@ class _Rim:
         np.multiply(0.5 * u, front, out=half[0])
         np.subtract(0.5 * (one - two), 0.5 * u * rear, out=half[1])
         sine = np.sin(half)
-        cosine = np.sqrt(1.0 - sine * sine)
+        square = sine * sine
+        mixed = np.sqrt(1.0 - square)
+        mixed *= sine
         s1, c1 = np.sin(one), np.cos(one)
         # cos θ − cos θ1 and sin θ1 − sin θ.
-        rise = 2.0 * (s1 * cosine - c1 * sine) * sine
-        run = 2.0 * (c1 * cosine + s1 * sine) * sine
+        rise, run = 2.0 * s1 * mixed, 2.0 * c1 * mixed
+        rise -= 2.0 * c1 * square
+        run += 2.0 * s1 * square
         cos, sin = c1 + rise, s1 - run
 
         log_depth = np.log(r * rise[0])
-        sigma = contact.stiffness * np.exp(contact.sinkage_exponent * log_depth)
+        sigma = np.exp(contact.sinkage_exponent * log_depth)
+        sigma *= contact.stiffness
         advance = rolling(contact.slip)
-        travel = 2.0 * R * half - advance * r * run
-        fade = np.exp(-np.abs(travel) / k)
-        mobilised = np.copysign(1.0 - fade, travel)
-        strength = contact.cohesion + contact.tan_phi * sigma
+        travel = 2.0 * R * half
+        travel -= advance * r * run
+        fade = np.abs(travel)
+        fade *= -1.0 / k
+        np.exp(fade, out=fade)
+        mobilised = 1.0 - fade
+        np.copysign(mobilised, travel, out=mobilised)
+        strength = contact.tan_phi * sigma
+        strength += contact.cohesion
         tau = strength * mobilised
 
         weight = np.empty_like(half)
@@ -162,7 +171,10 @@ class _Rim:
     @cached_property
     def steep(self) -> Array:
         """How τ changes with j, weighted."""
-        return np.asarray(self.weight * (self.strength * self.fade / self.contact.shear_modulus))
+        steep = self.strength * self.fade
+        steep *= self.weight
+        steep /= self.contact.shear_modulus
+        return np.asarray(steep)
 
     @cached_property
     def bend(self) -> Array:

@@ -42,8 +42,9 @@ _MEASURED = frozenset({"slip", "load"})
 DEEPEST = 1.5
 #: Least values of what a law may have driven through zero.
 _LEAST = {"shear_modulus": 1e-6, "stiffness": 1.0, "sinkage_exponent": 0.05}
-#: Nodes of an arc at a time: they stay in the processor's cache.
-_BLOCK = 16_384
+#: Nodes of an arc at a time: they stay in the processor's cache, and arrays of both arcs in memory
+#: that is used again, as the operating system is asked for larger ones every time.
+_BLOCK = 8_000
 
 
 class WheelGeometry(NamedTuple):
