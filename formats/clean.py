@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from formats.streams import TextStream
 
 #: More bytes fall out of the processor's cache, fewer are not worth a thread's while.
-_PIECE_BYTES = 1 << 20
+_PIECE_BYTES = 1 << 21
 #: A line that is longer than this is no row of numbers; nearly all are shorter than that.
 _LONGEST_LINE, _USUAL_LINE = 1 << 18, 1 << 12
 _THREADS = 2
