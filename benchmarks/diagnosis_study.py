@@ -92,7 +92,7 @@ def main(arguments=None):
     folder = given.cache / ("tuning" if given.tuning else "scored")
     found, planned = {}, {}
     for section in given.section or diagnosis_drives.SECTIONS:
-        first = 1000 if given.tuning else diagnosis_drives.LATER.get(section, diagnosis_drives.FIRST)
+        first = 1000 if given.tuning else diagnosis_drives.FIRST
         wanted = [
             job
             for job in diagnosis_drives.jobs(section, given.number or numbers[section], first)

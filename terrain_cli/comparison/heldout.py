@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 PARTS = 4
 #: Farthest that a parameter moves when a block is left out, in widths of its prior.
 FARTHEST = 2.0
+#: Mean square of a change, in units of the noise, from which on it is looked at twice.
+_FAR = 0.05
 #: Samples differentiated at a time.
 _SLAB = 65_536
 
@@ -56,7 +58,8 @@ def predict(
     """Predict every sample by a fit of the other blocks.
 
     The fit without a block is one step of Gauss and Newton away from the fit of all: exactly so for
-    a model that is linear in its parameters. The prediction itself is the model's, not linearised.
+    a model that is linear in its parameters. The prediction is the model's at that place, or, where that
+    has left a curved valley of the fit, the linear one, which follows the valley (`nearer`).
 
     Parameters
     ----------
@@ -89,7 +92,58 @@ def predict(
         return found
 
     channels = wheel.channels if inputs is None else inputs
-    return prediction.values(wheel.model, wheel.geometry, channels, parameters, tuple(wheel.measured))
+    there = tuple(wheel.measured)
+    out = prediction.values(wheel.model, wheel.geometry, channels, parameters, there)
+    whole = (
+        wheel.predicted
+        if inputs is None
+        else prediction.values(wheel.model, wheel.geometry, channels, wheel.of_samples, there)
+    )
+    change = {name: np.nan_to_num((out[name] - whole[name]) / scale[name]) for name in there}
+    far = np.flatnonzero(_per_fold(change, fold)[fold] > _FAR)
+    if len(far):
+        some = {name: column[far] for name, column in channels.items()}
+        names = (*wheel.soil, *wheel.common)
+        tables = prediction.derivatives(
+            wheel.model, wheel.geometry, some, lambda rows: wheel.of_samples(far[rows]), names
+        )
+        here = wheel.of_samples(far)
+        unit = np.stack([here[n] if n in wheel.logarithmic else np.ones(len(far)) for n in names], axis=1)
+        step = moved[cell[far]] * unit
+        linear = {
+            name: np.nan_to_num(np.einsum("np,np->n", tables[name], step) / scale[name]) for name in there
+        }
+        chosen = nearer(linear, {name: column[far] for name, column in change.items()}, fold[far])
+        for name in there:
+            out[name][far[chosen]] = (whole[name][far] + linear[name] * scale[name])[chosen]
+    return out
+
+
+def nearer(linear: Mapping[str, Array], change: Mapping[str, Array], fold: Index) -> NDArray[np.bool_]:
+    """Tell for which samples a prediction linear in the parameters is the better one without their fold.
+
+    Where parameters make up for one another the fit lies in a valley, which is curved. A step along its
+    tangent leaves it, and the model predicts there what no fit of the other blocks would; the linear
+    prediction stays. So the one that changes less over a fold is taken.
+
+    Parameters
+    ----------
+    linear, change : mapping of str to ndarray, shape (n,)
+        Channel → change of the prediction, in units of the noise: linear, and the model's own.
+    fold : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    return (_per_fold(linear, fold) < _per_fold(change, fold))[fold]
+
+
+def _per_fold(change: Mapping[str, Array], fold: Index) -> Array:
+    """Return the mean square of a change over the samples and channels of each fold."""
+    squares = np.asarray(sum(column**2 for column in change.values()))
+    count = len(change) * np.bincount(fold)
+    return np.asarray(np.bincount(fold, squares) / np.maximum(count, 1))
 
 
 def _without(wheel: Wheel, fold: Index, scale: Mapping[str, float]) -> tuple[Index, Array]:
@@ -127,14 +181,30 @@ def _without(wheel: Wheel, fold: Index, scale: Mapping[str, float]) -> tuple[Ind
                 information[label] += slope[low:high].T @ slope[low:high]
                 score[label] += slope[low:high].T @ error[low:high]
     prior = np.diag([wheel.prior[name] ** -2.0 for name in (*wheel.soil, *wheel.common)])
-    moved = leave_out(information, score, pairs[0], pairs[1], prior, local)
-    return cell, moved
+    known = wheel.model.parameters
+    low, high = (
+        np.array([getattr(known[name], side) if name in known else end for name in wheel.common])
+        for side, end in (("lower", -np.inf), ("upper", np.inf))
+    )
+    # All samples have the same ones; of a positive one the logarithm moves, which no bounds end.
+    here = np.array([wheel.of_samples(slice(0, 1))[name][0] for name in wheel.common])
+    farthest = FARTHEST * np.array([wheel.prior[name] for name in wheel.common])
+    reach = (np.maximum(low - here, -farthest), np.minimum(high - here, farthest))
+    return cell, leave_out(information, score, pairs[0], pairs[1], prior, local, reach)
 
 
 def leave_out(
-    information: Array, score: Array, window: Index, fold: Index, prior: Array, local: int
+    information: Array,
+    score: Array,
+    window: Index,
+    fold: Index,
+    prior: Array,
+    local: int,
+    reach: tuple[Array, Array] | None = None,
 ) -> Array:
     """Return how the parameters of each cell move when its fold is left out.
+
+    A common parameter that would go beyond its bounds stops there, and the others make do with that.
 
     Parameters
     ----------
@@ -144,6 +214,8 @@ def leave_out(
     prior : ndarray, shape (size, size)
     local : int
         Parameters that each window has of its own: the first ones.
+    reach : tuple of ndarray, shape (size - local,), optional
+        How far the common ones may move, down and up.
 
     Returns
     -------
@@ -156,6 +228,9 @@ def leave_out(
     every = _reduce(whole, pull, prior, local)
     left, right = every.left.sum(axis=0) + prior[local:, local:], every.right.sum(axis=0)
     base = every.solve(left, right)
+    common = base[0, local:]
+    low, high = reach if reach is not None else (np.full_like(common, end) for end in (-np.inf, np.inf))
+    limits = (common + np.minimum(low, 0.0), common + np.maximum(high, 0.0))
     moved = np.zeros_like(score)
     order = np.argsort(fold, kind="stable")
     for cells in np.split(order, np.flatnonzero(np.diff(fold[order])) + 1):
@@ -164,6 +239,7 @@ def leave_out(
         without = rest.solve(
             left + (rest.left - every.left[touched]).sum(axis=0),
             right + (rest.right - every.right[touched]).sum(axis=0),
+            limits,
         )
         moved[cells] = without - base[touched]
     return moved
@@ -177,9 +253,16 @@ class _Reduced(NamedTuple):
     left: Array
     right: Array
 
-    def solve(self, left: Array, right: Array) -> Array:
+    def solve(self, left: Array, right: Array, limits: tuple[Array, Array] | None = None) -> Array:
         """Return the parameters of each window and the common ones behind them, shape (windows, size)."""
         common = np.linalg.solve(left, right) if len(right) else right
+        if limits is not None:
+            held = (common < limits[0]) | (common > limits[1])
+            if held.any():
+                common = np.clip(common, *limits)
+                free = ~held
+                rest = right[free] - left[np.ix_(free, held)] @ common[held]
+                common[free] = np.linalg.solve(left[np.ix_(free, free)], rest)
         return np.concatenate(
             [self.own - self.gain @ common, np.broadcast_to(common, (len(self.own), len(common)))], axis=1
         )

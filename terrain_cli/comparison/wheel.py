@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.comparison import drivers, noise, prediction, quiet, whitening
+from terrain_cli.comparison.expected import from_conditions
 from terrain_cli.comparison.neighbours import from_neighbours
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -502,7 +503,9 @@ class Wheel:
         return drivers.of_wheel(self.windows)
 
     def quiet(self, gap: int) -> dict[str, Array]:
-        """Return all channels of the usable samples, load, sinkage, slip and speeds without their own noise.
+        """Return all channels of the usable samples as effects may read them, without their own noise.
+
+        Load, sinkage, slip and speeds come from their neighbours, torque and pull from the conditions.
 
         Parameters
         ----------
@@ -513,14 +516,24 @@ class Wheel:
         -------
         dict of str to ndarray, shape (n,)
         """
+        channels = {**self.channels, **self._expected}
         if not self.ordered:
-            return dict(self.channels)
+            return channels
         reach = max(3, gap // 2)
         return {
             name: from_neighbours(column, self.group, gap=gap, reach=reach)
             if name in (*NOISY, *_WITH_SLIP)
             else column
-            for name, column in self.channels.items()
+            for name, column in channels.items()
+        }
+
+    @cached_property
+    def _expected(self) -> dict[str, Array]:
+        read = {*self.further, *(name for effect in self.model.effects for name in effect.reads)}
+        return {
+            name: from_conditions(self.channels[name], self.channels, self.window)
+            for name in ("torque", "drawbar_pull")
+            if name in read and name in self.channels
         }
 
     def smoothed(self, gap: int, rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:

@@ -273,9 +273,11 @@ class _State:
             family = tuple(one.id for one, _ in members)
             # A name that leaves something unexplained is not the whole story, and perhaps none of it.
             chance, left = leftover.follows(self.data, near[0][1], self.seed)
-            clear = chance >= LEVEL or left < _SMALL * taken
+            clear = (chance >= LEVEL and left < taken) or left < _SMALL * taken
             # Nor is it where a law that nobody thought of predicts better.
             clear = clear and not unknowns.beats(draft, near[0][1])
+            # Nor where it stands for something that nature does not have.
+            clear = clear and not refits.imitates(self.data, *near[0])
             earned = judged.earned and clear and self.data.blocks >= _FEWEST
         unknown, alone = unknowns.verdict(self.base, best, draft, family)
         verdict: Verdict = "unknown" if alone else ("effect" if earned else "family")
@@ -333,16 +335,19 @@ class _State:
         return min((len(gains) * _of_gain(gain) for gain in gains), default=1.0)
 
     def _credible_first(self, ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypothesis, Refit]]:
-        """Put an effect that ran to its bounds behind those that explain nearly as much within theirs."""
+        """Put an effect that ran to what cannot be behind those that explain nearly as much without."""
         if not ranked:
             return ranked
         least = _CREDIBLE * float((self.base.loss - ranked[0][1].loss).sum())
         good = [
             pair
             for pair in ranked
-            if not refits.at_bounds(*pair) and float((self.base.loss - pair[1].loss).sum()) >= least
+            if not self._incredible(*pair) and float((self.base.loss - pair[1].loss).sum()) >= least
         ]
         return good + [pair for pair in ranked if pair not in good]
+
+    def _incredible(self, one: Hypothesis, refit: Refit) -> bool:
+        return refits.at_bounds(one, refit) or refits.imitates(self.data, one, refit)
 
     def _silent(
         self,

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 #: Distance from a bound, in typical sizes, that is none.
 _NEAR = 0.01
+#: Standard errors beyond its null at which an effect is on the wrong side of it.
+_CERTAIN = 3.0
 #: Samples that tell the noise.
 _FEWEST = 30
 #: Multiples of its null at which the search for a parameter that only shapes an effect begins.
@@ -197,6 +199,35 @@ def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
     return False
 
 
+def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
+    """Tell whether an effect went, beyond doubt, to where nature has none: friction that drives, say.
+
+    Parameters
+    ----------
+    data : Ground
+    hypothesis : Hypothesis
+    one : Refit
+
+    Returns
+    -------
+    bool
+    """
+    own = (
+        {hypothesis.effect.qualified(p): p for p in hypothesis.effect.parameters} if hypothesis.effect else {}
+    )
+    sides = {name: p for name, p in own.items() if p.side}
+    for part, solution in zip(data.data, one.solutions, strict=True) if sides else ():
+        _, common = quiet.covariance(part, solution)
+        for column, unknown in enumerate(solution.unknowns.shared):
+            if unknown.name not in sides:
+                continue
+            parameter = sides[unknown.name]
+            away = (float(unknown.value(solution.common[column])) - parameter.null) * parameter.side
+            if away < -_CERTAIN * float(np.sqrt(common[column, column])):
+                return True
+    return False
+
+
 def weighed(data: Ground, one: Refit) -> Refit:
     """Weigh the held-out errors of a refit by another noise, without fitting again.
 
@@ -326,19 +357,34 @@ def _held_out(part: Data, solution: Solution, block: Index) -> tuple[Array, dict
     information, score = quiet.moments(solution.design, solution.residual, cell, pairs.shape[1])
     q, m = solution.t.shape[1], len(solution.common)
     prior = solution.spread * np.eye(q + m)
-    moved = np.clip(
-        heldout.leave_out(information, score, pairs[0], pairs[1], prior, q),
-        -heldout.FARTHEST,
-        heldout.FARTHEST,
-    )
     sought = solution.unknowns
+    low, high = (np.array([getattr(u, side) for u in sought.shared]) for side in ("lower", "upper"))
+    farthest = heldout.FARTHEST
+    reach = (np.maximum(low - solution.common, -farthest), np.minimum(high - solution.common, farthest))
+    moved = np.clip(
+        heldout.leave_out(information, score, pairs[0], pairs[1], prior, q, reach),
+        -farthest,
+        farthest,
+    )
     t = solution.t[part.window] + moved[cell][:, :q]
     common = solution.common[None] + moved[cell][:, q:]
+    common = np.clip(common, low, high)
     low, high = (np.array([getattr(u, side) for u in sought.local]) for side in ("lower", "upper"))
     t = np.clip(t, low, high)
-    low, high = (np.array([getattr(u, side) for u in sought.shared]) for side in ("lower", "upper"))
-    common = np.clip(common, low, high)
     found, _ = quiet.forecast(
         solution.model, part, quiet.parameters(sought, t, common, part.window), order=quiet.ORDER
     )
-    return quiet.residual(part, found), found
+    errors = quiet.residual(part, found)
+    change = np.einsum("ncp,np->nc", solution.design, moved[cell])
+    names = part.white.channels
+    straight = heldout.nearer(
+        {name: change[:, column] for column, name in enumerate(names)},
+        {name: (solution.residual - errors)[:, column] for column, name in enumerate(names)},
+        fold,
+    )
+    straight &= np.isfinite(np.stack([found[name] for name in names], axis=1)).all(axis=1)
+    errors[straight] = (solution.residual - change)[straight]
+    for name, left in part.white.undone(errors, part.seen).items():
+        known = straight & np.isfinite(part.measured[name])
+        found[name][known] = (part.measured[name] - left)[known]
+    return errors, found

@@ -32,7 +32,7 @@ FEWEST_BLOCKS = 5
 #: Samples of all wheels that are scored, evenly thinned.
 MOST_SAMPLES = 6_000
 #: Share of its square that a signature keeps at least when the soil is fitted anew.
-_SURVIVING = 0.002
+_SURVIVING = 0.0002
 #: Standard errors that an effect three times its typical size stands out at least.
 _SHOWS = 2.0
 #: Width of the prior about the null, in typical sizes.

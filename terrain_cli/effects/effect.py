@@ -71,6 +71,9 @@ class Parameter:
         Channels without which it has no influence on anything measured.
     skids : bool
         It has none on a wheel that does not skid, either.
+    side : {-1, 0, 1}
+        Side of the null on which alone nature has it, 0 for both. A fit may go to the other one: there
+        it imitates something else.
     """
 
     name: str
@@ -84,6 +87,7 @@ class Parameter:
     shape: bool = False
     needs: tuple[str, ...] = ()
     skids: bool = False
+    side: int = 0
 
     def idle(self, several: Sequence[Mapping[str, Any]]) -> str:
         """Say why nothing measured under some wheels depends on it; empty if something does.

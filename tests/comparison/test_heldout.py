@@ -3,9 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from known_misfits import Kind, windows_of
+from scipy.optimize import lsq_linear
 
 from terrain_cli.comparison import heldout, prediction
 from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.effects import catalogue
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.mechanics.model import Model
 
@@ -47,6 +49,51 @@ def test_leaving_out_is_solving_the_rest():
     for cell in range(12):
         expected = (solved(fold != fold[cell]) - every)[places(window[cell])]
         assert moved[cell] == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_common_parameter_stops_at_its_bound_and_the_others_make_do_with_that():
+    """Against the minimum of the same squares with that parameter held, by scipy."""
+    rng = np.random.default_rng(7)
+    local, size, cells = 2, 4, 5
+    design, error = rng.normal(size=(cells, 30, size)), rng.normal(size=(cells, 30))
+    information, score = np.einsum("cni,cnj->cij", design, design), np.einsum("cni,cn->ci", design, error)
+    window, fold, prior = np.zeros(cells, dtype=int), np.arange(cells), 0.1 * np.eye(size)
+    free = heldout.leave_out(information, score, window, fold, prior, local)
+    base = np.linalg.solve(information.sum(axis=0) + prior, score.sum(axis=0))
+    low = np.array([0.5 * free[:, local].min(), -np.inf])
+    assert (free[:, local] < low[0]).any()
+    moved = heldout.leave_out(
+        information, score, window, fold, prior, local, (low, np.array([np.inf, np.inf]))
+    )
+    for cell in range(cells):
+        kept = fold != cell
+        rows = np.concatenate([design[kept].reshape(-1, size), np.sqrt(prior)])
+        right = np.append(error[kept].ravel(), np.zeros(size))
+        bounds = (np.full(size, -np.inf), np.full(size, np.inf))
+        bounds[0][local] = base[local] + low[0]
+        expected = lsq_linear(rows, right, bounds).x - base
+        assert moved[cell] == pytest.approx(expected, abs=1e-6)
+
+
+def test_leaving_a_block_out_of_what_the_data_hardly_tell_costs_hardly_anything():
+    """The effect is not there, and the soil imitates it: no fit without a block would predict worse."""
+    windows = windows_of(3, Kind(), "none")
+    block = np.arange(len(windows.rows)) // 160
+    plain = Wheel(windows, Model(), SETTINGS)
+    scale = {name: level.deviation for name, level in plain.noise.items()}
+    for effect in ("crust", "shear-modulus", "post-peak-softening"):
+        wheel = Wheel(windows, Model(effects=(catalogue()[effect],)), SETTINGS)
+        out = heldout.predict(wheel, block, scale)
+        for name, measured in wheel.measured.items():
+            held = np.sqrt(np.nanmean((measured - out[name]) ** 2))
+            fitted = np.sqrt(np.nanmean(wheel.residuals[name] ** 2))
+            assert held < 1.1 * fitted, (effect, name)
+
+
+def test_along_a_curved_valley_the_linear_prediction_is_taken():
+    fold = np.repeat([0, 1], 50)
+    little, much = {"torque": np.full(100, 0.1)}, {"torque": np.where(fold == 0, 3.0, 0.05)}
+    np.testing.assert_array_equal(heldout.nearer(little, much, fold), fold == 0)
 
 
 def test_one_step_is_near_a_fit_without_the_block():

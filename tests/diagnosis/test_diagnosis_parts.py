@@ -55,6 +55,40 @@ def test_whitened_noise_has_variance_one_and_nothing_in_common():
     np.testing.assert_allclose(np.cov(found[:5000][:, [0, 2]].T), np.eye(2), atol=0.06)
 
 
+def test_whitening_can_be_undone():
+    rng = np.random.default_rng(3)
+    white = whitening.Whitening(("torque", "sinkage"), np.array([[2.0, 0.7], [0.7, 1.0]]))
+    known = rng.random((40, 2)) < 0.8
+    errors = dict(zip(white.channels, np.where(known, rng.normal(size=(40, 2)), 0.0).T, strict=True))
+    found = white.undone(white(errors, known), known)
+    for name, column in errors.items():
+        np.testing.assert_allclose(found[name], column, atol=1e-12)
+
+
+def test_a_pull_that_changes_with_the_soil_does_not_explain_itself():
+    """Load-transfer reads the measured pull: fed back, it explained soil that varies as no chance would."""
+    found = diagnose(windows_of(3_000_063, Kind(course="poor", noise="soil")), ModelFile())
+    assert not found.alarm.raised
+
+
+@pytest.mark.parametrize(("torque", "named"), [(0.4, "drivetrain-friction"), (-0.4, None)])
+def test_friction_that_drives_the_wheel_is_not_named(torque, named):
+    """A torque that is too low throughout looks like friction below nought: something else is at work."""
+    hidden = {"drivetrain-friction": {"Tc": torque}}
+    found = diagnose(windows_of(21, Kind(hidden)), ModelFile())
+    assert found.alarm.raised
+    assert found.effect == named
+
+
+def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out_all_the_same():
+    """Free angles of the largest stress leave a thousandth of a bias of the sinkage: enough."""
+    hidden = {**sized("max-stress-angle"), **sized("sinkage-bias")}
+    base = ModelFile(Model(effects=(effects.catalogue()["max-stress-angle"],)))
+    found = diagnose(windows_of(3_000_202, Kind(hidden)), base)
+    assert found.alarm.raised
+    assert found.family[0] == "sinkage-bias"
+
+
 def test_scores_are_those_of_a_least_squares_fit():
     rng = np.random.default_rng(1)
     n, soil, columns = 400, rng.normal(size=(400, 2, 3)), rng.normal(size=(400, 2, 4))

@@ -24,7 +24,14 @@ EFFECT = Effect(
     kind="sensor",
     parameters=(
         Parameter(
-            "J", "kg m^2", 0.0, 0.5, -10.0, 1000.0, "moment of inertia of wheel, gear and motor, at the wheel"
+            "J",
+            "kg m^2",
+            0.0,
+            0.5,
+            -10.0,
+            1000.0,
+            "moment of inertia of wheel, gear and motor, at the wheel",
+            side=1,
         ),
     ),
     laws={"torque": _torque},

@@ -50,7 +50,14 @@ EFFECT = Effect(
     kind="force",
     parameters=(
         Parameter(
-            "factor", "1", 0.0, 0.2, -0.5, 5.0, "share of the textbook resistance that acts; 1 is all of it"
+            "factor",
+            "1",
+            0.0,
+            0.2,
+            -0.5,
+            5.0,
+            "share of the textbook resistance that acts; 1 is all of it",
+            side=1,
         ),
     ),
     laws={"drawbar_pull": _pull},

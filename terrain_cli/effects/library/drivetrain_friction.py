@@ -22,7 +22,7 @@ EFFECT = Effect(
     title="Friction in the drivetrain",
     kind="sensor",
     parameters=(
-        Parameter("Tc", "N m", 0.0, 0.5, -50.0, 500.0, "dry friction"),
+        Parameter("Tc", "N m", 0.0, 0.5, -50.0, 500.0, "dry friction", side=1),
         Parameter(
             "Bv",
             "N m s/rad",

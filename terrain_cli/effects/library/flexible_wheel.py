@@ -33,7 +33,9 @@ EFFECT = Effect(
     title="The wheel flattens under load",
     kind="contact",
     parameters=(
-        Parameter("deflection", "1", 0.0, 0.05, -0.1, 0.4, "δ/r: how far the rim gives way, over the radius"),
+        Parameter(
+            "deflection", "1", 0.0, 0.05, -0.1, 0.4, "δ/r: how far the rim gives way, over the radius", side=1
+        ),
     ),
     laws={"slip": _slip, "radius": _radius, "torque": _torque},
     needs=("slip",),

@@ -23,7 +23,9 @@ EFFECT = Effect(
     title="Efficiency of the gear",
     kind="sensor",
     parameters=(
-        Parameter("eta", "1", 1.0, 0.2, 0.2, 1.1, "share of the measured torque that reaches the wheel"),
+        Parameter(
+            "eta", "1", 1.0, 0.2, 0.2, 1.1, "share of the measured torque that reaches the wheel", side=-1
+        ),
     ),
     laws={"torque": _torque},
     formula="T shown = T/η, or T η where the wheel drives the motor",

@@ -27,6 +27,7 @@ EFFECT = Effect(
             -0.5,
             2.0,
             "share of the grouser height by which the shear surface lies outside",
+            side=1,
         ),
     ),
     laws={"shear_radius": _radius},

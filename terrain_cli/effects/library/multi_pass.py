@@ -32,6 +32,7 @@ EFFECT = Effect(
             -0.6,
             10.0,
             "change of the stiffness by the first pass, as a share",
+            side=1,
         ),
         Parameter(
             "cohesion_gain", "1", 0.0, 0.3, -0.6, 10.0, "change of the cohesion by the first pass, as a share"

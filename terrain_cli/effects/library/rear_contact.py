@@ -20,7 +20,14 @@ EFFECT = Effect(
     kind="contact",
     parameters=(
         Parameter(
-            "c3", "1", 0.0, 0.2, -0.3, 1.2, "angle of contact behind the axle, as a share of the entry angle"
+            "c3",
+            "1",
+            0.0,
+            0.2,
+            -0.3,
+            1.2,
+            "angle of contact behind the axle, as a share of the entry angle",
+            side=1,
         ),
     ),
     laws={"exit_angle": _angle},
