@@ -181,9 +181,9 @@ def _without(wheel: Wheel, fold: Index, scale: Mapping[str, float]) -> tuple[Ind
                 information[label] += slope[low:high].T @ slope[low:high]
                 score[label] += slope[low:high].T @ error[low:high]
     prior = np.diag([wheel.prior[name] ** -2.0 for name in (*wheel.soil, *wheel.common)])
-    known = wheel.model.parameters
+    own = wheel.model.parameters
     low, high = (
-        np.array([getattr(known[name], side) if name in known else end for name in wheel.common])
+        np.array([getattr(own[name], side) if name in own else end for name in wheel.common])
         for side, end in (("lower", -np.inf), ("upper", np.inf))
     )
     # All samples have the same ones; of a positive one the logarithm moves, which no bounds end.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
@@ -60,7 +60,7 @@ class Whitening:
         -------
         ndarray, shape (n, c, ...)
         """
-        return self._by_root(np.stack([tables[name] for name in self.channels], axis=1), known, np.linalg.inv)
+        return self._by_root(np.stack([tables[name] for name in self.channels], axis=1), known, inverse=True)
 
     def undone(self, white: Array, known: NDArray[np.bool_]) -> dict[str, Array]:
         """Return residuals from what was whitened.
@@ -75,17 +75,18 @@ class Whitening:
         dict of str to ndarray, shape (n,)
             By channel; 0 where not known.
         """
-        found = self._by_root(white, known, lambda root: root)
+        found = self._by_root(white, known, inverse=False)
         return {name: found[:, column] for column, name in enumerate(self.channels)}
 
-    def _by_root(self, stacked: Array, known: NDArray[np.bool_], turned: Callable[[Array], Array]) -> Array:
-        """Multiply each sample by the root of the covariance of what is known of it, as it is turned."""
+    def _by_root(self, stacked: Array, known: NDArray[np.bool_], *, inverse: bool) -> Array:
+        """Multiply each sample by the root of the covariance of what is known of it, or by its inverse."""
         result = np.zeros_like(stacked)
         pattern = known @ (1 << np.arange(len(self.channels)))
         for code in np.unique(pattern[pattern > 0]):
             rows = np.flatnonzero(pattern == code)
             there = np.flatnonzero(known[rows[0]])
-            matrix = turned(np.linalg.cholesky(self.covariance[np.ix_(there, there)]))
+            root = np.linalg.cholesky(self.covariance[np.ix_(there, there)])
+            matrix = np.linalg.inv(root) if inverse else root
             result[np.ix_(rows, there)] = np.einsum("ab,nb...->na...", matrix, stacked[np.ix_(rows, there)])
         return result
 
