@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.comparison import drivers, noise, prediction, quiet, whitening
+from terrain_cli.comparison import drivers, inputs, least_squares, noise, prediction, quiet, whitening
 from terrain_cli.comparison.expected import from_conditions
 from terrain_cli.comparison.neighbours import from_neighbours
 from terrain_cli.estimation.wheel_fit import fit
@@ -31,29 +31,16 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-#: Channels whose noise reaches the predictions, in the order in which the fit takes them.
-NOISY = ("load", "sinkage", "slip")
 #: Drivers whose noise is that of the slip computed from them.
 _WITH_SLIP = ("velocity", "angular_velocity")
 #: Channels that a model without effects reads, explains or is compared with.
-_READ = (*NOISY, *_WITH_SLIP, "torque", "drawbar_pull")
+_READ = (*inputs.NOISY, *_WITH_SLIP, "torque", "drawbar_pull")
 #: Most samples to which one soil is fitted.
 _MOST_COMMON = 30_000
 #: Mean square of the residuals, in units of the noise, from which on a model misses something.
 _MISFIT = 1.5
 #: The same of one channel, from which on another fit is tried, and taken if it is less off.
 _NOTICED = 1.1
-#: Ways in which a channel is interpolated for a fit: samples left out beside each, and samples averaged.
-_WAYS = ((2, 3), (1, 2), (0, 1))
-#: Share by which a channel grows with the load, over the load's own: sinkage by 1 / (n + ½) of an ordinary
-#: soil, less on a hard layer, torque as friction does; and samples that tell.
-_ANSWERS, _ENOUGH = {"sinkage": 0.75, "torque": 1.0}, 30
-#: Most by which an interpolation is drawn out, as its neighbours flatten what changes fast.
-_MOST_SHARE = 1.5
-#: Times its noise that an interpolation may be off by.
-_FAITHFUL = 1.25
-#: Medians of what noise does by which load or slip may differ from their neighbours.
-_STEP = 6.0
 #: Share of the measurements for which a fit has no prediction that is too large.
 _MISSING = 0.02
 #: Differences of load or sinkage, as a multiple of their size, that are large.
@@ -171,7 +158,7 @@ class Wheel:
         # That fit can have gone astray in what is common too: none of its effects is where others begin.
         starts = product((t, None), (common, np.zeros_like(common)) if len(common) else (common,))
         first = (self.fit, dict(self.parameters))
-        self.take(quiet.search(self.model, self.sought, data, starts), data)
+        self.take(least_squares.search(self.model, self.sought, data, starts), data)
         if not astray and self._off(levels) >= before:
             self._forget()
             self.fit, self.parameters = first
@@ -210,7 +197,7 @@ class Wheel:
         return np.asarray((number - unknown.mean) / unknown.sd)
 
     def least_squares_data(self, white: Whitening | None = None) -> quiet.Data:
-        """Prepare a fit by `quiet.solve`.
+        """Prepare a fit by `least_squares.solve`.
 
         Parameters
         ----------
@@ -221,11 +208,11 @@ class Wheel:
         -------
         quiet.Data
         """
-        inputs, use = self.inputs()
+        known, use = inputs.of_wheel(self)
         blocks = max(len(self) // _LEAST_BLOCK, 1) if self.ordered else len(self)
         return quiet.Data(
             self.geometry,
-            inputs,
+            known,
             self.measured,
             use,
             white or self._noise_of_channels(),
@@ -247,108 +234,15 @@ class Wheel:
         ]
         return whitening.Whitening(found.channels, np.diag(np.square(known)))
 
-    def inputs(self) -> tuple[dict[str, Array], NDArray[np.bool_]]:
-        """Return the channels from which to predict without their noise, and the samples of use.
-
-        Returns
-        -------
-        channels : dict of str to ndarray, shape (n,)
-            Predicted from its own noisy sinkage a torque would be the less wrong the less a model makes
-            of sinkage: where the load tells the sinkage, that is left out.
-        use : ndarray of bool, shape (n,)
-            False where load or slip change too fast to be interpolated.
-        """
-        use = np.ones(len(self), dtype=bool)
-        channels = self.quiet(_WAYS[0][0])
-        if self.ordered:
-            for name in NOISY:
-                if name not in channels:
-                    continue
-                channels[name], known = self._interpolated(name)
-                use &= known | (name == "sinkage")
-        elif "load" in channels:
-            channels["load"] = self._calibrated("load", channels["load"])
-        if self.model.base == "wong-reece" and "load" in channels:
-            channels.pop("sinkage", None)
-        return channels, use
-
-    def _interpolated(self, name: str) -> tuple[Array, NDArray[np.bool_]]:
-        """Return a channel from its neighbours, as far apart as its changes allow, and where that is right.
-
-        Farther neighbours share less of the noise, nearer ones more of what changes; where even the
-        nearest do not tell, the channel is taken as it was measured.
-        """
-        measured = self.channels[name]
-        noise_of_it = float(np.sqrt(whitening.of_channels({name: measured}, self.group).covariance[0, 0]))
-        for gap, reach in _WAYS:
-            column = from_neighbours(measured, self.group, gap=gap, reach=reach)
-            off = np.abs(measured - column)
-            usual = float(np.nanmedian(off)) if np.isfinite(off).any() else 0.0
-            # Own noise and that of the neighbours, as medians of normal deviates.
-            if usual <= _FAITHFUL * 0.6745 * noise_of_it * np.sqrt(1.0 + 0.64 / reach):
-                size = float(np.nanmax(np.abs(measured)))
-                return self._calibrated(name, column), off <= max(_STEP * usual, 1e-9 * size)
-        return measured, np.ones(len(self), dtype=bool)
-
-    def _calibrated(self, name: str, column: Array) -> Array:
-        """Draw an interpolated channel to its mean by the share of noise that is left in it.
-
-        Of a load that does not vary, all that an interpolation shows is noise: taken for true, the soil
-        would be fitted to what it does not answer to (regression calibration, Carroll et al. 2006,
-        Measurement Error in Nonlinear Models, chapter 4).
-        """
-        measured = self.channels[name]
-        known = np.isfinite(column) & np.isfinite(measured)
-        power = float(np.var(column[known])) if known.any() else 0.0
-        if power == 0.0:
-            return column
-        middle = float(np.mean(column[known]))
-        if not self.ordered:
-            others = [other for other in ("slip", "load") if other != name]
-            off = measured - float(np.mean(measured[known]))
-            level = float(np.nan_to_num(noise.of_points(off, self.window, self._conditions(others))))
-            share = float(np.clip((np.var(measured[known]) - level**2) / power, 0.0, 1.0))
-            return np.asarray(middle + share * (column - middle))
-        # Neighbours share what is true of a sample, and none of its noise.
-        share = (
-            float(np.mean((column[known] - middle) * (measured[known] - np.mean(measured[known])))) / power
-        )
-        share = float(np.clip(share, 0.0, _MOST_SHARE))
-        if name == "load" and share > 0.0:
-            # Noise that lasts is shared too; but the wheel does not answer to it.
-            felt = self._felt() / (share**2 * power)
-            share *= felt if felt < 0.5 else 1.0
-        return np.asarray(middle + share * (column - middle))
-
-    def _felt(self) -> float:
-        """Return the variance of the load, in N², that sinkage or torque answers to: noise has no part."""
-        return max(self._answered(name, growth) for name, growth in _ANSWERS.items())
-
-    def _answered(self, name: str, growth: float) -> float:
-        if name not in self.channels or "slip" not in self.channels:
-            return 0.0
-        load, answer, slip = (self.channels[one] for one in ("load", name, "slip"))
-        known = np.isfinite(load) & np.isfinite(answer) & np.isfinite(slip)
-        if known.sum() < _ENOUGH:
-            return 0.0
-        steady = np.stack([np.ones(int(known.sum())), slip[known], slip[known] ** 2], axis=1)
-        own, other = (
-            column[known] - steady @ np.linalg.lstsq(steady, column[known], rcond=None)[0]
-            for column in (load, answer)
-        )
-        share = float(np.mean(own * other)) / max(abs(float(np.mean(answer[known]))), 1e-300)
-        felt = share * float(np.mean(load[known])) / growth
-        return float(np.clip(felt, 0.0, np.var(own)))
-
-    def take(self, solution: quiet.Solution, data: quiet.Data) -> None:
+    def take(self, solution: least_squares.Solution, data: quiet.Data) -> None:
         """Replace what was fitted.
 
         Parameters
         ----------
-        solution : quiet.Solution
+        solution : least_squares.Solution
         data : quiet.Data
         """
-        covariance, common = quiet.covariance(data, solution)
+        covariance, common = least_squares.covariance(data, solution)
         self._forget()
         fit = self.fit
         values, errors = dict(fit.values), dict(fit.errors)
@@ -473,13 +367,13 @@ class Wheel:
         """Noise of the residuals."""
         if self.ordered:
             return {name: noise.of_series(e, self.group) for name, e in self.residuals.items()}
-        table = self._conditions(("slip", "load") if "load" in self.channels else ("slip", "sinkage"))
+        table = self.conditions(("slip", "load") if "load" in self.channels else ("slip", "sinkage"))
         return {
             name: noise.NoiseLevel(noise.of_points(e, self.window, table), 0)
             for name, e in self.residuals.items()
         }
 
-    def _conditions(self, names: Sequence[str]) -> Array:
+    def conditions(self, names: Sequence[str]) -> Array:
         """Return under what conditions test points were run, each in the unit of a large difference."""
         columns = []
         for name in names:
@@ -522,7 +416,7 @@ class Wheel:
         reach = max(3, gap // 2)
         return {
             name: from_neighbours(column, self.group, gap=gap, reach=reach)
-            if name in (*NOISY, *_WITH_SLIP)
+            if name in (*inputs.NOISY, *_WITH_SLIP)
             else column
             for name, column in channels.items()
         }
@@ -561,5 +455,5 @@ class Wheel:
             )
             channels["sinkage"] = sunk["sinkage"]
         found = {name: driver.values[rows] for name, driver in self.drivers.items()}
-        found.update({name: channels[name] for name in (*NOISY, *_WITH_SLIP) if name in found})
+        found.update({name: channels[name] for name in (*inputs.NOISY, *_WITH_SLIP) if name in found})
         return channels, found

@@ -9,7 +9,7 @@ import numpy as np
 
 from terrain_cli import effects as catalogues
 from terrain_cli import fitting
-from terrain_cli.comparison import blocks, quiet, soils
+from terrain_cli.comparison import blocks, least_squares, soils
 from terrain_cli.comparison.compare import ENOUGH_RUNS, fit_wheels, of_fitted
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.wheel import Settings
@@ -459,7 +459,7 @@ def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
     names = [one.effect.qualified(p) for p in one.effect.parameters] if one.effect else list(one.priors)
     pairs: dict[str, list[tuple[float, float]]] = {}
     for part, solution in zip(data.data, refit.solutions, strict=True):
-        covariance, _ = quiet.covariance(part, solution)
+        covariance, _ = least_squares.covariance(part, solution)
         sought = solution.unknowns
         for column, unknown in enumerate((*sought.local, *sought.shared)):
             if unknown.name not in names:

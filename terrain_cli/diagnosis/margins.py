@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.quiet import Data, Solution
+    from terrain_cli.comparison.least_squares import Solution
+    from terrain_cli.comparison.quiet import Data
     from terrain_cli.diagnosis.parts import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
 

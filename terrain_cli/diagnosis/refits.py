@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import heldout, noise, quiet, whitening
+from terrain_cli.comparison import heldout, least_squares, noise, quiet, whitening
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
 if TYPE_CHECKING:
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.quiet import Data, Solution
+    from terrain_cli.comparison.least_squares import Solution
+    from terrain_cli.comparison.quiet import Data
     from terrain_cli.comparison.wheel import Wheel
     from terrain_cli.diagnosis.parts import Hypothesis
     from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
@@ -114,11 +115,11 @@ def ground(wheels: Sequence[Wheel], block: Sequence[Index], most: int, like: Gro
         some = np.arange(0, len(wheel), step)
         thin = quiet.thinned(data, some)
         t, common = wheel.beginning()
-        solution = quiet.search(wheel.model, wheel.sought, thin, ((t, common), (None, common)))
+        solution = least_squares.search(wheel.model, wheel.sought, thin, ((t, common), (None, common)))
         if white is None:
             data = replace(data, white=_noise(wheel, data, solution))
             thin = quiet.thinned(data, some)
-            solution = quiet.solve(wheel.model, wheel.sought, thin, solution.t, solution.common)
+            solution = least_squares.solve(wheel.model, wheel.sought, thin, solution.t, solution.common)
         rows.append(some)
         kept.append(block[index][some])
         datas.append(thin)
@@ -169,7 +170,7 @@ def with_noise_of(data: Ground, best: Refit) -> Ground:
         scatter = (axes * np.maximum(size, 1.0)) @ axes.T
         white = replace(part.white, covariance=root @ scatter @ root.T)
         parts.append(replace(part, white=white))
-        solutions.append(quiet.solve(wheel.model, base.unknowns, parts[-1], base.t, base.common))
+        solutions.append(least_squares.solve(wheel.model, base.unknowns, parts[-1], base.t, base.common))
     return replace(data, data=parts, base=solutions)
 
 
@@ -217,7 +218,7 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     )
     sides = {name: p for name, p in own.items() if p.side}
     for part, solution in zip(data.data, one.solutions, strict=True) if sides else ():
-        _, common = quiet.covariance(part, solution)
+        _, common = least_squares.covariance(part, solution)
         for column, unknown in enumerate(solution.unknowns.shared):
             if unknown.name not in sides:
                 continue
@@ -282,7 +283,7 @@ def refit(
             solution = base
         elif begun:
             one = begun[index]
-            solution = quiet.solve(hypothesis.model, one.unknowns, part, one.t, one.common)
+            solution = least_squares.solve(hypothesis.model, one.unknowns, part, one.t, one.common)
         else:
             solution = _solved(data, index, part, hypothesis)
         errors, out = _held_out(part, solution, data.block[index])
@@ -312,7 +313,7 @@ def _solved(data: Ground, index: int, part: Data, hypothesis: Hypothesis) -> Sol
         windows=part.windows,
     )
     t, common = _from(base, sought, part.windows)
-    return quiet.search(
+    return least_squares.search(
         hypothesis.model, sought, part, product((t, None), _beginnings(sought, common, hypothesis))
     )
 
@@ -354,7 +355,7 @@ def _held_out(part: Data, solution: Solution, block: Index) -> tuple[Array, dict
     fold = heldout.folds(part.window, block)
     pairs, cell = np.unique(np.stack([part.window, fold]), axis=1, return_inverse=True)
     cell = cell.ravel().astype(np.intp)
-    information, score = quiet.moments(solution.design, solution.residual, cell, pairs.shape[1])
+    information, score = least_squares.moments(solution.design, solution.residual, cell, pairs.shape[1])
     q, m = solution.t.shape[1], len(solution.common)
     prior = solution.spread * np.eye(q + m)
     sought = solution.unknowns

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.comparison import whitening
+from terrain_cli.comparison.inputs import NOISY
 from terrain_cli.comparison.prediction import derivatives
-from terrain_cli.comparison.wheel import NOISY
 from terrain_cli.errors import TerrainError
 from terrain_cli.mechanics.model import Model
 

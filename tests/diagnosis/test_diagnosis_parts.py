@@ -6,7 +6,7 @@ from hidden_drives import Kind, samples_of, sized, windows_of
 
 from formats import Labels
 from terrain_cli import effects
-from terrain_cli.comparison import quiet, whitening
+from terrain_cli.comparison import least_squares, quiet, whitening
 from terrain_cli.comparison.wheel import Settings, Wheel
 from terrain_cli.diagnosis import diagnose, drafts, joining, refits, scores
 from terrain_cli.diagnosis.parts import Hypothesis
@@ -132,8 +132,8 @@ def test_one_step_from_a_sinkage_gives_the_derivatives_of_the_root(wheel):
 
 def test_a_fit_to_quiet_channels_ends_at_a_minimum(wheel):
     data = wheel.least_squares_data()
-    solution = quiet.solve(wheel.model, wheel.sought, data, *wheel.beginning())
-    again = quiet.solve(wheel.model, wheel.sought, data, solution.t, solution.common)
+    solution = least_squares.solve(wheel.model, wheel.sought, data, *wheel.beginning())
+    again = least_squares.solve(wheel.model, wheel.sought, data, solution.t, solution.common)
     assert again.merit == pytest.approx(solution.merit, rel=1e-4)
     for column in range(solution.t.shape[1]):
         for sign in (-0.05, 0.05):
