@@ -300,6 +300,7 @@ def _account(
         "effects": [effect.id for effect in file.model.effects],
         "parameters": {name: _parameter(name, file, fit, held, because.get(name)) for name in names},
         "noise": _noise_account(windows, fit),
+        "missed": int(np.count_nonzero(fit.excess > 1.0)),
         "unsettled": int(np.count_nonzero(~fit.converged & (fit.n > 0))),
         "segments": [_segment(fit, j) for j in range(len(fit))],
     }
@@ -342,6 +343,7 @@ def _segment(fit: Fit, j: int) -> dict[str, Any]:
         for part, column in (("", fit.values.get(parameter)), ("_se", fit.errors.get(parameter))):
             known = column is not None and np.isfinite(column[j])
             entry[f"{key}{part}{unit}"] = float(column[j]) * scale if column is not None and known else None
+    entry["at_bound"] = [name for name, there in fit.bounded.items() if bool(there[j])]
     entry["not_fixed_by_data"] = [name for name in fit.names if bool(fit.undetermined[name][j])]
     ratio = fit.chi2[j] / fit.dof[j] if fit.dof[j] > 0.0 else np.nan
     entry["chi2_per_dof"] = float(ratio) if np.isfinite(ratio) else None

@@ -182,8 +182,26 @@ def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str
     if unnamed and len(table["wheel"]) > LISTED:
         lines.append(f"… and {len(table['wheel']) - LISTED} more segments")
     others = sorted({name for entry in summary["terrains"] for name in entry["status"]} - {"ok"})
-    lines += [f"{name}: {MEANINGS[name]}" for name in others]
+    lines += [f"{name}: {MEANINGS[name]}{_addition(name, table)}" for name in others]
     return "\n".join(lines)
+
+
+def _addition(name: str, table: Table) -> str:
+    """Say of the rows that are not separable whether their strength is known."""
+    if name != "not-separable":
+        return ""
+    rows = np.array([status == name for status in table["status"]], dtype=bool)
+    strength, error = (
+        np.asarray(table[column], dtype=float)[rows] for column in ("strength_kPa", "strength_se_kPa")
+    )
+    known = error <= _KNOWN * strength
+    if known.all():
+        return "; the strength at σ* holds"
+    return (
+        "; the strength at σ* holds where its error is small"
+        if known.any()
+        else "; nor does it tell the strength"
+    )
 
 
 def _model_text(model: dict[str, Any] | None) -> list[str]:
@@ -199,6 +217,11 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
         else:
             known = "" if entry["fixed_by_data"] else "; the data do not fix it"
             lines.append(f"    {name} = {entry['value']:.4g} ± {entry['se']:.2g}{unit}{known}")
+    if model.get("missed"):
+        lines.append(
+            f"    the model misses {model['missed']} segments by far more than noise, and little is learnt "
+            "from them: see terrain-est diagnose"
+        )
     if model["unsettled"]:
         lines.append(f"    the fit did not settle in {model['unsettled']} segments")
     return lines
@@ -253,10 +276,12 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
 #: Segments listed for a person at the most; the table has them all.
 LISTED = 40
 _ESTIMATES = ("c [kPa]", "φ [°]", "strength at σ* [kPa]")
+#: Error of a strength, as a share of it, up to which it is known.
+_KNOWN = 0.5
 MEANINGS = {
     "ill-conditioned": "c and φ depend on the penalty of the ridge; trust the strength",
-    "not-separable": "the drive does not tell c from φ: vary the load; the strength at σ* holds",
-    "out-of-range": "c is negative or φ beyond 60°: shown as it came out; the model may not fit",
+    "not-separable": "the drive does not tell c from φ: vary the load",
+    "out-of-range": "c is negative, or φ would not be within 0 to 60°: the model may not fit",
     "too-few-samples": "windows with fewer samples than --min-samples",
 }
 

@@ -95,7 +95,7 @@ def command(context: click.Context, /, **_: Any) -> None:
 
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
     input. Each row carries standard errors and a status; where c and φ cannot be told apart it
-    says not-separable, and the strength at the stress σ* still holds.
+    says not-separable, and the strength at the stress σ* holds as far as its error says.
     """
     import formats
     from terrain_cli import outputs

@@ -42,6 +42,9 @@ class Data:
     bounds : ndarray of int, shape (w + 1,)
     windows : ndarray of int, shape (w,)
         Which windows of the whole they are.
+    excess : ndarray, shape (w,)
+        By how much larger the variances of all noise are taken to be than the sensors' own: 1 unless
+        the model misses a window by more than noise.
     """
 
     channels: dict[str, Array]
@@ -51,6 +54,7 @@ class Data:
     seen: NDArray[np.bool_]
     bounds: Bounds
     windows: NDArray[np.intp]
+    excess: Array
 
     @property
     def count(self) -> NDArray[np.intp]:
@@ -81,6 +85,7 @@ class Data:
             self.seen[:, rows],
             np.concatenate([[0], np.cumsum(count)]),
             self.windows[windows],
+            self.excess[windows],
         )
 
     def rows_of(self, windows: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -219,6 +224,7 @@ def collect(
             seen[:, rows],
             np.searchsorted(rows, bounds).astype(np.intp),
             np.arange(len(bounds) - 1),
+            np.ones(len(bounds) - 1),
         ),
         rows,
     )

@@ -11,6 +11,7 @@ from terrain_cli.errors import UsageError
 from terrain_cli.estimation.correlation import student
 from terrain_cli.estimation.moments import segment_sum
 from terrain_cli.estimation.wheel_fit import start
+from terrain_cli.estimation.wheel_fit.astray import mend
 from terrain_cli.estimation.wheel_fit.data import BALANCE, collect
 from terrain_cli.estimation.wheel_fit.linearise import Problem
 from terrain_cli.estimation.wheel_fit.noise import CHANNELS, assumed, from_differences, inner
@@ -140,6 +141,7 @@ def fit(
         chi2=np.where(known, found.misfit, np.nan),
         dof=np.where(known, found.dof, np.nan),
         inflation=found.inflation,
+        excess=found.excess,
         residuals=residuals,
         prediction=prediction,
         rmse=rmse,
@@ -168,7 +170,8 @@ def _all(
     for group in groups or [np.arange(0)]:
         part = data if len(group) == len(data.windows) else data.only(group)
         state = _search(problem, part, order)
-        parts.append(posterior(problem, part, state, order=order, correlated=correlated))
+        found = posterior(problem, part, state, order=order, correlated=correlated)
+        parts.append(mend(problem, part, state, found, order=order, correlated=correlated))
         converged.append(state.converged)
     one = parts[0]
     together = {

@@ -35,12 +35,14 @@ if TYPE_CHECKING:
 
 #: Part of an output's size that its error has at least: keeps S positive where noise is said to be none.
 _LEAST = 1e-8
+#: Share of the load below which a force, or a torque over the radius, is next to none.
+_NOTHING = 1e-3
 #: Huber's estimator by the number of channels together: the radius, in standard deviations, within
 #: which the weight is 1, so that 5 % of the efficiency is lost on clean data, and the mean square of
 #: a weighted residual then.
 _RADIUS = np.array([np.inf, 1.345, 1.50, 1.63])
 _SQUARE = np.array([1.0, 0.7102, 0.6753, 0.6437])
-#: How far a true value may be from the measured one, in its standard deviations.
+#: How far a true value may be from the measured one, in standard deviations of the sensor.
 _FARTHEST = 8.0
 
 
@@ -160,7 +162,8 @@ class Equations:
         -------
         ndarray, shape (inputs, n)
         """
-        offset = np.clip(np.einsum("akn,an->kn", self.inward, self.residual), -_FARTHEST, _FARTHEST)
+        most = _FARTHEST / np.sqrt(np.repeat(data.excess, data.count))
+        offset = np.clip(np.einsum("akn,an->kn", self.inward, self.residual), -most, most)
         measured = np.array([data.channels[name] for name in data.inputs])
         moved = measured + self.spread * offset
         if "sinkage" in data.inputs:
@@ -225,8 +228,9 @@ def equations(
     chain = [np.repeat(u.slope(t[:, column]), count) for column, u in enumerate(sought.local)]
     chain += [u.slope(np.asarray(number)) for u, number in zip(sought.shared, common, strict=True)]
     names = [u.name for u in (*sought.local, *sought.shared)]
+    excess = np.repeat(data.excess, count)
     spread = np.sqrt(
-        [problem.noise.variance(name, row) for name, row in zip(data.inputs, latent, strict=True)]
+        [problem.noise.variance(name, row) * excess for name, row in zip(data.inputs, latent, strict=True)]
     )
     measured = np.array([data.channels[name] for name in data.inputs])
 
@@ -248,7 +252,9 @@ def equations(
             own[row] = (_LEAST * value(prediction.load)) ** 2
         else:
             own[row] = (
-                problem.noise.variance(name, predicted) + (_LEAST * predicted) ** 2 + np.finfo(float).tiny
+                problem.noise.variance(name, _large(problem, name, prediction, predicted)) * excess
+                + (_LEAST * predicted) ** 2
+                + np.finfo(float).tiny
             )
     # Where the model gives no number, at this guess, the sample has no say.
     told = data.seen & np.isfinite(own) & np.isfinite(table).all(axis=1)
@@ -264,6 +270,15 @@ def equations(
         limit = _RADIUS[data.seen.sum(axis=0)]
         weight = np.divide(limit, radius, out=weight, where=radius > limit)
     return Equations(residual, table[:, 1 : 1 + size], table[:, 1 + size :], spread, weight, factor, size_of)
+
+
+def _large(problem: Problem, name: str, prediction: Prediction, predicted: Array) -> Array:
+    """Keep forces and torques from nothing, where noise that is a share of them would weigh without end."""
+    if name not in {"torque", "drawbar_pull"} or prediction.load is None:
+        return predicted
+    lever = problem.wheel.radius if name == "torque" else 1.0
+    least = _NOTHING * lever * np.abs(value(prediction.load))
+    return np.asarray(np.maximum(np.abs(predicted), least))
 
 
 def _cholesky(inward: Array, own: Array) -> Array:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.estimation.moments import segment_sum
+from terrain_cli.estimation.wheel_fit.bounded import overshoot, truncate
 from terrain_cli.estimation.wheel_fit.data import BALANCE
 from terrain_cli.estimation.wheel_fit.linearise import Equations, equations, solve_lower
 from terrain_cli.estimation.wheel_fit.misfit import excess, memory
@@ -70,9 +71,14 @@ class Posterior:
         Standard deviations from information that noise cannot have made, under the priors as they
         are and under ones ten times as wide.
     misfit, dof : ndarray, shape (w,)
-        Weighted sum of squares of the whitened residuals, and their degrees of freedom.
+        Weighted sum of squares of the residuals in terms of the sensors' noise, and their degrees of
+        freedom.
     inflation : ndarray, shape (w,)
         How much larger the long-run variance of the residuals is than the noise says.
+    excess : ndarray, shape (w,)
+        As in `Data`.
+    at_bound : ndarray of bool, shape (w, p)
+        Which of a window's own unknowns the data would take beyond their bounds.
     """
 
     t: Array
@@ -85,6 +91,8 @@ class Posterior:
     misfit: Array
     dof: Array
     inflation: Array
+    excess: Array
+    at_bound: NDArray[np.bool_]
 
 
 def posterior(
@@ -113,6 +121,9 @@ def posterior(
     own, gain, shared = eliminate(at_mode, local)
     held = inverse(shared)
     move, move_shared = _to_mean(few, at_mode, own, gain, held)
+    # Where little is known the posterior is far from normal, and the way to its mean is not told.
+    missed = data.excess > 1.0
+    move[missed] = 0.0
 
     last = _Last(data, own, gain, held)
     t, common = _within(problem, state.t + move, state.common + move_shared)
@@ -128,11 +139,14 @@ def posterior(
     t = t + _bounded(step + move, own)
     common = common + _bounded((shift + move_shared)[None], held[None])[0]
     t, common = _within(problem, t, common)
+    beyond = overshoot(honest, problem.unknowns.local, t)
 
     scatter = excess(last.residual, data.seen, data.bounds, dof)[:, None, None]
     lasting, lasting_shared = np.ones((local, len(t))), np.ones((len(held), 1))
     if correlated:
         lasting, lasting_shared = last.memory()
+        # Their noise is that of their long run already.
+        lasting = np.where(missed, 1.0, lasting)
     inner = honest.information[:, :local, :local]
     more = _lengthen(scatter * inner, last.axes, lasting.T) - inner
     along = np.concatenate([gain, np.broadcast_to(np.eye(len(shared)), (len(gain), *shared.shape))], axis=1)
@@ -142,17 +156,21 @@ def posterior(
     )
     more_shared = _lengthen(larger, last.axes_shared, lasting_shared[:, 0]) - plain
     sure = replace(sure, information=sure.information / scatter)
+    t, covariance = truncate(t, own + own @ more @ own, beyond, problem.unknowns.local)
     return Posterior(
         t=t,
         common=common,
-        own=own + own @ more @ own,
+        own=covariance,
         shared=held + held @ more_shared @ held,
-        gain=gain,
+        # What is at its bound stays there.
+        gain=np.where(beyond[:, :, None] >= 0.0, 0.0, gain),
         sure=_width(sure, local, prior=1.0),
         wide=_width(sure, local, prior=_WIDE),
-        misfit=normal.misfit,
+        misfit=normal.misfit * data.excess,
         dof=dof,
-        inflation=scatter[:, 0, 0] * lasting.max(axis=0, initial=1.0),
+        inflation=data.excess * scatter[:, 0, 0] * lasting.max(axis=0, initial=1.0),
+        excess=data.excess.copy(),
+        at_bound=beyond >= 0.0,
     )
 
 

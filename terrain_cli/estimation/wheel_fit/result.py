@@ -57,6 +57,10 @@ class Fit:
         For each parameter sought, whether the data leave it open: had all priors been ten times as
         wide, its standard error would exceed that of its prior as it is; or it ran to its bound.
         A shared one is so in all windows or in none.
+    bounded : dict of str to ndarray of bool, shape (w,)
+        For each parameter of a window's own, whether the data would take it beyond what soils have: φ
+        beyond 0 to 60°, c below 0 by more than its error. Value and error are then those of the soils
+        that remain (a normal distribution cut off at the bound).
     phi_open : ndarray, shape (w,)
         Standard error of φ had there been no prior on it, rad, from what noise cannot have feigned.
     noise : Noise
@@ -68,6 +72,10 @@ class Fit:
     inflation : ndarray, shape (w,)
         By how much the errors' variances were raised, as residuals are larger than the noise or
         correlated in time. What may be chance is not counted.
+    excess : ndarray, shape (w,)
+        By how much larger the variances of the noise were taken to be than the sensors' own, as the
+        model misses a window by so much that otherwise its errors were larger than those of the
+        priors; 1 elsewhere.
     residuals, prediction : dict of str to ndarray, shape (n,)
         Of "load" (the load on the wheel less the one carried), "torque", "drawbar_pull" and
         "sinkage", where measured: measured less predicted, and predicted, from the measured
@@ -90,12 +98,14 @@ class Fit:
     strength: Array
     strength_se: Array
     undetermined: dict[str, NDArray[np.bool_]]
+    bounded: dict[str, NDArray[np.bool_]]
     phi_open: Array
     noise: Noise
     noise_from: Literal["given", "differences", "residuals"]
     chi2: Array
     dof: Array
     inflation: Array
+    excess: Array
     residuals: dict[str, Array]
     prediction: dict[str, Array]
     rmse: dict[str, Array]
@@ -140,6 +150,9 @@ class Fit:
         with np.errstate(divide="ignore"):
             return np.asarray(np.sqrt((1.0 + r) / (1.0 - r)))
 
+    def _at_bound(self, name: str) -> NDArray[np.bool_]:
+        return self.bounded.get(name, np.zeros(len(self), dtype=bool))
+
     @property
     def status(self) -> NDArray[np.str_]:
         """Status of each window, by the names and the limits of `estimation.WindowEstimates`.
@@ -152,7 +165,9 @@ class Fit:
                 self.n < self.min_samples,
                 ~(self.phi_open <= LARGEST_PHI_OPEN) | ~self.converged,
                 self.condition_number > LARGEST_CONDITION,
-                ~((self.values["cohesion"] >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI)),
+                ~((self.values["cohesion"] >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI))
+                | self._at_bound("cohesion")
+                | self._at_bound("tan_phi"),
             ],
             ["too-few-samples", "not-separable", "ill-conditioned", "out-of-range"],
             "ok",
@@ -174,6 +189,7 @@ class Parameters:
     strength: Array
     strength_se: Array
     undetermined: dict[str, NDArray[np.bool_]]
+    bounded: dict[str, NDArray[np.bool_]]
     phi_open: Array
 
 
@@ -212,10 +228,13 @@ def parameters(
     units = np.array([u.slope(t[:, column]) for column, u in enumerate(unknowns)])
     units = units.reshape(len(unknowns), windows)
     covariance = inside * units.T[:, :, None] * units.T[:, None, :] * blank[:, None, None]
-    values, errors, undetermined = {}, {}, {}
+    values, errors, undetermined, bounded = {}, {}, {}, {}
     for column, unknown in enumerate(unknowns):
         name, there = unknown.name, t[:, column]
         at_bound = (there <= unknown.lower + _AT_BOUND) | (there >= unknown.upper - _AT_BOUND)
+        if column < found.at_bound.shape[1]:
+            at_bound = at_bound | found.at_bound[:, column]
+            bounded[name] = at_bound & known
         undetermined[name] = (found.wide[:, column] > LARGEST_OPEN) | at_bound | ~known
         if name in soil:
             values[name] = unknown.value(there) * blank
@@ -249,6 +268,7 @@ def parameters(
         strength=values["cohesion"] + sigma_star * values["tan_phi"],
         strength_se=strength_se,
         undetermined=undetermined,
+        bounded=bounded,
         phi_open=_open(names, found.sure, values["tan_phi"], unknowns) * blank,
     )
 

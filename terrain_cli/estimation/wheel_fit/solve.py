@@ -229,7 +229,11 @@ def inverse(matrix: Array) -> Array:
     -------
     ndarray, shape (…, p, p)
     """
-    return np.asarray(np.linalg.inv(matrix), dtype=float)
+    try:
+        return np.asarray(np.linalg.inv(matrix), dtype=float)
+    except np.linalg.LinAlgError:
+        # Samples that differ in weight by all digits there are.
+        return np.asarray(np.linalg.pinv(matrix), dtype=float)
 
 
 def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[Array, Array, Array]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, UsageError
+from terrain_cli.estimation.separability import LARGEST_PHI
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -103,9 +104,10 @@ DEFAULT: dict[str, Prior] = {
     "sinkage_exponent": Prior(0.9, 0.3),
 }
 #: Widest meaningful range and largest step of one iteration, in the unit sought (a logarithm of k, keq).
+#: φ is that of any soil; a c below 0 may be noise about it, and `astray` bounds what is not.
 _RANGE = {
     "cohesion": (-1e6, 1e6, 1e4),
-    "tan_phi": (-1.5, 3.0, 0.5),
+    "tan_phi": (0.0, float(np.tan(LARGEST_PHI)), 0.5),
     "shear_modulus": (np.log(1e-4), np.log(1.0), 1.0),
     "stiffness": (np.log(1e3), np.log(1e10), 2.0),
     "sinkage_exponent": (0.1, 3.0, 0.3),
