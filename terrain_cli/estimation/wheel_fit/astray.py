@@ -36,8 +36,6 @@ _SOME, _ROUGH = 12, 6
 _HOPELESS = 100.0
 #: Standard deviation, in that of the prior, from which on the prior alone knows more.
 _USELESS = 1.01
-#: Standard errors below 0 at which a cohesion is not noise about 0.
-_FIRM = 2.0
 #: Times that the noise of a window is raised, the first ones together with all that shares something
 #: with it, and by how much at least: in the end no more is known than beforehand.
 _ROUNDS, _TOGETHER, _RAISED = 10, 2, 5.0
@@ -86,11 +84,6 @@ def mend(
         found = posterior(problem, data, state, order=order, correlated=correlated)
     alone = replace(problem, unknowns=_held(unknowns, state))
     _temper(problem, alone, data, state, found, order)
-    negative = np.flatnonzero(_impossible(unknowns, found))
-    if len(negative):
-        alone = replace(alone, unknowns=_firm(alone.unknowns))
-        _alone(problem, alone, data, state, found, negative, order)
-        _temper(problem, alone, data, state, found, order, negative)
     return found
 
 
@@ -101,13 +94,10 @@ def _temper(
     state: State,
     found: Posterior,
     order: int | None,
-    some: Index | None = None,
 ) -> None:
     """Raise the noise of windows until their errors are no larger than those of the priors, in place."""
     for _ in range(_ROUNDS):
         wide = _useless(found)
-        if some is not None:
-            wide &= np.isin(np.arange(len(wide)), some)
         if not wide.any():
             return
         _raise(data, found, wide)
@@ -124,26 +114,11 @@ def _useless(found: Posterior) -> NDArray[np.bool_]:
     return np.asarray(np.any(~(variance <= _USELESS**2), axis=1))
 
 
-def _impossible(unknowns: Unknowns, found: Posterior) -> NDArray[np.bool_]:
-    """Tell where the cohesion is negative beyond its error."""
-    for column, unknown in enumerate(unknowns.local):
-        if unknown.name == "cohesion":
-            error = np.sqrt(found.own[:, column, column])
-            return np.asarray(unknown.value(found.t[:, column] + _FIRM * error) < 0.0)
-    return np.zeros(len(found.t), dtype=bool)
-
-
 def _held(unknowns: Unknowns, state: State) -> Unknowns:
     """Return the windows' own unknowns alone, with what they share held where it is."""
     shared = zip(unknowns.shared, state.common, strict=True)
     held = {u.name: np.asarray(u.value(np.asarray(number)), dtype=float) for u, number in shared}
     return Unknowns(unknowns.local, (), {**unknowns.fixed, **held})
-
-
-def _firm(unknowns: Unknowns) -> Unknowns:
-    """Return unknowns of which the cohesion is not negative."""
-    local = tuple(replace(u, lower=-u.mean / u.sd) if u.name == "cohesion" else u for u in unknowns.local)
-    return replace(unknowns, local=local)
 
 
 def _best(problem: Problem, data: Data, t: Array, common: Array, order: int | None) -> State:

@@ -59,7 +59,7 @@ class Fit:
         A shared one is so in all windows or in none.
     bounded : dict of str to ndarray of bool, shape (w,)
         For each parameter of a window's own, whether the data would take it beyond what soils have: φ
-        beyond 0 to 60°, c below 0 by more than its error. Value and error are then those of the soils
+        beyond 0 to 60°. Value and error are then those of the soils
         that remain (a normal distribution cut off at the bound).
     phi_open : ndarray, shape (w,)
         Standard error of φ had there been no prior on it, rad, from what noise cannot have feigned.

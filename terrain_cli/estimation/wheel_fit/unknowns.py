@@ -104,7 +104,7 @@ DEFAULT: dict[str, Prior] = {
     "sinkage_exponent": Prior(0.9, 0.3),
 }
 #: Widest meaningful range and largest step of one iteration, in the unit sought (a logarithm of k, keq).
-#: φ is that of any soil; a c below 0 may be noise about it, and `astray` bounds what is not.
+#: φ is that of any soil; a c below 0 may be noise about it, or shows that the model is wrong.
 _RANGE = {
     "cohesion": (-1e6, 1e6, 1e4),
     "tan_phi": (0.0, float(np.tan(LARGEST_PHI)), 0.5),
