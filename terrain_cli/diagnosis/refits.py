@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 #: Distance from a bound, in typical sizes, that is none.
 _NEAR = 0.01
-#: Standard errors beyond its null at which an effect is on the wrong side of it.
-_CERTAIN = 3.0
 #: Samples that tell the noise.
 _FEWEST = 30
 #: Multiples of its null at which the search for a parameter that only shapes an effect begins.
@@ -222,9 +220,11 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
         for column, unknown in enumerate(solution.unknowns.shared):
             if unknown.name not in sides:
                 continue
-            parameter = sides[unknown.name]
-            away = (float(unknown.value(solution.common[column])) - parameter.null) * parameter.side
-            if away < -_CERTAIN * float(np.sqrt(common[column, column])):
+            value, error = (
+                float(unknown.value(solution.common[column])),
+                float(np.sqrt(common[column, column])),
+            )
+            if sides[unknown.name].imitates(value, error):
                 return True
     return False
 

@@ -44,6 +44,12 @@ SKID = 0.05
 Law = Callable[["Mapping[str, Any]"], Any]
 
 
+#: Standard errors from its null at which a parameter is on the wrong side of it.
+_CERTAIN = 3.0
+#: Distance from a bound, in typical sizes, that is none.
+_NEAR = 0.01
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """A number of an effect, which the data can determine.
@@ -88,6 +94,22 @@ class Parameter:
     needs: tuple[str, ...] = ()
     skids: bool = False
     side: int = 0
+
+    def imitates(self, value: float, error: float) -> bool:
+        """Tell whether a value is where nature has none, beyond doubt or as far as it could go there.
+
+        Parameters
+        ----------
+        value, error : float
+            SI; the second a standard error.
+
+        Returns
+        -------
+        bool
+        """
+        away = (self.null - value) * self.side
+        end = self.lower if self.side > 0 else self.upper
+        return away > _CERTAIN * error or (away > 0.0 and abs(value - end) < _NEAR * self.scale)
 
     def idle(self, several: Sequence[Mapping[str, Any]]) -> str:
         """Say why nothing measured under some wheels depends on it; empty if something does.

@@ -48,6 +48,7 @@ def document(step: Step) -> dict[str, Any]:
         "ratio_interval": record.ends(step.evidence.overall),
         "parameters": [_parameter(one) for one in step.parameters],
         "absent_p_value": record.number(step.absent),
+        "imitates": [one.name for one in step.imitates],
         "shift": {one.name: _shift(one) for one in step.shifts},
         "unidentifiable": {
             "parameters": list(step.undetermined),

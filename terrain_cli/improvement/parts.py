@@ -184,6 +184,9 @@ class Step:
     absent : float
         Chance that its parameters, all together, are as far from their null values although it is
         absent (Wald's test); NaN where it has none.
+    imitates : tuple of Estimated
+        Parameters of what is changed that came out, beyond doubt, as nature does not have them: they stand
+        for something else.
     kept : bool
         Whether the change was made.
     """
@@ -202,6 +205,7 @@ class Step:
     lost: list[Lost] = field(default_factory=list)
     sources: tuple[str, ...] = ()
     absent: float = math.nan
+    imitates: tuple[Estimated, ...] = ()
     kept: bool = False
 
     @property
@@ -230,6 +234,11 @@ class Step:
 
     @property
     def pays(self) -> bool:
+        """Whether the error fell, and not by what nature does not have."""
+        return self.better and not self.imitates
+
+    @property
+    def better(self) -> bool:
         """Whether the held-out error fell in a channel and over all, and no rise outweighs that."""
         much = _outweighs(self.rose, self.fell)
         over_all = self.evidence.overall.high < 1.0 and self.evidence.lost <= MOST_LOST
@@ -240,7 +249,8 @@ class Step:
         """Whether the way back would pay: it rose in a channel and over all, and no fall outweighs that."""
         much = _outweighs(self.fell, self.rose)
         over_all = self.evidence.overall.low > 1.0 and bool(self.rose) and not much
-        return self.testable and ((self.there and over_all) or self.evidence.lost > MOST_LOST)
+        lost = self.evidence.lost > MOST_LOST
+        return self.testable and ((self.there and over_all and not self.imitates) or lost)
 
     @property
     def quiet(self) -> bool:

@@ -31,6 +31,8 @@ def verdict(step: Step) -> str:
         left = "; what is left follows nothing beyond chance" if step.quiet else ""
         return f"{what} {_is(step)} {'added' if step.kept else 'worth adding'}: {found(step)}{left}"
     kept = "added all the same, as --keep asks" if step.kept else "not added"
+    if step.better:
+        return f"{what} {_is(step)} {kept}: {found(step)}"
     partly = " on the whole" if step.fell else ""
     return f"the held-out error did not fall{partly}: {what} {_is(step)} {kept} ({found(step)})"
 
@@ -95,6 +97,9 @@ def found(step: Step) -> str:
     text = ", but ".join(moved)
     if not step.there:
         return f"{text}, but its parameters may as well be null (p {step.absent:.2g})"
+    if step.imitates:
+        values = listed([f"{p.name} = {words.number(p.value)} ± {words.number(p.se)}" for p in step.imitates])
+        return f"{text}, but with {values}, which nature does not have: something else is missing"
     if step.action == "add" and step.fell and not step.pays and not step.rose:
         value, low, high = step.evidence.overall
         text += f", but over all channels that may be chance: × {value:.2f} ({low:.2f} to {high:.2f})"

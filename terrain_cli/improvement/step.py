@@ -129,6 +129,7 @@ def tried(
             first, second = fitted(wheels, before, like=own, seed=seed, progress=progress), own
     second = replace(second, warnings=[*notes([windows.samples for windows in parts]), *second.warnings])
     differences = against(first, second, seed=seed)
+    with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, first)
     return Step(
         action,
@@ -143,7 +144,8 @@ def tried(
         _undetermined(first, second),
         list(_lost(first, second, places)),
         sources=tuple(dict.fromkeys(windows.samples.source for windows in parts)),
-        absent=_absent(second, after, changed) if action == "add" else _absent(first, before, changed),
+        absent=_absent(with_it, file, changed),
+        imitates=tuple(_imitating(with_it, file, changed)),
     )
 
 
@@ -195,6 +197,14 @@ def _parameters(comparison: Comparison, file: ModelFile, changed: Sequence[str])
                 se / factor,
                 not bool(fit.undetermined[name].all()),
             )
+
+
+def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
+    """Return the parameters of some effects that are where nature has none."""
+    for one in _parameters(comparison, file, changed):
+        known, factor = file.model.parameters.get(one.name), file.factor(one.name)
+        if known is not None and known.imitates(one.value * factor, one.se * factor):
+            yield one
 
 
 def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> float:

@@ -11,8 +11,10 @@ from terrain_cli.comparison.wheel import Settings, Wheel
 from terrain_cli.diagnosis import diagnose, drafts, joining, refits, scores
 from terrain_cli.diagnosis.parts import Hypothesis
 from terrain_cli.effects import user_file
+from terrain_cli.improvement import sentences
+from terrain_cli.improvement.step import tried
 from terrain_cli.mechanics.model import Model
-from terrain_cli.models import ModelFile
+from terrain_cli.models import ModelFile, added
 from terrain_cli.windows import cut
 
 NOTHING = Settings({}, {}, (), None)
@@ -75,9 +77,20 @@ def test_a_pull_that_changes_with_the_soil_does_not_explain_itself():
 def test_friction_that_drives_the_wheel_is_not_named(torque, named):
     """A torque that is too low throughout looks like friction below nought: something else is at work."""
     hidden = {"drivetrain-friction": {"Tc": torque}}
-    found = diagnose(windows_of(21, Kind(hidden)), ModelFile())
+    wheels = windows_of(21, Kind(hidden))
+    found = diagnose(wheels, ModelFile())
     assert found.alarm.raised
     assert found.effect == named
+    step = tried(
+        wheels,
+        "add",
+        ["drivetrain-friction"],
+        ModelFile(),
+        added(ModelFile(), ["drivetrain-friction"], 0.01).file,
+    )
+    assert step.better
+    assert step.pays == (named is not None)
+    assert ("nature does not have" in sentences.verdict(step)) == (named is None)
 
 
 def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out_all_the_same():
