@@ -39,8 +39,6 @@ _TOGETHER = 8192
 _LEAST_TOGETHER = 16
 #: Searches from which the correlation of the noise is learnt, and their samples at least.
 _SURVEYED, _SURVEYED_SAMPLES = 32, 512
-#: Half as many searches in long blocks, where places lie so close that each takes longer.
-_SURVEYED_LONG = 16
 #: Least length of their windows: shorter ones would take the correlation for soil.
 _SURVEY_SAMPLES = 40
 
@@ -291,7 +289,7 @@ def _surveyed(moments: Moments) -> tuple[_Places, Index]:
         return _Places(moments.edges, moments.total), index[:, :: -(-index.shape[1] // _SURVEYED)]
     size = _SURVEYED_SAMPLES // LONG
     first = np.arange(0, len(moments.samples) // LONG - size + 1, size)
-    first = first[:: -(-len(first) // _SURVEYED_LONG)]
+    first = first[:: -(-len(first) // _SURVEYED)]
     block = (first[:, None] + np.arange(size)).ravel()
     places = _finer(moments, np.setdiff1d(np.append(first + size, blocks), block), block)
     index = np.arange(_SURVEYED_SAMPLES // FINE + 1)[:, None]

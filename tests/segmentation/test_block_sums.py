@@ -69,7 +69,10 @@ def by_hand(x, y, step, scale=2.0):
 @settings(deadline=None)
 @given(series())
 def test_one_pass_is_plain_loops(case):
-    np.testing.assert_allclose(summed(*case)[0], by_hand(*case), rtol=1e-9, atol=1e-6)
+    found, expected = summed(*case)[0], by_hand(*case)
+    np.testing.assert_allclose(found[blocks.POWERS], expected[blocks.POWERS], rtol=1e-12, atol=1e-6)
+    # Whether a step is wild hangs on a mean of halves, which sums in another order.
+    np.testing.assert_allclose(found[blocks.SECONDS], expected[blocks.SECONDS], rtol=1e-9, atol=1e-6)
 
 
 @settings(deadline=None)
