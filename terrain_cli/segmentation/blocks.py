@@ -199,7 +199,7 @@ def moving_mean(sums: Array, number: Index, step: int, out: Array | None = None)
     width = min(2 * near + 1, blocks)
     inner = _running(sums, width) / _running(number, width)
     mean = np.empty(sums.shape) if out is None else out
-    first = min(near, blocks - width)
+    first = min(near, blocks - 1)
     last = first + inner.shape[1]
     mean[:, :first], mean[:, first:last], mean[:, last:] = inner[:, :1], inner, inner[:, -1:]
     return mean

@@ -151,6 +151,17 @@ def tame_by_hand(x, y, step):
     return x, y
 
 
+@pytest.mark.parametrize("count", [1, 2, 12, 13, 14, 15, 18, 19, 30])
+def test_near_the_ends_the_mean_is_that_of_the_first_or_last_blocks(count):
+    """Some 2 reaches and more of blocks: all cases between one mean for all and one for each."""
+    values = np.random.default_rng(count).uniform(1.0, 2.0, count)
+    width = min(2 * SMALL_REACH + 1, count)
+    first = np.clip(np.arange(count) - SMALL_REACH, 0, count - width)
+    expected = [values[f : f + width].mean() for f in first]
+    found = blocks.moving_mean(values[None], np.ones(count, dtype=int), 1)[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
 @settings(deadline=None, max_examples=300)
 @given(series())
 def test_no_wild_sample_is_overlooked(case):
