@@ -91,7 +91,7 @@ def predict(
             found["sinkage_exponent"] = np.maximum(found["sinkage_exponent"], 0.1)
         return found
 
-    channels = wheel.channels if inputs is None else inputs
+    channels = wheel.read if inputs is None else inputs
     there = tuple(wheel.measured)
     out = prediction.values(wheel.model, wheel.geometry, channels, parameters, there)
     whole = (
@@ -162,7 +162,7 @@ def _without(wheel: Wheel, fold: Index, scale: Mapping[str, float]) -> tuple[Ind
         tables = prediction.derivatives(
             wheel.model,
             wheel.geometry,
-            wheel.channels,
+            wheel.read,
             wheel.of_samples,
             (*wheel.soil, *wheel.common),
             rows,

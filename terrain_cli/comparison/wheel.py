@@ -348,6 +348,16 @@ class Wheel:
         return {name: column[window] for name, column in self.parameters.items()}
 
     @cached_property
+    def read(self) -> dict[str, Array]:
+        """The channels from which to predict: torque and pull, if effects read them, from the conditions."""
+        read = {*self.further, *(name for effect in self.model.effects for name in effect.reads)}
+        out = dict(self.channels)
+        for name in ("torque", "drawbar_pull"):
+            if name in read and name in self.channels:
+                out[name] = from_conditions(self.channels[name], self.channels, self.window)
+        return out
+
+    @cached_property
     def measured(self) -> dict[str, Array]:
         """Channels that are compared, as measured."""
         return {name: self.channels[name] for name in prediction.compared(self.model, self.channels)}
@@ -355,7 +365,7 @@ class Wheel:
     @cached_property
     def predicted(self) -> dict[str, Array]:
         """The same as predicted."""
-        return prediction.values(self.model, self.geometry, self.channels, self.of_samples)
+        return prediction.values(self.model, self.geometry, self.read, self.of_samples)
 
     @cached_property
     def residuals(self) -> dict[str, Array]:
@@ -410,24 +420,14 @@ class Wheel:
         -------
         dict of str to ndarray, shape (n,)
         """
-        channels = {**self.channels, **self._expected}
         if not self.ordered:
-            return channels
+            return dict(self.read)
         reach = max(3, gap // 2)
         return {
             name: from_neighbours(column, self.group, gap=gap, reach=reach)
             if name in (*inputs.NOISY, *_WITH_SLIP)
             else column
-            for name, column in channels.items()
-        }
-
-    @cached_property
-    def _expected(self) -> dict[str, Array]:
-        read = {*self.further, *(name for effect in self.model.effects for name in effect.reads)}
-        return {
-            name: from_conditions(self.channels[name], self.channels, self.window)
-            for name in ("torque", "drawbar_pull")
-            if name in read and name in self.channels
+            for name, column in self.read.items()
         }
 
     def smoothed(self, gap: int, rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:

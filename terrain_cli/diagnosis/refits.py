@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-#: Distance from a bound, in typical sizes, that is none.
-_NEAR = 0.01
 #: Samples that tell the noise.
 _FEWEST = 30
 #: Multiples of its null at which the search for a parameter that only shapes an effect begins.
@@ -192,8 +190,7 @@ def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
             parameter = own.get(unknown.name)
             if parameter is None or parameter.shape:
                 continue
-            value, near = float(unknown.value(solution.common[column])), _NEAR * parameter.scale
-            if value <= parameter.lower + near or value >= parameter.upper - near:
+            if parameter.at_bound(float(unknown.value(solution.common[column]))):
                 return True
     return False
 

@@ -108,8 +108,21 @@ class Parameter:
         bool
         """
         away = (self.null - value) * self.side
-        end = self.lower if self.side > 0 else self.upper
-        return away > _CERTAIN * error or (away > 0.0 and abs(value - end) < _NEAR * self.scale)
+        return away > _CERTAIN * error or (away > 0.0 and self.at_bound(value))
+
+    def at_bound(self, value: float) -> bool:
+        """Tell whether a value, SI, is the least or the most that the parameter can be.
+
+        Parameters
+        ----------
+        value : float
+
+        Returns
+        -------
+        bool
+        """
+        near = _NEAR * self.scale
+        return value <= self.lower + near or value >= self.upper - near
 
     def idle(self, several: Sequence[Mapping[str, Any]]) -> str:
         """Say why nothing measured under some wheels depends on it; empty if something does.
