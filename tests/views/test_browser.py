@@ -140,10 +140,16 @@ def test_focus_can_be_seen(browser, shown):
     assert choice.value_of_css_property("outline-style") == "solid"
 
 
-def test_skip_link_leads_to_the_content(browser, shown):
+def test_skip_link_leads_to_the_content(browser, path):
     from selenium.webdriver.common.keys import Keys
 
-    browser.find_element("class name", "skip").send_keys(Keys.ENTER)
+    opened(browser, path)
+    browser.switch_to.active_element.send_keys(Keys.TAB)
+    skip = browser.switch_to.active_element
+    assert skip.get_attribute("class") == "skip"
+    # Seen once it is reached.
+    assert skip.rect["x"] == 0
+    skip.send_keys(Keys.ENTER)
     assert browser.switch_to.active_element.get_attribute("id") == "main"
 
 
