@@ -132,6 +132,7 @@ class ParquetSource(Source):
             with ExitStack() as stack:
                 part = stack.enter_context(self._open(file))
                 stored = [f for f in fields if f not in self._partitions and f in part.schema_arrow.names]
+                self._check(file, part, stored)
                 readers = [part.iter_batches(batch_rows, columns=stored[::_THREADS], use_threads=False)]
                 for j in range(1, min(_THREADS, len(stored))):
                     other = stack.enter_context(self._open(file, part.metadata))
@@ -184,11 +185,16 @@ class ParquetSource(Source):
             raise DamagedError(
                 self._name(file), f"claims {rows:,} rows, more than a file of its size can hold", hint=_LOST
             )
+        return rows
+
+    def _check(self, file: str, part: Any, stored: Sequence[str]) -> None:
+        """Refuse pages of these columns that claim what cannot be."""
+        paths = [part.schema.column(leaf).path for leaf in range(len(part.schema))]
+        leaves = {leaf for leaf, path in enumerate(paths) if {path, path.split(".")[0]}.intersection(stored)}
         try:
-            check_pages(file)
+            check_pages(file, leaves)
         except TooMuchError as error:
             raise DamagedError(self._name(file), f"is not read, for {error}", hint=_LOST) from error
-        return rows
 
     def _name(self, file: str) -> str:
         return file if len(self._parts) > 1 else self._label

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from formats.limits import TooMuchError, unpacked_limit
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
     from io import FileIO
 
 #: Bytes that the head of a page nearly always has, and those that it may have.
@@ -52,7 +52,7 @@ _PLAIN_HEAD = re.compile(
 )
 
 
-def check_pages(file: str) -> None:
+def check_pages(file: str, leaves: Collection[int] | None = None) -> None:
     """Refuse a file of which a page claims far more than can be packed into it.
 
     What is damaged otherwise is passed over: pyarrow tells.
@@ -60,6 +60,8 @@ def check_pages(file: str) -> None:
     Parameters
     ----------
     file : str
+    leaves : collection of int, optional
+        Columns of a row group whose pages are looked at: those that will be read; all if not given.
 
     Raises
     ------
@@ -74,7 +76,7 @@ def check_pages(file: str) -> None:
             footer, _ = _struct(stream.read(min(size, whole)), 0, 0)
         except (IndexError, ValueError):
             return
-        for first, end in _columns(footer):
+        for first, end in _columns(footer, leaves):
             at = first
             while 0 <= at < min(end, whole):
                 try:
@@ -101,10 +103,12 @@ def _head(stream: FileIO, at: int) -> tuple[int, int, int]:
     return _number(head, _PAGE_SIZE), _number(head, _PAGE_PACKED), length
 
 
-def _columns(footer: dict[int, Any]) -> Iterator[tuple[int, int]]:
-    """Yield where the pages of each column begin and end."""
+def _columns(footer: dict[int, Any], leaves: Collection[int] | None) -> Iterator[tuple[int, int]]:
+    """Yield where the pages of each of these columns begin and end."""
     for group in _list(footer, _ROW_GROUPS):
-        for chunk in _list(group, _COLUMNS):
+        for leaf, chunk in enumerate(_list(group, _COLUMNS)):
+            if leaves is not None and leaf not in leaves:
+                continue
             column = chunk.get(_COLUMN) if isinstance(chunk, dict) else None
             if isinstance(column, dict):
                 at, first = _number(column, _DATA), _number(column, _DICTIONARY)
