@@ -15,6 +15,7 @@ from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import contact, rim, roots, triangular
 from terrain_cli.mechanics.dual import Dual, chain, seed, slopes, value
 from terrain_cli.mechanics.quadrature import ORDER, order_for
+from terrain_cli.memory import keep_freed
 from terrain_cli.settings import BASES, Base
 from terrain_cli.units import STANDARD_GRAVITY
 
@@ -42,9 +43,9 @@ _MEASURED = frozenset({"slip", "load"})
 DEEPEST = 1.5
 #: Least values of what a law may have driven through zero.
 _LEAST = {"shear_modulus": 1e-6, "stiffness": 1.0, "sinkage_exponent": 0.05}
-#: Nodes of an arc at a time: they stay in the processor's cache, and arrays of both arcs in memory
-#: that is used again, as the operating system is asked for larger ones every time.
-_BLOCK = 8_000
+#: Nodes of an arc at a time: so many that Python's own time is nothing beside that of NumPy, and so few
+#: that their arrays stay in the processor's cache.
+_BLOCK = 32_000
 
 
 class WheelGeometry(NamedTuple):
@@ -220,6 +221,7 @@ def predict(
     InputError
         A channel is missing.
     """
+    keep_freed()
     columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}
     given_values = {name: np.asarray(number, dtype=float) for name, number in values.items()}
     n = max((column.size for column in columns.values()), default=0)

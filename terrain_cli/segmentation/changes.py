@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.memory import keep_freed
 from terrain_cli.segmentation.merge import Criteria, Criterion, Refinement
 from terrain_cli.segmentation.moments import LONG, Moments
 from terrain_cli.segmentation.search import Limits, candidates
@@ -100,6 +101,7 @@ def change_points(
     Two clouds of samples always lie on one line. Where load and slip are constant on both sides of
     a change of soil, it is found only if that line is none a soil can have (`lines`).
     """
+    keep_freed()
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     if x.ndim != 1 or x.shape != y.shape:
         raise ValueError(f"x and y are to be one series each of equal length, not {x.shape} and {y.shape}")

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 FLOOR = 2e-3
 #: No level of x or y is below this share of the usual one: noise is a share of it.
 LEVEL_FLOOR = 1e-9
-#: Series of so many samples are shared among threads.
-_SHARED, _THREADS = 1 << 19, 2
 #: Correlation of x and y that noise may have. Equal relative errors of W, T, z and i leave next to
 #: none (below 0.1 on all soils tried); more is a load that varies from sample to sample.
 NOISE_CORRELATION = 0.15
@@ -77,28 +75,10 @@ def tame(samples: Samples, step: int) -> tuple[Array, Array]:
 def _measure(
     samples: Samples, step: int, usual: Array, parts: Parts, out: tuple[Array, Array]
 ) -> tuple[Index, Array]:
-    """Fill in sums and noise of the blocks of these parts.
+    """Fill in sums and noise of the blocks of these parts, one after another in the same memory.
 
     Returns which of their samples may be wild, and the limits of x and y there.
     """
-    if sum(last - first for first, last in parts) < _SHARED:
-        found = _measure_alone(samples, step, usual, parts, out)
-    else:
-        from concurrent.futures import ThreadPoolExecutor
-
-        # Most of the time is NumPy's, which lets the other thread work.
-        with ThreadPoolExecutor(_THREADS) as pool:
-            shares = [parts[k::_THREADS] for k in range(_THREADS)]
-            work = pool.map(lambda share: _measure_alone(samples, step, usual, share, out), shares)
-            found = [part for share in work for part in share]
-    places, limits = zip(*found, strict=True)
-    return np.concatenate(places), np.concatenate(limits, axis=1)
-
-
-def _measure_alone(
-    samples: Samples, step: int, usual: Array, parts: Parts, out: tuple[Array, Array]
-) -> list[tuple[Index, Array]]:
-    """Measure part by part, in the same piece of memory."""
     spans = [blocks.around(first, last, len(samples), step) for first, last in parts]
     room = np.empty((6, -(-max(end - begin for begin, end in spans) // step) * step))
     found = []
@@ -112,7 +92,8 @@ def _measure_alone(
         place += begin
         own = (place >= first) & (place < last)
         found.append((place[own], limit[:, own]))
-    return found
+    places, limits = zip(*found, strict=True)
+    return np.concatenate(places), np.concatenate(limits, axis=1)
 
 
 def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 #: The balance of the load that the soil carries and the one on it: always zero in truth.
 BALANCE = "balance"
-#: Samples worked on at a time: few enough to stay in the processor's cache.
-_BLOCK = 8_192
+#: Samples worked on at a time: few enough for their derivatives to fit into memory that is used again.
+_BLOCK = 16_384
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,8 @@ def solve(
     """
     sought, state = problem.unknowns, start
     windows, shared = len(data.windows), len(sought.shared) > 0
+    # Where a search with fewer nodes has ended one short step is enough to tell.
+    settled = state.converged.copy()
     state.converged[:] = data.count == 0
     state.merit[:] = np.inf
     share, before, last = np.ones(windows), np.full(windows, np.inf), np.zeros_like(state.t)
@@ -135,7 +137,7 @@ def solve(
         before[active], last[active] = length, step
         state.t[active] += share[active, None] * step
         state.common += shift
-        done = (length <= TOLERANCE**2) & (iteration > 0)
+        done = (length <= TOLERANCE**2) & ((iteration > 0) | settled[active])
         # A guess at which the model gives no number tells nothing.
         done &= np.einsum("waa->w", normal.information) > (0.0 if normal.score.shape[1] else -1.0)
         state.converged[active] = done
