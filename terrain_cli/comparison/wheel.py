@@ -148,7 +148,8 @@ class Wheel:
         known = self.fit.dof > 0.0
         ratio = float(self.fit.chi2[known].sum() / self.fit.dof[known].sum()) if known.any() else 1.0
         # Of test points load and slip were set, and are exact.
-        astray = ratio >= _MISFIT or not self.ordered or self._lost()
+        lost = self._lost()
+        astray = ratio >= _MISFIT or not self.ordered or lost
         levels = {name: level.deviation for name, level in self.noise.items()}
         before = self._off(levels)
         if not astray and not before > _NOTICED:
@@ -157,20 +158,22 @@ class Wheel:
         t, common = self.beginning()
         # That fit can have gone astray in what is common too: none of its effects is where others begin.
         starts = product((t, None), (common, np.zeros_like(common)) if len(common) else (common,))
-        first = (self.fit, dict(self.parameters))
+        first, sizes = (self.fit, dict(self.parameters)), self._sizes()
         self.take(least_squares.search(self.model, self.sought, data, starts), data)
-        if not astray and self._off(levels) >= before:
+        worse = all(size >= sizes[name] for name, size in self._sizes().items())
+        if (not astray and self._off(levels) >= before) or (worse and not lost):
             self._forget()
             self.fit, self.parameters = first
 
+    def _sizes(self) -> dict[str, float]:
+        """Return the mean square of the residuals of each channel that has any."""
+        left = {name: error for name, error in self.residuals.items() if np.isfinite(error).any()}
+        return {name: float(np.nanmean(error**2)) for name, error in left.items()}
+
     def _off(self, levels: Mapping[str, float]) -> float:
         """Return the largest mean square of the residuals of a channel, in units of its noise's."""
-        squares = [
-            float(np.nanmean(error**2)) / levels[name] ** 2
-            for name, error in self.residuals.items()
-            if levels[name] > 0.0 and np.isfinite(error).any()
-        ]
-        return max(squares, default=0.0)
+        sizes = self._sizes().items()
+        return max((size / levels[name] ** 2 for name, size in sizes if levels[name] > 0.0), default=0.0)
 
     def _forget(self) -> None:
         for name in ("predicted", "residuals", "noise"):

@@ -201,3 +201,21 @@ def test_a_normal_distribution_is_cut_off_at_a_bound(outside):
     assert covariance[0, 0, 0] == pytest.approx(inside.var(), rel=0.15)
     assert t[0, 1] == pytest.approx(2.0 + 0.4 * (t[0, 0] - 1.0))
     assert covariance[0, 1, 1] == pytest.approx(0.5 - 0.4**2 * (0.25 - covariance[0, 0, 0]))
+
+
+@pytest.mark.parametrize("varied", [True, False], ids=["varied", "steady"])
+@pytest.mark.parametrize("effect", HIDDEN)
+def test_the_last_digit_of_the_data_is_of_no_consequence(effect, varied):
+    columns, _ = drive(effect, 10**9, varied=varied)
+    n = len(columns["time"])
+    channels = {name: columns[name] for name in ("load", "torque", "sinkage", "slip", "drawbar_pull")}
+    rng = np.random.default_rng(1)
+    rounded = {name: column * (1.0 + 1e-13 * rng.normal(size=n)) for name, column in channels.items()}
+    first, second = (fit(Model(), GEOMETRY, one, [0, n]) for one in (channels, rounded))
+    # The noise is the sensors', not what a search that is lost makes of it.
+    assert first.noise.relative["load"] == pytest.approx(0.03, rel=0.35)
+    assert second.noise.relative["load"] == pytest.approx(first.noise.relative["load"], rel=1e-3)
+    for name, value in first.values.items():
+        assert second.values[name] == pytest.approx(value, abs=0.05 * float(first.errors[name][0])), name
+    for name, size in first.rmse.items():
+        assert second.rmse[name] == pytest.approx(size, rel=0.01), name

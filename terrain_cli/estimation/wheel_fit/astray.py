@@ -71,7 +71,7 @@ def mend(
         at = np.flatnonzero(lost | bool(unknowns.shared))
         part = data.only(at)
         ends = _best(problem, part, state.t[at], state.common, order)
-        _put_state(state, ends, at, data.rows_of(at))
+        put(state, ends, at, data.rows_of(at))
         found = _put(found, posterior(problem, part, ends, order=order, correlated=correlated), at)
     # What is shared follows from all windows, and few times suffice for that.
     for _ in range(_TOGETHER if unknowns.shared else 0):
@@ -80,7 +80,7 @@ def mend(
             break
         _raise(data, found, wide)
         ends = _downhill(problem, data, state, order)
-        _put_state(state, ends, np.arange(len(lost)), np.arange(state.latent.shape[1]))
+        put(state, ends, np.arange(len(lost)), np.arange(state.latent.shape[1]))
         found = posterior(problem, data, state, order=order, correlated=correlated)
     alone = replace(problem, unknowns=_held(unknowns, state))
     _temper(problem, alone, data, state, found, order)
@@ -140,7 +140,7 @@ def _lowest(ends: Sequence[State], data: Data, problem: Problem) -> State:
     best = ends[0]
     for end in ends[1:]:
         at = np.flatnonzero(end.merit < best.merit)
-        _put_state(best, _some(end, at, data.rows_of(at)), at, data.rows_of(at))
+        put(best, _some(end, at, data.rows_of(at)), at, data.rows_of(at))
     return best
 
 
@@ -164,7 +164,7 @@ def _alone(
     """Fit some windows anew one by one, as their noise or their bounds have changed; in place."""
     part, local = data.only(at), state.t.shape[1]
     ends = _downhill(alone, part, _some(state, at, data.rows_of(at)), order)
-    _put_state(state, ends, at, data.rows_of(at))
+    put(state, ends, at, data.rows_of(at))
     # Their noise is that of their long run already.
     _put(found, posterior(alone, part, ends, order=order, correlated=False), at)
     if len(state.common):
@@ -176,7 +176,17 @@ def _some(state: State, at: Index, rows: Index) -> State:
     return State(state.t[at], state.common, state.latent[:, rows], state.converged[at], state.merit[at])
 
 
-def _put_state(state: State, other: State, at: Index, rows: Index) -> None:
+def put(state: State, other: State, at: Index, rows: Index) -> None:
+    """Put some windows in the place of the same ones of another search.
+
+    Parameters
+    ----------
+    state : State
+        Changed in place.
+    other : State
+    at, rows : ndarray of int
+        These windows and their samples in `state`.
+    """
     state.t[at], state.merit[at], state.converged[at] = other.t, other.merit, other.converged
     state.latent[:, rows] = other.latent
     if len(other.common):

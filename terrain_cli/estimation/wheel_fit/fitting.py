@@ -11,15 +11,17 @@ from terrain_cli.errors import UsageError
 from terrain_cli.estimation.correlation import student
 from terrain_cli.estimation.moments import segment_sum
 from terrain_cli.estimation.wheel_fit import start
-from terrain_cli.estimation.wheel_fit.astray import mend
+from terrain_cli.estimation.wheel_fit.astray import mend, put
 from terrain_cli.estimation.wheel_fit.data import BALANCE, collect
+from terrain_cli.estimation.wheel_fit.descent import descend
 from terrain_cli.estimation.wheel_fit.linearise import Problem
-from terrain_cli.estimation.wheel_fit.noise import CHANNELS, assumed, from_differences, inner
+from terrain_cli.estimation.wheel_fit.noise import assumed, from_differences, inner
 from terrain_cli.estimation.wheel_fit.refine import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.result import Fit, parameters
 from terrain_cli.estimation.wheel_fit.solve import accumulate, eliminate, initial, solve
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.mechanics.dual import value
+from terrain_cli.memory import keep_freed
 from terrain_cli.settings import FIT_SAMPLES
 
 if TYPE_CHECKING:
@@ -112,6 +114,7 @@ def fit(
     ValueError
         Arrays of different length, or bounds that do not go from 0 to n.
     """
+    keep_freed()
     data, rows = collect(model, channels, bounds, given)
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
@@ -151,8 +154,9 @@ def fit(
 
 
 def _order(noise: Noise, data: Data) -> int | None:
-    """Return how many nodes the noise is worth."""
-    for name in CHANNELS:
+    """Return how many nodes the noise of what is predicted is worth."""
+    for output in data.outputs:
+        name = "load" if output == BALANCE else output
         if name in data.channels:
             size = float(np.sqrt(np.mean(data.channels[name] ** 2))) if len(data.channels[name]) else 1.0
             deviation = float(np.sqrt(noise.variance(name, np.array([size]))[0]))
@@ -246,7 +250,7 @@ def _learn(problem: Problem, data: Data, *, ordered: bool) -> tuple[Problem, flo
         state = _search(problem, sample, _order(problem.noise, sample))
     for _ in range(_ROUNDS):
         order = _order(problem.noise, sample)
-        state = solve(problem, sample, state, order=order)
+        state = _settled(problem, sample, state, order)
         residual = np.zeros_like(sample.measured)
 
         def keep(block: NDArray[np.intp], _: Data, found: Equations, residual: Array = residual) -> None:
@@ -268,6 +272,23 @@ def _learn(problem: Problem, data: Data, *, ordered: bool) -> tuple[Problem, flo
         if abs(factor - 1.0) < _SETTLED or finest * factor <= 1.01 * _LEAST:
             break
     return problem, dof
+
+
+def _settled(problem: Problem, data: Data, begun: State, order: int | None) -> State:
+    """Search from where the last one ended, by steps that never go uphill where the quick ones get lost.
+
+    Residuals of a search that is lost say nothing of the noise, and differ with the last digit.
+    """
+    state = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
+    state = solve(problem, data, state, order=order)
+    lost = np.flatnonzero(~state.converged)
+    if len(lost) == 0:
+        return state
+    if problem.unknowns.shared:
+        return descend(problem, data, begun.t, begun.common, order=order)
+    ends = descend(problem, data.only(lost), begun.t[lost], begun.common, order=order)
+    put(state, ends, lost, data.rows_of(lost))
+    return state
 
 
 def _white(residual: Array, data: Data) -> float:
