@@ -142,6 +142,7 @@ def _noted(found, truth=()):
         "verdict": found.verdict,
         "effect": found.effect,
         "family": list(found.family),
+        "together": list(found.together),
         "candidates": candidates,
         "unknown": {name: getattr(unknown, name) for name in ("channel", "driver", "form")}
         if unknown

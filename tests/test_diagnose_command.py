@@ -21,6 +21,7 @@ KEYS = {
     "verdict",
     "effect",
     "family",
+    "together",
     "candidates",
     "unknown",
     "next_drive",

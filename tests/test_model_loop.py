@@ -71,7 +71,8 @@ class TestDrafts:
             def diagnose(wheels, file, *, effects, seed, progress):
                 unknown = answers.pop(0)
                 alarm = SimpleNamespace(raised=unknown is not None)
-                return SimpleNamespace(comparison=None, alarm=alarm, effect=None, family=(), unknown=unknown)
+                nothing = {"comparison": None, "effect": None, "family": (), "together": ()}
+                return SimpleNamespace(alarm=alarm, unknown=unknown, **nothing)
 
             monkeypatch.setattr(diagnosis, "diagnose", diagnose)
             command = ["model", "add", "model.toml", "--until-quiet", *args, *CUT, "--data", "sinks.csv"]

@@ -9,22 +9,23 @@ import numpy as np
 
 from terrain_cli import effects as catalogues
 from terrain_cli import fitting
-from terrain_cli.comparison import blocks, least_squares, soils
+from terrain_cli.comparison import blocks, soils
 from terrain_cli.comparison.compare import ENOUGH_RUNS, fit_wheels, of_fitted
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.wheel import Settings
 from terrain_cli.diagnosis import (
+    candidates,
     joining,
     leftover,
     next_drive,
+    pairs,
     refits,
     rivals,
     screening,
     sentences,
     unknowns,
 )
-from terrain_cli.diagnosis.parts import Alarm, Candidate, Diagnosis, Hypothesis, Size
-from terrain_cli.models.parts import SOIL_UNITS
+from terrain_cli.diagnosis.parts import Alarm, Diagnosis
 from terrain_cli.telemetry.excerpt import notes
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison import Comparison, Finding
     from terrain_cli.comparison.wheel import Wheel
-    from terrain_cli.diagnosis.parts import NotTestable, Verdict
+    from terrain_cli.diagnosis.parts import Hypothesis, NotTestable, Verdict
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.diagnosis.screening import Screened
     from terrain_cli.effects import Effect
@@ -63,8 +64,6 @@ _FEWEST, _UNRELATED = 8, 0.2
 _SMALL = 0.05
 #: Part of the best one's gain with which an effect within its bounds comes before it.
 _CREDIBLE = 0.7
-#: Error of a parameter, as a share of what was known beforehand, from which on the data leave it open.
-_OPEN = 0.95
 #: Standard errors by which one held-out loss has to be below another to count.
 _SURE = 1.0
 
@@ -123,7 +122,7 @@ def diagnose(
     failures = list(comparison.failures)
     if any(one is not other for one, other in zip(chosen.wheels, few, strict=True)):
         failures = _findings(chosen.wheels, own, comparison, seed)
-    state = _State(chosen, found, failures, seed, progress)
+    state = _State(chosen, own, found, failures, seed, progress)
     return state.diagnosis(comparison, hypotheses, not_testable)
 
 
@@ -203,22 +202,17 @@ def _on_fewer_soils(
 
 def _as_good(loss: Array, other: Array) -> bool:
     difference = loss - other
-    return float(difference.sum()) <= _SURE * _error(difference)
+    return float(difference.sum()) <= _SURE * refits.error(difference)
 
 
 def _of_gain(gain: Array) -> float:
     """How often chance gives such a gain on held-out blocks (Student's t)."""
     from scipy.special import stdtr
 
-    error = _error(gain)
+    error = refits.error(gain)
     if not np.isfinite(error) or error <= 0.0:
         return 1.0
     return float(stdtr(len(gain) - 1, -float(gain.sum()) / error))
-
-
-def _error(difference: Array) -> float:
-    """Return the standard error of a sum over blocks."""
-    return float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
 
 
 class _State:
@@ -227,12 +221,14 @@ class _State:
     def __init__(
         self,
         data: Ground,
+        block: list[Index],
         found: Screened,
         failures: Sequence[Finding],
         seed: int,
         progress: Callable[[str], None],
     ) -> None:
-        self.data, self.found, self.failures, self.seed, self.progress = data, found, failures, seed, progress
+        self.data, self.block, self.found, self.failures = data, block, found, failures
+        self.seed, self.progress = seed, progress
         self.base = refits.refit(data, None)
 
     def diagnosis(
@@ -256,7 +252,7 @@ class _State:
         gains = [self.base.loss - one.loss for one in (best, *(d.refit for d in draft[:1]))]
         gain = max(gains, key=lambda g: float(g.sum()))
         p_value = max(p_value, _of_gain(gain) * LEVEL / _GAINED)
-        alarm = Alarm(p_value < LEVEL, p_value, LEVEL, float(gain.sum()), _error(gain))
+        alarm = Alarm(p_value < LEVEL, p_value, LEVEL, float(gain.sum()), refits.error(gain))
         if not alarm.raised:
             return self._silent(comparison, alarm, hypotheses, not_testable)
         taken = float((self.base.loss - best.loss).sum())
@@ -264,7 +260,7 @@ class _State:
             pair for pair in ranked[:_RIVALS] if float((self.base.loss - pair[1].loss).sum()) > _WORTH * taken
         ]
         family: tuple[str, ...] = ()
-        earned = False
+        earned, clear = False, False
         members: list[tuple[Hypothesis, Refit]] = []
         if taken > 0.0 and near:
             self.progress("telling the best ones apart")
@@ -280,10 +276,14 @@ class _State:
             clear = clear and not refits.imitates(self.data, *near[0])
             earned = judged.earned and clear and self.data.blocks >= _FEWEST
         unknown, alone = unknowns.verdict(self.base, best, draft, family)
+        pair = None if clear and not alone else pairs.best(self.data, self.block, ranked, self.progress)
+        together: tuple[str, ...] = ()
+        if pair and all(refits.beats(pair[1], one) for one in (best, *(d.refit for d in draft[:1]))):
+            together = tuple(effect.id for effect in pair[0].effects)
+            unknown, alone, family = None, False, family or together
         verdict: Verdict = "unknown" if alone else ("effect" if earned else "family")
         if alone:
             family = ()
-        candidates = self._candidates(ranked, hypotheses, family)
         drives = []
         if len(family) > 1:
             self.progress("looking for the drive that would settle it")
@@ -294,12 +294,13 @@ class _State:
             verdict,
             family[0] if earned and not alone else None,
             family,
-            candidates,
+            candidates.listed(self.data, self.base, self.found, ranked, hypotheses, family),
             unknown,
             drives,
             list(not_testable),
             list(comparison.warnings),
             "",
+            together,
         )
         return replace(diagnosis, sentence=sentences.verdict(diagnosis))
 
@@ -330,7 +331,7 @@ class _State:
 
     def _of_assumptions(self, hypotheses: Sequence[Hypothesis]) -> float:
         """How often chance gives the gain of lifting what the base assumes: it has no signature to score."""
-        assumed = [one for one in hypotheses if one.effect is None]
+        assumed = [one for one in hypotheses if not one.effects]
         gains = [self.base.loss - refits.refit(self.data, one).loss for one in assumed]
         return min((len(gains) * _of_gain(gain) for gain in gains), default=1.0)
 
@@ -362,7 +363,7 @@ class _State:
             "none",
             None,
             (),
-            self._candidates([], hypotheses, ()),
+            candidates.listed(self.data, self.base, self.found, [], hypotheses, ()),
             None,
             [],
             list(not_testable),
@@ -386,61 +387,6 @@ class _State:
             pairs.append((one, refits.refit(self.data, one)))
         return sorted(pairs, key=lambda pair: float(pair[1].loss.sum()))
 
-    def _candidates(
-        self,
-        ranked: Sequence[tuple[Hypothesis, Refit]],
-        hypotheses: Sequence[Hypothesis],
-        family: Sequence[str],
-    ) -> list[Candidate]:
-        done = {one.id for one, _ in ranked}
-        result = [self._refitted(one, refit, family) for one, refit in ranked]
-        rest = [
-            self._first_order(one)
-            for one in hypotheses
-            if one.id not in done and one.id in self.found.p_values
-        ]
-        return result + sorted(rest, key=lambda one: -one.explained)
-
-    @property
-    def _count(self) -> int:
-        return max(sum(int(np.count_nonzero(one)) for one in self.base.residuals), 1)
-
-    def _misfit(self) -> float:
-        return max(float(self.base.loss.sum()) - self._count, 1e-300)
-
-    def _refitted(self, one: Hypothesis, refit: Refit, family: Sequence[str]) -> Candidate:
-        difference = refit.loss - self.base.loss
-        return Candidate(
-            one.id,
-            one.title,
-            self.found.scores[one.id],
-            self.found.p_values[one.id],
-            self.found.surviving[one.id],
-            float(np.clip(-difference.sum() / self._misfit(), 0.0, 1.0)),
-            float(difference.sum()) / self._count,
-            _error(difference) / self._count,
-            refit.heldout,
-            _sizes(one, self.data, refit),
-            refitted=True,
-            in_family=one.id in family,
-        )
-
-    def _first_order(self, one: Hypothesis) -> Candidate:
-        explained = self.found.explained[one.id]
-        return Candidate(
-            one.id,
-            one.title,
-            self.found.scores[one.id],
-            self.found.p_values[one.id],
-            self.found.surviving[one.id],
-            float(np.clip(explained / self._misfit(), 0.0, 1.0)),
-            -explained / self._count,
-            np.nan,
-            dict(self.base.heldout),
-            dict(self.found.sizes[one.id]),
-            refitted=False,
-        )
-
 
 def _plainest_first(ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypothesis, Refit]]:
     """Put in front, of those that predict as well as the first, the one with fewest parameters."""
@@ -449,35 +395,3 @@ def _plainest_first(ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypoth
     good = [pair for pair in ranked if _as_good(pair[1].loss, ranked[0][1].loss)]
     first = min(good, key=lambda pair: pair[0].free)
     return [first, *(pair for pair in ranked if pair is not first)]
-
-
-def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
-    """Return the parameters that came with a hypothesis, averaged over the wheels by their errors.
-
-    NaN where the data leave one open.
-    """
-    names = [one.effect.qualified(p) for p in one.effect.parameters] if one.effect else list(one.priors)
-    pairs: dict[str, list[tuple[float, float]]] = {}
-    for part, solution in zip(data.data, refit.solutions, strict=True):
-        covariance, _ = least_squares.covariance(part, solution)
-        sought = solution.unknowns
-        for column, unknown in enumerate((*sought.local, *sought.shared)):
-            if unknown.name not in names:
-                continue
-            own = column < len(sought.local)
-            t = solution.t[:, column] if own else solution.common[[column - len(sought.local)]]
-            error = np.sqrt(covariance[:, column, column]) if own else np.sqrt(covariance[:1, column, column])
-            told = (error < _OPEN * unknown.sd) | unknown.logarithm
-            known = zip(unknown.value(t)[told].tolist(), error[told].tolist(), strict=True)
-            pairs.setdefault(unknown.name, []).extend(known)
-    sizes = {}
-    for name in (name for name in names if name in pairs):
-        own_parameter, found = one.model.parameters.get(name), pairs[name]
-        value, se = np.nan, np.nan
-        if found:
-            weight = np.array([se**-2.0 if np.isfinite(se) and se > 0.0 else 1.0 for _, se in found])
-            value, se = float(np.average([v for v, _ in found], weights=weight)), float(weight.sum() ** -0.5)
-        factor = own_parameter.factor if own_parameter else 1.0
-        unit = own_parameter.unit if own_parameter else SOIL_UNITS.get(name, "")
-        sizes[own_parameter.name if own_parameter else name] = Size(value / factor, se / factor, unit)
-    return sizes

@@ -58,6 +58,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": diagnosis.verdict,
         "effect": diagnosis.effect,
         "family": list(diagnosis.family),
+        "together": list(diagnosis.together),
         "candidates": [_candidate(one) for one in diagnosis.candidates],
         "unknown": None
         if unknown is None

@@ -122,11 +122,10 @@ class Side:
         """Predict with the effect, and without it."""
         numbers = self.solution.of_samples(part.window)
         predicted, known, sinkage = self._white(part, numbers)
-        effect = self.hypothesis.effect
-        if effect is None:
+        own = self.hypothesis.parameters
+        if not own:
             return Shown(predicted, np.zeros_like(predicted), known, sinkage)
-        nulls = {effect.qualified(p): p.null for p in effect.parameters}
-        absent = {name: np.full_like(v, nulls[name]) if name in nulls else v for name, v in numbers.items()}
+        absent = {name: np.full_like(v, own[name].null) if name in own else v for name, v in numbers.items()}
         without, there, _ = self._white(part, absent)
         return Shown(predicted, (predicted - without) * (known & there)[:, None], known, sinkage)
 

@@ -141,16 +141,13 @@ def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDr
 
 
 def _reads(side: Side) -> set[str]:
-    effect = side.hypothesis.effect
     # Every drive has a load and a slip: that a law reads them says nothing of what it follows.
-    return set(effect.reads) - {"load", "slip", *UNITS} if effect else set()
+    return {name for effect in side.hypothesis.effects for name in effect.reads} - {"load", "slip", *UNITS}
 
 
 def _unsettled(one: Hypothesis, other: Hypothesis, best: float) -> str:
     said = []
-    for effect in (one.effect, other.effect):
-        if effect is None:
-            continue
+    for effect in (*one.effects, *other.effects):
         checks = [_CHECKS[name] for name in effect.laws if name in _CHECKS and effect.kind == "sensor"]
         said += checks or ([effect.settled_by] if effect.settled_by else [])
     sensors = [text for text in said if text in _CHECKS.values()]

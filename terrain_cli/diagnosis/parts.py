@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison import Comparison
     from terrain_cli.effects import Effect
+    from terrain_cli.effects.effect import Parameter
     from terrain_cli.estimation.wheel_fit import Prior
     from terrain_cli.mechanics.model import Model
 
@@ -27,8 +28,8 @@ class Hypothesis:
     fixed : mapping of str to float
         Parameters held in it, in SI units.
     priors : mapping of str to Prior
-    effect : Effect or None
-        None where it is no effect that is added, but an assumption of the base that is lifted.
+    effects : tuple of Effect
+        That it adds; none where an assumption of the base is lifted instead.
     """
 
     id: str
@@ -36,13 +37,17 @@ class Hypothesis:
     model: Model
     fixed: Mapping[str, float] = field(default_factory=dict)
     priors: Mapping[str, Prior] = field(default_factory=dict)
-    effect: Effect | None = None
+    effects: tuple[Effect, ...] = ()
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Parameters of what it adds, by their qualified names."""
+        return {effect.qualified(p): p for effect in self.effects for p in effect.parameters}
 
     @property
     def free(self) -> int:
         """Number of parameters that come with it."""
-        own = [self.effect.qualified(p) for p in self.effect.parameters] if self.effect else self.priors
-        return sum(name not in self.fixed for name in own)
+        return sum(name not in self.fixed for name in (self.parameters or self.priors))
 
 
 class Size(NamedTuple):
@@ -208,6 +213,8 @@ class Diagnosis:
     warnings : list of str
     sentence : str
         The verdict for a person.
+    together : tuple of str
+        Two effects that, both added, predict better than any alone, and than any draft; else none.
     """
 
     comparison: Comparison
@@ -221,3 +228,4 @@ class Diagnosis:
     not_testable: list[NotTestable]
     warnings: list[str]
     sentence: str
+    together: tuple[str, ...] = ()

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Samples that tell the noise.
 _FEWEST = 30
+#: Standard errors by which a model has to be better than another.
+_SURE = 2.0
 #: Multiples of its null at which the search for a parameter that only shapes an effect begins.
 _SHAPES = (0.4, 1.0, 2.5)
 
@@ -182,9 +184,7 @@ def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
     -------
     bool
     """
-    if hypothesis.effect is None:
-        return False
-    own = {hypothesis.effect.qualified(p): p for p in hypothesis.effect.parameters}
+    own = hypothesis.parameters
     for solution in one.solutions:
         for column, unknown in enumerate(solution.unknowns.shared):
             parameter = own.get(unknown.name)
@@ -208,10 +208,7 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     -------
     bool
     """
-    own = (
-        {hypothesis.effect.qualified(p): p for p in hypothesis.effect.parameters} if hypothesis.effect else {}
-    )
-    sides = {name: p for name, p in own.items() if p.side}
+    sides = {name: p for name, p in hypothesis.parameters.items() if p.side}
     for part, solution in zip(data.data, one.solutions, strict=True) if sides else ():
         _, common = least_squares.covariance(part, solution)
         for column, unknown in enumerate(solution.unknowns.shared):
@@ -224,6 +221,36 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
             if sides[unknown.name].imitates(value, error):
                 return True
     return False
+
+
+def error(difference: Array) -> float:
+    """Return the standard error of a sum over blocks.
+
+    Parameters
+    ----------
+    difference : ndarray, shape (blocks,)
+
+    Returns
+    -------
+    float
+        Infinite where there is but one block.
+    """
+    return float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
+
+
+def beats(one: Refit, other: Refit) -> bool:
+    """Tell whether one model predicts better than another, beyond chance.
+
+    Parameters
+    ----------
+    one, other : Refit
+
+    Returns
+    -------
+    bool
+    """
+    gain = other.loss - one.loss
+    return float(gain.sum()) > _SURE * error(gain)
 
 
 def weighed(data: Ground, one: Refit) -> Refit:
@@ -252,6 +279,7 @@ def refit(
     hypothesis: Hypothesis | None,
     extra: Sequence[dict[str, Array]] | None = None,
     begun: Sequence[Solution] | None = None,
+    after: Sequence[Refit] = (),
 ) -> Refit:
     """Fit a model to the data, and predict every block from the others.
 
@@ -264,6 +292,8 @@ def refit(
         Further channels of each wheel, at the rows taken.
     begun : sequence of Solution, optional
         Of the same hypothesis, from which to search.
+    after : sequence of Refit, optional
+        Of parts of it: the search begins at each of them, and at all together.
 
     Returns
     -------
@@ -282,7 +312,7 @@ def refit(
             one = begun[index]
             solution = least_squares.solve(hypothesis.model, one.unknowns, part, one.t, one.common)
         else:
-            solution = _solved(data, index, part, hypothesis)
+            solution = _solved(data, index, part, hypothesis, [one.solutions[index] for one in after])
         errors, out = _held_out(part, solution, data.block[index])
         loss += np.bincount(data.block[index], quiet.bounded(errors).sum(axis=1), data.blocks)
         solutions.append(solution)
@@ -297,8 +327,10 @@ def refit(
     return Refit(hypothesis.id if hypothesis else "", solutions, residuals, predicted, loss, rms)
 
 
-def _solved(data: Ground, index: int, part: Data, hypothesis: Hypothesis) -> Solution:
-    """Search from the base, and from where each shape of the effect is present; keep the best."""
+def _solved(
+    data: Ground, index: int, part: Data, hypothesis: Hypothesis, after: Sequence[Solution]
+) -> Solution:
+    """Search from the base, or from its parts, and where each shape of it is present; keep the best."""
     wheel, base = data.wheels[index], data.base[index]
     settings = wheel.settings
     fixed = {n: value for n, value in settings.fixed.items() if n not in hypothesis.priors}
@@ -309,16 +341,22 @@ def _solved(data: Ground, index: int, part: Data, hypothesis: Hypothesis) -> Sol
         shared=settings.shared,
         windows=part.windows,
     )
-    t, common = _from(base, sought, part.windows)
+    if after:
+        places = [*([one] for one in after), list(after), list(after)[::-1]]
+        begun = [_from(several, sought, part.windows) for several in places]
+        return least_squares.search(hypothesis.model, sought, part, begun)
+    t, common = _from([base], sought, part.windows)
     return least_squares.search(
         hypothesis.model, sought, part, product((t, None), _beginnings(sought, common, hypothesis))
     )
 
 
-def _from(base: Solution, sought: Unknowns, windows: int) -> tuple[Array, Array]:
-    """Return the base's solution in the terms of another model."""
-    local = {u.name: base.t[:, j] for j, u in enumerate(base.unknowns.local)}
-    shared = {u.name: float(base.common[j]) for j, u in enumerate(base.unknowns.shared)}
+def _from(several: Sequence[Solution], sought: Unknowns, windows: int) -> tuple[Array, Array]:
+    """Return solutions in the terms of another model: the first, and what others have besides."""
+    local = {u.name: several[0].t[:, j] for j, u in enumerate(several[0].unknowns.local)}
+    shared = {
+        u.name: float(one.common[j]) for one in several[::-1] for j, u in enumerate(one.unknowns.shared)
+    }
     t = [local.get(u.name, np.zeros(windows)) for u in sought.local]
     common = [
         shared.get(u.name, float(np.mean(local[u.name])) if u.name in local else 0.0) for u in sought.shared
@@ -327,21 +365,19 @@ def _from(base: Solution, sought: Unknowns, windows: int) -> tuple[Array, Array]
 
 
 def _beginnings(sought: Unknowns, common: Array, hypothesis: Hypothesis) -> Iterator[Array]:
-    effect = hypothesis.effect
-    shapes = [p for p in effect.parameters if p.shape] if effect else []
-    if effect is None or not shapes:
+    shapes = [name for name, p in hypothesis.parameters.items() if p.shape]
+    if not shapes:
         yield common
         return
     place = {u.name: j for j, u in enumerate(sought.shared)}
     for times in product(_SHAPES, repeat=len(shapes)):
         begun = common.copy()
-        for p in effect.parameters:
-            name = effect.qualified(p)
+        for name, p in hypothesis.parameters.items():
             if name not in place:
                 continue
             value = p.null + 0.3 * p.scale
             if p.shape:
-                value = p.null * times[shapes.index(p)]
+                value = p.null * times[shapes.index(name)]
             unknown = sought.shared[place[name]]
             begun[place[name]] = (np.clip(value, p.lower, p.upper) - unknown.mean) / unknown.sd
         yield begun

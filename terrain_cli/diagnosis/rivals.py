@@ -132,7 +132,7 @@ class _Design:
         for index, solution in enumerate(refit.solutions):
             part, base = data.data[index], data.base[index]
             predicted = _white(part, solution.model, solution.of_samples(part.window))
-            if hypothesis.effect is None:
+            if not hypothesis.effects:
                 absent = _white(part, base.model, base.of_samples(part.window))
             else:
                 absent = _white(part, solution.model, _absent(hypothesis, solution.of_samples(part.window)))
@@ -196,9 +196,8 @@ def _white(part: Data, model: Model, numbers: Mapping[str, Array]) -> Array:
 
 def _absent(hypothesis: Hypothesis, numbers: Mapping[str, Array]) -> dict[str, Array]:
     """Return parameters with the effect absent."""
-    effect = hypothesis.effect
-    nulls = {effect.qualified(p): p.null for p in effect.parameters} if effect else {}
-    return {name: np.full_like(v, nulls[name]) if name in nulls else v for name, v in numbers.items()}
+    own = hypothesis.parameters
+    return {name: np.full_like(v, own[name].null) if name in own else v for name, v in numbers.items()}
 
 
 def _by_window(table: Array, window: Index, windows: int, soil: int) -> Array:

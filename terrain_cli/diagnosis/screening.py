@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -92,7 +93,7 @@ def hypotheses(
             continue
         model = Model(file.model.base, (*file.model.effects, effect))
         held = {effect.qualified(p): p.null for p in effect.parameters if p.idle(available)}
-        found.append(Hypothesis(effect.id, effect.title, model, held, effect=effect))
+        found.append(Hypothesis(effect.id, effect.title, model, held, effects=(effect,)))
     modulus = wheels[0].windows.samples.geometry.shear_modulus
     for assumption in assumptions.made_by(file, modulus):
         lifted = assumptions.lifted(file, assumption.id, modulus)
@@ -147,7 +148,7 @@ def screen(
     )
     tests = scoring.test([part.scores for part in parts], [part.testable for part in parts], left, seed=seed)
     for one in hypotheses:
-        if one.effect is None:
+        if not one.effects:
             _assumed(found, one)
             continue
         groups = [(part, [g for g in part.groups if g.id == one.id]) for part in parts]
@@ -179,9 +180,35 @@ def promising(
     """
     parts = _columns(wheels, block, hypotheses)
     gains = {
-        one.id: sum(part.explained(one.id) for part in parts) if one.effect else np.inf for one in hypotheses
+        one.id: sum(part.explained(one.id) for part in parts) if one.effects else np.inf for one in hypotheses
     }
     return sorted((one for one in hypotheses if gains[one.id] > 0.0), key=lambda one: -gains[one.id])
+
+
+def promising_pairs(
+    wheels: Sequence[Wheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis]
+) -> list[tuple[Hypothesis, Hypothesis]]:
+    """Order pairs of hypotheses by what they explain together to first order.
+
+    Parameters
+    ----------
+    wheels : sequence of Wheel
+        Fitted.
+    block : sequence of ndarray of int, shape (n,)
+        Of the usable samples of each.
+    hypotheses : sequence of Hypothesis
+        None of them an assumption of the base.
+
+    Returns
+    -------
+    list of (Hypothesis, Hypothesis)
+    """
+    parts = _columns(wheels, block, hypotheses)
+    gains = [
+        (sum(part.explained(one.id, other.id) for part in parts), (one, other))
+        for one, other in combinations(hypotheses, 2)
+    ]
+    return [pair for gain, pair in sorted(gains, key=lambda one: -one[0]) if gain > 0.0]
 
 
 def _columns(
@@ -223,7 +250,7 @@ class _Columns:
         rows = np.arange(0, len(wheel), step)
         known = signatures.evidence(wheel, rows)
         names = known.white.channels
-        effects = [one.effect for one in hypotheses if one.effect is not None]
+        effects = [effect for one in hypotheses for effect in one.effects]
         self.groups: list[_Group] = []
         tables = [np.zeros((len(rows), len(names), 0))]
         start = 0
@@ -254,10 +281,11 @@ class _Columns:
         np.add.at(blocks, self.block, np.einsum("ncm,nc->nm", self.left, residual))
         return blocks
 
-    def explained(self, effect: str) -> float:
-        """Return what an effect takes off the sum of squares, to first order."""
-        own = [g.columns[self.testable[g.columns]] for g in self.groups if g.id == effect]
-        return max((self.scores.fit(c, _WIDTH**-2.0)[2] for c in own if len(c)), default=0.0)
+    def explained(self, *effects: str) -> float:
+        """Return what effects take off the sum of squares together, to first order."""
+        own = [[g.columns[self.testable[g.columns]] for g in self.groups if g.id == one] for one in effects]
+        every = [np.concatenate(columns) for columns in product(*own) if all(map(len, columns))]
+        return max((self.scores.fit(columns, _WIDTH**-2.0)[2] for columns in every), default=0.0)
 
     def reason(self, groups: Sequence[_Group]) -> str:
         """Say why these data tell nothing of an effect; nothing if they do."""

@@ -41,6 +41,12 @@ def verdict(diagnosis: Diagnosis) -> str:
         )
     others = list(diagnosis.family[1:])
     better = f" {diagnosis.unknown.sentence} --draft FILE.toml writes it." if diagnosis.unknown else ""
+    if diagnosis.together:
+        both = " ".join(diagnosis.together)
+        better = (
+            f" Two of them explain more than any alone; add both with: "
+            f"terrain-est model add FILE {both} --data INPUT…"
+        )
     if not others:
         return (
             f"{seen}Probably {_told(first)}, but something is left over, or this very drive would not "

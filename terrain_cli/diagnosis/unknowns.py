@@ -30,8 +30,6 @@ _MOST = 4_000
 _PRICE = 6.0
 #: Part of the misfit that the best effect has to leave, and a draft to take, for the draft to stand.
 _LEFT = 0.12
-#: Standard errors by which a draft has to be better than the best effect.
-_SURE = 2.0
 #: Drivers whose noise is in the residual too.
 _QUIET = ("slip", "load", "sinkage", "velocity", "angular_velocity")
 #: A plainer draft, or one of a channel, is taken that explains as much within this share.
@@ -103,7 +101,7 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
             draft.effect.id,
             draft.effect.title,
             Model(model.base, (*model.effects, draft.effect)),
-            effect=draft.effect,
+            effects=(draft.effect,),
         )
         extra = _extra(data, driver)
         tried.append(Tried(draft, refits.refit(data, one, extra), one, extra))
@@ -164,11 +162,7 @@ def beats(tried: Sequence[Tried], effect: Refit) -> bool:
     -------
     bool
     """
-    if not tried:
-        return False
-    difference = effect.loss - tried[0].refit.loss
-    error = float(np.std(difference, ddof=1) * np.sqrt(len(difference)))
-    return float(difference.sum()) > _SURE * error
+    return bool(tried) and refits.beats(tried[0].refit, effect)
 
 
 def verdict(

@@ -35,8 +35,9 @@ def until_quiet(
 ) -> Iterator[Step | Stopped]:
     """Add what is missing, effect by effect, and keep only what pays on held-out data.
 
-    Each round asks for a diagnosis of the model as it has become, tries the effect named, or those that
-    the data cannot tell apart from the best one on, and keeps the first whose held-out error falls.
+    Each round asks for a diagnosis of the model as it has become, tries two effects that explain it
+    together, the effect named, or those that the data cannot tell apart from the best one on, and keeps
+    the first of these whose held-out error falls.
     When the alarm is silent, or nothing pays, every effect that was added is taken out again by way of
     trial, and stays out unless the held-out error rises.
 
@@ -66,9 +67,9 @@ def until_quiet(
     added: list[str] = []
 
     def attempt(
-        action: Action, name: str, current: ModelFile, first: Comparison | None
+        action: Action, names: Sequence[str], current: ModelFile, first: Comparison | None
     ) -> tuple[Step, ModelFile]:
-        change = (models.added if action == "add" else models.removed)(current, [name], modulus)
+        change = (models.added if action == "add" else models.removed)(current, names, modulus)
         step = tried(
             wheels,
             action,
@@ -77,7 +78,7 @@ def until_quiet(
             change.file,
             first=first,
             seed=seed,
-            progress=lambda what: progress(f"{action} {name}: {what}"),
+            progress=lambda what: progress(f"{action} {' '.join(names)}: {what}"),
         )
         kept = step.pays if action == "add" else not step.costs
         return replace(step, kept=kept), change.file if kept else current
@@ -87,38 +88,42 @@ def until_quiet(
         progress("diagnosis")
         found = diagnose(wheels, file)
         quiet = not found.alarm.raised
-        names, because = _candidates(found, draft)
-        if not names:
+        choices, because = _candidates(found, draft)
+        if not choices:
             break
-        for name in names:
-            step, file = attempt("add", named.get(name, name), file, found.comparison)
+        for names in choices:
+            step, file = attempt("add", [named.get(name, name) for name in names], file, found.comparison)
             yield step
             if step.kept:
                 added += step.changed
                 break
         else:
-            because = f"nothing more pays on held-out data: {listed(names)} did not"
+            tried_ones = [" with ".join(names) for names in choices]
+            because = f"nothing more pays on held-out data: {listed(tried_ones)} did not"
             break
     else:
         because = f"stopped after {MOST} effects"
     effects = [name for name in added if name not in models.ASSUMPTIONS]
     # One that was added alone has just been tried.
     for name in effects if len(added) > 1 else ():
-        step, file = attempt("remove", name, file, None)
+        step, file = attempt("remove", [name], file, None)
         yield step
     yield Stopped(file, quiet, because)
 
 
-def _candidates(found: Diagnosis, draft: Callable[[Unknown], str] | None) -> tuple[list[str], str]:
-    """Return what is to be tried, the best first; or nothing, and why."""
+def _candidates(
+    found: Diagnosis, draft: Callable[[Unknown], str] | None
+) -> tuple[list[tuple[str, ...]], str]:
+    """Return what is to be tried, alone or together, the best first; or nothing, and why."""
     if not found.alarm.raised:
         return [], "the alarm is silent: the data show nothing that is missing"
-    names = list(dict.fromkeys([*([found.effect] if found.effect else []), *found.family]))
-    if names:
-        return names, ""
+    both = [found.together] if found.together else []
+    choices = [*both, *((name,) for name in dict.fromkeys([*filter(None, [found.effect]), *found.family]))]
+    if choices:
+        return choices, ""
     if found.unknown is None:
         return [], "something is missing, but no effect can be named"
     if draft is None:
         sentence = found.unknown.sentence.rstrip(".")
         return [], f"{sentence[:1].lower()}{sentence[1:]}; no draft was asked for"
-    return [draft(found.unknown)], ""
+    return [(draft(found.unknown),)], ""

@@ -173,7 +173,7 @@ def test_held_out_loss_falls_with_the_right_effect_only():
     loss = {"": float(refits.refit(data, None).loss.sum())}
     for name in ("slope", "gear-efficiency"):
         effect = effects.find(name)
-        one = Hypothesis(name, effect.title, Model("wong-reece", (effect,)), effect=effect)
+        one = Hypothesis(name, effect.title, Model("wong-reece", (effect,)), effects=(effect,))
         loss[name] = float(refits.refit(data, one).loss.sum())
     count = int(data.data[0].seen.sum())
     assert loss["slope"] < 1.3 * count < 2.0 * count < loss["gear-efficiency"]

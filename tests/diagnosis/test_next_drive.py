@@ -155,7 +155,7 @@ def test_where_no_drive_tells_it_says_so_and_what_does():
 def test_of_a_sensor_that_cannot_be_told_from_the_ground_it_asks_for_a_calibration():
     model = Model("wong-reece")
     one, other = (
-        Hypothesis(effect.id, effect.title, model, effect=effect)
+        Hypothesis(effect.id, effect.title, model, effects=(effect,))
         for effect in (catalogue()["bulldozing"], OWN["load-gain"])
     )
     text = next_drive._unsettled(one, other, LEAST - 0.1)

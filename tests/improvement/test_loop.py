@@ -49,6 +49,7 @@ def diagnosing(*answers):
             effect=names[0] if len(names) == 1 else None,
             family=tuple(names),
             unknown=unknown,
+            together=(),
         )
 
     return diagnose
@@ -130,7 +131,7 @@ def test_candidates_of_ones_own_are_named_by_their_paths(sinks, folder, monkeypa
 
 def test_an_alarm_without_a_name_is_told(sinks):
     nothing = SimpleNamespace(
-        comparison=None, alarm=SimpleNamespace(raised=True), effect=None, family=(), unknown=None
+        comparison=None, alarm=SimpleNamespace(raised=True), effect=None, family=(), unknown=None, together=()
     )
     (end,) = until_quiet(sinks, models.resolve("wong-reece"), diagnose=lambda *_: nothing)
     assert not end.quiet

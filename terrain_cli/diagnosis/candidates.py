@@ -1,0 +1,110 @@
+"""What a diagnosis says of each candidate: what it explains, and how large its parameters are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import least_squares
+from terrain_cli.diagnosis import refits
+from terrain_cli.diagnosis.parts import Candidate, Size
+from terrain_cli.models.parts import SOIL_UNITS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.diagnosis.parts import Hypothesis
+    from terrain_cli.diagnosis.refits import Ground, Refit
+    from terrain_cli.diagnosis.screening import Screened
+
+#: Error of a parameter, as a share of what was known beforehand, from which on the data leave it open.
+_OPEN = 0.95
+
+
+def listed(
+    data: Ground,
+    base: Refit,
+    found: Screened,
+    ranked: Sequence[tuple[Hypothesis, Refit]],
+    hypotheses: Sequence[Hypothesis],
+    family: Sequence[str],
+) -> list[Candidate]:
+    """List every candidate that can be tested.
+
+    Parameters
+    ----------
+    data : Ground
+    base : Refit
+        Of the model as it is.
+    found : Screened
+    ranked : sequence of (Hypothesis, Refit)
+        Those that were fitted, the best first.
+    hypotheses : sequence of Hypothesis
+    family : sequence of str
+
+    Returns
+    -------
+    list of Candidate
+        In the order of `ranked`; then the others, by what they explain to first order.
+    """
+    count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
+    misfit = max(float(base.loss.sum()) - count, 1e-300)
+
+    def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
+        scored = one.id, one.title, found.scores[one.id], found.p_values[one.id], found.surviving[one.id]
+        if refit is None:
+            gain = found.explained[one.id]
+            share = float(np.clip(gain / misfit, 0.0, 1.0))
+            sizes = dict(found.sizes[one.id])
+            return Candidate(*scored, share, -gain / count, np.nan, dict(base.heldout), sizes, refitted=False)
+        change = refit.loss - base.loss
+        return Candidate(
+            *scored,
+            float(np.clip(-change.sum() / misfit, 0.0, 1.0)),
+            float(change.sum()) / count,
+            refits.error(change) / count,
+            refit.heldout,
+            _sizes(one, data, refit),
+            refitted=True,
+            in_family=one.id in family,
+        )
+
+    done = {one.id for one, _ in ranked}
+    rest = [candidate(one, None) for one in hypotheses if one.id in found.p_values and one.id not in done]
+    return [
+        *(candidate(one, refit) for one, refit in ranked),
+        *sorted(rest, key=lambda one: -one.explained),
+    ]
+
+
+def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
+    """Return the parameters that came with a hypothesis, averaged over the wheels by their errors.
+
+    NaN where the data leave one open.
+    """
+    names = list(one.parameters or one.priors)
+    pairs: dict[str, list[tuple[float, float]]] = {}
+    for part, solution in zip(data.data, refit.solutions, strict=True):
+        covariance, _ = least_squares.covariance(part, solution)
+        sought = solution.unknowns
+        for column, unknown in enumerate((*sought.local, *sought.shared)):
+            if unknown.name not in names:
+                continue
+            own = column < len(sought.local)
+            t = solution.t[:, column] if own else solution.common[[column - len(sought.local)]]
+            error = np.sqrt(covariance[:, column, column]) if own else np.sqrt(covariance[:1, column, column])
+            told = (error < _OPEN * unknown.sd) | unknown.logarithm
+            known = zip(unknown.value(t)[told].tolist(), error[told].tolist(), strict=True)
+            pairs.setdefault(unknown.name, []).extend(known)
+    sizes = {}
+    for name in (name for name in names if name in pairs):
+        own_parameter, found = one.model.parameters.get(name), pairs[name]
+        value, se = np.nan, np.nan
+        if found:
+            weight = np.array([se**-2.0 if np.isfinite(se) and se > 0.0 else 1.0 for _, se in found])
+            value, se = float(np.average([v for v, _ in found], weights=weight)), float(weight.sum() ** -0.5)
+        factor = own_parameter.factor if own_parameter else 1.0
+        unit = own_parameter.unit if own_parameter else SOIL_UNITS.get(name, "")
+        sizes[own_parameter.name if own_parameter else name] = Size(value / factor, se / factor, unit)
+    return sizes
