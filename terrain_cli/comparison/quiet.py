@@ -71,6 +71,32 @@ class Data:
         return np.stack([np.isfinite(self.measured[n]) & self.use for n in self.white.channels], axis=1)
 
 
+def with_noise_of(data: Data, left: Array, fewest: int) -> Data:
+    """Take what a model leaves for the noise.
+
+    Parameters
+    ----------
+    data : Data
+    left : ndarray, shape (n, c)
+        In units of the noise as it is.
+    fewest : int
+        Samples, known in every channel, that tell it.
+
+    Returns
+    -------
+    Data
+    """
+    seen = data.seen.all(axis=1)
+    if np.count_nonzero(seen) < fewest:
+        return data
+    bounded_left = np.clip(left[seen], -BEND, BEND)
+    root = np.linalg.cholesky(data.white.covariance)
+    # No channel is taken for better than it was.
+    size, axes = np.linalg.eigh(bounded_left.T @ bounded_left / len(bounded_left))
+    scatter = (axes * np.maximum(size, 1.0)) @ axes.T
+    return replace(data, white=replace(data.white, covariance=root @ scatter @ root.T))
+
+
 def parameters(sought: Unknowns, t: Array, common: Array, window: Index) -> dict[str, Array]:
     """Return every parameter of some samples.
 

@@ -45,6 +45,8 @@ _NOTICED = 1.1
 _MISSING = 0.02
 #: Differences of load or sinkage, as a multiple of their size, that are large.
 _SCATTER = 1.5
+#: Times that test points are weighed anew by what the model leaves of them, and how many tell that.
+_WEIGHED, _FEWEST = 3, 10
 #: Prior standard deviations within which a search begins.
 _FAR = 3.0
 #: Blocks that a misfit is taken to have at the most, and samples of one at least.
@@ -147,8 +149,8 @@ class Wheel:
             return
         known = self.fit.dof > 0.0
         ratio = float(self.fit.chi2[known].sum() / self.fit.dof[known].sum()) if known.any() else 1.0
-        # Of test points load and slip were set, and are exact.
         lost = self._lost()
+        # Of test points load and slip were set, and are exact.
         astray = ratio >= _MISFIT or not self.ordered or lost
         levels = {name: level.deviation for name, level in self.noise.items()}
         before = self._off(levels)
@@ -159,8 +161,12 @@ class Wheel:
         # That fit can have gone astray in what is common too: none of its effects is where others begin.
         starts = product((t, None), (common, np.zeros_like(common)) if len(common) else (common,))
         first, sizes = (self.fit, dict(self.parameters)), self._sizes()
-        self.take(least_squares.search(self.model, self.sought, data, starts), data)
-        worse = all(size >= sizes[name] for name, size in self._sizes().items())
+        solution = least_squares.search(self.model, self.sought, data, starts)
+        for _ in range(_WEIGHED if not self.ordered else 0):
+            data = quiet.with_noise_of(data, solution.residual, _FEWEST)
+            solution = least_squares.solve(self.model, self.sought, data, solution.t, solution.common)
+        self.take(solution, data)
+        worse = self.ordered and all(size >= sizes[name] for name, size in self._sizes().items())
         if (not astray and self._off(levels) >= before) or (worse and not lost):
             self._forget()
             self.fit, self.parameters = first

@@ -157,17 +157,7 @@ def with_noise_of(data: Ground, best: Refit) -> Ground:
     """
     parts, solutions = [], []
     for part, found, base, wheel in zip(data.data, best.solutions, data.base, data.wheels, strict=True):
-        root = np.linalg.cholesky(part.white.covariance)
-        seen = part.seen.all(axis=1)
-        left = np.clip(found.residual[seen], -quiet.BEND, quiet.BEND)
-        scatter = left.T @ left / max(len(left), 1)
-        if len(left) < _FEWEST:
-            scatter = np.eye(len(root))
-        # No channel is taken for better than it was.
-        size, axes = np.linalg.eigh(scatter)
-        scatter = (axes * np.maximum(size, 1.0)) @ axes.T
-        white = replace(part.white, covariance=root @ scatter @ root.T)
-        parts.append(replace(part, white=white))
+        parts.append(quiet.with_noise_of(part, found.residual, _FEWEST))
         solutions.append(least_squares.solve(wheel.model, base.unknowns, parts[-1], base.t, base.common))
     return replace(data, data=parts, base=solutions)
 
