@@ -341,10 +341,18 @@ class TestMeasuredWheel:
         found = change(model, "add", "model.toml", "slip-sinkage", *every)
         assert found["pays"]
         sinkage = found["channels"]["sinkage"]
-        assert sinkage["heldout_after"] < sinkage["heldout_before"] / 2.0
+        assert sinkage["heldout_after"] < sinkage["heldout_before"] / 2.7
 
-    def test_a_wrong_effect_does_not(self, bench, model):
+    def test_and_without_skidding_even_more(self, bench, model):
+        driven = [word.replace("slip >= 0", "slip >= -0.05") for word in bench]
+        sinkage = change(model, "add", "model.toml", "slip-sinkage", *driven)["channels"]["sinkage"]
+        assert sinkage["heldout_after"] < sinkage["heldout_before"] / 4.0
+
+    @pytest.mark.parametrize("effect", ["bulldozing", "drawbar-bias"])
+    @pytest.mark.parametrize("slips", [" and slip >= 0", ""], ids=["driving", "all"])
+    def test_a_wrong_effect_does_not(self, bench, model, effect, slips):
         before = Path("model.toml").read_bytes()
-        found = change(model, "add", "model.toml", "bulldozing", *bench)
+        some = [word.replace(" and slip >= 0", slips) for word in bench]
+        found = change(model, "add", "model.toml", effect, *some)
         assert (found["pays"], found["kept"]) == (False, False)
         assert Path("model.toml").read_bytes() == before

@@ -36,6 +36,9 @@ MOST = 6
 #: A simpler shape is preferred to one that explains this share more.
 _PLAINER = 0.05
 _PLAIN = ("constant", "linear", "label", "step", "saturating", "quadratic", "periodic")
+#: Drivers that are named before others that varied alike and explain at most this share more: what every
+#: drive is described by.
+_USUAL, _NEARLY = ("slip", "load"), 0.15
 #: Cosine between terms from which one could be the other.
 _ALIKE = 0.9
 
@@ -205,9 +208,12 @@ class Search:
             )
             coefficient = np.where(testable, scores.sum(axis=0) / power, 0.0)
             explained = coefficient**2 * power
-            best = self._strongest(explained, (test.p_values < level) & testable, need)
+            # Neither tells what is rarer than one of the draws.
+            p_values = np.minimum(test.p_values, np.maximum(self._by_share(explained, testable), 1.0 / draws))
+            best = self._strongest(explained, (p_values < level) & testable, need)
             if best is None:
                 break
+            best = self._usual(best, explained, (p_values < level) & testable, cross)
             pair = self._pair(best)
             term, size = self.terms[best], float(explained[list(pair)].sum())
             # What follows is worth a word only beside the first.
@@ -215,7 +221,7 @@ class Search:
             found.append(
                 Found(
                     Term(term.channel, self.terms[pair[0]].shape),
-                    float(test.p_values[list(pair)].min()),
+                    float(p_values[list(pair)].min()),
                     float(coefficient[pair[0]]),
                     float(coefficient[pair[1]]) if len(pair) > 1 else 0.0,
                     size,
@@ -231,6 +237,26 @@ class Search:
             ]
             self.refit(chosen)
         return found
+
+    def _by_share(self, explained: Array, testable: NDArray[np.bool_]) -> Array:
+        """How often chance makes any term explain such a share of its channel, were each block one value.
+
+        What is missing is in the scores that chance is drawn from too, and hides itself where it is most
+        of the residual and the blocks are few. Bonferroni's bound on Student's t.
+        """
+        from scipy.special import stdtr
+
+        whole = {
+            name: sum(float(np.nansum(w.residuals[name] ** 2)) for w in self.wheels if name in w.residuals)
+            / size**2
+            for name, size in self.scale.items()
+        }
+        every = np.array([whole[term.channel] for term in self.terms])
+        share = np.divide(explained, every, out=np.zeros_like(explained), where=testable & (every > 0.0))
+        free = max(self.blocks - 2.0 - self.groups * self.soil / len(self.scale), 1.0)
+        share = np.minimum(share, 1.0 - 1e-12)
+        p_values = 2.0 * stdtr(free, -np.sqrt(free * share / (1.0 - share)))
+        return np.asarray(np.minimum(p_values * max(int(np.count_nonzero(testable)), 1), 1.0))
 
     def _shrunk(self, chosen: int) -> float:
         """Return how much smaller residuals are than the noise, for what has been fitted to them."""
@@ -260,6 +286,21 @@ class Search:
         if term.channel == "drawbar_pull" and any(self.terms[place] == twin for place in near):
             best = next(int(place) for place in near if self.terms[place] == twin)
         return best
+
+    def _usual(self, best: int, explained: Array, beyond: NDArray[np.bool_], cross: Array) -> int:
+        """Choose a usual driver in the place of one that varied alike."""
+        alike = self._alternatives(best, cross, beyond)
+        channel, shape = self.terms[best]
+        others = [
+            int(place)
+            for place in np.flatnonzero(beyond & (explained >= (1.0 - _NEARLY) * explained[best]))
+            if self.terms[place].channel == channel and self.terms[place].shape.driver in {*alike} & {*_USUAL}
+        ]
+        return (
+            max(others, key=lambda place: explained[place], default=best)
+            if shape.driver not in _USUAL
+            else best
+        )
 
     def _alternatives(self, best: int, cross: Array, testable: NDArray[np.bool_]) -> tuple[str, ...]:
         term = self.terms[best]

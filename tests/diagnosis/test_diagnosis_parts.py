@@ -143,6 +143,26 @@ def test_one_step_from_a_sinkage_gives_the_derivatives_of_the_root(wheel):
             np.testing.assert_allclose(tables[channel][:, column], slope, atol=2e-3 * size)
 
 
+def test_what_a_model_leaves_counts_as_noise_but_makes_no_channel_better(wheel):
+    data = wheel.least_squares_data()
+    seen = data.seen.all(axis=1)
+    rng = np.random.default_rng(1)
+    left = rng.normal(size=(len(seen), 3)) * [1.5, 0.5, 1.0]
+    weighed = quiet.with_noise_of(data, left, 30)
+    unit = {name: np.ones(len(seen)) for name in data.white.channels}
+    # What was 1.5 in the first channel is 1 now; the second, half as noisy as was thought, stays.
+    before, after = (one.white(unit, data.seen)[seen][0] for one in (data, weighed))
+    assert after[0] / before[0] == pytest.approx(1.0 / 1.5, rel=0.1)
+    root = np.linalg.cholesky(data.white.covariance)
+    inner = np.linalg.solve(root, np.linalg.solve(root, weighed.white.covariance).T)
+    assert np.sqrt(np.diag(inner)) == pytest.approx([1.5, 1.0, 1.0], rel=0.1)
+    assert np.linalg.eigvalsh(inner).min() >= 1.0 - 1e-9
+    # A residual without end weighs as one of `BEND` deviations.
+    wild = quiet.with_noise_of(data, np.where(np.arange(3) == 0, 1e6, left), 30)
+    assert np.sqrt(wild.white.covariance[0, 0] / data.white.covariance[0, 0]) <= quiet.BEND * 1.001
+    assert quiet.with_noise_of(data, left, int(seen.sum()) + 1) is data
+
+
 def test_a_fit_to_quiet_channels_ends_at_a_minimum(wheel):
     data = wheel.least_squares_data()
     solution = least_squares.solve(wheel.model, wheel.sought, data, *wheel.beginning())
