@@ -1,0 +1,58 @@
+"""The search of the residuals: what is most of them, and what chance makes of few blocks."""
+
+import numpy as np
+import pytest
+
+from terrain_cli.comparison import shapes
+from terrain_cli.comparison.evidence import Evidence, Slopes
+from terrain_cli.comparison.search import Search
+
+BLOCKS, LONG = 16, 50
+NOISE = {"torque": 1.0}
+
+
+def slow(rng):
+    """Return values that last for a block."""
+    return np.repeat(rng.normal(size=BLOCKS), LONG)
+
+
+def searched(residual, drivers, *, soil=None):
+    n = len(residual)
+    slopes = {"torque": Slopes(np.ones((n, 1)) if soil is None else soil, np.zeros((n, 0)))}
+    block = np.repeat(np.arange(BLOCKS), LONG)
+    evidence = Evidence({"torque": residual}, slopes, drivers, np.zeros(n, dtype=np.intp), block)
+    every = [shape for name, values in drivers.items() for shape in shapes.of_number(name, values)]
+    search = Search([evidence], {"torque": every}, NOISE, groups=1, blocks=BLOCKS)
+    return search.forward(NOISE, {"torque": n}, level=0.05, draws=199, seed=1)
+
+
+def test_what_is_most_of_the_residual_is_found_though_it_lasts_as_long_as_the_drive():
+    rng = np.random.default_rng(1)
+    rising = np.linspace(-1.0, 1.0, BLOCKS * LONG)
+    # Bent a little: the scores of all blocks are what is missing, and none is chance.
+    residual = 20.0 * rising + 3.0 * rising**3 + rng.normal(size=len(rising))
+    first = searched(residual, {"slip": rising, "load": slow(rng)})[0]
+    assert (first.term.channel, first.term.shape.driver) == ("torque", "slip")
+    assert first.p_value < 0.01
+
+
+def test_of_what_varied_alike_the_usual_driver_is_named():
+    rng = np.random.default_rng(2)
+    rising = np.linspace(-1.0, 1.0, BLOCKS * LONG)
+    alike = rising + 0.15 * np.sin(9.0 * rising)
+    residual = 20.0 * alike + rng.normal(size=len(rising))
+    first = searched(residual, {"wheel_speed": alike, "slip": rising})[0]
+    assert first.term.shape.driver == "slip"
+    assert "wheel_speed" in first.alternatives
+
+
+@pytest.mark.parametrize("lasting", [1.0, 10.0], ids=["mixed", "lasting"])
+def test_chance_that_lasts_for_a_block_is_chance(lasting):
+    found = 0
+    for seed in range(200):
+        rng = np.random.default_rng([3, seed])
+        drivers = {name: slow(rng) for name in ("slip", "load", "pitch")}
+        residual = lasting * slow(rng) + rng.normal(size=BLOCKS * LONG)
+        found += bool(searched(residual, drivers))
+    # One in twenty, and what the bootstrap of few blocks counts too rarely.
+    assert found <= 24
