@@ -44,7 +44,7 @@ def verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.together:
         both = " ".join(diagnosis.together)
         better = (
-            f" Two of them explain more than any alone; add both with: "
+            f" Two effects together explain more than any alone; add both with: "
             f"terrain-est model add FILE {both} --data INPUT…"
         )
     if not others:
