@@ -23,6 +23,8 @@ _WAYS = ((2, 3), (1, 2), (0, 1))
 #: Share by which a channel grows with the load, over the load's own: sinkage by 1 / (n + ½) of an ordinary
 #: soil, less on a hard layer, torque as friction does; and samples that tell.
 _ANSWERS, _ENOUGH = {"sinkage": 0.75, "torque": 1.0}, 30
+#: Test points that tell, and standard errors by which these have to answer to their load.
+_FEW, _SURE = 8, 4.0
 #: Most by which an interpolation is drawn out, as its neighbours flatten what changes fast.
 _MOST_SHARE = 1.5
 #: Times its noise that an interpolation may be off by.
@@ -97,8 +99,11 @@ def _calibrated(wheel: Wheel, name: str, column: Array) -> Array:
         others = [other for other in ("slip", "load") if other != name]
         off = measured - float(np.mean(measured[known]))
         level = float(np.nan_to_num(noise.of_points(off, wheel.window, wheel.conditions(others))))
-        share = float(np.clip((np.var(measured[known]) - level**2) / power, 0.0, 1.0))
-        return np.asarray(middle + share * (column - middle))
+        told = float(np.var(measured[known])) - level**2
+        if name == "load":
+            # Test points at several loads look like repeated ones to whoever asks their slip alone.
+            told = max(told, _felt(wheel, sure=_SURE))
+        return np.asarray(middle + float(np.clip(told / power, 0.0, 1.0)) * (column - middle))
     # Neighbours share what is true of a sample, and none of its noise.
     share = float(np.mean((column[known] - middle) * (measured[known] - np.mean(measured[known])))) / power
     share = float(np.clip(share, 0.0, _MOST_SHARE))
@@ -109,23 +114,29 @@ def _calibrated(wheel: Wheel, name: str, column: Array) -> Array:
     return np.asarray(middle + share * (column - middle))
 
 
-def _felt(wheel: Wheel) -> float:
-    """Return the variance of the load, in N², that sinkage or torque answers to: noise has no part."""
-    return max(_answered(wheel, name, growth) for name, growth in _ANSWERS.items())
+def _felt(wheel: Wheel, sure: float = 0.0) -> float:
+    """Return the variance of the load, in N², that sinkage or torque answers to: noise has no part.
+
+    Nothing where they do not answer by so many standard errors.
+    """
+    return max(_answered(wheel, name, growth, sure) for name, growth in _ANSWERS.items())
 
 
-def _answered(wheel: Wheel, name: str, growth: float) -> float:
+def _answered(wheel: Wheel, name: str, growth: float, sure: float) -> float:
     if name not in wheel.channels or "slip" not in wheel.channels:
         return 0.0
     load, answer, slip = (wheel.channels[one] for one in ("load", name, "slip"))
     known = np.isfinite(load) & np.isfinite(answer) & np.isfinite(slip)
-    if known.sum() < _ENOUGH:
+    if known.sum() < (_FEW if sure else _ENOUGH):
         return 0.0
     steady = np.stack([np.ones(int(known.sum())), slip[known], slip[known] ** 2], axis=1)
     own, other = (
         column[known] - steady @ np.linalg.lstsq(steady, column[known], rcond=None)[0]
         for column in (load, answer)
     )
+    alike = float(np.mean(own * other)) / max(float(np.std(own) * np.std(other)), 1e-300)
+    if sure and alike * np.sqrt((known.sum() - 4.0) / max(1.0 - alike**2, 1e-12)) < sure:
+        return 0.0
     share = float(np.mean(own * other)) / max(abs(float(np.mean(answer[known]))), 1e-300)
     felt = share * float(np.mean(load[known])) / growth
     return float(np.clip(felt, 0.0, np.var(own)))
