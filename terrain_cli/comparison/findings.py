@@ -32,6 +32,17 @@ MOST_SAMPLES = 60_000
 _WORST = 3
 
 
+def _precision(wheel: Wheel) -> Array:
+    """Return what is known beforehand of the soil of each window, about where it was fitted."""
+    widths = [
+        wheel.prior[name] * (np.abs(wheel.parameters[name]) if name in wheel.logarithmic else 1.0)
+        for name in wheel.soil
+    ]
+    shape = len(wheel.soil), len(wheel.windows)
+    width = np.stack([np.broadcast_to(one, shape[1:]) for one in widths]) if widths else np.ones(shape)
+    return np.asarray(width.T**-2.0)
+
+
 class Residuals:
     """Residuals of all wheels, thinned, with all that they may follow.
 
@@ -162,7 +173,7 @@ class Residuals:
             self.evidence,
             dict.fromkeys(self.scale, self.shapes),
             self.scale,
-            groups=int(self.first[-1]),
+            precision=np.concatenate([_precision(wheel) for wheel in self.wheels]),
             blocks=count,
         )
 

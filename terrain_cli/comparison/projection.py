@@ -73,16 +73,20 @@ class System:
 
     Parameters
     ----------
-    groups, blocks, soil, terms : int
-        Numbers of groups, of blocks, of parameters of one group, and of terms.
+    precision : ndarray, shape (groups, q)
+        What is known beforehand of how far the groups' own parameters may move: without it, where data
+        tell little of one, it would move without end.
+    blocks, terms : int
+        Numbers of blocks and of terms.
     """
 
-    def __init__(self, groups: int, blocks: int, soil: int, terms: int) -> None:
+    def __init__(self, precision: Array, blocks: int, terms: int) -> None:
+        groups, soil = precision.shape
         self._blocks = blocks
         self._squares = np.zeros(terms)
-        self._soil = np.zeros((groups, soil, soil))
+        self._soil: Array = np.asarray(precision[:, :, None] * np.eye(soil))
         self._mixed = np.zeros((groups, terms, soil))
-        self._inverse = np.zeros((groups, soil, soil))
+        self._inverse: Array = np.zeros((groups, soil, soil))
         self._share = np.zeros((groups, terms, soil))
         self._cross = np.zeros((terms, terms))
 

@@ -86,8 +86,10 @@ class Search:
         Channel → shapes tested in it.
     scale : mapping of str to float
         Channel → standard deviation of its residual, which weighs it.
-    groups, blocks : int
-        Numbers of these over all wheels.
+    precision : ndarray, shape (groups, q)
+        As for `projection.System`.
+    blocks : int
+        Number of blocks over all wheels.
     """
 
     def __init__(
@@ -96,7 +98,7 @@ class Search:
         shapes: Mapping[str, Sequence[Shape]],
         scale: Mapping[str, float],
         *,
-        groups: int,
+        precision: Array,
         blocks: int,
     ) -> None:
         self.wheels, self.shapes, self.scale = list(wheels), shapes, scale
@@ -108,8 +110,8 @@ class Search:
         for channel, each in shapes.items():
             self.columns[channel] = np.r_[: self.common, start : start + len(each)]
             start += len(each)
-        self.blocks, self.groups, self.soil = blocks, groups, first.soil.shape[1]
-        self.system = System(groups, blocks, self.soil, start).add(self._cells())
+        self.blocks, (self.groups, self.soil) = blocks, precision.shape
+        self.system = System(precision, blocks, start).add(self._cells())
 
     def _cells(self) -> Iterator[Cell]:
         for wheel in self.wheels:

@@ -44,7 +44,7 @@ def left_of(columns, design):
 
 def test_scores_are_those_of_terms_without_what_the_groups_imitate(data):
     cells, soil, terms, error, block = data
-    scores = System(GROUPS, BLOCKS, SOIL, TERMS).add(cells).scores(cells)
+    scores = System(np.zeros((GROUPS, SOIL)), BLOCKS, TERMS).add(cells).scores(cells)
     expected = left_of(terms, soil) * error[:, None]
     for b in range(BLOCKS):
         assert scores[b] == pytest.approx(expected[block == b].sum(axis=0))
@@ -52,7 +52,7 @@ def test_scores_are_those_of_terms_without_what_the_groups_imitate(data):
 
 def test_beyond_some_terms_is_beyond_all_that_is_fitted(data):
     cells, soil, terms, error, block = data
-    system = System(GROUPS, BLOCKS, SOIL, TERMS).add(cells)
+    system = System(np.zeros((GROUPS, SOIL)), BLOCKS, TERMS).add(cells)
     scores, cross = system.beyond([0, 4], system.scores(cells))
     left = left_of(terms, np.hstack([soil, terms[:, [0, 4]]]))
     assert cross == pytest.approx(left.T @ left, abs=1e-9)
@@ -62,7 +62,7 @@ def test_beyond_some_terms_is_beyond_all_that_is_fitted(data):
 
 def test_a_fit_is_that_of_least_squares(data):
     cells, soil, terms, error, _ = data
-    fitted = System(GROUPS, BLOCKS, SOIL, TERMS).add(cells).fit([0, 2, 5], cells)
+    fitted = System(np.zeros((GROUPS, SOIL)), BLOCKS, TERMS).add(cells).fit([0, 2, 5], cells)
     expected = np.linalg.lstsq(np.hstack([soil, terms[:, [0, 2, 5]]]), error, rcond=None)[0]
     assert np.concatenate([fitted.soil.ravel(), fitted.coefficients]) == pytest.approx(expected)
 
@@ -71,7 +71,7 @@ def test_a_term_that_the_groups_imitate_does_not_survive():
     rng = np.random.default_rng(2)
     soil = rng.normal(size=(50, 1))
     cell = Cell(0, 0, np.arange(2), 1.0, rng.normal(size=50), soil, np.hstack([soil, soil**2]))
-    system = System(1, 1, 1, 2).add([cell])
+    system = System(np.zeros((1, 1)), 1, 2).add([cell])
     scores, cross = system.beyond([], system.scores([cell]))
     assert system.surviving(cross)[0] == pytest.approx(0.0, abs=1e-12)
     assert scores[0, 0] == pytest.approx(0.0, abs=1e-9)
@@ -80,6 +80,19 @@ def test_a_term_that_the_groups_imitate_does_not_survive():
 
 def test_parameters_that_nothing_determines_are_left_alone():
     cell = Cell(0, 0, np.arange(1), 1.0, np.ones(20), np.zeros((20, 3)), np.ones((20, 1)))
-    fitted = System(1, 1, 3, 1).add([cell]).fit([0], [cell])
+    fitted = System(np.zeros((1, 3)), 1, 1).add([cell]).fit([0], [cell])
     assert fitted.coefficients == pytest.approx([1.0])
     assert np.all(fitted.soil == 0.0)
+
+
+def test_parameters_move_no_further_than_what_is_known_of_them_allows():
+    rng = np.random.default_rng(3)
+    soil = 1e-6 * rng.normal(size=(200, 1))
+    cell = Cell(0, 0, np.arange(1), 1.0, rng.normal(size=200), soil, np.ones((200, 1)))
+    free, held = (
+        System(np.full((1, 1), precision), 1, 1).add([cell]).fit([], [cell]).soil[0, 0]
+        for precision in (0.0, 1.0)
+    )
+    # By least squares it would have to be a hundred thousand times what it is known by.
+    assert abs(free) > 1e4
+    assert abs(held) < 1e-3

@@ -22,7 +22,7 @@ def searched(residual, drivers, *, soil=None):
     block = np.repeat(np.arange(BLOCKS), LONG)
     evidence = Evidence({"torque": residual}, slopes, drivers, np.zeros(n, dtype=np.intp), block)
     every = [shape for name, values in drivers.items() for shape in shapes.of_number(name, values)]
-    search = Search([evidence], {"torque": every}, NOISE, groups=1, blocks=BLOCKS)
+    search = Search([evidence], {"torque": every}, NOISE, precision=np.zeros((1, 1)), blocks=BLOCKS)
     return search.forward(NOISE, {"torque": n}, level=0.05, draws=199, seed=1)
 
 
