@@ -106,13 +106,15 @@ def test_what_depends_on_changed_samples_is_measured_again(case, changed):
     np.testing.assert_allclose(out[1], expected, rtol=1e-6, atol=1e-9 * expected.max())
 
 
-def test_threads_share_what_is_long(monkeypatch):
+def test_what_is_long_is_measured_slab_by_slab(monkeypatch):
     rng = np.random.default_rng(2)
     x, y = 1e4 + 100.0 * rng.standard_normal(5000), 5e3 + 80.0 * rng.standard_normal(5000)
     x[::700] *= 3.0
-    alone = noise.tame(Samples(x, y), 4)
-    monkeypatch.setattr(noise, "_SHARED", 100)
-    np.testing.assert_array_equal(np.concatenate(noise.tame(Samples(x, y), 4)), np.concatenate(alone))
+    monkeypatch.setattr(blocks, "_SLAB", 10_000)
+    whole = noise.tame(Samples(x, y), 4)
+    monkeypatch.setattr(blocks, "_SLAB", 400)
+    for part, one in zip(noise.tame(Samples(x, y), 4), whole, strict=True):
+        np.testing.assert_allclose(part, one, rtol=1e-9)
 
 
 @given(series(), st.lists(st.integers(0, 119), max_size=6), st.data())
