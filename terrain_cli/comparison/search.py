@@ -38,7 +38,7 @@ _PLAINER = 0.05
 _PLAIN = ("constant", "linear", "label", "step", "saturating", "quadratic", "periodic")
 #: Drivers that are named before others that varied alike and explain at most this share more: what every
 #: drive is described by.
-_USUAL, _NEARLY = ("slip", "load"), 0.15
+_USUAL, _NEARLY = ("slip", "load"), 0.3
 #: Cosine between terms from which one could be the other.
 _ALIKE = 0.9
 
