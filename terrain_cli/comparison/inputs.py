@@ -102,7 +102,7 @@ def _calibrated(wheel: Wheel, name: str, column: Array) -> Array:
         told = float(np.var(measured[known])) - level**2
         if name == "load":
             # Test points at several loads look like repeated ones to whoever asks their slip alone.
-            told = max(told, _felt(wheel, sure=_SURE))
+            told = max(told, _felt(wheel))
         return np.asarray(middle + float(np.clip(told / power, 0.0, 1.0)) * (column - middle))
     # Neighbours share what is true of a sample, and none of its noise.
     share = float(np.mean((column[known] - middle) * (measured[known] - np.mean(measured[known])))) / power
@@ -114,20 +114,17 @@ def _calibrated(wheel: Wheel, name: str, column: Array) -> Array:
     return np.asarray(middle + share * (column - middle))
 
 
-def _felt(wheel: Wheel, sure: float = 0.0) -> float:
-    """Return the variance of the load, in N², that sinkage or torque answers to: noise has no part.
-
-    Nothing where they do not answer by so many standard errors.
-    """
-    return max(_answered(wheel, name, growth, sure) for name, growth in _ANSWERS.items())
+def _felt(wheel: Wheel) -> float:
+    """Return the variance of the load, in N², that sinkage or torque answers to: noise has no part."""
+    return max(_answered(wheel, name, growth) for name, growth in _ANSWERS.items())
 
 
-def _answered(wheel: Wheel, name: str, growth: float, sure: float) -> float:
+def _answered(wheel: Wheel, name: str, growth: float) -> float:
     if name not in wheel.channels or "slip" not in wheel.channels:
         return 0.0
     load, answer, slip = (wheel.channels[one] for one in ("load", name, "slip"))
     known = np.isfinite(load) & np.isfinite(answer) & np.isfinite(slip)
-    if known.sum() < (_FEW if sure else _ENOUGH):
+    if known.sum() < (_ENOUGH if wheel.ordered else _FEW):
         return 0.0
     steady = np.stack([np.ones(int(known.sum())), slip[known], slip[known] ** 2], axis=1)
     own, other = (
@@ -135,7 +132,8 @@ def _answered(wheel: Wheel, name: str, growth: float, sure: float) -> float:
         for column in (load, answer)
     )
     alike = float(np.mean(own * other)) / max(float(np.std(own) * np.std(other)), 1e-300)
-    if sure and alike * np.sqrt((known.sum() - 4.0) / max(1.0 - alike**2, 1e-12)) < sure:
+    # Few points are alike by chance.
+    if not wheel.ordered and alike * np.sqrt((known.sum() - 4.0) / max(1.0 - alike**2, 1e-12)) < _SURE:
         return 0.0
     share = float(np.mean(own * other)) / max(abs(float(np.mean(answer[known]))), 1e-300)
     felt = share * float(np.mean(load[known])) / growth

@@ -291,18 +291,13 @@ class Search:
 
     def _usual(self, best: int, explained: Array, beyond: NDArray[np.bool_], cross: Array) -> int:
         """Choose a usual driver in the place of one that varied alike."""
-        alike = self._alternatives(best, cross, beyond)
         channel, shape = self.terms[best]
-        others = [
-            int(place)
-            for place in np.flatnonzero(beyond & (explained >= (1.0 - _NEARLY) * explained[best]))
-            if self.terms[place].channel == channel and self.terms[place].shape.driver in {*alike} & {*_USUAL}
-        ]
-        return (
-            max(others, key=lambda place: explained[place], default=best)
-            if shape.driver not in _USUAL
-            else best
-        )
+        if shape.driver in _USUAL:
+            return best
+        alike = {*_USUAL}.intersection(self._alternatives(best, cross, beyond))
+        near = np.flatnonzero(beyond & (explained >= (1.0 - _NEARLY) * explained[best])).tolist()
+        others = [p for p in near if self.terms[p].channel == channel and self.terms[p].shape.driver in alike]
+        return max(others, key=lambda place: explained[place], default=best)
 
     def _alternatives(self, best: int, cross: Array, testable: NDArray[np.bool_]) -> tuple[str, ...]:
         term = self.terms[best]

@@ -359,12 +359,12 @@ class Wheel:
     @cached_property
     def read(self) -> dict[str, Array]:
         """The channels from which to predict: torque and pull, if effects read them, from the conditions."""
-        read = {*self.further, *(name for effect in self.model.effects for name in effect.reads)}
-        out = dict(self.channels)
+        wanted = {*self.further, *(name for effect in self.model.effects for name in effect.reads)}
+        read = dict(self.channels)
         for name in ("torque", "drawbar_pull"):
-            if name in read and name in self.channels:
-                out[name] = from_conditions(self.channels[name], self.channels, self.window)
-        return out
+            if name in wanted and name in read:
+                read[name] = from_conditions(self.channels[name], self.channels, self.window)
+        return read
 
     @cached_property
     def measured(self) -> dict[str, Array]:

@@ -122,7 +122,7 @@ def diagnose(
     failures = list(comparison.failures)
     if any(one is not other for one, other in zip(chosen.wheels, few, strict=True)):
         failures = _findings(chosen.wheels, own, comparison, seed)
-    state = _State(chosen, own, found, failures, seed, progress)
+    state = _State(chosen, found, failures, seed, progress)
     return state.diagnosis(comparison, hypotheses, not_testable)
 
 
@@ -221,14 +221,12 @@ class _State:
     def __init__(
         self,
         data: Ground,
-        block: list[Index],
         found: Screened,
         failures: Sequence[Finding],
         seed: int,
         progress: Callable[[str], None],
     ) -> None:
-        self.data, self.block, self.found, self.failures = data, block, found, failures
-        self.seed, self.progress = seed, progress
+        self.data, self.found, self.failures, self.seed, self.progress = data, found, failures, seed, progress
         self.base = refits.refit(data, None)
 
     def diagnosis(
@@ -276,7 +274,8 @@ class _State:
             clear = clear and not refits.imitates(self.data, *near[0])
             earned = judged.earned and clear and self.data.blocks >= _FEWEST
         unknown, alone = unknowns.verdict(self.base, best, draft, family)
-        pair = None if clear and not alone else pairs.best(self.data, self.block, ranked, self.progress)
+        # Where a draft stands alone, it has beaten the best effect.
+        pair = None if clear else pairs.best(self.data, self.found, ranked, self.progress)
         together: tuple[str, ...] = ()
         if pair and all(refits.beats(pair[1], one) for one in (best, *(d.refit for d in draft[:1]))):
             together = tuple(effect.id for effect in pair[0].effects)

@@ -14,12 +14,8 @@ from terrain_cli.mechanics.model import Model
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from terrain_cli.diagnosis.refits import Ground, Refit
-
-    Index = NDArray[np.intp]
+    from terrain_cli.diagnosis.screening import Screened
 
 #: Pairs that are fitted: those that explain most to first order.
 _FITTED = 8
@@ -27,7 +23,7 @@ _FITTED = 8
 
 def best(
     data: Ground,
-    block: Sequence[Index],
+    found: Screened,
     ranked: Sequence[tuple[Hypothesis, Refit]],
     progress: Callable[[str], None],
 ) -> tuple[Hypothesis, Refit] | None:
@@ -36,8 +32,7 @@ def best(
     Parameters
     ----------
     data : Ground
-    block : sequence of ndarray of int
-        Of the usable samples of each wheel.
+    found : Screened
     ranked : sequence of (Hypothesis, Refit)
         Each of them alone.
     progress : callable
@@ -49,8 +44,8 @@ def best(
     """
     alone = {one.id: (one, refit) for one, refit in ranked if one.effects}
     effects = [one for one, _ in alone.values()]
-    found = []
-    for first, second in screening.promising_pairs(data.wheels, block, effects)[:_FITTED]:
+    fitted = []
+    for first, second in screening.promising_pairs(found, effects)[:_FITTED]:
         pair = _both(data, first, second)
         if pair is None:
             continue
@@ -58,8 +53,8 @@ def best(
         after = [alone[one.id][1] for one in (first, second)]
         refit = refits.refit(data, pair, after=after)
         if not (refits.at_bounds(pair, refit) or refits.imitates(data, pair, refit)):
-            found.append((pair, refit))
-    return min(found, key=lambda one: float(one[1].loss.sum()), default=None)
+            fitted.append((pair, refit))
+    return min(fitted, key=lambda one: float(one[1].loss.sum()), default=None)
 
 
 def _both(data: Ground, first: Hypothesis, second: Hypothesis) -> Hypothesis | None:

@@ -53,6 +53,8 @@ class Screened:
     not_testable : list of NotTestable
     blocks : ndarray, shape (blocks, m)
         Scores of all columns that can be tested, of what the strongest effect leaves.
+    columns : list of _Columns
+        The signatures in each wheel.
     """
 
     scores: dict[str, float] = field(default_factory=dict)
@@ -62,6 +64,7 @@ class Screened:
     sizes: dict[str, dict[str, Size]] = field(default_factory=dict)
     not_testable: list[NotTestable] = field(default_factory=list)
     blocks: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    columns: list[_Columns] = field(default_factory=list)
 
 
 def hypotheses(
@@ -140,7 +143,7 @@ def screen(
     Screened
     """
     parts = _columns(wheels, block, hypotheses)
-    found = Screened()
+    found = Screened(columns=parts)
     best = _strongest(parts, hypotheses)
     left = [part.beyond(best) for part in parts]
     found.blocks = np.concatenate(
@@ -185,17 +188,13 @@ def promising(
     return sorted((one for one in hypotheses if gains[one.id] > 0.0), key=lambda one: -gains[one.id])
 
 
-def promising_pairs(
-    wheels: Sequence[Wheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis]
-) -> list[tuple[Hypothesis, Hypothesis]]:
+def promising_pairs(found: Screened, hypotheses: Sequence[Hypothesis]) -> list[tuple[Hypothesis, Hypothesis]]:
     """Order pairs of hypotheses by what they explain together to first order.
 
     Parameters
     ----------
-    wheels : sequence of Wheel
-        Fitted.
-    block : sequence of ndarray of int, shape (n,)
-        Of the usable samples of each.
+    found : Screened
+        What their scores say, one by one.
     hypotheses : sequence of Hypothesis
         None of them an assumption of the base.
 
@@ -203,9 +202,8 @@ def promising_pairs(
     -------
     list of (Hypothesis, Hypothesis)
     """
-    parts = _columns(wheels, block, hypotheses)
     gains = [
-        (sum(part.explained(one.id, other.id) for part in parts), (one, other))
+        (sum(part.explained(one.id, other.id) for part in found.columns), (one, other))
         for one, other in combinations(hypotheses, 2)
     ]
     return [pair for gain, pair in sorted(gains, key=lambda one: -one[0]) if gain > 0.0]

@@ -98,8 +98,8 @@ def until_quiet(
                 added += step.changed
                 break
         else:
-            tried_ones = [" with ".join(names) for names in choices]
-            because = f"nothing more pays on held-out data: {listed(tried_ones)} did not"
+            several = listed([" with ".join(names) for names in choices])
+            because = f"nothing more pays on held-out data: {several} did not"
             break
     else:
         because = f"stopped after {MOST} effects"

@@ -21,7 +21,6 @@ from terrain_cli.estimation.wheel_fit.result import Fit, parameters
 from terrain_cli.estimation.wheel_fit.solve import accumulate, eliminate, initial, solve
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.mechanics.dual import value
-from terrain_cli.memory import keep_freed
 from terrain_cli.settings import FIT_SAMPLES
 
 if TYPE_CHECKING:
@@ -114,7 +113,6 @@ def fit(
     ValueError
         Arrays of different length, or bounds that do not go from 0 to n.
     """
-    keep_freed()
     data, rows = collect(model, channels, bounds, given)
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
