@@ -60,7 +60,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     Every effect of the catalogue is tried, and those of --effect: fitted together with the soil, and
     judged by the error on stretches of the data that were left out. One name is given only where this
     very drive would show that effect and no other; otherwise a family, and the drive that would settle
-    it. Inputs of the same wheel are joined. Exit code 0 whatever is found. See docs/diagnose.md.
+    it; or two effects, where both together explain what none does alone. Inputs of the same wheel are
+    joined. Exit code 0 whatever is found. See docs/diagnose.md.
     """
     import formats
     from terrain_cli import effects, models
