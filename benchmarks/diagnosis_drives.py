@@ -29,7 +29,7 @@ from terrain_cli.improvement import Stopped, fitted, until_quiet  # noqa: E402 -
 from terrain_cli.mechanics.model import Model  # noqa: E402 - as above
 
 #: Seeds: below, thresholds were tuned; from here on, they are scored. And how far apart rows are.
-FIRST, APART = 5_000_000, 100
+FIRST, APART = 6_000_000, 100
 NOISES = ("white", "ar1", "soil", "soil-unlabelled")
 COURSES = ("rich", "poor-load", "rich", "poor", "rich", "poor-speed")
 SIZES = (0.5, 1.0, 2.0)
