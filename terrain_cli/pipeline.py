@@ -11,7 +11,7 @@ from terrain_cli.errors import InputError
 from terrain_cli.telemetry.mapping import is_table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.rover import Rover
@@ -49,7 +49,12 @@ class Outcome:
 
 
 def run(
-    path: str, rover: Rover, settings: Settings, *, progress: Callable[[str], None] = lambda _: None
+    path: str,
+    rover: Rover,
+    settings: Settings,
+    *,
+    progress: Callable[[str], None] = lambda _: None,
+    beside: bool = False,
 ) -> Outcome:
     """Estimate the soil under every wheel of one input.
 
@@ -60,6 +65,8 @@ def run(
     settings : Settings
     progress : callable
         Called with the name of each step before it begins.
+    beside : bool
+        Work through a long log in a second process while this one reads it.
 
     Returns
     -------
@@ -80,7 +87,7 @@ def run(
     if hindrance is None:
         found = telemetry.read_parts(source, rover, reaches.MOST_ROWS, wheels=settings.wheels, where=where)
         if not isinstance(found, list):
-            return _in_reaches(source, found, settings)
+            return _in_reaches(source, found, settings, beside=beside)
         wheels = found
     else:
         wheels = telemetry.read_source(
@@ -126,19 +133,30 @@ def run(
     return outcome
 
 
-def _in_reaches(source: formats.Source, parts: Iterable[Samples], settings: Settings) -> Outcome:
+def _in_reaches(
+    source: formats.Source, parts: Iterable[Samples], settings: Settings, *, beside: bool
+) -> Outcome:
     """Estimate a log of which no more than a reach is held."""
-    wheels: dict[str, reaches.Wheel] = {}
-    for part in parts:
-        wheels.setdefault(part.wheel, reaches.Wheel(settings)).take(part)
+    # They grow until the log ends.
+    remarks: dict[str, list[str]] = {}
+
+    def lean() -> Iterator[Samples]:
+        for part in parts:
+            remarks[part.wheel] = part.remarks
+            yield reaches.lean(part)
+
+    work = reaches.work
+    if beside:
+        from terrain_cli.beside import work
+    wheels = work(lean(), settings)
     done = [wheels[name] for name in sorted(wheels)]
-    for wheel in done:
-        wheel.end()
     if not any(len(wheel) for wheel in done):
         where = f" where {settings.where}" if settings.where else ""
         raise InputError(f"{source.path}: there are no samples{where}")
     outcome = Outcome(
-        {}, _of_source(source) | {"wheels": [wheel.account() | {"places": None} for wheel in done]}
+        {},
+        _of_source(source)
+        | {"wheels": [wheels[name].account(remarks[name]) | {"places": None} for name in sorted(wheels)]},
     )
     tables = [wheel.table for wheel in done if wheel.table is not None]
     if tables:

@@ -17,6 +17,8 @@ from terrain_cli.telemetry.excerpt import joined
 from terrain_cli.telemetry.samples import NEEDED
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.models import ModelFile
     from terrain_cli.settings import Settings
@@ -60,6 +62,43 @@ def hindrance(settings: Settings, file: ModelFile | None) -> str | None:
     return None
 
 
+def lean(part: Samples) -> Samples:
+    """Return a part with no more than windows, estimates and the table are made of.
+
+    Parameters
+    ----------
+    part : Samples
+
+    Returns
+    -------
+    Samples
+    """
+    channels = {name: values for name, values in part.channels.items() if name in _KEPT}
+    return replace(part, channels=channels, drivers={})
+
+
+def work(parts: Iterable[Samples], settings: Settings) -> dict[str, Wheel]:
+    """Work through a log.
+
+    Parameters
+    ----------
+    parts : iterable of Samples
+        From `lean`, of each wheel in turn.
+    settings : Settings
+
+    Returns
+    -------
+    dict of str to Wheel
+        By their names.
+    """
+    wheels: dict[str, Wheel] = {}
+    for part in parts:
+        wheels.setdefault(part.wheel, Wheel(settings)).take(part)
+    for wheel in wheels.values():
+        wheel.end()
+    return wheels
+
+
 class Wheel:
     """The windows of one wheel so far, and the samples that are not yet in one.
 
@@ -88,6 +127,7 @@ class Wheel:
         Parameters
         ----------
         part : Samples
+            From `lean`.
         """
         if self._first is None:
             self._first = part.taken(slice(0, 0))
@@ -103,10 +143,11 @@ class Wheel:
                 self._before += ahead
         if not len(usable):
             return
-        behind = np.diff(np.append(usable, len(part))) - 1.0
-        used = part if len(usable) == len(part) else part.taken(usable)
-        channels = {name: values for name, values in used.channels.items() if name in _KEPT}
-        self._pending.append(replace(used, channels=channels, drivers={_BEHIND: behind}))
+        if len(usable) == len(part):
+            used, behind = part, np.zeros(len(part))
+        else:
+            used, behind = part.taken(usable), np.diff(np.append(usable, len(part))) - 1.0
+        self._pending.append(replace(used, drivers={_BEHIND: behind}))
         self._waiting += len(usable)
         # A long window that is carried on is not searched again for every few samples.
         if self._waiting >= self._carried + max(REACH, self._carried):
@@ -174,15 +215,20 @@ class Wheel:
         """Behind the rows."""
         return estimation.join(self._estimates)
 
-    def account(self) -> dict[str, Any]:
+    def account(self, remarks: Sequence[str]) -> dict[str, Any]:
         """Say what became of its samples, as the summary shows it.
+
+        Parameters
+        ----------
+        remarks : sequence of str
+            What a person should know about the input.
 
         Returns
         -------
         dict
         """
         assert self._first is not None  # noqa: S101 - a wheel is there once it has samples
-        remarks = list(self._first.remarks)
+        remarks = list(remarks)
         if self._cut:
             remarks.append(
                 f"wheel {self._first.wheel}: a soil that goes on is cut every {LONGEST:,} samples or so "

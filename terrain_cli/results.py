@@ -176,6 +176,8 @@ def _rejected(windows: Windows) -> NDArray[np.intp]:
     So that used and rejected samples of all windows add up to the samples read.
     """
     codes = windows.samples.set_aside.codes
+    if not (codes >= 0).any():
+        return np.zeros(len(windows), dtype=np.intp)
     order = np.argsort(windows.rows, kind="stable")
     before = np.searchsorted(windows.rows[order], np.flatnonzero(codes >= 0)) - 1
     window = np.searchsorted(windows.bounds, order[np.maximum(before, 0)], side="right") - 1

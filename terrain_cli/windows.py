@@ -100,12 +100,28 @@ def at_rows(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
     -------
     ndarray
     """
-    whole = len(rows) == len(column) and bool(np.all(rows[1:] > rows[:-1]))
-    return column if whole else column[rows]
+    return column[which(rows, len(column))]
+
+
+def which(rows: NDArray[np.intp], n: int) -> NDArray[np.intp] | slice:
+    """Return an index of rows that makes no copy where these are all, in their order.
+
+    Parameters
+    ----------
+    rows : ndarray of int
+    n : int
+        How many there are.
+
+    Returns
+    -------
+    ndarray of int or slice
+    """
+    return slice(None) if len(rows) == n and bool(np.all(rows[1:] > rows[:-1])) else rows
 
 
 def _measured(samples: Samples, rows: NDArray[np.intp]) -> Measured:
-    load, torque, sinkage, slip = (at_rows(samples.channels[name], rows) for name in NEEDED)
+    index = which(rows, len(samples))
+    load, torque, sinkage, slip = (samples.channels[name][index] for name in NEEDED)
     return Measured(load=load, torque=torque, sinkage=sinkage, slip=slip)
 
 
@@ -187,12 +203,13 @@ def cut(
         method = "none" if labels is None else "terrain"
     if samples.time is None and labels is not None and method == "terrain":
         rows = rows[np.argsort(labels.codes[rows], kind="stable")]
-    driving = np.flatnonzero(at_rows(samples.channels["slip"], rows) >= 0.0)
+    index = which(rows, len(samples))
+    driving = np.flatnonzero(samples.channels["slip"][index] >= 0.0)
     x, y = _coordinates(samples, rows, driving) if lined else _unknown(rows)
     # A soil goes on between pieces of one drive.
-    stretch = at_rows(samples.stretch if samples.drive is None else samples.drive, rows)
+    stretch = (samples.stretch if samples.drive is None else samples.drive)[index]
     breaks = np.flatnonzero(np.diff(stretch)) + 1
-    distance = at_rows(samples.distance, rows) if samples.distance is not None else None
+    distance = samples.distance[index] if samples.distance is not None else None
     if method == "terrain":
         if labels is None:
             raise InputError(
@@ -215,12 +232,13 @@ def cut(
             len(rows), samples=window_samples, metres=window_distance, distance=distance, breaks=breaks
         )
     elif method == "auto":
-        own = np.flatnonzero(np.diff(at_rows(stretch, driving))) + 1
+        lined_up = which(driving, len(rows))
+        own = breaks if len(driving) == len(rows) else np.flatnonzero(np.diff(stretch[lined_up])) + 1
         changes = segmentation.change_points(
-            at_rows(x, driving),
-            at_rows(y, driving),
+            x[lined_up],
+            y[lined_up],
             breaks=own,
-            distance=None if distance is None else at_rows(distance, driving),
+            distance=None if distance is None else distance[lined_up],
             min_samples=CUT_SAMPLES if min_samples is None else min_samples,
             min_distance=MIN_DISTANCE if window_distance is None else window_distance,
             before=before,

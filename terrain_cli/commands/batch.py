@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -121,6 +120,7 @@ def command(context: click.Context, /, **_: Any) -> int:
     However it ends, nothing that was done is lost: the same command goes on from there.
     """
     from terrain_cli.batch import configuration, inputs, run
+    from terrain_cli.beside import cores
 
     names = context.params["inputs"]
     found = inputs.discover(names)
@@ -132,7 +132,7 @@ def command(context: click.Context, /, **_: Any) -> int:
     order = run.Order(
         kind=given["kind"],
         also=tuple(given["also"]),
-        jobs=given["jobs"] or _cores(),
+        jobs=given["jobs"] or cores(),
         scheduler=given["scheduler"],
         timeout=given["timeout"],
         memory=int(given["memory"] * _GIGA) if given["memory"] else None,
@@ -147,11 +147,6 @@ def command(context: click.Context, /, **_: Any) -> int:
             click.echo(f"{why}\t{item.path}")
         return 0
     return _run(found, gathered, order, given)
-
-
-def _cores() -> int:
-    # Those that this process may use, where the system says so.
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _check_kinds(kinds: tuple[str, ...]) -> None:

@@ -167,12 +167,15 @@ def _outcomes(
 ) -> Iterable[Outcome]:
     """Run every input, in order, with a progress bar once it has taken a second."""
     from terrain_cli import pipeline
+    from terrain_cli.beside import cores
     from terrain_cli.commands.progress import Progress
 
     with Progress(len(paths), enabled=not quiet) as progress:
         if jobs == 1 or len(paths) == 1:
             for path in paths:
-                yield pipeline.run(path, rover, settings, progress=partial(progress.say, path))
+                yield pipeline.run(
+                    path, rover, settings, progress=partial(progress.say, path), beside=cores() > 1
+                )
                 progress.advance()
             return
         from concurrent.futures import ProcessPoolExecutor

@@ -79,12 +79,12 @@ def segment_sum(values: Array, bounds: Bounds) -> Array:
     return total
 
 
-def of_windows(columns: Array, bounds: Bounds, keys: Sequence[Key] = _KEYS) -> Moments:
+def of_windows(columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[Key] = _KEYS) -> Moments:
     """Moments of every window.
 
     Parameters
     ----------
-    columns : ndarray, shape (6, n)
+    columns : sequence of six ndarray, shape (n,)
         x, y, load, torque, sinkage, slip.
     bounds : ndarray of int, shape (w + 1,)
         From 0 to n.
@@ -97,7 +97,8 @@ def of_windows(columns: Array, bounds: Bounds, keys: Sequence[Key] = _KEYS) -> M
     """
     count = np.diff(bounds)
     if len(count) and len(columns[0]) >= _LONG * len(count):
-        return join([_of_long_window(columns[:, a:b], keys) for a, b in pairwise(bounds)])
+        return join([_of_long_window([row[a:b] for row in columns], keys) for a, b in pairwise(bounds)])
+    columns = np.asarray(columns)
     if len(count) and count[0] and (count == count[0]).all():
         return _of_equal_windows(columns.reshape(len(columns), -1, count[0]), bounds, keys)
     mean = segment_sum(columns, bounds) / np.maximum(count, 1)
@@ -106,10 +107,10 @@ def of_windows(columns: Array, bounds: Bounds, keys: Sequence[Key] = _KEYS) -> M
     return Moments(count.astype(float), mean, products)
 
 
-def _of_long_window(columns: Array, keys: Sequence[Key]) -> Moments:
+def _of_long_window(columns: Sequence[Array], keys: Sequence[Key]) -> Moments:
     """Moments of one window, all products of a lag at once."""
-    rows, length = columns.shape
-    mean = np.einsum("rn->r", columns) / max(length, 1)
+    rows, length = len(columns), len(columns[0])
+    mean = np.array([np.einsum("n->", row) for row in columns]) / max(length, 1)
     lags = max(lag for lag, _, _ in keys)
     total = np.zeros((lags + 1, rows, rows))
     # Nothing comes before the first sample.
@@ -118,7 +119,8 @@ def _of_long_window(columns: Array, keys: Sequence[Key]) -> Moments:
         last = min(first + _LONG, length)
         begin = max(first - lags, 0)
         some = deviation[:, : lags + last - first]
-        np.subtract(columns[:, begin:last], mean[:, None], out=some[:, lags - (first - begin) :])
+        for row, level, own in zip(columns, mean, some, strict=True):
+            np.subtract(row[begin:last], level, out=own[lags - (first - begin) :])
         # A copy, as BLAS takes a routine for an array with itself that is slow for few rows.
         late = some[:, lags:].copy()
         for lag in range(lags + 1):

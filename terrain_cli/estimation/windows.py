@@ -266,11 +266,11 @@ def blocks(bounds: Bounds) -> Iterator[tuple[int, int]]:
         first = last
 
 
-def _blocks(rows: Sequence[Array], bounds: Bounds) -> Iterator[tuple[Array, Bounds, int, int]]:
+def _blocks(rows: Sequence[Array], bounds: Bounds) -> Iterator[tuple[list[Array], Bounds, int, int]]:
     """Yield columns and bounds of runs of windows, the first window and the one after the last."""
     for first, last in blocks(bounds):
         begin, end = bounds[first], bounds[last]
-        yield np.array([row[begin:end] for row in rows]), bounds[first : last + 1] - begin, first, last
+        yield [row[begin:end] for row in rows], bounds[first : last + 1] - begin, first, last
 
 
 def _estimate(

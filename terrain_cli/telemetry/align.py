@@ -58,7 +58,8 @@ def stretch_gap(time: Array, max_gap: float | None = None) -> float:
     float
         At least one and a half intervals: no clock is too slow for its own samples.
     """
-    known = time[np.isfinite(time)]
+    finite = np.isfinite(time)
+    known = time if finite.all() else time[finite]
     if np.any(known[1:] <= known[:-1]):
         known = np.unique(known)
     if max_gap is None:
@@ -282,6 +283,9 @@ def split_clock(
     backwards, repeated : ndarray of bool, shape (n,)
         Samples out of order, and samples at the time of the one before.
     """
+    backwards, repeated = np.zeros(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
+    if np.isfinite(time).all() and (time[1:] > time[:-1]).all():
+        return np.array([], dtype=np.intp), backwards, repeated
     index = np.flatnonzero(np.isfinite(time))
     t = time[index]
     astray = np.zeros(len(t), dtype=bool)
@@ -302,7 +306,6 @@ def split_clock(
                 # The clock leapt ahead for a moment, and is now where it should be.
                 astray[before[len(before) - np.argmin(later[::-1]) :]] = True
     kept = index[~astray]
-    backwards, repeated = np.zeros(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
     backwards[index[astray]] = True
     repeated[kept[1:][np.diff(time[kept]) == 0]] = True
     return np.array(restarts, dtype=np.intp), backwards, repeated

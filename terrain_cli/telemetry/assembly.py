@@ -70,7 +70,7 @@ def assemble(
     columns : collection of str
         Further numeric columns that are kept, where they were read.
     checked : bool
-        The unit of its clock was checked before.
+        The unit of its clock, and what is hardly true of it, were looked at before.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def assemble(
         _distance(raw, radius, gap),
         reasons,
         origins,
-        [*source.remarks, *raw.remarks, *health.doubts(raw.channels, reasons)],
+        [*source.remarks, *raw.remarks, *([] if checked else health.doubts(raw.channels, reasons))],
         {**further, **drivers},
         rover.noise,
     )

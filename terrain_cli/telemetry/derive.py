@@ -51,7 +51,10 @@ def slip(
     omega = np.asarray(angular_velocity, dtype=float)
     turning = np.where(np.abs(omega) > standing, omega, np.nan)
     ratio = np.asarray(velocity, dtype=float) / (radius * turning)
-    return np.where(ratio > 1.0, 1.0 / np.maximum(ratio, 1.0) - 1.0, 1.0 - ratio)
+    skids = ratio > 1.0
+    if not skids.any():
+        return np.asarray(1.0 - ratio)
+    return np.where(skids, 1.0 / np.maximum(ratio, 1.0) - 1.0, 1.0 - ratio)
 
 
 def torque_from_current(
@@ -144,9 +147,13 @@ def distance_from_velocity(time: ArrayLike, velocity: ArrayLike, *, max_gap: flo
     """
     time, speed = np.asarray(time, dtype=float), np.abs(np.asarray(velocity, dtype=float))
     known = np.isfinite(time) & np.isfinite(speed)
-    interval = np.diff(time[known])
-    mean_speed = (speed[known][1:] + speed[known][:-1]) / 2.0
-    steps = np.where((interval > 0.0) & (interval <= max_gap), interval * mean_speed, 0.0)
+    if not known.all():
+        time, speed = time[known], speed[known]
+    steps = np.diff(time)
+    counts = (steps > 0.0) & (steps <= max_gap)
+    steps *= (speed[1:] + speed[:-1]) / 2.0
+    if not counts.all():
+        steps[~counts] = 0.0
     return _accumulate(steps, known)
 
 
@@ -171,6 +178,9 @@ def distance_from_track(x: ArrayLike, y: ArrayLike) -> Array:
 def _accumulate(steps: Array, known: NDArray[np.bool_]) -> Array:
     """Sum the steps between known samples; the others stay where the last known one was."""
     distance = np.zeros(len(known))
+    if known.all():
+        np.cumsum(steps, out=distance[1:])
+        return distance
     distance[np.flatnonzero(known)[1:]] = np.cumsum(steps)
     return np.maximum.accumulate(distance)
 

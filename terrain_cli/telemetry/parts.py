@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from formats import Labels
+from terrain_cli.memory import keep_freed
 from terrain_cli.telemetry import align, columns, health, tables
 from terrain_cli.telemetry.assembly import assemble
 from terrain_cli.telemetry.names import match_name
@@ -92,6 +93,7 @@ def in_parts(
     formats.errors.FormatError, InputError, ConfigurationError
         As for `telemetry.read`.
     """
+    keep_freed()
     layout, rover = request.layout, request.rover
     source = layout.source
     ends: dict[str, _End] = {}
