@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import pickle
 import signal
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -93,6 +93,11 @@ class _Beside:
         self._link, theirs = context.Pipe()
         self._sent = self._done = 0
         self._process = context.Process(target=_work, args=(theirs, self._shared, settings), daemon=True)
+        if hasattr(signal, "pthread_sigmask"):
+            from multiprocessing import resource_tracker
+
+            # Python 3.11 lets signals in again as it starts this one with the first process.
+            resource_tracker.ensure_running()
         with _uninterrupted(), theirs:
             self._process.start()
 
@@ -145,7 +150,7 @@ class _Beside:
         except (EOFError, OSError):
             raise TerrainError(
                 "the process that makes windows and estimates was killed; out of memory?",
-                hint="run again, on fewer columns or inputs at a time",
+                hint="free some memory, and run again",
             ) from None
         if isinstance(reply, Exception):
             raise reply
@@ -175,21 +180,23 @@ def _uninterrupted() -> Iterator[None]:
 
 def _work(link: Connection, shared: Any, settings: Settings) -> None:
     """Work through what comes, and send the wheels when all has come: the life of the other process."""
-    try:
-        link.send(reaches.work(_received(link, shared), settings))
-    except EOFError:
-        # Who started this process has gone.
-        return
-    except Exception as error:  # noqa: BLE001 - it is raised there
-        link.send(error)
+    # Where who started this process has gone, there is nobody to tell.
+    with suppress(EOFError, OSError):
+        try:
+            reply: object = reaches.work(_received(link, shared), settings)
+        except (EOFError, OSError):
+            raise
+        except Exception as error:  # noqa: BLE001 - it is raised there
+            reply = error
+        link.send(reply)
 
 
 def _received(link: Connection, shared: Any) -> Iterator[Samples]:
-    room = np.frombuffer(shared, dtype=np.uint8).reshape(_SLOTS, _ROOM)
+    room = np.frombuffer(shared, dtype=np.uint8).reshape(_SLOTS, -1)
     for slot, sizes, head in iter(link.recv, None):
         places = _places(sizes)
         # A copy, so that the next part can come while windows still hold this one.
-        own = memoryview(room[slot, : places[-1]].copy())
+        own = room[slot, : places[-1]].copy().data
         buffers = [own[place : place + size] for place, size in zip(places, sizes, strict=False)]
         part: Samples = pickle.loads(head, buffers=buffers)  # noqa: S301 - of our own parent
         link.send(None)

@@ -12,7 +12,7 @@ from terrain_cli.telemetry.derive import STANDING
 from terrain_cli.telemetry.samples import NEEDED
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -51,7 +51,7 @@ def set_aside(
     codes = np.full(n, -1, dtype=np.int32)
 
     def because(reason: str, where: NDArray[np.bool_]) -> None:
-        # Of most reasons there is no sample: that is seen in a tenth of the time.
+        # Most are true of no sample.
         if not where.any():
             return
         first = where & (codes < 0)
@@ -65,30 +65,38 @@ def set_aside(
         restarts, backwards, repeated = split_clock(time)
         because(BACKWARDS, backwards)
         because("time repeated", repeated)
+    with np.errstate(invalid="ignore"):
+        for reason, where in _unusable(channels, radius, skids=skids):
+            because(reason, where)
+    return Labels(codes, tuple(names)), restarts
+
+
+def _unusable(
+    channels: Mapping[str, Array], radius: float, *, skids: bool
+) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Yield what can be wrong with the values of a sample, and where it is, the plainest reason first."""
     omega = channels.get("angular_velocity")
     for name in NEEDED:
         if name not in channels:
             continue
         # A standing wheel has no slip, and is better told as that.
         if name == "slip" and omega is not None:
-            because(STANDS, np.abs(omega) <= STANDING)
+            yield STANDS, np.abs(omega) <= STANDING
         odd = ~np.isfinite(channels[name])
         if odd.any():
-            because(f"no {name}", np.isnan(channels[name]))
-            because(f"{name} is infinite", odd)
+            yield f"no {name}", np.isnan(channels[name])
+            yield f"{name} is infinite", odd
     for name in ("angular_velocity", "velocity"):
         if name in channels:
-            because(f"{name} is infinite", np.isinf(channels[name]))
+            yield f"{name} is infinite", np.isinf(channels[name])
     slip, sinkage, load = (channels[name] for name in ("slip", "sinkage", "load"))
-    with np.errstate(invalid="ignore"):
-        if not skids:
-            because("wheel skids (slip < 0)", slip < 0.0)
-        because("wheel turns against its course (slip < -1)", slip < -1.0)
-        because("wheel rolls against its drive (slip > 1)", slip > 1.0)
-        because("sinkage not positive", sinkage <= 0.0)
-        because("sinkage beyond the wheel radius", sinkage >= radius)
-        because("load not positive", load <= 0.0)
-    return Labels(codes, tuple(names)), restarts
+    if not skids:
+        yield "wheel skids (slip < 0)", slip < 0.0
+    yield "wheel turns against its course (slip < -1)", slip < -1.0
+    yield "wheel rolls against its drive (slip > 1)", slip > 1.0
+    yield "sinkage not positive", sinkage <= 0.0
+    yield "sinkage beyond the wheel radius", sinkage >= radius
+    yield "load not positive", load <= 0.0
 
 
 def also_aside(reasons: Labels, reason: str, where: NDArray[np.bool_]) -> Labels:
