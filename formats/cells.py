@@ -68,6 +68,9 @@ def kind_of(cells: Sequence[str], decimal: str) -> Kind | None:
         None where every cell is empty.
     """
     pattern = re.compile(number_pattern(decimal), re.IGNORECASE | re.ASCII)
+    if cells and _mostly(cells, pattern.match):
+        # Also of those that are not empty.
+        return "number"
     filled = [cell for cell in map(str.strip, cells) if cell.lower() not in MISSING]
     if not filled:
         # A column of NaN is one of numbers; one of empty cells could still be anything.
@@ -150,12 +153,14 @@ def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:
     Returns
     -------
     ndarray, shape (n,)
-        float64, NaN where null; int64 where all are integers, of which float64 loses digits.
+        float64, NaN where null; int64 where all are integers, of which float64 loses digits, and none
+        is −0, which integers have not.
     """
     import pyarrow.compute as pc
 
     rounded = floats(values)
-    if not values.null_count and (np.abs(rounded) >= EXACT).any():
+    large = not values.null_count and (np.abs(rounded) >= EXACT).any()
+    if large and not (np.signbit(rounded) & (rounded == 0.0)).any():
         with contextlib.suppress(pa.ArrowInvalid):
             return np.asarray(pc.cast(origin, pa.int64()))
     return rounded
