@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from terrain_cli.channels import CHANNELS
 from terrain_cli.comparison.bootstrap import DRAWS, max_test
+from terrain_cli.comparison.drivers import ANGLE, PARTS
 from terrain_cli.comparison.projection import System
 
 if TYPE_CHECKING:
@@ -36,9 +38,10 @@ MOST = 6
 #: A simpler shape is preferred to one that explains this share more.
 _PLAINER = 0.05
 _PLAIN = ("constant", "linear", "label", "step", "saturating", "quadratic", "periodic")
-#: Drivers that are named before others that varied alike and explain at most this share more: what every
-#: drive is described by.
+#: Drivers that are named before others that varied alike, or of which nothing is known but the name of a
+#: column, where these explain at most this share more: what every drive is described by.
 _USUAL, _NEARLY = ("slip", "load"), 0.3
+_KNOWN = {"", ANGLE, *PARTS, *CHANNELS}
 #: Cosine between terms from which one could be the other.
 _ALIKE = 0.9
 
@@ -290,11 +293,13 @@ class Search:
         return best
 
     def _usual(self, best: int, explained: Array, beyond: NDArray[np.bool_], cross: Array) -> int:
-        """Choose a usual driver in the place of one that varied alike."""
+        """Choose a usual driver in the place of one that varied alike, or of a further column."""
         channel, shape = self.terms[best]
         if shape.driver in _USUAL:
             return best
-        alike = {*_USUAL}.intersection(self._alternatives(best, cross, beyond))
+        alike = {*_USUAL}
+        if shape.driver in _KNOWN or shape.name == "label":
+            alike &= {*self._alternatives(best, cross, beyond)}
         near = np.flatnonzero(beyond & (explained >= (1.0 - _NEARLY) * explained[best])).tolist()
         others = [p for p in near if self.terms[p].channel == channel and self.terms[p].shape.driver in alike]
         return max(others, key=lambda place: explained[place], default=best)

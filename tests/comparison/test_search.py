@@ -46,6 +46,19 @@ def test_of_what_varied_alike_the_usual_driver_is_named():
     assert "wheel_speed" in first.alternatives
 
 
+@pytest.mark.parametrize(("column", "named"), [("Fy_std", "slip"), ("pitch", "pitch")])
+def test_a_column_of_which_nothing_is_known_gives_way_to_slip(column, named):
+    rng = np.random.default_rng(4)
+    rising = np.linspace(-1.0, 1.0, BLOCKS * LONG)
+    both_ends = (rising**2 - np.mean(rising**2)) / np.std(rising**2)
+    other = np.repeat(rng.permutation(np.linspace(-1.0, 1.0, BLOCKS)), LONG)
+    other -= both_ends * np.mean(other * both_ends)
+    # Slip explains three quarters of what the column does.
+    together = both_ends + 0.58 * other / np.std(other)
+    first = searched(20.0 * together + rng.normal(size=len(rising)), {column: together, "slip": rising})[0]
+    assert first.term.shape.driver == named
+
+
 @pytest.mark.parametrize("lasting", [1.0, 10.0], ids=["mixed", "lasting"])
 def test_chance_that_lasts_for_a_block_is_chance(lasting):
     found = 0
