@@ -219,7 +219,11 @@ def text(comparison: Comparison) -> str:
 
 def _told(finding: Finding, comparison: Comparison) -> str:
     several = sum(len(wheel.windows) for wheel in comparison.wheels) > 1
-    worst = ", ".join(f"{wheel} {segment}" for _, wheel, segment in finding.worst_segments[:_WORST])
+    named = len({wheel.windows.samples.wheel for wheel in comparison.wheels}) > 1
+    worst = ", ".join(
+        f"{wheel} segment {segment}" if named else f"segment {segment}"
+        for _, wheel, segment in finding.worst_segments[:_WORST]
+    )
     chance = f"p {finding.p_value:.3f}" if finding.p_value >= 0.001 else "p < 0.001"
     parts = [f"{finding.share:.0%} of the misfit" if math.isfinite(finding.share) else "", chance]
     parts += [f"worst in {worst}"] if several and worst else []

@@ -103,6 +103,17 @@ def test_strength(comparison):
     assert figure.axes[0].patches
 
 
+def test_a_region_wider_than_the_axes_is_told_of(comparison):
+    table = soil.table(comparison)
+    assert "not in sight" not in figures.strength(table).axes[0].get_title(loc="left")
+    # The axes are those of what is sure.
+    table["status"] = ["ok"] * (len(table["status"]) - 1) + ["not-separable"]
+    for name in ("c_se_kPa", "phi_se_deg"):
+        table[name] = np.append(table[name][:-1], 1e4)
+    table["corr_c_phi"] = np.append(table["corr_c_phi"][:-1], 0.0)
+    assert "1 not in sight)" in figures.strength(table).axes[0].get_title(loc="left")
+
+
 def test_track(comparison):
     misfit = samples.misfit(comparison, "torque")
     figure = figures.track(soil.table(comparison), {"rms misfit of torque (N m)": misfit})

@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
+from matplotlib.path import Path
+from matplotlib.transforms import Bbox
 
 from terrain_cli.views import segments
 from terrain_cli.views.style import COLOURS, LINES, MARKERS
@@ -53,11 +55,15 @@ def strength(table: Mapping[str, Any]) -> Figure:
 
 def _estimates(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
     styles = {kind: j for j, kind in enumerate(dict.fromkeys(kinds))}
+    c, phi = segments.estimate_limits(table)
+    unseen = 0
     for row, kind in enumerate(kinds):
         style = styles[kind]
         trusted = table["status"][row] == "ok"
         outline = segments.ellipse(table, row)
         if len(kinds) <= MOST_ERRORS and np.isfinite(outline).all():
+            # One around the axes, or beyond them, does not show.
+            unseen += not Path(outline).intersects_bbox(Bbox(np.transpose([c, phi])), filled=False)
             axes.add_patch(
                 Polygon(
                     outline,
@@ -77,16 +83,16 @@ def _estimates(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
             color=COLOURS[style],
             markerfacecolor=COLOURS[style] if trusted else "white",
         )
-    c, phi = segments.estimate_limits(table)
     x, y = (np.asarray(table[name], dtype=float) for name in ("c_kPa", "phi_deg"))
     outside = int(np.count_nonzero((x < c[0]) | (x > c[1]) | (y < phi[0]) | (y > phi[1])))
     title = "estimates, 95 % regions" if len(kinds) <= MOST_ERRORS else "estimates"
+    notes = [f"{outside} beyond the axes"] * bool(outside) + [f"{unseen} not in sight"] * bool(unseen)
     axes.set(
         xlim=c,
         ylim=phi,
         xlabel="cohesion c (kPa)",
         ylabel="friction angle φ (°)",
-        title=f"{title} ({outside} beyond the axes)" if outside else title,
+        title=f"{title} ({', '.join(notes)})" if notes else title,
     )
 
 
