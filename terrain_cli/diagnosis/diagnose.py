@@ -57,6 +57,8 @@ _RIVALS = 8
 _WORTH = 0.3
 #: Part of what new soils take off the loss of one soil that an effect has to take off to stand for them.
 _MOSTLY = 0.8
+#: Soils for which a drafted law may stand: a step of what warms or wears passes for two soils.
+_SEVERAL = 3
 #: Blocks are not joined to fewer than these, nor for less of a correlation between neighbours; and fewer do
 #: not earn a single name.
 _FEWEST, _UNRELATED = 8, 0.2
@@ -197,6 +199,12 @@ def _on_fewer_soils(
         found = refits.refit(one, hypothesis)
         if _as_good(found.loss, several.loss) or float((plain.loss - found.loss).sum()) > _MOSTLY * gap:
             return one, blocks
+    fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
+    if fewer >= _SEVERAL:
+        # Nor may what is in no catalogue pass for soils.
+        drafted = unknowns.best(one, plain, progress)
+        if drafted and _as_good(drafted[0].refit.loss, several.loss):
+            return one, blocks
     return cut, list(block)
 
 
@@ -301,7 +309,7 @@ class _State:
             "",
             together,
         )
-        return replace(diagnosis, sentence=sentences.verdict(diagnosis))
+        return replace(diagnosis, sentence=sentences.verdict(diagnosis, self.failures))
 
     def _weighed_anew(
         self, ranked: list[tuple[Hypothesis, Refit]], drafted: list[unknowns.Tried]
@@ -369,7 +377,7 @@ class _State:
             [*comparison.warnings, *self._few()],
             "",
         )
-        return replace(diagnosis, sentence=sentences.verdict(diagnosis))
+        return replace(diagnosis, sentence=sentences.verdict(diagnosis, self.failures))
 
     def _few(self) -> list[str]:
         if self.data.blocks >= screening.FEWEST_BLOCKS:

@@ -18,6 +18,7 @@ from terrain_cli.comparison.parts import UNITS
 from terrain_cli.diagnosis import signatures
 from terrain_cli.effects import user_file
 from terrain_cli.effects.effect import QUANTITIES
+from terrain_cli.effects.user_keys import LONGEST_NAME
 from terrain_cli.effects.vocabulary import ON_DEMAND
 from terrain_cli.errors import TerrainError
 
@@ -122,12 +123,18 @@ def screen(
         for driver, column in values.items():
             if driver == changes:
                 continue
-            forms = FORMS[-1:] if driver == ANGLE else FORMS[1:-1]
+            forms = ("periodic",) if driver == ANGLE else ("step",) if _on_or_off(column) else FORMS[1:-1]
             for form in forms if changes in shown or driver != ANGLE else ():
                 shapes = _shapes(form, column, own_offset=changes in shown)
                 if shapes is not None:
                     shapes = np.nan_to_num(shapes)
                     yield changes, driver, form, {c: t * shapes for c, t in found.tables.items()}
+
+
+def _on_or_off(column: Array) -> bool:
+    """Whether a driver has two values, of which neither is rare: there, all forms are one."""
+    low, high = np.nanquantile(column, [0.02, 0.98])
+    return bool(high > low and np.isin(column[np.isfinite(column)], (low, high)).all())
 
 
 def _shapes(form: str, column: Array, *, own_offset: bool) -> Array | None:  # noqa: PLR0911 - one a form
@@ -220,8 +227,7 @@ def write(  # noqa: C901 - one branch for each form
         parameters["a"] = (own, 0.0, usual)
         parameters["at"] = (of or "1", at, 0.01 * size)
     law = f"{changes} + {term}" if shown else f"{changes} * (1 + {term})"
-    follows = f"with-{driver}" if driver else "offset"
-    name = re.sub(r"[^a-z0-9]+", "-", f"{changes}-{follows}-{form}".lower()).strip("-")
+    name = _id(changes, driver, form)
     what = changes.replace("_", " ").capitalize()
     title = f"{what} follows {driver or 'nothing: an offset'} ({form}; empirical)"
     columns = {driver: unit} if unit and driver not in {*CHANNELS, *ON_DEMAND} else {}
@@ -237,6 +243,13 @@ def write(  # noqa: C901 - one branch for each form
             parameters=tuple(replace(p, shape=p.name == "at" or p.shape) for p in effect.parameters),
         )
     return Draft(changes, driver, form, text, effect)
+
+
+def _id(changes: str, driver: str, form: str) -> str:
+    """Name a draft; of a long driver no more than there is room for."""
+    room = LONGEST_NAME - len(f"{changes}-with--{form}")
+    follows = f"with-{driver[:room]}" if driver else "offset"
+    return re.sub(r"[^a-z0-9]+", "-", f"{changes}-{follows}-{form}".lower()).strip("-")
 
 
 def _rounded(value: float) -> float:

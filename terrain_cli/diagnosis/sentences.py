@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from terrain_cli.comparison import Finding
     from terrain_cli.diagnosis.parts import Candidate, Diagnosis, Size
 
 
-def verdict(diagnosis: Diagnosis) -> str:
+def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
     """Say the verdict to a person, and what to do next.
 
     Parameters
     ----------
     diagnosis : Diagnosis
+    failures : sequence of Finding
+        Of the model on the soils of the diagnosis, the strongest first.
 
     Returns
     -------
@@ -29,7 +32,7 @@ def verdict(diagnosis: Diagnosis) -> str:
                 "model as it is."
             )
         return "Nothing is missing that these data could show."
-    seen = _seen(diagnosis)
+    seen = _seen(failures)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} --draft FILE.toml writes the law."
     named = {one.effect: one for one in diagnosis.candidates}
@@ -56,8 +59,7 @@ def verdict(diagnosis: Diagnosis) -> str:
     return f"{seen}{told}, or {_listed(others)}: these data cannot tell.{better}"
 
 
-def _seen(diagnosis: Diagnosis) -> str:
-    failures = diagnosis.comparison.failures
+def _seen(failures: Sequence[Finding]) -> str:
     if not failures:
         return ""
     sentence = failures[0].sentence

@@ -132,7 +132,13 @@ def records():
         {"section": "outside", "effect": "hitch", "noise": "white", "seed": 76},
         {"section": "outside", "effect": "eccentric", "noise": "white", "seed": 78},
     ]
-    return [diagnosis_drives.run({**job, **length}) for job in jobs]
+    jobs = [{**job, **length} for job in jobs]
+    # Two that segments take for eleven soils, and for a drift.
+    jobs += [
+        {"section": "outside", "effect": effect, "noise": "white", "seed": seed}
+        for effect, seed in (("drill", 1500), ("warm-cell", 1200))
+    ]
+    return [diagnosis_drives.run(job) for job in jobs]
 
 
 def test_no_drive_of_the_study_fails(records):
@@ -158,7 +164,12 @@ def test_noise_of_the_sinkage_is_not_taken_for_something_left_over(records):
 def test_what_no_catalogue_explains_is_placed_and_its_draft_takes_half_of_the_error_off(records):
     outside = [one for one in records if one["section"] == "outside"]
     placed = [(one["found"]["unknown"]["channel"], one["found"]["unknown"]["driver"]) for one in outside]
-    assert placed == [("drawbar_pull", "hitch_angle"), ("torque", "wheel_angle")]
+    assert placed == [
+        ("drawbar_pull", "hitch_angle"),
+        ("torque", "wheel_angle"),
+        ("sinkage", "drill_out"),
+        ("drawbar_pull", "motor_temperature"),
+    ]
     assert all(map(diagnosis_table.halved, outside))
 
 

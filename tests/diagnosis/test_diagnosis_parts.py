@@ -6,6 +6,7 @@ from hidden_drives import Kind, samples_of, sized, windows_of
 
 from formats import Labels
 from terrain_cli import effects
+from terrain_cli.channels import CHANNELS
 from terrain_cli.comparison import least_squares, quiet, whitening
 from terrain_cli.comparison.wheel import Settings, Wheel
 from terrain_cli.diagnosis import diagnose, drafts, joining, refits, scores
@@ -198,6 +199,30 @@ def test_held_out_loss_falls_with_the_right_effect_only():
     count = int(data.data[0].seen.sum())
     assert loss["slope"] < 1.3 * count < 2.0 * count < loss["gear-efficiency"]
     assert loss["gear-efficiency"] > 0.9 * loss[""]
+
+
+#: What was measured of the wheel, or is measured in place of it, drives nothing.
+DRIVERS = (CHANNELS.keys() - {"torque", "drawbar_pull", "entry_angle", "motor_current"}) | {"wheel_angle"}
+
+
+@pytest.mark.parametrize("driver", [*sorted(DRIVERS), "temperature_of_the_third_bearing_on_the_left"])
+@pytest.mark.parametrize("changes", [*drafts.SHOWN, *drafts.IN_THE_GROUND])
+def test_a_draft_is_written_whatever_its_driver_is_called(changes, driver):
+    channel = CHANNELS.get(driver)
+    if channel is not None and (channel.unit is None or driver == changes):
+        pytest.skip("no number, or what is changed")
+    written = [
+        drafts.write(changes, driver, form, np.linspace(20.0, 70.0, 99)) for form in drafts.FORMS[1:-1]
+    ]
+    assert [draft.form for draft in written if draft] == list(drafts.FORMS[1:-1])
+    assert len({draft.effect.id for draft in written}) == len(written)
+
+
+def test_a_driver_that_is_on_or_off_has_one_form():
+    flag, both = np.repeat([0.0, 1.0, np.nan], 40), np.repeat([0.0, 1.0, 2.0], 40)
+    assert drafts._on_or_off(flag)
+    assert not drafts._on_or_off(both)
+    assert not drafts._on_or_off(np.zeros(40))
 
 
 @pytest.mark.parametrize("form", drafts.FORMS)

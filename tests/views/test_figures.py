@@ -105,13 +105,14 @@ def test_strength(comparison):
 
 def test_a_region_wider_than_the_axes_is_told_of(comparison):
     table = soil.table(comparison)
+    rows = len(table["status"])
+    for name, error in (("c_se_kPa", 0.1), ("phi_se_deg", 1.0), ("corr_c_phi", 0.0)):
+        table[name] = np.full(rows, error)
+    table["status"] = ["ok"] * rows
     assert "not in sight" not in figures.strength(table).axes[0].get_title(loc="left")
     # The axes are those of what is sure.
-    table["status"] = ["ok"] * (len(table["status"]) - 1) + ["not-separable"]
-    for name in ("c_se_kPa", "phi_se_deg"):
-        table[name] = np.append(table[name][:-1], 1e4)
-    table["corr_c_phi"] = np.append(table["corr_c_phi"][:-1], 0.0)
-    assert "1 not in sight)" in figures.strength(table).axes[0].get_title(loc="left")
+    table["status"][-1], table["c_se_kPa"][-1], table["phi_se_deg"][-1] = "not-separable", 1e4, 1e4
+    assert "(1 not in sight)" in figures.strength(table).axes[0].get_title(loc="left")
 
 
 def test_track(comparison):
