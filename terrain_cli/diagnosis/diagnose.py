@@ -118,6 +118,9 @@ def diagnose(
     cut = refits.ground(few, block, MOST_SAMPLES)
     progress("one soil or several")
     chosen, own = _on_fewer_soils(cut, block, hypotheses, progress)
+    if any(wheel.one_soil for wheel in chosen.wheels):
+        hypotheses, alike = screening.on_changing_soil(hypotheses)
+        not_testable = [*not_testable, *alike]
     progress("scoring every effect")
     found, chosen, own = _screened(chosen, own, comparison, hypotheses, seed)
     not_testable = [*not_testable, *found.not_testable]

@@ -16,6 +16,7 @@ from terrain_cli import toml_text
 from terrain_cli.channels import CHANNELS
 from terrain_cli.comparison.parts import UNITS
 from terrain_cli.diagnosis import signatures
+from terrain_cli.diagnosis.screening import DRIVEN_BEFORE
 from terrain_cli.effects import user_file
 from terrain_cli.effects.effect import QUANTITIES
 from terrain_cli.effects.user_keys import LONGEST_NAME
@@ -82,10 +83,11 @@ def drivers(wheel: Wheel) -> dict[str, Array]:
     dict of str to ndarray, shape (n,)
     """
     found = {}
+    no_cause = _NO_CAUSE if wheel.one_soil is None else _NO_CAUSE | {DRIVEN_BEFORE}
     for name, driver in wheel.drivers.items():
         known = driver.values[np.isfinite(driver.values)]
         varies = len(known) > 0 and float(np.ptp(known)) > 1e-9 * max(float(np.abs(known).max()), 1e-300)
-        if not driver.labels and name not in _NO_CAUSE and varies and _NAME.fullmatch(name):
+        if not driver.labels and name not in no_cause and varies and _NAME.fullmatch(name):
             found[name] = driver.values
     return found
 

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
+#: Channel that tells one part of a drive from another, as a change of soil does.
+DRIVEN_BEFORE = "pass_number"
 #: Blocks below which nothing can be told from chance.
 FEWEST_BLOCKS = 5
 #: Samples of all wheels that are scored, evenly thinned.
@@ -122,6 +124,28 @@ def _missing(effect: Effect, wheels: Sequence[Wheel]) -> str:
     if only and len(only) == len(effect.laws) and not only & measured:
         return f"it shows in {' and '.join(sorted(only))} alone, which is not measured".replace("_", " ")
     return ""
+
+
+def on_changing_soil(every: Sequence[Hypothesis]) -> tuple[list[Hypothesis], list[NotTestable]]:
+    """Take out what cannot be told from a soil that changes along the drive.
+
+    Where segments of unknown soils are kept, the soil changes within some of them too; a few passes
+    follow that by chance.
+
+    Parameters
+    ----------
+    every : sequence of Hypothesis
+
+    Returns
+    -------
+    hypotheses : list of Hypothesis
+    not_testable : list of NotTestable
+    """
+    passes = [one for one in every if any(DRIVEN_BEFORE in effect.reads for effect in one.effects)]
+    because = (
+        "the soil changes along this drive, which a pass cannot be told from: drive the same track twice"
+    )
+    return [one for one in every if one not in passes], [NotTestable(one.id, because) for one in passes]
 
 
 def screen(

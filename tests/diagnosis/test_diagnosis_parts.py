@@ -218,6 +218,14 @@ def test_a_draft_is_written_whatever_its_driver_is_called(changes, driver):
     assert len({draft.effect.id for draft in written}) == len(written)
 
 
+def test_where_the_soil_changes_passes_cannot_be_told():
+    """Every 16 s another soil, and another pass: of eight, four and four may differ as much by chance."""
+    found = diagnose(by_patches(44), ModelFile(Model()))
+    assert found.verdict == "none"
+    (passes,) = [one for one in found.not_testable if one.effect == "multi-pass"]
+    assert "the soil changes along this drive" in passes.because
+
+
 def test_a_driver_that_is_on_or_off_has_one_form():
     flag, both = np.repeat([0.0, 1.0, np.nan], 40), np.repeat([0.0, 1.0, 2.0], 40)
     assert drafts._on_or_off(flag)
