@@ -31,7 +31,7 @@ from terrain_cli.mechanics.model import Model  # noqa: E402 - as above
 #: Seeds: below, thresholds were tuned; from here on, they are scored. And how far apart rows are.
 FIRST, APART = 6_000_000, 100
 #: And where clean drives of a class of noise begin, of which those at the others were learnt from.
-FIRST_ANEW = {"soil-unlabelled": 7_000_000}
+FIRST_ANEW = {"soil-unlabelled": 8_000_000}
 NOISES = ("white", "ar1", "soil", "soil-unlabelled")
 COURSES = ("rich", "poor-load", "rich", "poor", "rich", "poor-speed")
 SIZES = (0.5, 1.0, 2.0)
@@ -175,6 +175,11 @@ def _after(wheels, found, name, seed):
     return _errors(fitted(wheels, file, like=found.comparison, seed=seed))
 
 
+def _bare(job):
+    """Return these errors of the same drive, with the same noise, where nothing is hidden."""
+    return _errors(fitted(_wheels(job, noise=job["noise"]), models.ModelFile(), seed=job["seed"]))
+
+
 def _clean(job):
     wheels = _wheels(job, noise=job["noise"], course=job["course"])
     return _noted(diagnose(wheels, models.ModelFile(), seed=job["seed"]))
@@ -188,6 +193,7 @@ def _effects(job):
     if job["size"] == 1.0 and job["course"] == "rich":
         noted["before"] = _errors(found.comparison)
         noted["after"] = _after(wheels, found, job["effect"], job["seed"])
+        noted["bare"] = _bare(job)
         noted["strength"] = strength(job["seed"], Kind(hidden, noise=job["noise"]))
     return noted
 

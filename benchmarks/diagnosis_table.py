@@ -99,6 +99,15 @@ def close(one):
     return all(ratio <= CLOSE for name, ratio in one["found"]["after"].items() if name != "all")
 
 
+def as_bare(one):
+    """Whether no more is left than of the same drive with the same noise and nothing hidden.
+
+    How far the noise itself is known, and what noise of the inputs does to predictions, is in both.
+    """
+    after, bare = one["found"]["after"], one["found"]["bare"]
+    return all(ratio <= CLOSE * bare[name] for name, ratio in after.items() if name in bare.keys() - {"all"})
+
+
 def placed(one):
     """Whether the channel and the driver of an effect in no catalogue are right."""
     outside, found = OUTSIDE[one["effect"]], one["found"]
@@ -191,6 +200,11 @@ def _goals(found):
     yield goal(
         f"held-out error of every channel within {CLOSE:g} of the noise",
         [close(one) for one in full if "after" in one["found"]],
+        least=0.95,
+    )
+    yield goal(
+        "  of what the same drive leaves with nothing hidden",
+        [as_bare(one) for one in full if "bare" in one["found"]],
         least=0.95,
     )
     pairs = found.get("pairs", [])

@@ -14,11 +14,12 @@ import pytest
 from processes import alive, children
 from test_reaches import LENGTHS, ROVER, SHORT, assert_same, dirty, drive
 
-from formats import DamagedError
+from formats import DamagedError, Labels
 from terrain_cli import beside, pipeline, reaches, rover
 from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.settings import Settings
 from terrain_cli.telemetry import parts
+from terrain_cli.telemetry.samples import Geometry, Samples
 
 
 @pytest.fixture
@@ -47,9 +48,6 @@ def lean_parts(count=12):
 
 
 def whole(table):
-    from formats import Labels
-    from terrain_cli.telemetry.samples import Geometry, Samples
-
     table = table.dropna()
     table = table[table["load"] > 0.0]
     n = len(table)

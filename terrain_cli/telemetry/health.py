@@ -185,7 +185,7 @@ def stretches(
         begins[restarts] = True
     if time is not None and n:
         if not begins.any() and (reasons.codes < 0).all() and np.all(np.diff(time) <= max_gap):
-            # As most drives are, in a fifth of the time.
+            # As most drives are; the rest would find the same.
             return np.zeros(n, dtype=np.intp)
         driven = driving_time(time, reasons, max_gap)
         usable = np.flatnonzero(reasons.codes < 0)

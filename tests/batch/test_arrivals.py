@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import missions
@@ -68,7 +69,12 @@ def test_watch(tmp_path):
     ]
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
     manifest, table = tmp_path / "out/manifest.jsonl", tmp_path / "out/segments.parquet"
-    with subprocess.Popen(command, cwd=tmp_path, env=env, stderr=subprocess.PIPE, text=True) as process:
+    with (
+        subprocess.Popen(command, cwd=tmp_path, env=env, stderr=subprocess.PIPE, text=True) as process,
+        ExitStack() as failing,
+    ):
+        # It would watch for ever.
+        failing.callback(process.kill)
         until(manifest.exists)
         # Arrives piece by piece: whole only after more than the time that it must rest.
         content = missions.drive(0.1)
