@@ -204,10 +204,9 @@ def _on_fewer_soils(
             return one, blocks
     fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
     if fewer >= _SEVERAL:
-        # Nor may what is in no catalogue pass for soils; passes follow those by chance.
-        drafted = unknowns.best(one, plain, progress)[:1]
-        told = [law.refit for law in drafted if law.draft.driver != screening.DRIVEN_BEFORE]
-        if told and _as_good(told[0].loss, several.loss):
+        # Nor may what is in no catalogue pass for soils.
+        drafted = unknowns.best(one, plain, progress)
+        if drafted and _as_good(drafted[0].refit.loss, several.loss):
             return one, blocks
     return cut, list(block)
 
