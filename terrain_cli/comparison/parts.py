@@ -151,7 +151,7 @@ class Finding:
     worst_segments : tuple of (str, str, int)
         Source, wheel and segment (counted from 1) where it is largest, the worst first.
     alternatives : tuple of str
-        Drivers that vary so much alike that they explain it as well.
+        Drivers that vary so much alike that it may be theirs.
     """
 
     channel: str

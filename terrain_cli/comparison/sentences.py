@@ -41,7 +41,7 @@ def of(
     label : str
         Meaning of a label's code.
     alternatives : sequence of str
-        Drivers that explain it as well.
+        Drivers that vary so much alike that it may be theirs.
     unit : str
         SI unit of the driver.
 
@@ -73,7 +73,7 @@ def of(
         if shape.name == "saturating":
             text += f", most of it in the first {_at(shape.at or 0.0, shape.driver, unit)}"
     if alternatives:
-        text += f" (or as much with {_listed([named(other) for other in alternatives])}, which varied alike)"
+        text += f" (or with {_listed([named(other) for other in alternatives])}, which varied alike)"
     return text
 
 

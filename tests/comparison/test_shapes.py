@@ -83,7 +83,7 @@ def test_sentences(channel, shape, amplitude, unit, sentence):
 
 def test_what_varied_alike_is_said():
     text = sentences.of("torque", STEP, 0.9, "", ("time", "motor_temperature"), "1")
-    assert text.endswith("(or as much with time or motor temperature, which varied alike)")
+    assert text.endswith("(or with time or motor temperature, which varied alike)")
 
 
 def test_a_label_is_named():
