@@ -346,42 +346,6 @@ def _step(
     return step, shift
 
 
-def covariance(data: Data, solution: Solution) -> tuple[Array, Array]:
-    """Return the covariance of the parameters sought.
-
-    Parameters
-    ----------
-    data : Data
-    solution : Solution
-
-    Returns
-    -------
-    ndarray, shape (w, q + m, q + m)
-        Of each window's own and the common ones, in their own units.
-    ndarray, shape (m, m)
-    """
-    q = solution.t.shape[1]
-    information, _ = moments(solution.design, solution.residual, data.window, data.windows)
-    information /= solution.spread
-    inverse = np.linalg.inv(information[:, :q, :q] + np.eye(q))
-    mixed = information[:, :q, q:]
-    gain = inverse @ mixed
-    w, _, m = mixed.shape
-    shared = information[:, q:, q:].sum(axis=0) + np.eye(m) - np.einsum("wab,wac->bc", mixed, gain)
-    held = np.linalg.inv(shared) if m else shared
-    whole = np.zeros((w, q + m, q + m))
-    whole[:, :q, :q] = inverse + gain @ held @ np.swapaxes(gain, 1, 2)
-    whole[:, :q, q:] = -gain @ held
-    whole[:, q:, :q] = np.swapaxes(whole[:, :q, q:], 1, 2)
-    whole[:, q:, q:] = held
-    sought = solution.unknowns
-    slope = [np.abs(u.slope(solution.t[:, j])) for j, u in enumerate(sought.local)]
-    slope += [np.full(w, abs(float(u.slope(solution.common[j])))) for j, u in enumerate(sought.shared)]
-    scale = np.stack(slope, axis=1) if slope else np.zeros((w, 0))
-    outside = scale[0, q:] if w else np.zeros(m)
-    return whole * scale[:, :, None] * scale[:, None, :], held * np.outer(outside, outside)
-
-
 def _range(some: Sequence[Unknown]) -> tuple[Array, Array]:
     # Friction never drives a wheel on.
     low = [max(u.lower, -u.mean / u.sd) if u.name == "tan_phi" else u.lower for u in some]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import drivers, inputs, least_squares, noise, prediction, quiet, whitening
+from terrain_cli.comparison import drivers, inputs, least_squares, noise, prediction, quiet, solved, whitening
 from terrain_cli.comparison.expected import from_conditions
 from terrain_cli.comparison.neighbours import from_neighbours
 from terrain_cli.estimation.wheel_fit import fit
@@ -251,48 +251,9 @@ class Wheel:
         solution : least_squares.Solution
         data : quiet.Data
         """
-        covariance, common = least_squares.covariance(data, solution)
         self._forget()
-        fit = self.fit
-        values, errors = dict(fit.values), dict(fit.errors)
-        shared, shared_errors = dict(fit.shared), dict(fit.shared_errors)
-        empty = fit.n == 0
-        for column, unknown in enumerate((*self.sought.local, *self.sought.shared)):
-            own = column < len(self.sought.local)
-            place = column - len(self.sought.local)
-            number = unknown.value(solution.t[:, column] if own else np.asarray(solution.common[place]))
-            self.parameters[unknown.name] = np.broadcast_to(number, (len(self.windows),)).astype(float)
-            error = np.sqrt(covariance[:, column, column])
-            if unknown.name in values:
-                values[unknown.name] = np.where(empty, np.nan, number)
-                errors[unknown.name] = np.where(empty, np.nan, error)
-            if not own:
-                shared[unknown.name] = float(number)
-                shared_errors[unknown.name] = float(np.sqrt(common[place, place]))
-        names = tuple(u.name for u in (*self.sought.local, *self.sought.shared))
-        changed: dict[str, Any] = {}
-        if {"cohesion", "tan_phi"} <= set(names):
-            c, tan = names.index("cohesion"), names.index("tan_phi")
-            sigma = np.maximum(-covariance[:, c, tan] / covariance[:, tan, tan], 0.0)
-            variance = (
-                covariance[:, c, c] + 2.0 * sigma * covariance[:, c, tan] + sigma**2 * covariance[:, tan, tan]
-            )
-            changed = {
-                "sigma_star": np.where(empty, np.nan, sigma),
-                "strength": values["cohesion"] + sigma * values["tan_phi"],
-                "strength_se": np.where(empty, np.nan, np.sqrt(np.maximum(variance, 0.0))),
-            }
-        self.fit = replace(
-            fit,
-            values=values,
-            errors=errors,
-            shared=shared,
-            shared_errors=shared_errors,
-            names=names,
-            covariance=covariance,
-            shared_covariance=common,
-            **changed,
-        )
+        self.fit = solved.as_fit(data, solution, self.fit)
+        self.parameters.update(solved.parameters(solution))
 
     def _parameters(self, settings: Settings) -> dict[str, Array]:
         """Return every parameter of every window; those of windows without samples are never used."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import least_squares
+from terrain_cli.comparison import solved
 from terrain_cli.diagnosis import refits
 from terrain_cli.diagnosis.parts import Candidate, Size
 from terrain_cli.models.parts import SOIL_UNITS
@@ -86,7 +86,7 @@ def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
     names = list(one.parameters or one.priors)
     pairs: dict[str, list[tuple[float, float]]] = {}
     for part, solution in zip(data.data, refit.solutions, strict=True):
-        covariance, _ = least_squares.covariance(part, solution)
+        covariance, _ = solved.covariance(part, solution)
         sought = solution.unknowns
         for column, unknown in enumerate((*sought.local, *sought.shared)):
             if unknown.name not in names:

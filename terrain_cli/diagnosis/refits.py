@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import heldout, least_squares, noise, quiet, whitening
+from terrain_cli.comparison import heldout, least_squares, noise, quiet, solved, whitening
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
 if TYPE_CHECKING:
@@ -200,7 +200,7 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     """
     sides = {name: p for name, p in hypothesis.parameters.items() if p.side}
     for part, solution in zip(data.data, one.solutions, strict=True) if sides else ():
-        _, common = least_squares.covariance(part, solution)
+        _, common = solved.covariance(part, solution)
         for column, unknown in enumerate(solution.unknowns.shared):
             if unknown.name not in sides:
                 continue
