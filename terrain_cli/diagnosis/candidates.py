@@ -100,11 +100,30 @@ def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
     sizes = {}
     for name in (name for name in names if name in pairs):
         own_parameter, found = one.model.parameters.get(name), pairs[name]
-        value, se = np.nan, np.nan
-        if found:
-            weight = np.array([se**-2.0 if np.isfinite(se) and se > 0.0 else 1.0 for _, se in found])
-            value, se = float(np.average([v for v, _ in found], weights=weight)), float(weight.sum() ** -0.5)
+        value, se = pooled(found) if found else (np.nan, np.nan)
         factor = own_parameter.factor if own_parameter else 1.0
         unit = own_parameter.unit if own_parameter else SOIL_UNITS.get(name, "")
         sizes[own_parameter.name if own_parameter else name] = Size(value / factor, se / factor, unit)
     return sizes
+
+
+def pooled(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Average values by their errors.
+
+    Parameters
+    ----------
+    found : sequence of (float, float)
+        Values with their standard errors.
+
+    Returns
+    -------
+    float, float
+        The mean and its standard error, by as much larger as the values differ by more than their
+        errors (Birge, Physical Review 40, 1932): what one wheel has and the others have not is known
+        of none of them.
+    """
+    values, errors = np.transpose(found)
+    weight = np.where(np.isfinite(errors) & (errors > 0.0), errors, 1.0) ** -2.0
+    mean = float(np.average(values, weights=weight))
+    scatter = float(weight @ (values - mean) ** 2) / max(len(values) - 1, 1)
+    return mean, float(weight.sum() ** -0.5) * max(scatter, 1.0) ** 0.5

@@ -9,7 +9,7 @@ from terrain_cli import effects
 from terrain_cli.channels import CHANNELS
 from terrain_cli.comparison import least_squares, quiet, whitening
 from terrain_cli.comparison.wheel import Settings, Wheel
-from terrain_cli.diagnosis import diagnose, drafts, joining, refits, scores
+from terrain_cli.diagnosis import candidates, diagnose, drafts, joining, refits, scores
 from terrain_cli.diagnosis.parts import Hypothesis
 from terrain_cli.effects import user_file
 from terrain_cli.improvement import sentences
@@ -224,6 +224,15 @@ def test_where_the_soil_changes_passes_cannot_be_told():
     assert found.verdict == "none"
     (passes,) = [one for one in found.not_testable if one.effect == "multi-pass"]
     assert "the soil changes along this drive" in passes.because
+
+
+def test_wheels_that_differ_by_more_than_their_errors_make_the_mean_less_sure():
+    alike = [(0.31, 0.02), (0.29, 0.02), (0.30, 0.02), (0.30, 0.02)]
+    assert candidates.pooled(alike) == pytest.approx((0.30, 0.01))
+    assert candidates.pooled(alike[:1]) == pytest.approx((0.31, 0.02))
+    mean, se = candidates.pooled([(0.0, 0.002), (0.3, 0.002), (0.0, 0.002), (0.0, 0.002)])
+    # The standard error of four numbers.
+    assert (mean, se) == pytest.approx((0.075, np.std([0.0, 0.3, 0.0, 0.0], ddof=1) / 2.0))
 
 
 def test_a_driver_that_is_on_or_off_has_one_form():
