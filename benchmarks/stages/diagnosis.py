@@ -30,10 +30,9 @@ def fitted(hypothesis, wheel, data):
     """Fit soil and effect by least_squares with differences, on the forward model that is ours."""
     from scipy.optimize import least_squares
 
-    effect = hypothesis.effect
-    own = [effect.qualified(p) for p in effect.parameters if not p.shape]
+    own = [name for name, p in hypothesis.parameters.items() if not p.shape]
     scale = {name: hypothesis.model.parameters[name].scale for name in own}
-    shapes = {effect.qualified(p): p.null for p in effect.parameters if p.shape}
+    shapes = {name: p.null for name, p in hypothesis.parameters.items() if p.shape}
     soil = {name: float(np.mean(column)) for name, column in wheel.parameters.items()}
     begun = np.concatenate([np.ones(len(wheel.soil)), np.zeros(len(own))])
 
@@ -66,7 +65,7 @@ def screen(size: str, folder: Path) -> Case:  # noqa: ARG001 - every stage is ma
     held, priors, noise = fitting.assumed(windows, file)
     further = tuple(dict.fromkeys(name for effect in every for name in effect.reads))
     wheels, _ = fit_wheels(windows, Model(), Settings(held, priors, (), noise), further=further)
-    tried = [one for one in screening.hypotheses(file, wheels, every)[0] if one.effect is not None]
+    tried = [one for one in screening.hypotheses(file, wheels, every)[0] if one.effects]
     block = [own.astype(np.intp) for own in blocks.fine([len(w) for w in wheels], int(BLOCK * Kind.rate))]
     data = wheels[0].least_squares_data()
     return Case(
