@@ -155,7 +155,7 @@ def draw(results: Sequence[dict[str, Any]], path: Path) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(11, 5), sharex=True, layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(11, 6), sharex=True, layout="constrained")
     colours = plt.get_cmap("tab20").colors
     for result, colour in zip(results, colours, strict=False):
         sizes = [row["size"] for row in result["sizes"]]
@@ -169,7 +169,8 @@ def draw(results: Sequence[dict[str, Any]], path: Path) -> None:
     axes[0].loglog(line, 1e-6 * line, "--", color="0.6", lw=1, label="1 µs each")
     axes[0].set(xlabel="size", ylabel="processor time in s", title="Time, and exponent of its growth")
     axes[1].set(xlabel="size", ylabel="peak memory in MB, inputs included", title="Memory")
-    axes[0].legend(fontsize=7, frameon=False)
+    lines = axes[0].get_legend_handles_labels()
+    figure.legend(*lines, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     for axis in axes:
         axis.grid(visible=True, which="major", color="0.9", lw=0.6)
         axis.spines[["top", "right"]].set_visible(False)

@@ -1,7 +1,7 @@
 """Reaches of a long log worked through in a second process, while this one reads on.
 
 Reading with all that is derived takes about as long as windows and estimates. With both at once, and
-fewer passes in each, 10⁸ rows of Parquet take 3.3 times their reading, before it was 6.8 times.
+fewer passes in each, 10⁸ rows of Parquet take 3.2 times their reading, before it was 6.8 times.
 """
 
 from __future__ import annotations
