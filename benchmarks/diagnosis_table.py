@@ -212,6 +212,8 @@ def _goals(found):
     yield goal(
         "next drive: family → right single name", [_settled(one, 1) for one in _open(found)], least=0.80
     )
+    told = [one for one in _open(found) if not _says_none(one)]
+    yield goal("  where it does not say that no drive tells", [_settled(one, 1) for one in told], least=0.80)
     yield goal("effect in no catalogue: alarm", map(alarmed, outside), least=0.90)
     yield goal("  right channel and driver", map(placed, outside), least=0.85)
     yield goal("  excess error halved by the draft", map(halved, outside), least=0.85)
@@ -319,6 +321,12 @@ def _open(found):
         if one["found"]["rounds"][0]["verdict"] == "family"
         and one["effect"] in one["found"]["rounds"][0]["family"]
     ]
+
+
+def _says_none(one):
+    """Whether the diagnosis says that no drive tells the family apart."""
+    drives = one["found"]["rounds"][0]["next"]
+    return bool(drives) and drives[0]["manoeuvre"].startswith("no drive")
 
 
 def _settled(one, rounds):
