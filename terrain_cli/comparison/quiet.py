@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison.whitening import Whitening
     from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
-    from terrain_cli.mechanics.model import Model, WheelGeometry
+    from terrain_cli.mechanics.model import Model, Prediction, WheelGeometry
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -35,6 +35,7 @@ NO_ANSWER = 10.0
 ORDER = 6
 #: Samples predicted at a time.
 _SLAB = 65_536
+_STIFFNESS = "stiffness"
 #: Share of the load by which what the soil carries may be off one step from a sinkage.
 _CARRIES = 0.2
 
@@ -156,12 +157,9 @@ def forecast(
     """
     names, n = data.white.channels, len(data.use)
     given = "sinkage" if "sinkage" in data.inputs else "load"
-    needed = {
-        "slip",
-        given,
-        *(("load",) if model.base == "linear" else ()),
-        *model.needs,
-    } & data.inputs.keys()
+    # The base linear takes both; so does what is to be compared with it.
+    both = given == "sinkage" and "load" in data.inputs
+    needed = {"slip", given, *(("load",) if both else ()), *model.needs} & data.inputs.keys()
     fine = np.ones(n, dtype=bool)
     for name in needed:
         fine &= np.isfinite(data.inputs[name])
@@ -173,27 +171,64 @@ def forecast(
     for start in range(0, len(rows), _SLAB):
         some = rows[start : start + _SLAB]
         # On its way a search meets soils that do not carry the load: no prediction, and no warning.
+        inputs = {name: column[some] for name, column in data.inputs.items()}
+        own = {name: column[some] for name, column in numbers.items()}
         with np.errstate(all="ignore"):
-            part = predict(
-                model,
-                data.geometry,
-                {name: column[some] for name, column in data.inputs.items()},
-                {name: column[some] for name, column in numbers.items()},
-                given="sinkage" if given == "sinkage" else "load",
-                by=by,
-                order=order,
-                start=None if guess is None else guess[some],
-            )
+            if both and model.base == "wong-reece":
+                part, along = _carrying(model, data, inputs, own, by, order)
+            else:
+                along = {}
+                part = predict(
+                    model,
+                    data.geometry,
+                    inputs,
+                    own,
+                    given="sinkage" if given == "sinkage" else "load",
+                    by=by,
+                    order=order,
+                    start=None if guess is None else guess[some],
+                )
         for name in names:
             number = getattr(part, name)
             if number is None:
                 continue
             found[name][some] = value(number)
+            by_stiffness = slopes(number).get(_STIFFNESS, 0.0)
             for column, parameter in enumerate(by):
                 slope = slopes(number).get(parameter)
                 if slope is not None:
-                    tables[name][some, column] = slope
+                    tables[name][some, column] = slope + by_stiffness * along.get(parameter, 0.0)
     return found, {name: np.where(np.isfinite(table), table, 0.0) for name, table in tables.items()}
+
+
+def _carrying(
+    model: Model,
+    data: Data,
+    inputs: Mapping[str, Array],
+    numbers: Mapping[str, Array],
+    by: Sequence[str],
+    order: int | None,
+) -> tuple[Prediction, dict[str, Array]]:
+    """Predict from load and sinkage both: with the stiffness at which the soil carries that load there.
+
+    From either alone, torque and pull would have the noise of it, and what the base linear predicts
+    from both would look the better for that. The load carried is linear in the stiffness.
+
+    Returns
+    -------
+    Prediction
+    dict of str to ndarray
+        Derivative of the stiffness by each parameter, for the total ones.
+    """
+    known = {**numbers, _STIFFNESS: np.maximum(numbers[_STIFFNESS], 1.0)}
+    first = predict(model, data.geometry, inputs, known, by=(_STIFFNESS,), order=order).balance
+    carrying = known[_STIFFNESS] - value(first) / slopes(first)[_STIFFNESS]
+    known = {**known, _STIFFNESS: np.where(carrying > 0.0, carrying, np.nan)}
+    every = tuple(dict.fromkeys((*by, _STIFFNESS)))
+    part = predict(model, data.geometry, inputs, known, by=every, order=order)
+    steep = slopes(part.balance)[_STIFFNESS]
+    along = {name: -slopes(part.balance).get(name, 0.0) / steep for name in by}
+    return part, along
 
 
 def nearby(

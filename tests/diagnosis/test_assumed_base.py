@@ -1,0 +1,59 @@
+"""The base of the paper on drives of the full wheel: what is missing are its own assumptions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_drives import Kind, windows_of
+
+from terrain_cli.comparison import quiet
+from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.diagnosis import diagnose
+from terrain_cli.mechanics.model import Model
+from terrain_cli.models import ModelFile
+
+ASSUMPTIONS = {"linearised-stresses", "assumed-shear-modulus"}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_stresses_are_named_on_a_drive_that_varies_everything(seed):
+    found = diagnose(windows_of(seed, Kind()), ModelFile(Model("linear")))
+    assert (found.verdict, found.effect) == ("effect", "linearised-stresses")
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_an_assumption_is_in_the_family_on_a_poor_drive(seed):
+    found = diagnose(windows_of(seed, Kind(course="poor-load")), ModelFile(Model("linear")))
+    assert found.alarm.raised
+    assert ASSUMPTIONS & set(found.family)
+
+
+def test_from_load_and_sinkage_the_full_model_has_derivatives_that_keep_the_load():
+    wheel = Wheel(windows_of(5, Kind(seconds=16.0), "none")[0], Model("linear"), Settings({}, {}, (), None))
+    data = wheel.least_squares_data()
+    assert {"load", "sinkage"} <= data.inputs.keys()
+    full, n = Model(), len(wheel)
+    numbers = {
+        "cohesion": 1500.0,
+        "tan_phi": 0.5,
+        "shear_modulus": 0.02,
+        "stiffness": 1e6,
+        "sinkage_exponent": 1.0,
+    }
+    names = tuple(numbers)
+    own = {name: np.full(n, number) for name, number in numbers.items()}
+    values, tables = quiet.forecast(full, data, own, names, order=quiet.ORDER)
+    # Any stiffness is the same, as the load tells it.
+    other, _ = quiet.forecast(full, data, {**own, "stiffness": 3.0 * own["stiffness"]}, order=quiet.ORDER)
+    for channel in data.white.channels:
+        np.testing.assert_allclose(other[channel], values[channel], rtol=1e-9)
+        np.testing.assert_allclose(tables[channel][:, names.index("stiffness")], 0.0, atol=1e-12)
+        for column, name in enumerate(names[:3]):
+            step = 1e-5 * own[name]
+            ends = [
+                quiet.forecast(full, data, {**own, name: own[name] + sign * step}, order=quiet.ORDER)[0]
+                for sign in (1.0, -1.0)
+            ]
+            slope = (ends[0][channel] - ends[1][channel]) / (2.0 * step)
+            size = np.nanmax(np.abs(slope))
+            np.testing.assert_allclose(tables[channel][:, column], slope, atol=1e-5 * size)
