@@ -215,6 +215,21 @@ def test_without_data_it_is_added_and_said_to_be_untested(here, model):
     assert (found["tested"], found["pays"], found["kept"]) == (False, None, True)
 
 
+def test_another_base_is_weighed_with_the_noise_that_reaches_the_first(here, model, terrain_est):
+    """The full model predicts torque from the sinkage alone, with its noise; the line has the load too."""
+    (here / "line.toml").write_text('format = "terrain-est/model/1"\nbase = "linear"\n')
+    (here / "full").mkdir()
+    drive = ("--seed", "5", "--duration", "120", "--noise", "2%")
+    assert terrain_est("simulate", "-o", "full/drive.csv", *drive).returncode == 0
+    found = change(model, "add", "line.toml", "linearised-stresses", "--data", "full/drive.csv")
+    assert found["pays"]
+    for name in ("torque", "drawbar_pull"):
+        error = found["channels"][name]
+        assert error["heldout_after"] == pytest.approx(error["noise"], rel=0.05)
+    told = model("remove", "line.toml", "linearised-stresses", "--data", "full/drive.csv", *CUT)
+    assert "with the noise that reaches the base wong-reece" in told
+
+
 def test_assumptions_are_lifted_and_made_again(here, model):
     (here / "line.toml").write_text('format = "terrain-est/model/1"\nbase = "linear"  # the paper\n')
     found = change(model, "add", "line.toml", "assumed-shear-modulus", "--keep", "--data", "clean.csv")

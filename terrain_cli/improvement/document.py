@@ -164,6 +164,11 @@ def text(step: Step) -> str:
     else:
         lines.append(f"where it fails, {after} failure{'s' * (after != 1)} left (before: {before}):")
         lines += [f"  {finding.sentence}" for finding in step.second.failures]
+    if step.before.model.base != step.after.model.base:
+        lines.append(
+            f"note: errors after are given with the noise that reaches the base {step.before.model.base}: "
+            "another base reads other channels, whose noise is in what it predicts"
+        )
     lines += [f"note: {warning}" for warning in step.second.warnings]
     return "\n".join(lines)
 

@@ -34,6 +34,9 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], E
     together is the mean of the logarithms of the ratios of their errors, each weighted by its samples:
     the likelihood of held-out data where the size of each channel's error is not known beforehand.
 
+    Another base reads other channels, and their noise is in what it predicts. So its errors are counted
+    with the noise that reaches the first: what is compared is what a model could have known.
+
     Parameters
     ----------
     first, second : Comparison
@@ -52,7 +55,7 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], E
     roots, others = np.log(_roots(total[None])[0]), np.log(_roots(without))
     overall = _exp(_interval(_logarithm(total[None])[0], _logarithm(without)))
     # Where a model misses, its misfit is in what passes for noise.
-    better = (first, second) if overall.value > 1.0 else (second, first)
+    better = (first, second) if overall.value > 1.0 or _other_base(first, second) else (second, first)
     channels = []
     for name in UNITS:
         levels = [one.channels[name].noise for one in better if name in one.channels]
@@ -84,9 +87,22 @@ def _sums(first: Comparison, second: Comparison, names: list[str]) -> tuple[Arra
             known = np.isfinite(before) & np.isfinite(after)
             predicted += int(np.isfinite(before).sum())
             missing += int(np.isfinite(before).sum() - known.sum())
-            for k, values in enumerate((before**2, after**2, np.ones(len(known)))):
+            squares = before**2, after**2 + _other_noise(first, second, name), np.ones(len(known))
+            for k, values in enumerate(squares):
                 sums[:, column, k] += np.bincount(a.blocks[known], values[known], count)
     return sums[sums[..., 2].sum(axis=1) > 0.0], missing / predicted if predicted else 0.0
+
+
+def _other_base(first: Comparison, second: Comparison) -> bool:
+    return first.wheels[0].model.base != second.wheels[0].model.base
+
+
+def _other_noise(first: Comparison, second: Comparison, name: str) -> float:
+    """Return by how much more the noise of a channel is in squares of the first, where bases differ."""
+    if not _other_base(first, second):
+        return 0.0
+    more = first.channels[name].noise ** 2 - second.channels[name].noise ** 2
+    return more if np.isfinite(more) else 0.0
 
 
 def _roots(sums: Array) -> Array:
