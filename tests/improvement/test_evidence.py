@@ -12,12 +12,13 @@ from terrain_cli.comparison.parts import UNITS, Series
 from terrain_cli.improvement.evidence import weigh
 from terrain_cli.improvement.parts import Evidence, Interval, Step
 from terrain_cli.improvement.sentences import verdict
+from terrain_cli.mechanics.model import Model
 
 N, BLOCKS = 400, 20
 BLOCK = np.repeat(np.arange(BLOCKS), N // BLOCKS)
 
 
-def outcome(errors, blocks=BLOCK, noise=1.0):
+def outcome(errors, blocks=BLOCK, noise=1.0, base="wong-reece"):
     """Return a comparison as far as it is weighed: held-out errors by channel, of one wheel."""
     series = {
         name: Series(error, np.zeros(len(error)), np.zeros(len(error))) for name, error in errors.items()
@@ -28,7 +29,8 @@ def outcome(errors, blocks=BLOCK, noise=1.0):
         )
         for name in errors
     }
-    return SimpleNamespace(channels=channels, wheels=[SimpleNamespace(series=series, blocks=blocks)])
+    wheel = SimpleNamespace(series=series, blocks=blocks, model=Model(base))
+    return SimpleNamespace(channels=channels, wheels=[wheel])
 
 
 def drawn(rng, sizes, memory=0.0):
@@ -183,3 +185,15 @@ def test_noise_is_that_of_the_better_model():
     b = {name: 0.5 * error for name, error in a.items()}
     for first, second in ((outcome(a, noise=3.0), outcome(b)), (outcome(b), outcome(a, noise=3.0))):
         assert {one.noise for one in weigh(first, second)[0]} == {1.0}
+
+
+def test_another_base_is_counted_with_the_noise_of_the_first():
+    """A misfit of 1 beside noise of 2 is taken away, and noise of 3 comes with the other base."""
+    rng = np.random.default_rng(12)
+    first = outcome({"torque": np.sqrt(5.0) * rng.normal(size=N)}, noise=2.0, base="linear")
+    second = outcome({"torque": 3.0 * rng.normal(size=N)}, noise=3.0)
+    ((change,), evidence) = weigh(first, second)
+    assert change.after.value == pytest.approx(2.0, abs=0.35)
+    assert (change.noise, evidence.overall.value < 1.0) == (2.0, True)
+    ((raw,), _) = weigh(outcome({"torque": first.wheels[0].series["torque"].measured}), second)
+    assert raw.after.value == pytest.approx(3.0, rel=0.1)
