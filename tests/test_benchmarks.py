@@ -26,7 +26,7 @@ def test_every_row_of_the_targets_has_a_stage():
     assert len(STAGES) == 20
 
 
-#: Their peers take 10 s and more.
+#: Their peers take 8 s and more.
 LONG = {"estimate bag", "segmentation 3,000", "scores of effects"}
 
 
