@@ -6,6 +6,7 @@ Footer and heads of pages are structs of Thrift's compact protocol.
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,6 @@ from formats.limits import TooMuchError, unpacked_limit
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
-    from io import FileIO
 
 #: Bytes that the head of a page nearly always has, and those that it may have.
 _USUAL_HEAD, _HEAD = 1 << 8, 1 << 16
@@ -67,20 +67,19 @@ def check_pages(file: str, leaves: Collection[int] | None = None) -> None:
     ------
     TooMuchError
     """
-    whole = Path(file).stat().st_size
     with Path(file).open("rb", buffering=0) as stream:
-        stream.seek(max(0, whole - 8))
-        size = int.from_bytes(stream.read(4), "little")
-        stream.seek(max(0, whole - 8 - size))
+        number = stream.fileno()
+        whole = os.fstat(number).st_size
+        size = int.from_bytes(os.pread(number, 4, max(0, whole - 8)), "little")
         try:
-            footer, _ = _struct(stream.read(min(size, whole)), 0, 0)
+            footer, _ = _struct(os.pread(number, min(size, whole), max(0, whole - 8 - size)), 0, 0)
         except (IndexError, ValueError):
             return
         for first, end in _columns(footer, leaves):
-            at = first
-            while 0 <= at < min(end, whole):
+            at, end = first, min(end, whole)
+            while 0 <= at < end:
                 try:
-                    unpacked, packed, length = _head(stream, at)
+                    unpacked, packed, length = _head(number, at)
                 except (IndexError, ValueError):
                     break
                 if unpacked > unpacked_limit(max(packed, 0)):
@@ -90,16 +89,15 @@ def check_pages(file: str, leaves: Collection[int] | None = None) -> None:
                     raise TooMuchError(f"a page claims {packed:,} bytes, more than the file has")
 
 
-def _head(stream: FileIO, at: int) -> tuple[int, int, int]:
+def _head(number: int, at: int) -> tuple[int, int, int]:
     """Return what the page that begins there unpacks to, its bytes, and those of its head."""
-    stream.seek(at)
-    begin = stream.read(_USUAL_HEAD)
+    begin = os.pread(number, _USUAL_HEAD, at)
     if plain := _PLAIN_HEAD.match(begin):
         return _integer(plain[1], 0)[0], _integer(plain[2], 0)[0], plain.end()
     try:
         head, length = _struct(begin, 0, 0)
     except IndexError:
-        head, length = _struct(begin + stream.read(_HEAD - _USUAL_HEAD), 0, 0)
+        head, length = _struct(os.pread(number, _HEAD, at), 0, 0)
     return _number(head, _PAGE_SIZE), _number(head, _PAGE_PACKED), length
 
 

@@ -31,12 +31,16 @@ KEYS = {
 WHOLE = ("--segments", "none")
 
 
+#: As a laboratory heads its columns.
+HEATER = "Heater power [of 5 W]"
+
+
 def with_heater(path):
     """Add a column that drives the torque in a way that no effect of the catalogue does."""
     table = pd.read_csv(path)
     some = np.random.default_rng(4).integers(0, 5, size=len(table) // 25 + 1)
-    table["heater_power"] = np.repeat(some, 25)[: len(table)] / 4.0
-    table["torque"] += 0.8 * table["heater_power"]
+    table[HEATER] = np.repeat(some, 25)[: len(table)] / 4.0
+    table["torque"] += 0.8 * table[HEATER]
     return table
 
 
@@ -112,13 +116,13 @@ def test_what_is_in_no_catalogue_gets_a_law(found, folder, terrain_est):
     heated = found["heated"]
     assert (heated["verdict"], heated["effect"], heated["family"]) == ("unknown", None, [])
     unknown = heated["unknown"]
-    assert (unknown["channel"], unknown["driver"]) == ("torque", "heater_power")
+    assert (unknown["channel"], unknown["driver"]) == ("torque", HEATER)
     assert unknown["explained"] > 0.7
     checked = terrain_est("effects", "check", folder / "law.toml")
     assert checked.returncode == 0, checked.stderr
     law = (folder / "law.toml").read_text("utf-8")
     assert 'changes = "torque"' in law
-    assert "heater_power" in law
+    assert f"`{HEATER}`" in law
 
 
 def test_has_the_keys_of_the_contract(found):

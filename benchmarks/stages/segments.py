@@ -136,5 +136,5 @@ STAGES = (
         350.0,
         rounds=1,
     ),
-    Stage("segmentation long", "one pass of block sums", long, 10.0, 6.0, within=True),
+    Stage("segmentation long", "one pass of block sums", long, 10.0, 6.0, within=True, at="full"),
 )

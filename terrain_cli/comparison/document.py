@@ -85,6 +85,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "p_value": finding.p_value,
         "share": _known(finding.share),
         "amplitude": _known(finding.amplitude),
+        "seen": _known(finding.seen),
         "unit": finding.unit,
         "at": None if finding.at is None else _known(finding.at),
         "sentence": finding.sentence,

@@ -235,9 +235,12 @@ class Residuals:
             amplitude,
             UNITS[channel],
             at,
-            sentences.of(channel, shape, amplitude, label, one.alternatives, self._unit(shape.driver)),
+            sentences.of(
+                channel, shape, amplitude, label, one.alternatives, self._unit(shape.driver), one.seen
+            ),
             self._worst(one),
             one.alternatives,
+            one.seen,
         )
 
     def _unit(self, driver: str) -> str:

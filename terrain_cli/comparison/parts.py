@@ -152,6 +152,8 @@ class Finding:
         Source, wheel and segment (counted from 1) where it is largest, the worst first.
     alternatives : tuple of str
         Drivers that vary so much alike that it may be theirs.
+    seen : float
+        Part of `amplitude` that shows in the residuals: the fitted parameters take up the rest.
     """
 
     channel: str
@@ -165,6 +167,7 @@ class Finding:
     sentence: str
     worst_segments: tuple[tuple[str, str, int], ...]
     alternatives: tuple[str, ...] = ()
+    seen: float = 1.0
 
 
 @dataclass(frozen=True)

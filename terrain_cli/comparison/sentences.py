@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison.shapes import Shape
 
+#: Part of a finding's size below which a picture of the residuals would surprise who has read its sentence.
+_HIDDEN = 0.2
 #: SI unit → the one a person reads, and the factor to it.
 _SHOWN = {"rad": ("°", math.degrees(1.0)), "rad/s": ("°/s", math.degrees(1.0)), "1": ("", 1.0)}
 #: Drivers with one of their own.
@@ -28,7 +30,13 @@ _NAMES = {
 
 
 def of(
-    channel: str, shape: Shape, amplitude: float, label: str, alternatives: Sequence[str], unit: str
+    channel: str,
+    shape: Shape,
+    amplitude: float,
+    label: str,
+    alternatives: Sequence[str],
+    unit: str,
+    seen: float = 1.0,
 ) -> str:
     """Say a finding in one sentence.
 
@@ -44,6 +52,8 @@ def of(
         Drivers that vary so much alike that it may be theirs.
     unit : str
         SI unit of the driver.
+    seen : float
+        Part of the amplitude that shows in the residuals.
 
     Returns
     -------
@@ -72,6 +82,8 @@ def of(
             text = f"{name} is more and more {verb} as {driver} rises: by {size} from {low} to {high}"
         if shape.name == "saturating":
             text += f", most of it in the first {_at(shape.at or 0.0, shape.driver, unit)}"
+    if seen < _HIDDEN:
+        text += f"; all but {_number(abs(amplitude) * seen * factor)} {shown} of that the fitted soil takes up"
     if alternatives:
         text += f" (or with {_listed([named(other) for other in alternatives])}, which varied alike)"
     return text

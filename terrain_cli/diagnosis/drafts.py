@@ -17,7 +17,7 @@ from terrain_cli.channels import CHANNELS
 from terrain_cli.comparison.parts import UNITS
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.screening import DRIVEN_BEFORE
-from terrain_cli.effects import user_file
+from terrain_cli.effects import grammar, user_file
 from terrain_cli.effects.effect import QUANTITIES
 from terrain_cli.effects.user_keys import LONGEST_NAME
 from terrain_cli.effects.vocabulary import ON_DEMAND
@@ -44,7 +44,6 @@ FORMS = ("constant", "linear", "magnitude", "quadratic", "saturating", "step", "
 ANGLE = "wheel_angle"
 #: Part of a driver's range at which a saturating law has most of its effect.
 _BEND = 0.3
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ def drivers(wheel: Wheel) -> dict[str, Array]:
     for name, driver in wheel.drivers.items():
         known = driver.values[np.isfinite(driver.values)]
         varies = len(known) > 0 and float(np.ptp(known)) > 1e-9 * max(float(np.abs(known).max()), 1e-300)
-        if not driver.labels and name not in no_cause and varies and _NAME.fullmatch(name):
+        if not driver.labels and name not in no_cause and varies and grammar.written(name):
             found[name] = driver.values
     return found
 
@@ -202,30 +201,31 @@ def write(  # noqa: C901 - one branch for each form
     size = 1.0
     if column is not None:
         size = _size(column)
+    read = grammar.written(driver)
     usual = {"torque": 0.3, "drawbar_pull": 3.0, "sinkage": 0.002}.get(changes, 0.2)
     parameters: dict[str, tuple[str, float, float]] = {}
     if form == "constant":
         term, parameters["a"] = "a", (own, 0.0, usual)
     elif form == "linear":
-        term, parameters["a"] = f"a * {driver}", (per, 0.0, usual / size)
+        term, parameters["a"] = f"a * {read}", (per, 0.0, usual / size)
         if shown:
             term, parameters["b"] = f"{term} + b", (own, 0.0, usual)
     elif form == "periodic":
-        term = f"a * sin({driver}) + b * cos({driver})"
+        term = f"a * sin({read}) + b * cos({read})"
         parameters["a"] = parameters["b"] = (own, 0.0, usual)
     elif form == "magnitude":
-        term, parameters["a"] = f"a * abs({driver})", (per, 0.0, usual / size)
+        term, parameters["a"] = f"a * abs({read})", (per, 0.0, usual / size)
     elif form == "quadratic":
         squared = own if of in ("", "1") else f"{own}/({of})/({of})"
-        term, parameters["a"] = f"a * {driver}^2", (squared, 0.0, usual / size**2)
+        term, parameters["a"] = f"a * {read}^2", (squared, 0.0, usual / size**2)
     elif form == "saturating":
-        term = f"a * tanh({driver} / s)"
+        term = f"a * tanh({read} / s)"
         parameters["a"] = (own, 0.0, usual)
         parameters["s"] = (of or "1", _rounded(_BEND * size), _rounded(_BEND * size))
     else:
         assert column is not None  # noqa: S101 - a step is of a driver
         at = _rounded(_threshold(column)) or 1e-12
-        term = f"a * where({driver} > at, 1, 0)"
+        term = f"a * where({read} > at, 1, 0)"
         parameters["a"] = (own, 0.0, usual)
         parameters["at"] = (of or "1", at, 0.01 * size)
     law = f"{changes} + {term}" if shown else f"{changes} * (1 + {term})"

@@ -40,6 +40,9 @@ HIGHEST_POWER = 20.0
 _LONGEST_WORD = 60
 #: Characters of a law that an error shows.
 _SHOWN = 72
+#: What a law can name.
+NAME_FORM = f"one line of up to {_LONGEST_WORD} characters without backticks"
+_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 WORDS = frozenset({"and", "or", "not"})
 
@@ -52,6 +55,7 @@ _TOKEN = re.compile(
     r"(?P<space>[ \t\r\n]+)"
     r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
     r"|(?P<name>[A-Za-z][A-Za-z0-9_]*)"
+    r"|`(?P<quoted>[^`\n]+)`"
     r"|(?P<operator>\*\*|[<>=!]=|[-+*/^<>(),])"
 )
 _SIGNS_MEANT = {
@@ -73,7 +77,8 @@ _SIGNS_MEANT = {
 _NO_PLACE = {
     ".": "nothing in a law has parts to reach by a full stop",
     "_": "a name begins with a letter",
-    **dict.fromkeys("\"'`", "a law holds no texts"),
+    **dict.fromkeys("\"'", "a law holds no texts; a name that is no plain word stands in `…`"),
+    "`": "a name in `…` is not closed",
     **dict.fromkeys("[]{}", "a law has round brackets only"),
 }
 
@@ -122,6 +127,25 @@ class _Token(NamedTuple):
     end: int
 
 
+def written(name: str) -> str:
+    """Return how a law names a channel or a column: in backticks where the name is no plain word.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+        Empty if no law can name it: it is a word of the language, too long, or has backticks of its own.
+    """
+    if name in {*FUNCTIONS, *CONSTANTS, *WORDS} or len(name) > _LONGEST_WORD:
+        return ""
+    if not name.strip() or not name.isprintable() or "`" in name:
+        return ""
+    return name if _PLAIN.fullmatch(name) else f"`{name}`"
+
+
 def parse(text: str) -> Node:
     """Read a law.
 
@@ -151,7 +175,7 @@ def _tokens(text: str) -> Iterator[_Token]:
         if match is None:
             _refuse_sign(text, place)
         kind = str(match.lastgroup)
-        token = _Token(kind, "^" if match[0] == "**" else match[0], place, match.end())
+        token = _Token(kind, "^" if match[0] == "**" else match[kind], place, match.end())
         place = match.end()
         if kind == "space":
             continue
@@ -201,7 +225,9 @@ class _Parser:
     def advice_to_follow(self) -> str:
         if self.next.text == ")":
             return "there is no ( that it closes"
-        return "" if self.next.kind == "operator" else "an operator is missing: + - * / ^"
+        if self.next.kind == "operator":
+            return ""
+        return "an operator is missing: + - * / ^ (a name with spaces stands in `…`)"
 
     def expression(self, least: int) -> Node:
         self.depth += 1
@@ -245,6 +271,8 @@ class _Parser:
                 return self.made(Logic(token.start, inner.end, "not", (inner,)))
             case "name", name if name not in WORDS:
                 return self.called(token) if self.next.text == "(" else self.named(token)
+            case "quoted", name:
+                return self.made(Name(token.start, token.end, name))
             case "operator", "-":
                 inner = self.number(self.expression(_SIGN))
                 return self.made(Negative(token.start, inner.end, inner))

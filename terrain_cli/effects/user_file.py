@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from formats.streams import failure
-from terrain_cli import strict
-from terrain_cli.effects import dimensions, expression, trial, unit_check, vocabulary
+from terrain_cli import strict, toml_text
+from terrain_cli.effects import dimensions, expression, grammar, trial, unit_check, vocabulary
 from terrain_cli.effects.effect import Effect, Kind, Parameter
 from terrain_cli.effects.grammar import LawError
 from terrain_cli.effects.law import Law
@@ -229,8 +229,8 @@ class _Reader:
             problem = vocabulary.refused_need(name)
             if problem:
                 raise self.fail(f"needs: {problem}", f"take {name} out of needs")
-            if not NAME.fullmatch(name):
-                raise self.fail(f"needs: {name!r} is no name that a law can read", NAME_FORM)
+            if not grammar.written(name):
+                raise self.fail(f"needs: {name!r} is no name that a law can read", grammar.NAME_FORM)
         for name, unit in self.columns.items():
             try:
                 dimensions.parse(unit)
@@ -244,7 +244,7 @@ class _Reader:
             if vocabulary.is_column(name) and not {name, name.removesuffix("_rate")} & self.columns.keys():
                 self.warnings.append(
                     f"{name} is no channel: it is taken for a further column of plain numbers, as it "
-                    f'stands in the data; [columns] {name} = "…" would give its unit'
+                    f'stands in the data; [columns] {toml_text.key(name)} = "…" would give its unit'
                 )
 
     def read_parameters(self) -> tuple[tuple[Parameter, ...], dict[str, Dimension]]:

@@ -49,6 +49,7 @@ def document(step: Step) -> dict[str, Any]:
         "parameters": [_parameter(one) for one in step.parameters],
         "absent_p_value": record.number(step.absent),
         "imitates": [one.name for one in step.imitates],
+        "idle": [one._asdict() for one in step.idle],
         "shift": {one.name: _shift(one) for one in step.shifts},
         "unidentifiable": {
             "parameters": list(step.undetermined),
@@ -156,7 +157,7 @@ def text(step: Step) -> str:
     lines = [sentences.verdict(step), "", *_errors(step), ""]
     if step.parameters:
         lines += [*_parameters(step.parameters), ""]
-    lines += [_moved(step), *_open(step)]
+    lines += [_moved(step), *_open(step), *_idle(step)]
     before, after = len(step.first.failures), len(step.second.failures)
     if step.quiet:
         was = f", where {before} {'was' if before == 1 else 'were'}" if before else ""
@@ -262,6 +263,11 @@ def _open(step: Step) -> Iterator[str]:
         shown = ", ".join(f"{one.wheel} {one.segment} ({one.after})" for one in step.lost[:_MOST_ROWS])
         more = " …" * (len(step.lost) > _MOST_ROWS)
         yield f"c and φ cannot be told any more in {len(step.lost)} segments: {shown}{more}"
+
+
+def _idle(step: Step) -> Iterator[str]:
+    for one in step.idle if step.kept else ():
+        yield f"{one.effect} may as well be null now (p {one.p_value:.2g}): `terrain-est model remove` tells whether it still pays"
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -119,6 +119,20 @@ class Shift:
     where: tuple[str, str, int] | None
 
 
+class Idle(NamedTuple):
+    """An effect that a model had before a change, and that may as well be absent now.
+
+    Parameters
+    ----------
+    effect : str
+    p_value : float
+        Chance that its parameters are as far from their null values although it is absent.
+    """
+
+    effect: str
+    p_value: float
+
+
 class Lost(NamedTuple):
     """A segment whose c and φ could be estimated before, and cannot be any more.
 
@@ -187,6 +201,8 @@ class Step:
     imitates : tuple of Estimated
         Parameters of what is changed that came out, beyond doubt, as nature does not have them: they stand
         for something else.
+    idle : tuple of Idle
+        Effects of the model before that the change has made needless.
     kept : bool
         Whether the change was made.
     """
@@ -206,6 +222,7 @@ class Step:
     sources: tuple[str, ...] = ()
     absent: float = math.nan
     imitates: tuple[Estimated, ...] = ()
+    idle: tuple[Idle, ...] = ()
     kept: bool = False
 
     @property

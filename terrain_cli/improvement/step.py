@@ -12,7 +12,7 @@ from terrain_cli import fitting, models
 from terrain_cli.comparison import against, compare
 from terrain_cli.diagnosis import joining
 from terrain_cli.improvement.evidence import weigh
-from terrain_cli.improvement.parts import ENOUGH_BLOCKS, Estimated, Lost, Shift, Step
+from terrain_cli.improvement.parts import ENOUGH_BLOCKS, LEVEL, Estimated, Idle, Lost, Shift, Step
 from terrain_cli.telemetry.excerpt import notes
 
 if TYPE_CHECKING:
@@ -146,6 +146,7 @@ def tried(
         sources=tuple(dict.fromkeys(windows.samples.source for windows in parts)),
         absent=_absent(with_it, file, changed),
         imitates=tuple(_imitating(with_it, file, changed)),
+        idle=tuple(_idle(first, second, before, after, changed)),
     )
 
 
@@ -233,6 +234,18 @@ def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> 
         squares += float(away @ np.linalg.pinv(related, hermitian=True) @ away) if chosen else 0.0
         count += len(chosen)
     return float(chdtrc(count, squares)) if count else np.nan
+
+
+def _idle(
+    first: Comparison, second: Comparison, before: ModelFile, after: ModelFile, changed: Sequence[str]
+) -> Iterator[Idle]:
+    """Return the effects that are there without a change, and may as well be absent with it."""
+    for effect in after.model.effects:
+        if effect.id in changed or effect not in before.model.effects:
+            continue
+        was, now = _absent(first, before, [effect.id]), _absent(second, after, [effect.id])
+        if was <= LEVEL < now:
+            yield Idle(effect.id, now)
 
 
 def _shift(name: str, differences: Sequence[Difference], places: Sequence[Place]) -> Shift:

@@ -86,6 +86,13 @@ def test_what_varied_alike_is_said():
     assert text.endswith("(or with time or motor temperature, which varied alike)")
 
 
+def test_what_the_soil_hides_of_it_is_said():
+    text = sentences.of("torque", STEP, 0.9, "", ("time",), "1", 0.1)
+    assert "by 0.9 N m" in text
+    assert "; all but 0.09 N m of that the fitted soil takes up (or with time" in text
+    assert "takes up" not in sentences.of("torque", STEP, 0.9, "", (), "1", 0.5)
+
+
 def test_a_label_is_named():
     shape = Shape("terrain", "label", 1.0, 0.0, 1.0, 1.0)
     assert sentences.of("torque", shape, 0.3, "gravel", (), "") == (

@@ -53,6 +53,7 @@ def value(text, **names):
         ("where(0 < slip <= 0.3 < 1, 5, 6)", 5.0),
         ("where(0 < slip < 0.2, 5, 6)", 6.0),
         ("load\n  + 1\t+ torque_2\r\n", 90.5),
+        ("2 * `slip` + `torque_2`^2", 49.6),
     ],
 )
 def test_value(text, expected):
@@ -66,6 +67,9 @@ def test_value(text, expected):
         ("", 1, "missing here", ""),
         ("load slip", 6, "'slip' cannot follow", "operator is missing"),
         ("2x", 2, "'x' cannot follow", "operator is missing"),
+        ("belt tension", 6, "'tension' cannot follow", "a name with spaces stands in `…`"),
+        ("2 * `belt tension", 5, "'`' has no place", "a name in `…` is not closed"),
+        ("`" + "x" * 61 + "`", 1, "longer than 60 characters", ""),
         ("(1 + 2", 1, "never closed", ""),
         ("1 + 2)", 6, "')' cannot follow", "no ( that it closes"),
         ("sin(1, 2)", 1, "sin takes 1 argument, not 2", ""),
@@ -122,7 +126,7 @@ HOSTILE = [
     "'text'",
     '"text"',
     'f"{load}"',
-    "`load`",
+    "`load",
     "load @ slip",
     "load % 2",
     "load // 2",
@@ -396,3 +400,13 @@ def test_law_travels_as_text():
 
     law = pickle.loads(pickle.dumps(Law("load * " + " + ".join(["slip"] * 80), {"slip": 0.5})))  # noqa: S301
     assert law({"load": 2.0, "slip": 3.0}) == pytest.approx(2.0 * 1.5 + 79 * 1.5)
+
+
+@pytest.mark.parametrize("name", ["slip", "Belt tension [N]", "2nd axle", "Größe", "a-b", "x" * 60])
+def test_a_name_is_read_as_it_is_written(name):
+    assert [place.name for place in expression.names(grammar.parse(grammar.written(name)))] == [name]
+
+
+@pytest.mark.parametrize("name", ["sqrt", "pi", "and", "", " ", "a`b", "a\nb", "x" * 61])
+def test_what_no_law_can_name(name):
+    assert not grammar.written(name)

@@ -371,7 +371,7 @@ class TestFileRefused:
             ('needs = ["yaw_rate"]', 'needs = ["yaw_rate", "run"]', "run is a label"),
             ('needs = ["yaw_rate"]', 'needs = ["yaw_rate", "measured_torque"]', "the channel is torque"),
             ('needs = ["yaw_rate"]', 'needs = ["yaw_rate", "sqrt"]', "a word of the language"),
-            ('needs = ["yaw_rate"]', 'needs = ["yaw_rate", "a b"]', "no name that a law can read"),
+            ('needs = ["yaw_rate"]', 'needs = ["yaw_rate", "a`b"]', "no name that a law can read"),
             ('needs = ["yaw_rate"]', f"needs = {[f'n{k}' for k in range(21)]}", "needs: more than 20"),
             ('needs = ["yaw_rate"]', 'columns = {grip = "1"}', "columns.grip: not among the needs"),
             ('needs = ["yaw_rate"]', 'columns = {pitch = "deg"}', "the unit of a channel is known"),

@@ -98,6 +98,7 @@ def test_an_effect_that_another_makes_needless_is_dropped(sinks):
     """Max-stress-angle follows slip as well, but not so well."""
     steps, end = run(sinks, ["max-stress-angle"], ["slip-sinkage"])
     assert told(steps)[:2] == [("add", "max-stress-angle", True), ("add", "slip-sinkage", True)]
+    assert [[one.effect for one in step.idle] for step in steps[:2]] == [[], ["max-stress-angle"]]
     assert ("remove", "max-stress-angle", True) in told(steps)
     assert effects(end) == ["slip-sinkage"]
     for one in steps:
