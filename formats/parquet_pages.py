@@ -76,8 +76,8 @@ def check_pages(file: str, leaves: Collection[int] | None = None) -> None:
         except (IndexError, ValueError):
             return
         for first, end in _columns(footer, leaves):
-            at, end = first, min(end, whole)
-            while 0 <= at < end:
+            at = first
+            while 0 <= at < min(end, whole):
                 try:
                     unpacked, packed, length = _head(number, at)
                 except (IndexError, ValueError):

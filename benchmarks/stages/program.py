@@ -170,6 +170,15 @@ STAGES = (
         rounds=3,
         at="full",
     ),
-    Stage("estimate parquet", "reading the file alone", parquet_estimate, 4.0, 2.5, within=True, rounds=3, at="full"),
+    Stage(
+        "estimate parquet",
+        "reading the file alone",
+        parquet_estimate,
+        4.0,
+        2.5,
+        within=True,
+        rounds=3,
+        at="full",
+    ),
     Stage("help", "python -c 'import click'", help_text, 1.5, 1.15, within=True),
 )

@@ -14,7 +14,7 @@ from terrain_cli.comparison.prediction import derivatives
 from terrain_cli.comparison.search import Search
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -225,6 +225,7 @@ class Residuals:
         )
         amplitude *= shape.span
         label = self.labels[shape.driver][int(shape.at or 0)] if shape.name == "label" else ""
+        seen = self._seen(one)
         at = shape.at if shape.name in ("step", "saturating", "periodic") else None
         return Finding(
             channel,
@@ -235,22 +236,19 @@ class Residuals:
             amplitude,
             UNITS[channel],
             at,
-            sentences.of(
-                channel, shape, amplitude, label, one.alternatives, self._unit(shape.driver), one.seen
-            ),
+            sentences.of(channel, shape, amplitude, label, one.alternatives, self._unit(shape.driver), seen),
             self._worst(one),
             one.alternatives,
-            one.seen,
+            seen,
         )
 
     def _unit(self, driver: str) -> str:
         return next((w.drivers[driver].unit for w in self.wheels if driver in w.drivers), "")
 
-    def _worst(self, one: Found) -> tuple[tuple[str, str, int], ...]:
-        """Rank segments by the mean square of what the finding says is missing there."""
+    def _missing(self, one: Found) -> Iterator[tuple[int, Array]]:
+        """Yield the place of each wheel and what is missing there by a finding; NaN where not measured."""
         channel, shape = one.term
-        rows = []
-        for index, (wheel, evidence) in enumerate(zip(self.wheels, self.evidence, strict=True)):
+        for index, evidence in enumerate(self.evidence):
             if channel not in evidence.residuals or not (
                 shape.driver in evidence.drivers or not shape.driver
             ):
@@ -259,10 +257,25 @@ class Residuals:
             part = one.coefficient * np.nan_to_num(shape(values))
             if shape.name == "periodic":
                 part = part + one.other * np.nan_to_num(shape.partnered()(values))
+            yield index, np.where(np.isfinite(evidence.residuals[channel]), part, np.nan)
+
+    def _seen(self, one: Found) -> float:
+        """Return the part of a finding that shows in the residuals, as an amplitude."""
+        missing = np.concatenate([part[np.isfinite(part)] for _, part in self._missing(one)])
+        # Of what follows a driver differences are told, whatever takes up the offset.
+        away = missing if one.term.shape.name == "constant" else missing - missing.mean()
+        whole = float(away @ away)
+        shown = one.explained * self.scale[one.term.channel] ** 2
+        return float(np.sqrt(min(shown / whole, 1.0))) if whole > 0.0 else 1.0
+
+    def _worst(self, one: Found) -> tuple[tuple[str, str, int], ...]:
+        """Rank segments by the mean square of what the finding says is missing there."""
+        rows = []
+        for index, part in self._missing(one):
+            wheel = self.wheels[index]
             segment = wheel.segment[self.rows[index]]
-            known = np.isfinite(evidence.residuals[channel])
-            count = np.bincount(segment, known)
-            square = np.bincount(segment, np.where(known, part, 0.0) ** 2)
+            count = np.bincount(segment, np.isfinite(part))
+            square = np.bincount(segment, np.nan_to_num(part) ** 2)
             samples = wheel.windows.samples
             rows += [
                 (square[j] / count[j], (samples.source, samples.wheel, int(j) + 1))

@@ -67,8 +67,6 @@ class Found:
         Of a periodic one of its sine, else 0.
     explained : float
         Part of the weighted sum of squares of all residuals that it accounts for.
-    seen : float
-        Part of it that shows in the residuals, as an amplitude: the fitted parameters take up the rest.
     alternatives : tuple of str
         Drivers whose terms in this channel are nearly the same.
     """
@@ -78,7 +76,6 @@ class Found:
     coefficient: float
     other: float
     explained: float
-    seen: float
     alternatives: tuple[str, ...]
 
 
@@ -205,8 +202,7 @@ class Search:
         while len(found) < MOST:
             fixed = [*range(self.common), *chosen]
             scores, cross = self.system.beyond(fixed, self.scores())
-            surviving = self.system.surviving(cross)[self.common :]
-            testable = surviving > _SURVIVING
+            testable = self.system.surviving(cross)[self.common :] > _SURVIVING
             testable[np.array(chosen, dtype=int) - self.common] = False
             scores, power = scores[:, self.common :], np.where(testable, np.diag(cross)[self.common :], 1.0)
             test = max_test(
@@ -234,7 +230,6 @@ class Search:
                     float(coefficient[pair[0]]),
                     float(coefficient[pair[1]]) if len(pair) > 1 else 0.0,
                     size,
-                    float(np.sqrt(min(surviving[pair[0]], 1.0))),
                     self._alternatives(best, cross, testable),
                 )
             )

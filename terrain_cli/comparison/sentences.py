@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from terrain_cli.comparison.shapes import Shape
 
 #: Part of a finding's size below which a picture of the residuals would surprise who has read its sentence.
-_HIDDEN = 0.2
+_HIDDEN = 0.3
 #: SI unit → the one a person reads, and the factor to it.
 _SHOWN = {"rad": ("°", math.degrees(1.0)), "rad/s": ("°/s", math.degrees(1.0)), "1": ("", 1.0)}
 #: Drivers with one of their own.
@@ -83,7 +83,8 @@ def of(
         if shape.name == "saturating":
             text += f", most of it in the first {_at(shape.at or 0.0, shape.driver, unit)}"
     if seen < _HIDDEN:
-        text += f"; all but {_number(abs(amplitude) * seen * factor)} {shown} of that the fitted soil takes up"
+        left = f"{_number(abs(amplitude) * seen * factor)} {shown}"
+        text += f"; the fitted soil takes up all but {left} of that"
     if alternatives:
         text += f" (or with {_listed([named(other) for other in alternatives])}, which varied alike)"
     return text

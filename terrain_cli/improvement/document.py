@@ -267,7 +267,8 @@ def _open(step: Step) -> Iterator[str]:
 
 def _idle(step: Step) -> Iterator[str]:
     for one in step.idle if step.kept else ():
-        yield f"{one.effect} may as well be null now (p {one.p_value:.2g}): `terrain-est model remove` tells whether it still pays"
+        ask = "`terrain-est model remove` tells whether it still pays"
+        yield f"{one.effect} may as well be null now (p {one.p_value:.2g}): {ask}"
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

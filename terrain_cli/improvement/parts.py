@@ -234,10 +234,13 @@ class Step:
     def there(self) -> bool:
         """Whether it is there, by its parameters or by an error that plainly differs.
 
-        A fit may gain a little from it by what sensors' noise does.
+        A fit may gain a little from it by what sensors' noise does; and much, where the data leave its
+        parameters open, by what it does to the soil.
         """
         _, low, high = self.evidence.overall
-        return not self.absent > LEVEL or high < _PLAIN or low > 1.0 / _PLAIN
+        plain = high < _PLAIN or low > 1.0 / _PLAIN
+        known = not self.parameters or any(one.determined for one in self.parameters)
+        return not self.absent > LEVEL or (plain and known)
 
     @property
     def fell(self) -> list[ChannelChange]:

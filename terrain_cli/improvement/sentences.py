@@ -28,8 +28,13 @@ def verdict(step: Step) -> str:
     if step.action == "remove":
         return f"{what} {_is(step)} removed{', though it pays' if step.costs else ''}: {found(step)}"
     if step.pays:
-        left = "; what is left follows nothing beyond chance" if step.quiet else ""
-        return f"{what} {_is(step)} {'added' if step.kept else 'worth adding'}: {found(step)}{left}"
+        left = (
+            "follows nothing beyond chance"
+            if step.quiet
+            else "is more than chance: something else is missing, too or instead"
+        )
+        done = "added" if step.kept else "worth adding"
+        return f"{what} {_is(step)} {done}: {found(step)}; what is left {left}"
     kept = "added all the same, as --keep asks" if step.kept else "not added"
     if step.better:
         return f"{what} {_is(step)} {kept}: {found(step)}"

@@ -59,6 +59,17 @@ def test_neither_do_those_with_other_noise_or_soil_that_varies(kind):
     assert [compare([windows_of(seed, kind)], Model()).failures for seed in (1, 2)] == [[], []]
 
 
+def test_how_much_of_a_finding_shows_in_the_residuals(biased):
+    """Of a bias b the fit leaves what is across all that the soil can do: s b in size, s² b on average."""
+    (bias,) = biased.failures
+    (wheel,) = biased.wheels
+    series = wheel.series["torque"]
+    left = series.measured - series.predicted
+    assert 0.3 < bias.seen < 0.9
+    assert np.nanmean(left) == pytest.approx(bias.seen**2 * bias.amplitude, rel=0.1)
+    assert "takes up" not in bias.sentence
+
+
 @pytest.mark.parametrize("name", MISFITS)
 def test_a_known_misfit_is_found_in_its_channel_with_its_driver(name):
     effects, right = MISFITS[name]

@@ -46,20 +46,6 @@ def test_of_what_varied_alike_the_usual_driver_is_named():
     assert "wheel_speed" in first.alternatives
 
 
-def test_how_much_of_a_finding_shows_beside_what_the_soil_takes_up():
-    rng = np.random.default_rng(5)
-    rising = np.linspace(-1.0, 1.0, BLOCKS * LONG)
-    soil = rising + 0.1 * slow(rng)
-    residual = 20.0 * rising + rng.normal(size=len(rising))
-    first = searched(residual, {"slip": rising}, soil=soil[:, None])[0]
-    slope = residual @ soil / (soil @ soil)
-    shown, whole = np.std(residual - slope * soil), np.std(residual)
-    assert first.seen == pytest.approx(shown / whole, abs=0.05)
-    assert first.seen < 0.3
-    (plain,) = searched(residual, {"slip": rising})
-    assert plain.seen > 0.99
-
-
 @pytest.mark.parametrize(("column", "named"), [("Fy_std", "slip"), ("pitch", "pitch")])
 def test_a_column_of_which_nothing_is_known_gives_way_to_slip(column, named):
     rng = np.random.default_rng(4)

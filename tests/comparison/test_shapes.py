@@ -89,7 +89,7 @@ def test_what_varied_alike_is_said():
 def test_what_the_soil_hides_of_it_is_said():
     text = sentences.of("torque", STEP, 0.9, "", ("time",), "1", 0.1)
     assert "by 0.9 N m" in text
-    assert "; all but 0.09 N m of that the fitted soil takes up (or with time" in text
+    assert "; the fitted soil takes up all but 0.09 N m of that (or with time" in text
     assert "takes up" not in sentences.of("torque", STEP, 0.9, "", (), "1", 0.5)
 
 

@@ -205,7 +205,9 @@ def test_held_out_loss_falls_with_the_right_effect_only():
 DRIVERS = (CHANNELS.keys() - {"torque", "drawbar_pull", "entry_angle", "motor_current"}) | {"wheel_angle"}
 
 
-@pytest.mark.parametrize("driver", [*sorted(DRIVERS), "temperature_of_the_third_bearing_on_the_left", "Belt tension [N]"])
+@pytest.mark.parametrize(
+    "driver", [*sorted(DRIVERS), "temperature_of_the_third_bearing_on_the_left", "Belt tension [N]"]
+)
 @pytest.mark.parametrize("changes", [*drafts.SHOWN, *drafts.IN_THE_GROUND])
 def test_a_draft_is_written_whatever_its_driver_is_called(changes, driver):
     channel = CHANNELS.get(driver)

@@ -10,7 +10,7 @@ import pytest
 
 from terrain_cli.comparison.parts import UNITS, Series
 from terrain_cli.improvement.evidence import weigh
-from terrain_cli.improvement.parts import Evidence, Interval, Step
+from terrain_cli.improvement.parts import Estimated, Evidence, Interval, Step
 from terrain_cli.improvement.sentences import verdict
 from terrain_cli.mechanics.model import Model
 
@@ -132,6 +132,12 @@ def test_an_effect_that_may_be_absent_does_not_count():
     plain = {name: 0.8 * error for name, error in a.items()}
     assert replace(step(outcome(a), outcome(plain)), absent=0.05).pays
     assert replace(step(outcome(plain), outcome(a), "remove"), absent=0.05).costs
+    # What the data leave open has moved the soil, and that is what is plain.
+    one = Estimated("log", "wheel", "x.a", "1", 0.2, 2.0, determined=False)
+    left_open = replace(step(outcome(a), outcome(plain)), absent=0.05, parameters=[one])
+    assert not left_open.pays
+    assert replace(left_open, absent=0.001).pays
+    assert replace(left_open, parameters=[replace(one, determined=True)]).pays
     b = {name: 0.95 * error for name, error in a.items()}
     there, back = step(outcome(a), outcome(b)), step(outcome(b), outcome(a), "remove")
     assert replace(there, absent=0.001).pays
