@@ -22,6 +22,8 @@ LEAST = 0.02
 MUCH, _TRADED = 0.05, 0.25
 #: Chance that a model without the effect gives parameters as far from null, above which it does not count.
 LEVEL = 0.01
+#: Times the noise that errors of a model that misses nothing may come to.
+_NOISE = 1.05
 #: Ratio of errors whose 95 % interval lies below this says so by itself.
 _PLAIN = 0.9
 #: Share of the samples predicted before that may be without a prediction afterwards.
@@ -72,6 +74,14 @@ class ChannelChange:
     def rose(self) -> bool:
         """Whether it is more than before, likewise."""
         return self.difference.low > 0.0 and self.share > LEAST
+
+    @property
+    def misses(self) -> bool:
+        """Whether the greater error is more than noise.
+
+        Where it is not, the lesser one comes of a soil that passes less of the noise on, and is no better.
+        """
+        return not max(self.before.value, self.after.value) <= _NOISE * self.noise
 
     @property
     def share(self) -> float:
@@ -280,6 +290,7 @@ class Step:
 
 def _outweighs(some: Sequence[ChannelChange], others: Sequence[ChannelChange]) -> bool:
     """Tell whether some channels' change speaks against that of others, which goes the other way."""
+    some = [one for one in some if one.misses]
     against, in_favour = (sum(math.log1p(one.share) for one in those) for those in (some, others))
     return any(one.share > MUCH for one in some) and against > _TRADED * in_favour
 

@@ -118,6 +118,18 @@ def test_what_rises_much_outweighs_what_falls():
     assert step(outcome(a), outcome({**b, "torque": 0.3 * a["torque"]})).pays
 
 
+def test_a_rise_to_the_noise_does_not_count():
+    """A wrong soil may pass less of the noise on to a channel than the right one does."""
+    rng = np.random.default_rng(6)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    b = {"torque": 0.75 * a["torque"], "drawbar_pull": 1.1 * a["drawbar_pull"], "sinkage": a["sinkage"]}
+    above, at = (outcome(b, noise=noise) for noise in (5.0, 5.5))
+    assert not step(outcome(a), above).pays
+    assert step(outcome(a), at).pays
+    assert not step(above, outcome(a), "remove").costs
+    assert step(at, outcome(a), "remove").costs
+
+
 def test_less_than_a_fiftieth_does_not_count():
     rng = np.random.default_rng(7)
     a = drawn(rng, (1.0, 5.0, 1e-3))
