@@ -60,14 +60,11 @@ def tame(samples: Samples, step: int) -> tuple[Array, Array]:
     usual[usual == 0.0] = 1.0
     # Where three of five are wild, some are seen only after others have been replaced.
     for _ in range(3):
-        # No sample is further from its median than from one of its neighbours.
-        place, limit = _measure(samples, step, usual, stale, (sums, noise))
-        middles = _median_of_five(samples, place)
-        wild = (np.abs(samples.at(place) - middles) > limit).any(axis=0)
-        if not wild.any():
+        place, middles = _measure(samples, step, usual, stale, (sums, noise))
+        if not len(place):
             return sums, noise
-        samples.replace(place[wild], middles[:, wild])
-        stale = list(blocks.about(place[wild], n, step))
+        samples.replace(place, middles)
+        stale = list(blocks.about(place, n, step))
     _measure(samples, step, usual, stale, (sums, noise))
     return sums, noise
 
@@ -77,7 +74,7 @@ def _measure(
 ) -> tuple[Index, Array]:
     """Fill in sums and noise of the blocks of these parts, one after another in the same memory.
 
-    Returns which of their samples may be wild, and the limits of x and y there.
+    Returns which of their samples are wild, and the medians of x and y there.
     """
     spans = [blocks.around(first, last, len(samples), step) for first, last in parts]
     room = np.empty((6, -(-max(end - begin for begin, end in spans) // step) * step))
@@ -89,11 +86,14 @@ def _measure(
         inner = slice((first - begin) // step, -(-(last - begin) // step))
         for whole, part in zip(out, (rows[blocks.POWERS], noise), strict=True):
             whole[:, first // step : -(-last // step)] = part[:, inner]
-        place += begin
-        own = (place >= first) & (place < last)
-        found.append((place[own], limit[:, own]))
-    places, limits = zip(*found, strict=True)
-    return np.concatenate(places), np.concatenate(limits, axis=1)
+        # No sample is further from its median than from one of its neighbours.
+        own = (place >= first - begin) & (place < last - begin)
+        place, limit = place[own], limit[:, own]
+        middles = np.stack([_median_of_five(series, place) for series in (x, y)])
+        wild = (np.abs(np.stack([x[place], y[place]]) - middles) > limit).any(axis=0)
+        found.append((place[wild] + begin, middles[:, wild]))
+    places, medians = zip(*found, strict=True)
+    return np.concatenate(places), np.concatenate(medians, axis=1)
 
 
 def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:
@@ -139,10 +139,10 @@ def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:
     return found
 
 
-def _median_of_five(samples: Samples, place: Index) -> Array:
+def _median_of_five(series: Array, place: Index) -> Array:
     """Return the median of each sample and two on either side; beyond an end the samples are mirrored."""
-    end = len(samples) - 1
-    a, b, c, d, e = (samples.at(end - np.abs(end - np.abs(place + away))) for away in range(-2, 3))
+    end = len(series) - 1
+    a, b, c, d, e = (series[end - np.abs(end - np.abs(place + away))] for away in range(-2, 3))
     low = np.maximum(np.minimum(a, b), np.minimum(d, e))
     high = np.minimum(np.maximum(a, b), np.maximum(d, e))
     return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c)))

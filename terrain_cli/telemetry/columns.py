@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 #: How soon after a clock's zero its first stamps come.
 _SOON = np.timedelta64(10, "s")
+#: Rows read at once of a table that may be too long to be held: half as many more take 50 MB more.
+_AT_ONCE = 65_536
 
 
 def join(columns: Sequence[Column]) -> Column:
@@ -194,7 +196,7 @@ def begin(source: Source, fields: Sequence[str], rows: int) -> tuple[list[Batch]
     rest : iterator of dict, or None
         None if the table is not longer.
     """
-    batches, count = iter(source.read("", fields) if fields else ()), 0
+    batches, count = iter(source.read("", fields, _AT_ONCE) if fields else ()), 0
     first: list[Batch] = []
     for batch in batches:
         first.append(batch)
