@@ -127,8 +127,8 @@ def measure(stage: Stage, size: str, rounds: int, *, memory: bool = True) -> dic
     times: dict[str, list[float]] = {name: [] for name in present}
     busy: dict[str, list[float]] = {name: [] for name in present}
     begun = time.perf_counter()
-    while len(times["ours"]) < min(rounds, stage.rounds) or (
-        rounds <= len(times["ours"]) < stage.rounds and time.perf_counter() - begun < SETTLED
+    while (done := len(times["ours"])) < stage.rounds and (
+        done < rounds or time.perf_counter() - begun < SETTLED
     ):
         for name, run in present.items():
             # No way runs while the answer of another takes memory.

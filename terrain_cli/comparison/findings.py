@@ -225,7 +225,8 @@ class Residuals:
         )
         amplitude *= shape.span
         label = self.labels[shape.driver][int(shape.at or 0)] if shape.name == "label" else ""
-        seen = self._seen(one)
+        missing = list(self._missing(one))
+        seen = self._seen(one, [part for _, part in missing])
         at = shape.at if shape.name in ("step", "saturating", "periodic") else None
         return Finding(
             channel,
@@ -237,7 +238,7 @@ class Residuals:
             UNITS[channel],
             at,
             sentences.of(channel, shape, amplitude, label, one.alternatives, self._unit(shape.driver), seen),
-            self._worst(one),
+            self._worst(missing),
             one.alternatives,
             seen,
         )
@@ -259,19 +260,19 @@ class Residuals:
                 part = part + one.other * np.nan_to_num(shape.partnered()(values))
             yield index, np.where(np.isfinite(evidence.residuals[channel]), part, np.nan)
 
-    def _seen(self, one: Found) -> float:
+    def _seen(self, one: Found, parts: Sequence[Array]) -> float:
         """Return the part of a finding that shows in the residuals, as an amplitude."""
-        missing = np.concatenate([part[np.isfinite(part)] for _, part in self._missing(one)])
+        missing = np.concatenate([part[np.isfinite(part)] for part in parts])
         # Of what follows a driver differences are told, whatever takes up the offset.
         away = missing if one.term.shape.name == "constant" else missing - missing.mean()
         whole = float(away @ away)
         shown = one.explained * self.scale[one.term.channel] ** 2
         return float(np.sqrt(min(shown / whole, 1.0))) if whole > 0.0 else 1.0
 
-    def _worst(self, one: Found) -> tuple[tuple[str, str, int], ...]:
+    def _worst(self, missing: Sequence[tuple[int, Array]]) -> tuple[tuple[str, str, int], ...]:
         """Rank segments by the mean square of what the finding says is missing there."""
         rows = []
-        for index, part in self._missing(one):
+        for index, part in missing:
             wheel = self.wheels[index]
             segment = wheel.segment[self.rows[index]]
             count = np.bincount(segment, np.isfinite(part))

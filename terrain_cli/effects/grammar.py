@@ -42,9 +42,10 @@ _LONGEST_WORD = 60
 _SHOWN = 72
 #: What a law can name.
 NAME_FORM = f"one line of up to {_LONGEST_WORD} characters without backticks"
-_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 WORDS = frozenset({"and", "or", "not"})
+RESERVED = WORDS | FUNCTIONS.keys() | CONSTANTS.keys()
 
 
 #: How strongly an operator binds; a sign binds between * and ^.
@@ -54,7 +55,7 @@ _NOT, _SIGN = 3, 7
 _TOKEN = re.compile(
     r"(?P<space>[ \t\r\n]+)"
     r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
-    r"|(?P<name>[A-Za-z][A-Za-z0-9_]*)"
+    rf"|(?P<name>{NAME.pattern})"
     r"|`(?P<quoted>[^`\n]+)`"
     r"|(?P<operator>\*\*|[<>=!]=|[-+*/^<>(),])"
 )
@@ -139,11 +140,11 @@ def written(name: str) -> str:
     str
         Empty if no law can name it: it is a word of the language, too long, or has backticks of its own.
     """
-    if name in {*FUNCTIONS, *CONSTANTS, *WORDS} or len(name) > _LONGEST_WORD:
+    if name in RESERVED or len(name) > _LONGEST_WORD:
         return ""
     if not name.strip() or not name.isprintable() or "`" in name:
         return ""
-    return name if _PLAIN.fullmatch(name) else f"`{name}`"
+    return name if NAME.fullmatch(name) else f"`{name}`"
 
 
 def parse(text: str) -> Node:

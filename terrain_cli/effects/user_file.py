@@ -14,7 +14,7 @@ from terrain_cli.effects import dimensions, expression, grammar, trial, unit_che
 from terrain_cli.effects.effect import Effect, Kind, Parameter
 from terrain_cli.effects.grammar import LawError
 from terrain_cli.effects.law import Law
-from terrain_cli.effects.user_keys import FILE, LONGEST_NAME, NAME, NAME_FORM
+from terrain_cli.effects.user_keys import FILE, LONGEST_NAME, NAME_FORM
 from terrain_cli.errors import ConfigurationError, nearest
 
 if TYPE_CHECKING:
@@ -251,7 +251,7 @@ class _Reader:
         parameters, measures = [], {}
         for name, values in self.content["parameters"].items():
             place = f"parameters.{name}"
-            if not NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+            if not grammar.NAME.fullmatch(name) or len(name) > LONGEST_NAME:
                 raise self.fail(f"{place}: {name[:LONGEST_NAME]!r} is no name of a parameter", NAME_FORM)
             taken = vocabulary.refused_parameter(name) or "one of the needs" * (name in self.needs)
             if taken:

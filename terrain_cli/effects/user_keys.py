@@ -13,7 +13,6 @@ from terrain_cli.errors import ConfigurationError
 _MOST_PARAMETERS = 20
 _MOST_NEEDS = 20
 _ID = re.compile(r"[a-z][a-z0-9]*(?:-[a-z0-9]+)*")
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 LONGEST_NAME = 40
 NAME_FORM = f"letters a to z, digits and _, beginning with a letter, up to {LONGEST_NAME} characters"
 

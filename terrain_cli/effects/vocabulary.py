@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from terrain_cli.channels import CHANNELS, LABEL
 from terrain_cli.effects.effect import QUANTITIES
-from terrain_cli.effects.expression import CONSTANTS, FUNCTIONS
-from terrain_cli.effects.grammar import WORDS
+from terrain_cli.effects.expression import FUNCTIONS
+from terrain_cli.effects.grammar import RESERVED
 from terrain_cli.errors import nearest
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def refused_need(name: str) -> str:  # noqa: PLR0911 - one for each reason
     channel = CHANNELS.get(name) or CHANNELS.get(name.removesuffix(_RATE))
     if channel is not None and channel.dimension == LABEL:
         return f"{channel.name} is a label, not a number"
-    if name in FUNCTIONS or name in CONSTANTS or name in WORDS:
+    if name in RESERVED:
         return f"{name} is a word of the language of laws"
     return ""
 
@@ -141,7 +141,7 @@ def refused_parameter(name: str) -> str:
     str
         Nothing if it is free.
     """
-    if name in FUNCTIONS or name in CONSTANTS or name in WORDS:
+    if name in RESERVED:
         return "a word of the language of laws"
     if name in CHANNELS or name in ON_DEMAND:
         return "a channel"
