@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Index = NDArray[np.intp]
 
 #: Rows of what `summed` returns: sums of x, y, x², xy and y²;
-POWERS, POWER_X, POWER_Y = slice(0, 5), 2, 4
+POWERS, SUMS, POWER_X, POWER_Y = slice(0, 5), slice(0, 2), 2, 4
 #: and of squares and products of the second differences of x and y, as far as they are noise.
 SECONDS = slice(5, 8)
 ROWS = 8
@@ -34,8 +34,6 @@ OUTLIER = 4.7
 
 #: Samples worked on at a time: few enough to stay in the processor's cache.
 _SLAB = 131_072
-#: Runs of samples that lie closer are worked on as one.
-_GAP = 2048
 
 
 def sizes(n: int, step: int) -> Index:
@@ -62,8 +60,8 @@ def reach(step: int) -> int:
     return max(1, round(REACH / step))
 
 
-def slabs(n: int, step: int) -> Iterator[tuple[int, int]]:
-    """Part samples into runs of whole blocks.
+def slabs(n: int, step: int) -> Iterator[Index]:
+    """Part blocks into runs.
 
     Parameters
     ----------
@@ -72,25 +70,16 @@ def slabs(n: int, step: int) -> Iterator[tuple[int, int]]:
 
     Yields
     ------
-    first, last : int
-        Samples first to last − 1.
+    block : ndarray of int
+        Rising.
     """
-    length = max(1, _SLAB // step) * step
-    for first in range(0, n, length):
-        yield first, min(first + length, n)
+    count, length = len(sizes(n, step)), max(1, _SLAB // step)
+    for first in range(0, count, length):
+        yield np.arange(first, min(first + length, count))
 
 
-def around(first: int, last: int, n: int, step: int) -> tuple[int, int]:
-    """Return the samples on which the noise of blocks depends, from the first to the last sample of a run.
-
-    At an end of the series noise is that of its first or last blocks, as many as elsewhere.
-    """
-    beside = 4 * reach(step) * step
-    return max(first - beside, 0), min(last + beside, n)
-
-
-def about(place: Index, n: int, step: int) -> Iterator[tuple[int, int]]:
-    """Part the blocks that depend on some samples into runs, none longer than those of `slabs`.
+def about(place: Index, n: int, step: int) -> Iterator[Index]:
+    """Part the blocks that depend on some samples into pieces, with what is around them as long as a run.
 
     Parameters
     ----------
@@ -100,16 +89,37 @@ def about(place: Index, n: int, step: int) -> Iterator[tuple[int, int]]:
 
     Yields
     ------
-    first, last : int
+    block : ndarray of int
         As from `slabs`.
     """
-    # The blocks of the samples beside them too, and all that learn their noise there.
-    away = np.arange(-4 * reach(step) - 1, 4 * reach(step) + 2)
-    block = distinct(np.clip(place[:, None] // step + away, 0, (n - 1) // step).ravel())
-    slab = block // max(1, _SLAB // step)
-    runs = np.flatnonzero((np.diff(block) * step > _GAP) | (np.diff(slab) > 0)) + 1
-    for run in np.split(block, runs):
-        yield int(run[0]) * step, min(int(run[-1] + 1) * step, n)
+    away = 2 * reach(step) + 2
+    block = _beside(distinct(place // step), away, (n - 1) // step)
+    length = max(1, _SLAB // step // (2 * away))
+    for first in range(0, len(block), length):
+        yield block[first : first + length]
+
+
+def around(block: Index, n: int, step: int) -> Index:
+    """Return the blocks on which depends what `summed` tells of blocks, and these: rising."""
+    # At an end of the series means are those of its first or last blocks, as many as elsewhere.
+    return _beside(block, 2 * reach(step) + 1, (n - 1) // step)
+
+
+def _beside(block: Index, away: int, last: int) -> Index:
+    """Return rising blocks and all so far away from them, none behind the last."""
+    if is_run(block):
+        return np.arange(max(block[0] - away, 0), min(block[-1] + away, last) + 1)
+    return distinct(np.clip(block[:, None] + np.arange(-away, away + 1), 0, last).ravel())
+
+
+def is_run(block: Index) -> bool:
+    """Tell whether rising blocks have none left out between them."""
+    return bool(block[-1] - block[0] == len(block) - 1)
+
+
+def as_index(block: Index) -> Index | slice:
+    """Return rising blocks as a slice where they are a run, which is copied faster."""
+    return slice(int(block[0]), int(block[-1]) + 1) if is_run(block) else block
 
 
 def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Array, Index, Array]:

@@ -18,6 +18,7 @@ import numpy as np
 from terrain_cli.memory import keep_freed
 from terrain_cli.segmentation.merge import Criteria, Criterion, Refinement
 from terrain_cli.segmentation.moments import LONG, Moments
+from terrain_cli.segmentation.samples import Samples
 from terrain_cli.segmentation.search import Limits, candidates
 from terrain_cli.segmentation.windows import checked_distance, distinct, whole_windows
 from terrain_cli.settings import CUT_SAMPLES, MIN_DISTANCE
@@ -105,8 +106,6 @@ def change_points(
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     if x.ndim != 1 or x.shape != y.shape:
         raise ValueError(f"x and y are to be one series each of equal length, not {x.shape} and {y.shape}")
-    if not (_finite(x) and _finite(y)):
-        raise ValueError("x and y must be finite")
     penalty = PENALTY if penalty is None else penalty
     if min_samples < 1 or min_distance < 0.0 or not penalty > 0.0:
         raise ValueError(f"{min_samples=}, {min_distance=} and {penalty=} must be positive")
@@ -120,16 +119,11 @@ def change_points(
     return distinct(np.concatenate(found).astype(np.intp))
 
 
-def _finite(values: Array) -> bool:
-    # A sum is quicker than asking each, and may overflow.
-    with np.errstate(over="ignore", invalid="ignore"):
-        return bool(np.isfinite(values.sum()) or np.isfinite(values).all())
-
-
 def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> Bounds:
     """Find the change points of one stretch."""
     n = len(x)
     if n < max(2 * limits.samples, _FEWEST):
+        Samples(x, y).check_finite()
         return np.array([0, n], dtype=np.intp)
     moments = Moments(x, y, block)
     bounds, factor = candidates(moments, limits, CANDIDATE_SHARE * penalty)

@@ -48,8 +48,8 @@ class Moments:
         for row, total in zip((number, *sums, *self.noise), self.total, strict=False):
             np.multiply(self._weight, row, out=total[1:])
         self.total[NOISE_XX : NOISE_YY + 1, 1:] *= number
-        np.cumsum(self.total, axis=1, out=self.total)
-        self.total[-1] = self.edges
+        np.cumsum(self.total[:N], axis=1, out=self.total[:N])
+        self.total[N] = self.edges
 
     def between(self, first: Index, last: Index) -> Array:
         """Return the moments of the windows [first, last), shape (10, k)."""
@@ -63,8 +63,8 @@ class Moments:
         if rest.any():
             cut = np.flatnonzero(rest)
             counted = np.arange(self.step) < rest[cut, None]
-            x, y = (self.samples.blocks(block[cut], self.step) * counted)[:, None]
-            total[:, cut] += self._sums(block[cut], x, y, rest[None, cut])[:, 0]
+            x, y = self.samples.blocks(block[cut], self.step) * counted
+            total[:, cut] += self._weighted(block[cut], _powers(x, y), rest[cut])
         return np.asarray(total)
 
     def finer(self, block: Index) -> tuple[Index, Array]:
@@ -80,31 +80,33 @@ class Moments:
         bounds : ndarray of int, shape (k, step / FINE)
         sums : ndarray, shape (10, k, step / FINE)
         """
-        parts = self.samples.blocks(block, self.step).reshape(2, len(block), self.step // FINE, FINE)
-        x, y = parts[:, :, :-1].transpose(0, 2, 1, 3)
-        rows = np.empty((ROWS, self.step // FINE, len(block)))
-        rows[:, 0] = self.total[:, block]
-        rows[:, 1:] = self._sums(block, x, y, np.full((1, 1), FINE))
-        for place in range(1, rows.shape[1]):
+        count = self.step // FINE
+        x, y = self.samples.blocks(block, self.step).reshape(2, -1, FINE)
+        powers = _powers(x, y).reshape(5, len(block), count)[:, :, :-1]
+        rows = np.empty((ROWS, count, len(block)))
+        rows[:, 0] = self.total.take(block, axis=1)
+        rows[:, 1:] = self._weighted(block, powers.swapaxes(1, 2), np.full((1, 1), FINE))
+        for place in range(1, count):
             rows[:, place] += rows[:, place - 1]
         return block[:, None] * self.step + np.arange(0, self.step, FINE), rows.swapaxes(1, 2)
 
-    def _sums(self, block: Index, x: Array, y: Array, number: Index) -> Array:
-        """Return the weighted moments of parts of blocks, shape (10, m, k).
+    def _weighted(self, block: Index, powers: Array, number: Index) -> Array:
+        """Return the weighted moments of parts of blocks, shape (10, ..., k).
 
         Parameters
         ----------
         block : ndarray of int, shape (k,)
-        x, y : ndarray, shape (m, k, s)
-        number : ndarray of int, shape (m, k)
-            Samples that are more than zeros.
+        powers : ndarray, shape (5, ..., k)
+            Sums over the parts of x, y, x², xy and y².
+        number : ndarray of int, shape (..., k)
+            Samples of the parts.
         """
-        rows = np.empty((ROWS, *x.shape[:2]))
-        rows[W] = number
-        for row, factors in zip(rows[X : YY + 1], ((x,), (y,), (x, x), (x, y), (y, y)), strict=True):
-            np.einsum("mks->mk" if len(factors) == 1 else "mks,mks->mk", *factors, out=row)
-        np.multiply(number, self.noise[:, None, block], out=rows[NOISE_XX : NOISE_YY + 1])
-        rows[:N] *= self._weight[block]
+        weight = self._weight[block]
+        rows = np.empty((ROWS, *powers.shape[1:]))
+        rows[W] = number * weight
+        np.multiply(powers, weight, out=rows[X : YY + 1])
+        for row, noise in zip(rows[NOISE_XX : NOISE_YY + 1], self.noise, strict=True):
+            row[:] = number * (weight * noise[block])
         rows[N] = number
         return rows
 
@@ -143,3 +145,13 @@ class Moments:
         np.multiply(weight, self.noise[:, block], out=rows[6:9])
         rows[9] = inside
         return rows
+
+
+def _powers(x: Array, y: Array) -> Array:
+    """Return the sums of x, y, x², xy and y² over rows of samples, shape (5, rows)."""
+    return np.stack(
+        [
+            np.einsum("ks->k" if len(factors) == 1 else "ks,ks->k", *factors)
+            for factors in ((x,), (y,), (x, x), (x, y), (y, y))
+        ]
+    )

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
-    Parts = Sequence[tuple[int, int]]
+    Parts = Sequence[Index]
 
 #: No channel is known better than this share of its value.
 FLOOR = 2e-3
@@ -52,48 +52,56 @@ def tame(samples: Samples, step: int) -> tuple[Array, Array]:
         Of x, y, x², xy and y² over blocks.
     noise : ndarray, shape (3, blocks)
         Variance of x, covariance, variance of y, in Pa².
+
+    Raises
+    ------
+    ValueError
+        A sample is not finite.
     """
     n = len(samples)
-    sums, noise = np.empty((5, -(-n // step))), np.empty((3, -(-n // step)))
-    stale = list(blocks.slabs(n, step))
+    number = blocks.sizes(n, step)
+    rows = np.empty((blocks.ROWS, len(number)))
     usual = np.abs(samples.at(np.arange(0, n, 1 + n // 4096))).mean(axis=1)
     usual[usual == 0.0] = 1.0
+    stale = list(blocks.slabs(n, step))
+    with np.errstate(invalid="ignore"):
+        place, middles = _measure(samples, step, usual, stale, rows)
+    # The sums are there already; they may overflow.
+    if not np.isfinite(rows[blocks.SUMS]).all():
+        samples.check_finite()
     # Where three of five are wild, some are seen only after others have been replaced.
     for _ in range(3):
-        place, middles = _measure(samples, step, usual, stale, (sums, noise))
         if not len(place):
-            return sums, noise
+            break
         samples.replace(place, middles)
         stale = list(blocks.about(place, n, step))
-    _measure(samples, step, usual, stale, (sums, noise))
-    return sums, noise
+        place, middles = _measure(samples, step, usual, stale, rows)
+    return rows[blocks.POWERS], block_noise(rows, number, step, LEVEL_FLOOR * usual)
 
 
-def _measure(
-    samples: Samples, step: int, usual: Array, parts: Parts, out: tuple[Array, Array]
-) -> tuple[Index, Array]:
-    """Fill in sums and noise of the blocks of these parts, one after another in the same memory.
+def _measure(samples: Samples, step: int, usual: Array, parts: Parts, out: Array) -> tuple[Index, Array]:
+    """Fill in the rows of these blocks, one part after another in the same memory.
 
     Returns which of their samples are wild, and the medians of x and y there.
     """
-    spans = [blocks.around(first, last, len(samples), step) for first, last in parts]
-    room = np.empty((6, -(-max(end - begin for begin, end in spans) // step) * step))
-    found = []
-    for (first, last), (begin, end) in zip(parts, spans, strict=True):
-        x, y = samples.between(begin, end)
+    spans = [blocks.around(part, len(samples), step) for part in parts]
+    room = np.empty((6, max(len(span) for span in spans) * step))
+    far = []
+    for part, span in zip(parts, spans, strict=True):
+        x, y = samples.of_blocks(span, step)
         rows, place, limit = blocks.summed(x, y, step, usual[0] / usual[1], room)
-        noise = block_noise(rows, blocks.sizes(end - begin, step), step, LEVEL_FLOOR * usual)
-        inner = slice((first - begin) // step, -(-(last - begin) // step))
-        for whole, part in zip(out, (rows[blocks.POWERS], noise), strict=True):
-            whole[:, first // step : -(-last // step)] = part[:, inner]
-        # No sample is further from its median than from one of its neighbours.
-        own = (place >= first - begin) & (place < last - begin)
-        place, limit = place[own], limit[:, own]
-        middles = np.stack([_median_of_five(series, place) for series in (x, y)])
-        wild = (np.abs(np.stack([x[place], y[place]]) - middles) > limit).any(axis=0)
-        found.append((place[wild] + begin, middles[:, wild]))
-    places, medians = zip(*found, strict=True)
-    return np.concatenate(places), np.concatenate(medians, axis=1)
+        own = blocks.as_index(np.searchsorted(span, part))
+        out[:, blocks.as_index(part)] = rows[:, own]
+        asked = np.zeros(len(span), dtype=bool)
+        asked[own] = True
+        mine = asked[place // step]
+        place = place[mine]
+        far.append((span[place // step] * step + place % step, limit[:, mine], _five(x, y, place)))
+    place, limit, five = (np.concatenate(some, axis=-1) for some in zip(*far, strict=True))
+    # No sample is further from its median than from one of its neighbours.
+    middles = _median_of_five(five)
+    wild = (np.abs(five[:, 2] - middles) > limit).any(axis=0)
+    return place[wild], middles[:, wild]
 
 
 def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:
@@ -139,10 +147,15 @@ def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:
     return found
 
 
-def _median_of_five(series: Array, place: Index) -> Array:
-    """Return the median of each sample and two on either side; beyond an end the samples are mirrored."""
-    end = len(series) - 1
-    a, b, c, d, e = (series[end - np.abs(end - np.abs(place + away))] for away in range(-2, 3))
+def _five(x: Array, y: Array, place: Index) -> Array:
+    """Return samples of x and y with two on either side, shape (2, 5, k); beyond an end they are mirrored."""
+    end = len(x) - 1
+    around = end - np.abs(end - np.abs(place + np.arange(-2, 3)[:, None]))
+    return np.stack([x[around], y[around]])
+
+
+def _median_of_five(five: Array) -> Array:
+    a, b, c, d, e = five.swapaxes(0, 1)
     low = np.maximum(np.minimum(a, b), np.minimum(d, e))
     high = np.minimum(np.maximum(a, b), np.maximum(d, e))
     return np.asarray(np.maximum(np.minimum(low, high), np.minimum(np.maximum(low, high), c)))

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.segmentation.blocks import is_run
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -29,6 +31,11 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self._values[0])
+
+    def check_finite(self) -> None:
+        """Raise a ValueError where a sample is not finite."""
+        if not all(np.isfinite(values).all() for values in self._values):
+            raise ValueError("x and y must be finite")
 
     def replace(self, place: Index, values: Array) -> None:
         """Take other values, shape (2, k), for some samples."""
@@ -58,6 +65,13 @@ class Samples:
         found = np.stack([x, y])
         found[:, self._place[begin:end] - first] = self._instead[:, begin:end]
         return found
+
+    def of_blocks(self, block: Index, step: int) -> Array | tuple[Array, Array]:
+        """Return x and y of the samples of rising blocks; the last block of all may be shorter."""
+        if is_run(block):
+            return self.between(int(block[0]) * step, min(int(block[-1] + 1) * step, len(self)))
+        behind = max(int(block[-1] + 1) * step - len(self), 0)
+        return self.blocks(block, step).reshape(2, -1)[:, : len(block) * step - behind]
 
     def blocks(self, block: Index, step: int) -> Array:
         """Return the samples of blocks of equal length, shape (2, k, step), as from `at`."""

@@ -97,7 +97,7 @@ class _Chunks:
             some = slice(begin, begin + together)
             allowed = _allowed(limits, places.samples[index[:, some]], places.samples[-1], a, b)
             kept = np.flatnonzero(allowed.any(axis=1))
-            sums = places.sums[:, index[:, some]]
+            sums = places.sums.take(index[:, some], axis=1)
             windows = sums.take(b[kept], axis=1)
             windows -= sums.take(a[kept], axis=1)
             cost = lines.best_line(windows.reshape(lines.ROWS, -1))[1].reshape(len(kept), -1)
@@ -218,7 +218,7 @@ def _finer(moments: Moments, edges: Index, block: Index) -> _Places:
     samples = np.concatenate([moments.edges[edges], samples.ravel()])
     order = np.argsort(samples, kind="stable")
     sums = np.concatenate([moments.total[:, edges], sums.reshape(lines.ROWS, -1)], axis=1)
-    return _Places(samples[order], sums[:, order])
+    return _Places(samples[order], sums.take(order, axis=1))
 
 
 def _wanders(windows: Array, parts: Array, limit: float) -> NDArray[np.bool_]:

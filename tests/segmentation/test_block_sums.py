@@ -9,13 +9,12 @@ from terrain_cli.segmentation import blocks, noise
 from terrain_cli.segmentation.moments import FINE, Moments
 from terrain_cli.segmentation.samples import Samples
 
-SMALL_SLAB, SMALL_GAP, SMALL_REACH = 24, 8, 6
+SMALL_SLAB, SMALL_REACH = 24, 6
 
 
 @pytest.fixture(autouse=True)
 def _small_slabs(monkeypatch):
     monkeypatch.setattr(blocks, "_SLAB", SMALL_SLAB)
-    monkeypatch.setattr(blocks, "_GAP", SMALL_GAP)
     monkeypatch.setattr(blocks, "REACH", SMALL_REACH)
 
 
@@ -93,17 +92,18 @@ def test_what_depends_on_changed_samples_is_measured_again(case, changed):
     """Part by part, as all at once, and with few samples around some again."""
     x, y, step = np.tile(case[0], 12), np.tile(case[1], 12), case[2]
     samples, usual = Samples(x, y), np.array([2.0, 1.0])
-    out = np.full((5, -(-len(x) // step)), np.nan), np.full((3, -(-len(x) // step)), np.nan)
+    out = np.full((blocks.ROWS, -(-len(x) // step)), np.nan)
     noise._measure(samples, step, usual, list(blocks.slabs(len(x), step)), out)
     place = np.unique(np.array(changed) % len(x))
     samples.replace(place, np.stack([x[place], y[place]]) + 500.0)
-    noise._measure(samples, step, usual, list(blocks.about(place, len(x), step)), out)
+    again, _ = noise._measure(samples, step, usual, list(blocks.about(place, len(x), step)), out)
     x[place] += 500.0
     y[place] += 500.0
-    rows = summed(x, y, step)[0]
-    np.testing.assert_allclose(out[0], rows[blocks.POWERS], rtol=1e-12)
-    expected = noise.block_noise(rows, blocks.sizes(len(x), step), step, np.full(2, 1e-9))
-    np.testing.assert_allclose(out[1], expected, rtol=1e-6, atol=1e-9 * expected.max())
+    expected = np.full(out.shape, np.nan)
+    wild, _ = noise._measure(Samples(x, y), step, usual, list(blocks.slabs(len(x), step)), expected)
+    np.testing.assert_allclose(out, expected, rtol=1e-9, atol=1e-9 * expected.max())
+    np.testing.assert_allclose(out[blocks.POWERS], summed(x, y, step)[0][blocks.POWERS], rtol=1e-12)
+    assert set(again) <= set(wild)
 
 
 def test_what_is_long_is_measured_slab_by_slab(monkeypatch):

@@ -183,3 +183,13 @@ def test_a_long_drive_over_many_soils():
 def test_what_makes_no_sense_is_refused(x, y, options, says):
     with pytest.raises(ValueError, match=says):
         change_points(x, y, **options)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("n", "place"), [(200, 77), (20_000, 0), (20_000, 19_999)])
+def test_a_sample_that_is_not_finite_is_not_taken_for_a_wild_one(n, place, value):
+    rng = np.random.default_rng(5)
+    x, y = 1e4 + 100.0 * rng.standard_normal((2, n))
+    y[place] = value
+    with pytest.raises(ValueError, match="finite"):
+        change_points(x, y)
