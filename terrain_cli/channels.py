@@ -232,10 +232,9 @@ def identify(header: str, *, letters: bool = True, chosen: Collection[str] = ())
         return None if channel.name in chosen else Match(channel.name, channel.unit, exact, stated=False)
     for name, text, bracketed in _readings(header):
         channel = _look_up(name, letters=letters)
-        if channel is None or channel.unit is None:
+        # Where slip is given elsewhere, slip_angle_deg is an angle all the same.
+        if channel is None or channel.unit is None or channel.name in chosen:
             continue
-        if channel.name in chosen:
-            return None
         unit = units.parse(text, channel.dimension)
         if unit:
             return Match(channel.name, unit, name == channel.name, stated=True)

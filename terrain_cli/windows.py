@@ -45,8 +45,8 @@ class Windows:
     bounds : ndarray of int, shape (windows + 1,)
         Window j is ``rows[bounds[j]:bounds[j + 1]]``.
     x, y : ndarray, shape (n,)
-        Coordinates in Pa of the line y = c + x tan φ of each usable sample; NaN without torque, and
-        where the wheel skids, which no line covers.
+        Coordinates in Pa of the line y = c + x tan φ of each usable sample; NaN without torque or
+        sinkage, and where the wheel skids, which no line covers.
     """
 
     samples: Samples
@@ -57,6 +57,11 @@ class Windows:
 
     def __len__(self) -> int:
         return len(self.bounds) - 1
+
+    @property
+    def lined(self) -> bool:
+        """Whether torque and sinkage are there, without which no sample has a line."""
+        return _lined(self.samples)
 
     def measured(self) -> Measured:
         """Return load, torque, sinkage and slip of the usable samples, in SI units.
@@ -117,6 +122,10 @@ def which(rows: NDArray[np.intp], n: int) -> NDArray[np.intp] | slice:
     ndarray of int or slice
     """
     return slice(None) if len(rows) == n and bool(np.all(rows[1:] > rows[:-1])) else rows
+
+
+def _lined(samples: Samples) -> bool:
+    return {"torque", "sinkage"} <= samples.channels.keys()
 
 
 def _measured(samples: Samples, rows: NDArray[np.intp]) -> Measured:
@@ -196,10 +205,10 @@ def cut(
     """
     rows = samples.usable
     labels = samples.labels.get("terrain")
-    lined = "torque" in samples.channels
+    lined = _lined(samples)
     if method == "auto" and (samples.time is None or not lined):
-        # Steady test points have no order in which the soil could change, and without torque there is
-        # no line whose change would show it.
+        # Steady test points have no order in which the soil could change, and without torque and sinkage
+        # there is no line whose change would show it.
         method = "none" if labels is None else "terrain"
     if samples.time is None and labels is not None and method == "terrain":
         rows = rows[np.argsort(labels.codes[rows], kind="stable")]

@@ -158,6 +158,15 @@ def test_fields_of_messages_have_no_letters():
     assert read("sinkage", letters=False) == ("sinkage", "m", False)
 
 
+def test_slip_hides_no_slip_angle():
+    found = resolve(["slip", "slip_angle_deg", "sinkage_mm"])
+    assert {name: header for name, (header, _) in found.channels.items()} == {
+        "slip": "slip",
+        "slip_angle": "slip_angle_deg",
+        "sinkage": "sinkage_mm",
+    }
+
+
 def test_resolve_sorts_channels_from_extras():
     found = resolve(["time", "W", "sinkage_mm", "T [°C]", "cable_N", "note", "terrain"])
     assert {channel: header for channel, (header, _) in found.channels.items()} == {

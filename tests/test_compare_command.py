@@ -120,7 +120,10 @@ def test_linear_base_predicts_torque_and_pull(folder, compare):
     assert found["channels"].keys() == {"torque", "drawbar_pull"}
 
 
-@pytest.mark.parametrize("absent", [("torque",), ("drawbar_pull",), ("torque", "drawbar_pull")])
+@pytest.mark.parametrize(
+    "absent",
+    [("torque",), ("drawbar_pull",), ("sinkage",), ("torque", "drawbar_pull"), ("sinkage", "torque")],
+)
 def test_whichever_channels_are_there(folder, tmp_path, compare, absent):
     table = pd.read_csv(folder / "clean.csv").drop(columns=list(absent))
     table.to_csv(tmp_path / "run.csv", index=False)
@@ -170,12 +173,31 @@ def test_three_models_are_refused(folder, terrain_est):
     assert "--model is given 3 times" in done.stderr
 
 
-def test_what_it_needs_beside_torque_is_asked_for(folder, tmp_path, terrain_est):
-    pd.read_csv(folder / "clean.csv").drop(columns=["sinkage"]).to_csv(tmp_path / "run.csv", index=False)
+def test_one_channel_at_least_is_asked_for(folder, tmp_path, terrain_est):
+    table = pd.read_csv(folder / "clean.csv")
+    table.drop(columns=["sinkage", "torque", "drawbar_pull"]).to_csv(tmp_path / "run.csv", index=False)
     (tmp_path / "rover.toml").write_text(ROVER)
     done = terrain_est("compare", tmp_path / "run.csv")
     assert (done.returncode, done.stdout) == (65, "")
     assert "sinkage" in done.stderr
+    assert "torque" in done.stderr
+
+
+def test_the_line_needs_sinkage(folder, tmp_path, terrain_est):
+    pd.read_csv(folder / "clean.csv").drop(columns=["sinkage"]).to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER)
+    done = terrain_est("compare", tmp_path / "run.csv", "--model", "linear")
+    assert (done.returncode, done.stdout) == (65, "")
+    assert "sinkage" in done.stderr
+
+
+def test_an_empty_column_was_not_measured(folder, tmp_path, compare):
+    table = pd.read_csv(folder / "clean.csv")
+    table.assign(torque=np.nan).to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER)
+    found = compare(tmp_path / "run.csv")
+    assert found["channels"].keys() == {"drawbar_pull", "sinkage"}
+    assert found["data"]["samples"] > 0
 
 
 def test_keys_are_documented(folder, compare):

@@ -25,7 +25,9 @@ LEVEL = 0.01
 #: Times the noise that errors of a model that misses nothing may come to.
 _NOISE = 1.05
 #: Ratio of errors whose 95 % interval lies below this says so by itself.
-_PLAIN = 0.9
+PLAIN = 0.9
+#: Times the reach of its 95 % interval by which a channel's error falls that says so by itself.
+_CERTAIN = 1.5
 #: Share of the samples predicted before that may be without a prediction afterwards.
 MOST_LOST = 0.05
 
@@ -74,6 +76,12 @@ class ChannelChange:
     def rose(self) -> bool:
         """Whether it is more than before, likewise."""
         return self.difference.low > 0.0 and self.share > LEAST
+
+    @property
+    def certainty(self) -> float:
+        """How many times its 95 % interval reaches from 0."""
+        value, low, high = self.difference
+        return abs(value) / max(high - value, value - low)
 
     @property
     def misses(self) -> bool:
@@ -248,7 +256,7 @@ class Step:
         parameters open, by what it does to the soil.
         """
         _, low, high = self.evidence.overall
-        plain = high < _PLAIN or low > 1.0 / _PLAIN
+        plain = high < PLAIN or low > 1.0 / PLAIN
         known = not self.parameters or any(one.determined for one in self.parameters)
         return not self.absent > LEVEL or (plain and known)
 
@@ -269,23 +277,36 @@ class Step:
 
     @property
     def better(self) -> bool:
-        """Whether the held-out error fell in a channel and over all, and no rise outweighs that."""
-        much = _outweighs(self.rose, self.fell)
-        over_all = self.evidence.overall.high < 1.0 and self.evidence.lost <= MOST_LOST
-        return self.testable and self.there and over_all and bool(self.fell) and not much
+        """Whether the held-out error fell, and no rise outweighs that."""
+        enough = self.testable and self.there and self.evidence.lost <= MOST_LOST
+        return enough and _differs(self.evidence.overall, self.fell, self.rose)
 
     @property
     def costs(self) -> bool:
-        """Whether the way back would pay: it rose in a channel and over all, and no fall outweighs that."""
-        much = _outweighs(self.fell, self.rose)
-        over_all = self.evidence.overall.low > 1.0 and bool(self.rose) and not much
+        """Whether the way back would pay: it rose, and no fall outweighs that."""
+        value, low, high = self.evidence.overall
+        rose = _differs(Interval(1.0 / value, 1.0 / high, 1.0 / low), self.rose, self.fell)
         lost = self.evidence.lost > MOST_LOST
-        return self.testable and ((self.there and over_all and not self.imitates) or lost)
+        return self.testable and ((self.there and rose and not self.imitates) or lost)
 
     @property
     def quiet(self) -> bool:
         """Whether what is left follows nothing beyond chance."""
         return not self.second.failures
+
+
+def _differs(overall: Interval, some: Sequence[ChannelChange], others: Sequence[ChannelChange]) -> bool:
+    """Tell whether errors are less beyond chance, where some channels' are less and those of others more.
+
+    Over all channels and in one of them; plainly over all, though few blocks leave each of them open; or
+    in one so certainly that what chance does in others, none of which is off, is no matter.
+    """
+    if _outweighs(others, some):
+        return False
+    if overall.high < 1.0:
+        return bool(some) or overall.high < PLAIN
+    certain = any(one.certainty > _CERTAIN for one in some)
+    return certain and not others and overall.value < PLAIN
 
 
 def _outweighs(some: Sequence[ChannelChange], others: Sequence[ChannelChange]) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from terrain_cli.improvement.parts import LEAST, MOST_LOST
+from terrain_cli.improvement.parts import LEAST, MOST_LOST, PLAIN
 from terrain_cli.views import words
 
 if TYPE_CHECKING:
@@ -38,7 +38,8 @@ def verdict(step: Step) -> str:
     kept = "added all the same, as --keep asks" if step.kept else "not added"
     if step.better:
         return f"{what} {_is(step)} {kept}: {found(step)}"
-    partly = " on the whole" if step.fell else ""
+    uncertain = " beyond chance" if step.evidence.overall.value < PLAIN else ""
+    partly = " on the whole" if step.fell else uncertain
     return f"the held-out error did not fall{partly}: {what} {_is(step)} {kept} ({found(step)})"
 
 
@@ -97,8 +98,14 @@ def found(step: Step) -> str:
         if channels:
             error = "the held-out error " if not moved else ""
             moved.append(f"{error}{verb} in {listed([_moved(one) for one in channels])}")
+    value, low, high = step.evidence.overall
+    ratio = f"× {value:.2f} ({low:.2f} to {high:.2f})"
     if not moved:
-        return f"in no channel did it change by more than chance and {LEAST:.0%}"
+        return (
+            f"the held-out error fell over all channels, {ratio}, though in none alone beyond chance"
+            if step.better
+            else f"in no channel did it change by more than chance and {LEAST:.0%}"
+        )
     text = ", but ".join(moved)
     if not step.there:
         return f"{text}, but its parameters may as well be null (p {step.absent:.2g})"
@@ -106,8 +113,7 @@ def found(step: Step) -> str:
         values = listed([f"{p.name} = {words.number(p.value)} ± {words.number(p.se)}" for p in step.imitates])
         return f"{text}, but with {values}, which nature does not have: something else is missing"
     if step.action == "add" and step.fell and not step.pays and not step.rose:
-        value, low, high = step.evidence.overall
-        text += f", but over all channels that may be chance: × {value:.2f} ({low:.2f} to {high:.2f})"
+        text += f", but over all channels that may be chance: {ratio}"
     return text
 
 

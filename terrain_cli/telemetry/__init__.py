@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 import formats
 from terrain_cli.channels import CHANNELS
 from terrain_cli.errors import ConfigurationError, InputError, nearest
@@ -38,6 +40,9 @@ __all__ = [
     "read_source",
     "wheel_of",
 ]
+
+#: What models are compared with: any one of these will do.
+_PREDICTED = ("torque", "drawbar_pull", "sinkage")
 
 
 def read(
@@ -225,6 +230,8 @@ def _begun(request: Request, rows: int | None) -> tuple[list[Batch] | None, Iter
 def _whole(request: Request, begin: list[Batch] | None, check: Callable[[list[Raw]], None]) -> list[Samples]:
     layout, rover = request.layout, request.rover
     raws = read_raw(layout, rover, request.channels, request.extras, wheels=request.wheels, batches=begin)
+    if request.effects is not None:
+        _drop_empty(raws)
     check(raws)
     result = []
     while raws:
@@ -232,6 +239,15 @@ def _whole(request: Request, begin: list[Batch] | None, check: Callable[[list[Ra
             assemble(layout.source, raws.pop(0), rover, request.where, request.effects, layout.extras)
         )
     return result
+
+
+def _drop_empty(raws: Sequence[Raw]) -> None:
+    """Drop what a model would predict, but of which a column holds no value: it was not measured."""
+    for raw in raws:
+        for name in raw.channels.keys() & set(_PREDICTED):
+            if not np.isfinite(raw.channels[name]).any():
+                del raw.channels[name]
+                raw.remarks.append(f"{name}: {raw.feeds[name]} holds no value: taken as not measured")
 
 
 def _nothing(request: Request) -> InputError:
@@ -244,7 +260,15 @@ def _check(request: Request, raws: Sequence[Raw], *, compared: bool) -> None:
     layout, rover, effects = request.layout, request.rover, request.effects or ()
     lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
     if compared:
-        lacks = {wheel: [lack for lack in some if lack.what != "torque"] for wheel, some in lacks.items()}
+        # A model predicts what is there.
+        lacks = {
+            raw.wheel: [
+                lack
+                for lack in lacks[raw.wheel]
+                if lack.what not in _PREDICTED or raw.channels.keys().isdisjoint(_PREDICTED)
+            ]
+            for raw in raws
+        }
     if any(lacks.values()):
         raise _cannot_give(layout, lacks, rover)
     lacks = {raw.wheel: needs.lacking(raw, wheel_of(raw, rover), effects) for raw in raws}

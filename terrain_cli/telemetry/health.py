@@ -30,7 +30,7 @@ def set_aside(
     Parameters
     ----------
     channels : mapping of str to ndarray, shape (n,)
-        SI units; load, sinkage and slip are needed, and torque where it is there at all;
+        SI units; load and slip are needed, and torque and sinkage where they are there at all;
         angular_velocity and velocity are used where they are there.
     time : ndarray, shape (n,), or None
         In s.
@@ -89,13 +89,14 @@ def _unusable(
     for name in ("angular_velocity", "velocity"):
         if name in channels:
             yield f"{name} is infinite", np.isinf(channels[name])
-    slip, sinkage, load = (channels[name] for name in ("slip", "sinkage", "load"))
+    slip, load = channels["slip"], channels["load"]
     if not skids:
         yield "wheel skids (slip < 0)", slip < 0.0
     yield "wheel turns against its course (slip < -1)", slip < -1.0
     yield "wheel rolls against its drive (slip > 1)", slip > 1.0
-    yield "sinkage not positive", sinkage <= 0.0
-    yield "sinkage beyond the wheel radius", sinkage >= radius
+    if "sinkage" in channels:
+        yield "sinkage not positive", channels["sinkage"] <= 0.0
+        yield "sinkage beyond the wheel radius", channels["sinkage"] >= radius
     yield "load not positive", load <= 0.0
 
 

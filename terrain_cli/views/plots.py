@@ -134,7 +134,7 @@ def _of_comparison(comparison: Comparison) -> Iterator[Picture]:
         yield f"track-{name.replace('_', '-')}", figures.track(table, {label: misfit})
     moments = soil.moments(comparison)
     yield "rim-stress", figures.rim_stress(moments) if moments else None
-    driven = [wheel.windows for wheel in comparison.wheels if "torque" in wheel.series]
+    driven = [wheel.windows for wheel in comparison.wheels if wheel.windows.lined]
     yield from _convergence([results.trace(_begun(windows)) for windows in driven[:MOST_TRACES]])
 
 

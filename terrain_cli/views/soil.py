@@ -61,13 +61,13 @@ def table(comparison: Comparison) -> results.Table:
 
 def _of_wheel(wheel: WheelComparison) -> dict[str, Any]:
     windows, fit = wheel.windows, wheel.fit
-    line = results.estimate(windows) if "torque" in windows.samples.channels else _no_line(len(windows))
+    line = results.estimate(windows) if windows.lined else _no_line(len(windows))
     fitted = as_window_estimates(fit, line)
     return results.table(windows, replace(fitted, n=fit.n, shear_modulus=fit.values["shear_modulus"]))
 
 
 def _no_line(n: int) -> WindowEstimates:
-    """Return the linear estimates of windows without torque: nothing is known."""
+    """Return the linear estimates of windows without torque or sinkage: nothing is known."""
     nothing = np.full(n, np.nan)
     return WindowEstimates(**dict.fromkeys((f.name for f in fields(WindowEstimates)), nothing))
 
