@@ -23,6 +23,7 @@ from terrain_cli.diagnosis import (
     rivals,
     screening,
     sentences,
+    several_soils,
     unknowns,
 )
 from terrain_cli.diagnosis.parts import Alarm, Diagnosis
@@ -49,16 +50,10 @@ if TYPE_CHECKING:
 #: held-out blocks as large in fewer than the second. What acts in a few blocks alone gains there alone: no
 #: test of the mean finds that sure, however large it is.
 LEVEL, _GAINED = 0.01, 0.03
-#: Samples of all wheels to which every candidate is fitted.
-MOST_SAMPLES = 3_000
 #: Candidates that are weighed against one another.
 _RIVALS = 8
 #: A candidate that takes less than this part of what the best takes off the loss is no rival.
 _WORTH = 0.3
-#: Part of what new soils take off the loss of one soil that an effect has to take off to stand for them.
-_MOSTLY = 0.8
-#: Soils for which a drafted law may stand: a step of what warms or wears passes for two soils.
-_SEVERAL = 3
 #: Blocks are not joined to fewer than these, nor for less of a correlation between neighbours; and fewer do
 #: not earn a single name.
 _FEWEST, _UNRELATED = 8, 0.2
@@ -66,8 +61,6 @@ _FEWEST, _UNRELATED = 8, 0.2
 _SMALL = 0.05
 #: Part of the best one's gain with which an effect within its bounds comes before it.
 _CREDIBLE = 0.7
-#: Standard errors by which one held-out loss has to be below another to count.
-_SURE = 1.0
 
 
 def diagnose(
@@ -115,13 +108,15 @@ def diagnose(
     comparison = of_fitted(few, seed=seed, warnings=[*read, *warnings, *joined_soils], progress=progress)
     block = [one.blocks for one in comparison.wheels]
     hypotheses, not_testable = screening.hypotheses(file, few, every)
-    cut = refits.ground(few, block, MOST_SAMPLES)
+    cut = refits.ground(few, block, several_soils.MOST_SAMPLES)
     progress("one soil or several")
-    chosen, own = _on_fewer_soils(cut, block, hypotheses, progress)
+    chosen, own = several_soils.on_fewer(cut, block, hypotheses, progress)
+    chosen, steps = several_soils.on_more(chosen, own, hypotheses, progress)
     if any(wheel.one_soil for wheel in chosen.wheels):
         hypotheses, alike = screening.on_changing_soil(hypotheses)
         not_testable = [*not_testable, *alike]
     progress("scoring every effect")
+    comparison = replace(comparison, warnings=[*comparison.warnings, *steps])
     found, chosen, own = _screened(chosen, own, comparison, hypotheses, seed)
     not_testable = [*not_testable, *found.not_testable]
     failures = list(comparison.failures)
@@ -176,44 +171,6 @@ def _findings(
     }
     scale = {name: size for name, size in scale.items() if size > 0.0}
     return Residuals(wheels, block, scale).findings(levels, seed) if scale else []
-
-
-def _on_fewer_soils(
-    cut: Ground, block: Sequence[Index], hypotheses: Sequence[Hypothesis], progress: Callable[[str], None]
-) -> tuple[Ground, list[Index]]:
-    """Take one soil for each terrain if, with some effect or none, it predicts as well as several.
-
-    A second pass, a warming motor or a lag look like a change of soil to whoever cuts first.
-    """
-    wheels, blocks = [], []
-    for wheel, own in zip(cut.wheels, block, strict=True):
-        joined, order = wheel.one_soil or (wheel, slice(None))
-        wheels.append(joined)
-        blocks.append(own[order])
-    if all(one is other for one, other in zip(wheels, cut.wheels, strict=True)):
-        return cut, list(block)
-    one = refits.ground(wheels, blocks, MOST_SAMPLES, cut)
-    several, plain = refits.refit(cut, None), refits.refit(one, None)
-    if _as_good(plain.loss, several.loss):
-        return one, blocks
-    gap = float((plain.loss - several.loss).sum())
-    for hypothesis in screening.promising(wheels, blocks, hypotheses)[:_RIVALS]:
-        progress(f"one soil and {hypothesis.id}")
-        found = refits.refit(one, hypothesis)
-        if _as_good(found.loss, several.loss) or float((plain.loss - found.loss).sum()) > _MOSTLY * gap:
-            return one, blocks
-    fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
-    if fewer >= _SEVERAL:
-        # Nor may what is in no catalogue pass for soils.
-        drafted = unknowns.best(one, plain, progress)
-        if drafted and _as_good(drafted[0].refit.loss, several.loss):
-            return one, blocks
-    return cut, list(block)
-
-
-def _as_good(loss: Array, other: Array) -> bool:
-    difference = loss - other
-    return float(difference.sum()) <= _SURE * refits.error(difference)
 
 
 def _of_gain(gain: Array) -> float:
@@ -311,6 +268,7 @@ class _State:
             list(comparison.warnings),
             "",
             together,
+            self.base.heldout,
         )
         return replace(diagnosis, sentence=sentences.verdict(diagnosis, self.failures))
 
@@ -379,6 +337,7 @@ class _State:
             list(not_testable),
             [*comparison.warnings, *self._few()],
             "",
+            heldout=self.base.heldout,
         )
         return replace(diagnosis, sentence=sentences.verdict(diagnosis, self.failures))
 
@@ -402,6 +361,6 @@ def _plainest_first(ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypoth
     """Put in front, of those that predict as well as the first, the one with fewest parameters."""
     if not ranked:
         return ranked
-    good = [pair for pair in ranked if _as_good(pair[1].loss, ranked[0][1].loss)]
+    good = [pair for pair in ranked if refits.as_good(pair[1], ranked[0][1])]
     first = min(good, key=lambda pair: pair[0].free)
     return [first, *(pair for pair in ranked if pair is not first)]

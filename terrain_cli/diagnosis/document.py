@@ -43,7 +43,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
             name: {
                 "unit": errors.unit,
                 "rmse": _known(errors.rmse),
-                "heldout_rmse": _known(errors.heldout_rmse),
+                "heldout_rmse": _known(diagnosis.heldout.get(name, math.nan)),
                 "noise": _known(errors.noise),
             }
             for name, errors in comparison.channels.items()
@@ -141,7 +141,7 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
     head += [f"{name.replace('_', ' ')} [{unit}]" for name, unit in zip(channels, units, strict=True)]
     head += ["parameters"]
     base = ["(as it is)", "", ""]
-    base += [_short(diagnosis.comparison.channels[name].heldout_rmse) for name in channels] + [""]
+    base += [_short(diagnosis.heldout.get(name, math.nan)) for name in channels] + [""]
     rows = [
         [
             f"{'* ' if one.in_family else '  '}{one.effect}",

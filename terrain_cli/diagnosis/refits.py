@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 #: Samples that tell the noise.
 _FEWEST = 30
-#: Standard errors by which a model has to be better than another.
-_SURE = 2.0
+#: Standard errors by which a model has to be better than another, and within which it is as good.
+_SURE, _EQUAL = 2.0, 1.0
 #: Multiples of its null at which the search for a parameter that only shapes an effect begins.
 _SHAPES = (0.4, 1.0, 2.5)
 
@@ -241,6 +241,21 @@ def beats(one: Refit, other: Refit) -> bool:
     """
     gain = other.loss - one.loss
     return float(gain.sum()) > _SURE * error(gain)
+
+
+def as_good(one: Refit, other: Refit) -> bool:
+    """Tell whether one model predicts no worse than another.
+
+    Parameters
+    ----------
+    one, other : Refit
+
+    Returns
+    -------
+    bool
+    """
+    difference = one.loss - other.loss
+    return float(difference.sum()) <= _EQUAL * error(difference)
 
 
 def weighed(data: Ground, one: Refit) -> Refit:

@@ -10,7 +10,7 @@ from scipy.special import chdtrc
 
 from terrain_cli import fitting, models
 from terrain_cli.comparison import against, compare
-from terrain_cli.diagnosis import joining
+from terrain_cli.diagnosis import joining, several_soils
 from terrain_cli.improvement.evidence import weigh
 from terrain_cli.improvement.parts import ENOUGH_BLOCKS, LEVEL, Estimated, Idle, Lost, Shift, Step
 from terrain_cli.telemetry.excerpt import notes
@@ -127,7 +127,9 @@ def tried(
         own = fitted(wheels, after, seed=seed, progress=lambda step: progress(f"after, anew: {step}"))
         if _blocks(own) > _blocks(first):
             first, second = fitted(wheels, before, like=own, seed=seed, progress=progress), own
-    second = replace(second, warnings=[*notes([windows.samples for windows in parts]), *second.warnings])
+    first, second, told = _on_the_same_soils(first, second, action, before, after, seed, progress)
+    remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
+    second = replace(second, warnings=remarks)
     differences = against(first, second, seed=seed)
     with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, first)
@@ -148,6 +150,35 @@ def tried(
         imitates=tuple(_imitating(with_it, file, changed)),
         idle=tuple(_idle(first, second, before, after, changed)),
     )
+
+
+def _on_the_same_soils(
+    first: Comparison,
+    second: Comparison,
+    action: Action,
+    before: ModelFile,
+    after: ModelFile,
+    seed: int,
+    progress: Callable[[str], None],
+) -> tuple[Comparison, Comparison, list[str]]:
+    """Compare two models on the soils that the one with the effect needs.
+
+    Without an effect, new soils can stand for it: then it would seem to be worth nothing. And where a
+    soil steps that no window tells apart, no effect would be worth anything.
+    """
+    progress("one soil or several")
+    if action == "remove":
+        windows, told = several_soils.as_needed(first, before)
+    else:
+        fell = weigh(first, second)[1].overall.high < 1.0
+        new = [] if fell else [one for one in after.model.effects if one not in before.model.effects]
+        windows, told = several_soils.as_needed(second, after, without=before, effects=new)
+    if told:
+        first = fitted(windows, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
+        second = fitted(
+            windows, after, like=first, seed=seed, progress=lambda step: progress(f"after: {step}")
+        )
+    return first, second, told
 
 
 def _places(parts: Sequence[Windows], comparison: Comparison) -> list[Place]:

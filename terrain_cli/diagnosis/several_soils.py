@@ -1,0 +1,302 @@
+"""How many soils a log is of: fewer where an effect stands for them, more where nothing else explains it.
+
+Windows are cut where the line y = c + x tan φ changes. A second pass, a warming motor or a lag look like
+such a change to whoever cuts first; and a soil can change though its strength hardly does: its stiffness
+steps, which shows in sinkage, and in all that follows from it. Either is weighed on held-out blocks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli import fitting
+from terrain_cli.comparison.compare import fit_wheels
+from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.diagnosis import refits, screening, unknowns
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison import Comparison
+    from terrain_cli.comparison.least_squares import Solution
+    from terrain_cli.diagnosis.parts import Hypothesis
+    from terrain_cli.diagnosis.refits import Ground, Refit
+    from terrain_cli.effects import Effect
+    from terrain_cli.models import ModelFile
+    from terrain_cli.windows import Windows
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Samples of all wheels that are fitted.
+MOST_SAMPLES = 3_000
+#: Effects that may stand for soils.
+_RIVALS = 8
+#: Part of what new soils take off the loss of one soil that an effect has to take off to stand for them.
+_MOSTLY = 0.8
+#: Soils for which a drafted law may stand: a step of what warms or wears passes for two soils.
+_SEVERAL = 3
+#: Most steps of the soil under all wheels.
+_MOST = 4
+#: Share of what a model leaves beyond the noise that steps take off at least. What is missing besides
+#: takes its share where it changes with time; a soil leaves little to anything else.
+_SHARE = 0.5
+#: Samples of a soil at least, of those that are fitted.
+_SHORTEST = 40
+#: Bounds of a residual, in deviations of the noise.
+_WILD = 10.0
+
+
+def on_fewer(
+    cut: Ground, block: Sequence[Index], hypotheses: Sequence[Hypothesis], progress: Callable[[str], None]
+) -> tuple[Ground, list[Index]]:
+    """Take one soil for each terrain if, with some effect or none, it predicts as well as several.
+
+    Parameters
+    ----------
+    cut : Ground
+    block : sequence of ndarray of int, shape (n,)
+        Of the usable samples of each wheel.
+    hypotheses : sequence of Hypothesis
+    progress : callable
+
+    Returns
+    -------
+    data : Ground
+    block : list of ndarray of int, shape (n,)
+        In the order of its samples.
+    """
+    wheels, blocks = [], []
+    for wheel, own in zip(cut.wheels, block, strict=True):
+        joined, order = wheel.one_soil or (wheel, slice(None))
+        wheels.append(joined)
+        blocks.append(own[order])
+    if all(one is other for one, other in zip(wheels, cut.wheels, strict=True)):
+        return cut, list(block)
+    one = refits.ground(wheels, blocks, MOST_SAMPLES, cut)
+    if _stand_for_soils(one, blocks, cut, refits.refit(cut, None), hypotheses, progress):
+        return one, blocks
+    return cut, list(block)
+
+
+def on_more(
+    data: Ground, block: Sequence[Index], hypotheses: Sequence[Hypothesis], progress: Callable[[str], None]
+) -> tuple[Ground, list[str]]:
+    """Take another soil from a sample on where that predicts better than any effect does on the same.
+
+    Parameters
+    ----------
+    data : Ground
+    block : sequence of ndarray of int, shape (n,)
+        Of the usable samples of each wheel.
+    hypotheses : sequence of Hypothesis
+    progress : callable
+
+    Returns
+    -------
+    data : Ground
+    told : list of str
+        Where the soil steps.
+    """
+    if data.blocks < screening.FEWEST_BLOCKS:
+        return data, []
+    found = with_steps(data, block)
+    if found is None or _stand_for_soils(data, block, *found[:2], hypotheses, progress):
+        return data, []
+    return found[0], found[2]
+
+
+def as_needed(
+    comparison: Comparison,
+    file: ModelFile,
+    *,
+    without: ModelFile | None = None,
+    effects: Sequence[Effect] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[list[Windows], list[str]]:
+    """Return the windows of a comparison on the soils that a model needs.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Of the model.
+    file : ModelFile
+    without : ModelFile, optional
+        The model before it got one effect: where that stands for soils, there are fewer.
+    effects : sequence of Effect
+        That it got.
+    progress : callable
+
+    Returns
+    -------
+    windows : list of Windows
+        Of each wheel.
+    told : list of str
+        What has to be said about it.
+    """
+    windows = [wheel.windows for wheel in comparison.wheels]
+    block = [wheel.blocks for wheel in comparison.wheels]
+    if without is not None and len(effects) == 1 and any(len(one) > 1 for one in windows):
+        cut = _ground(windows, block, without, effects)
+        hypotheses, _ = screening.hypotheses(without, cut.wheels, effects)
+        fewer, _ = on_fewer(cut, block, hypotheses, progress)
+        if any(len(a.windows) < len(b.windows) for a, b in zip(fewer.wheels, cut.wheels, strict=True)):
+            soils = sum(len(wheel.windows) for wheel in fewer.wheels)
+            enough = f"{soils} soil{'s' * (soils > 1)}"
+            told = f"with {effects[0].id}, {enough} will do: both models are compared on {enough}"
+            return [wheel.windows for wheel in fewer.wheels], [told]
+    if not comparison.failures:
+        return windows, []
+    found = with_steps(_ground(windows, block, file), block)
+    return ([wheel.windows for wheel in found[0].wheels], found[2]) if found else (windows, [])
+
+
+def _ground(
+    windows: Sequence[Windows], block: Sequence[Index], file: ModelFile, effects: Sequence[Effect] = ()
+) -> Ground:
+    held, priors, noise = fitting.assumed(windows, file)
+    settings = Settings(held, priors, [name for name in file.shared if name not in held], noise)
+    further = {name for effect in effects for name in effect.reads}
+    return refits.ground(fit_wheels(windows, file.model, settings, further=further)[0], block, MOST_SAMPLES)
+
+
+def with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, list[str]] | None:
+    """Cut windows where the soil steps.
+
+    Parameters
+    ----------
+    data : Ground
+    block : sequence of ndarray of int, shape (n,)
+        Of the usable samples of each wheel.
+
+    Returns
+    -------
+    data : Ground
+        On more soils, with the noise of the other.
+    base : Refit
+        The base on them.
+    told : list of str
+        Where the soil steps; one for each step.
+    """
+    found, told = data, list[str]()
+    plain = before = refits.refit(data, None)
+    for _ in range(_MOST):
+        places = [_best(found, index) for index in range(len(found.wheels))]
+        index = int(np.argmax([gain for gain, _ in places]))
+        if not places[index][0] > 0.0:
+            break
+        sample = int(found.rows[index][places[index][1]])
+        cut = refits.ground(
+            [_cut(w, sample) if k == index else w for k, w in enumerate(found.wheels)],
+            block,
+            MOST_SAMPLES,
+            data,
+        )
+        after = refits.refit(cut, None)
+        if not refits.beats(after, before):
+            break
+        found, before = cut, after
+        told.append(_where(found.wheels[index], sample))
+    if not told or not _share(data, plain, before) > _SHARE:
+        return None
+    return found, before, told
+
+
+def _stand_for_soils(
+    one: Ground,
+    block: Sequence[Index],
+    cut: Ground,
+    several: Refit,
+    hypotheses: Sequence[Hypothesis],
+    progress: Callable[[str], None],
+) -> bool:
+    """Tell whether fewer soils, with some effect or none, predict as well as several."""
+    plain = refits.refit(one, None)
+    if refits.as_good(plain, several):
+        return True
+    gap = float((plain.loss - several.loss).sum())
+    for hypothesis in screening.promising(one.wheels, block, hypotheses)[:_RIVALS]:
+        progress(f"fewer soils and {hypothesis.id}")
+        found = refits.refit(one, hypothesis)
+        if refits.as_good(found, several) or float((plain.loss - found.loss).sum()) > _MOSTLY * gap:
+            return True
+    fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
+    if fewer >= _SEVERAL:
+        # Nor may what is in no catalogue pass for soils.
+        drafted = unknowns.best(one, plain, progress)
+        return bool(drafted) and refits.as_good(drafted[0].refit, several)
+    return False
+
+
+def _share(data: Ground, plain: Refit, better: Refit) -> float:
+    """Return which part of what a model leaves beyond the noise another one takes off."""
+    noise = sum(int(part.seen.sum()) for part in data.data)
+    return float((plain.loss - better.loss).sum()) / max(float(plain.loss.sum()) - noise, 1e-300)
+
+
+def _best(data: Ground, index: int) -> tuple[float, int]:
+    """Return what the best step under a wheel takes off the sum of squares to first order, and its place."""
+    wheel, solution, part = data.wheels[index], data.base[index], data.data[index]
+    if not wheel.ordered:
+        return 0.0, 0
+    # Of a wheel whose samples are ordered by terrain no place is before another.
+    if np.any(np.diff(wheel.windows.rows) <= 0):
+        return 0.0, 0
+    best, place = 0.0, 0
+    for window in range(part.windows):
+        rows = np.flatnonzero(part.window == window)
+        if len(rows) < 2 * _SHORTEST:
+            continue
+        gain = _gains(solution, rows)
+        at = int(np.argmax(gain))
+        if gain[at] > best:
+            best, place = float(gain[at]), int(rows[_SHORTEST + at])
+    return best, place
+
+
+def _gains(solution: Solution, rows: Index) -> Array:
+    """Return what soils of their own before and from each sample take off, `_SHORTEST` from either end.
+
+    In units of the noise's variance, less what chance takes off as often as not for each parameter.
+    """
+    q = solution.t.shape[1]
+    design = solution.design[rows][..., :q]
+    residual = np.clip(solution.residual[rows], -_WILD, _WILD)
+    square = np.cumsum(np.einsum("ncp,ncq->npq", design, design), axis=0)
+    product = np.cumsum(np.einsum("ncp,nc->np", design, residual), axis=0)
+
+    def taken(square: Array, product: Array) -> Array:
+        precise = square + np.eye(q)
+        return np.asarray(
+            np.einsum("np,np->n", product, np.linalg.solve(precise, product[..., None])[..., 0])
+        )
+
+    inner = slice(_SHORTEST - 1, len(rows) - _SHORTEST)
+    first = taken(square[inner], product[inner])
+    second = taken(square[-1] - square[inner], product[-1] - product[inner])
+    return np.asarray(first + second - taken(square[-1:], product[-1:]) - q)
+
+
+def _cut(wheel: Wheel, sample: int) -> Wheel:
+    """Fit the model of a wheel with one more soil, from a usable sample on."""
+    windows = wheel.windows
+    window = int(wheel.window[sample])
+    return Wheel(
+        replace(windows, bounds=np.insert(windows.bounds, window + 1, sample)),
+        wheel.model,
+        wheel.settings,
+        further=wheel.further,
+    )
+
+
+def _where(wheel: Wheel, sample: int) -> str:
+    samples, row = wheel.windows.samples, int(wheel.windows.rows[sample])
+    when = f"{samples.time[row] - samples.time[0]:.4g} s" if samples.time is not None else f"row {row + 1}"
+    distance = samples.distance
+    driven = f" ({distance[row]:.3g} m)" if distance is not None and np.isfinite(distance[row]) else ""
+    return f"{samples.source}: wheel {samples.wheel}: the soil changes at {when}{driven}"
