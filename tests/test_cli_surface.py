@@ -190,6 +190,26 @@ print("done")
         assert re.search(r"\r +\rdone\s*$", shown)
         assert "\x1b" not in shown
 
+    TELL = """
+import sys, time
+from terrain_cli.commands import progress
+progress.PATIENCE = 0.0
+with progress.Progress(2, enabled={enabled}) as bar:
+    time.sleep(0.4)
+    bar.tell("first\\n  second")
+"""
+
+    def test_what_is_told_stays_beneath_no_bar(self):
+        shown = on_terminal([sys.executable, "-c", self.TELL.format(enabled=True)], PYTHONPATH=str(ROOT))
+        assert re.search(r"\r +\rfirst\r\n  second\r\n", shown)
+
+    @pytest.mark.parametrize(("enabled", "told"), [(True, "first\n  second\n"), (False, "")])
+    def test_what_is_told_reaches_a_pipe_without_a_bar(self, enabled, told):
+        command = [sys.executable, "-c", self.TELL.format(enabled=enabled)]
+        env = {**os.environ, "PYTHONPATH": str(ROOT)}
+        done = subprocess.run(command, env=env, capture_output=True, text=True, check=True)
+        assert (done.stdout, done.stderr) == ("", told)
+
     def test_no_progress_bar_when_quiet(self):
         shown = on_terminal([sys.executable, "-c", self.WORK.format(enabled=False)], PYTHONPATH=str(ROOT))
         assert shown.split() == ["done"]

@@ -157,6 +157,37 @@ def test_begins_with_the_sentence(found, done):
     assert "not testable on these data:" in told
 
 
+def test_first_scores_are_told_before_the_refits_and_leave_stdout_as_it_is(done, folder, terrain_est):
+    loud = terrain_est("diagnose", folder / "sinks.csv", *WHOLE)
+    assert loud.stdout == done["sinks, for a person"].stdout
+    assert done["sinks, for a person"].stderr == ""
+    head, *scores = loud.stderr.splitlines()
+    assert re.fullmatch(r"first scores of \d+ effects, in standard errors, before any is fitted:", head)
+    found = [re.fullmatch(r"  (\S+) +(\d+\.\d)  p 0\.\d{4}", line) for line in scores]
+    assert found[0][1] == "slip-sinkage"
+    sizes = [float(one[2]) for one in found]
+    assert sizes == sorted(sizes, reverse=True)
+    assert len(sizes) == 5
+
+
+def test_first_scores_come_before_any_effect_is_fitted(folder):
+    from terrain_cli import models, rover, telemetry, windows
+    from terrain_cli.diagnosis import diagnose
+
+    samples = telemetry.read(str(folder / "sinks.csv"), rover.load(folder / "rover.toml"), compared=True)
+    events = []
+    diagnose(
+        [windows.cut(one, "none") for one in samples],
+        models.resolve("wong-reece"),
+        progress=events.append,
+        early=lambda found: events.append(found.scores),
+    )
+    at = next(place for place, event in enumerate(events) if isinstance(event, dict))
+    assert max(events[at], key=events[at].get) == "slip-sinkage"
+    assert not any(str(event).startswith("fitting with") for event in events[:at])
+    assert any(str(event).startswith("fitting with") for event in events[at:])
+
+
 def test_own_effect_stands_beside_those_of_the_catalogue(folder, terrain_est):
     args = ("--effect", folder / "digs.toml", *WHOLE, "--json", "-q")
     done = terrain_est("diagnose", folder / "clean.csv", *args)

@@ -61,7 +61,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     judged by the error on stretches of the data that were left out. One name is given only where this
     very drive would show that effect and no other; otherwise a family, and the drive that would settle
     it; or two effects, where both together explain what none does alone. Inputs of the same wheel are
-    joined. Exit code 0 whatever is found. See docs/diagnose.md.
+    joined. The first scores, before any fit, are on stderr. Exit code 0 whatever is found. See
+    docs/diagnose.md.
     """
     import formats
     from terrain_cli import effects, models
@@ -80,6 +81,7 @@ def command(context: click.Context, /, **_: Any) -> None:
             effects=list(candidates.values()),
             seed=given["seed"],
             progress=partial(progress.say, str(file.path or file.model.base)),
+            early=lambda scored: progress.tell(document.early(scored)),
         )
         progress.advance()
     if given["as_json"]:

@@ -1,4 +1,4 @@
-"""A progress bar on stderr, for a person who has waited for a second."""
+"""Progress on stderr: a bar for a person who has waited for a second, and lines that stay."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ WIDTH = 24
 class Progress:
     """Shows how many inputs are done and what is being done now.
 
-    Drawn only on a terminal, only after a second, and wiped when the work ends.
+    Drawn only on a terminal, only after a second, and wiped when the work ends. What is told stays, and is
+    written to a file or a pipe too.
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ class Progress:
     """
 
     def __init__(self, total: int, *, enabled: bool = True) -> None:
-        self._total = total
+        self._total, self._enabled = total, enabled
         self._done = 0
         self._text = ""
         self._drawn = False
@@ -71,6 +72,18 @@ class Progress:
         """Count one input as done."""
         self._done += 1
 
+    def tell(self, text: str) -> None:
+        """Write a result that is there before the work ends.
+
+        Parameters
+        ----------
+        text : str
+            Lines.
+        """
+        if self._enabled:
+            # In one call, or the bar could be drawn between wiping it and the text.
+            click.echo(("\r" + over("") + "\r" if self._drawn else "") + text, err=True)
+
     def _run(self) -> None:
         if self._stop.wait(PATIENCE):
             return
@@ -90,5 +103,19 @@ def draw(line: str) -> None:
     ----------
     line : str
     """
+    click.echo("\r" + over(line), err=True, nl=False)
+
+
+def over(line: str) -> str:
+    """Cut or fill a line to the width of the terminal.
+
+    Parameters
+    ----------
+    line : str
+
+    Returns
+    -------
+    str
+    """
     width = shutil.get_terminal_size().columns - 1
-    click.echo("\r" + line[:width].ljust(width), err=True, nl=False)
+    return line[:width].ljust(width)

@@ -70,6 +70,7 @@ def diagnose(
     effects: Sequence[Effect] | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
+    early: Callable[[Screened], None] = lambda _: None,
 ) -> Diagnosis:
     """Find out what a model lacks.
 
@@ -85,6 +86,8 @@ def diagnose(
         Of all that is drawn.
     progress : callable
         Called with the name of each step before it begins.
+    early : callable
+        Called with the scores of all effects as soon as they are known, long before the refits end.
 
     Returns
     -------
@@ -118,6 +121,7 @@ def diagnose(
     progress("scoring every effect")
     comparison = replace(comparison, warnings=[*comparison.warnings, *steps])
     found, chosen, own = _screened(chosen, own, comparison, hypotheses, seed)
+    early(found)
     not_testable = [*not_testable, *found.not_testable]
     failures = list(comparison.failures)
     if any(one is not other for one, other in zip(chosen.wheels, few, strict=True)):

@@ -9,10 +9,13 @@ from terrain_cli.diagnosis.sentences import sizes_text
 
 if TYPE_CHECKING:
     from terrain_cli.diagnosis.parts import Candidate, Diagnosis
+    from terrain_cli.diagnosis.screening import Screened
 
 FORMAT = "terrain-est/diagnosis/1"
 #: Candidates that a person reads.
 _SHOWN = 8
+#: Effects whose scores one reads while the fits go on.
+_EARLY = 5
 
 
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -132,6 +135,29 @@ def text(diagnosis: Diagnosis) -> str:
         lines += [f"  {', '.join(names)}: {because}" for because, names in reasons.items()]
     lines += [f"note: {warning}" for warning in diagnosis.warnings]
     return "\n".join(lines)
+
+
+def early(found: Screened) -> str:
+    """Write the strongest scores for a person who waits for the refits.
+
+    Parameters
+    ----------
+    found : Screened
+
+    Returns
+    -------
+    str
+    """
+    known = sorted(
+        (name for name, t in found.scores.items() if t > 0.0), key=lambda name: -found.scores[name]
+    )
+    shown = known[:_EARLY]
+    width = max(map(len, shown), default=0)
+    lines = [f"  {name:{width}}  {found.scores[name]:5.1f}  p {found.p_values[name]:.4f}" for name in shown]
+    if not lines:
+        return "first scores: none, no effect can be tested on these data"
+    head = f"first scores of {len(known)} effects, in standard errors, before any is fitted:"
+    return "\n".join([head, *lines])
 
 
 def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
