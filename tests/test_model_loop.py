@@ -60,6 +60,21 @@ def test_a_clean_log_leaves_the_file_as_it_is(terrain_est, here):
     assert (here / "model.toml").read_text("utf-8") == MODEL
 
 
+def test_one_kept_of_a_family_is_said_to_be_in_doubt(terrain_est, here):
+    doubt = Path(__file__).resolve().parent.parent / "sample_data" / "tutorial" / "doubt.csv"
+    done = terrain_est("model", "add", "model.toml", "--until-quiet", "-q", "--data", doubt)
+    assert done.returncode == 0
+    (kept,) = models.load("model.toml").effects
+    (line,) = (line for line in done.stdout.splitlines() if line.startswith(f"kept {kept}; "))
+    (entry,) = models.load("model.toml").history
+    assert len(entry["rivals"]) >= 3
+    assert kept not in entry["rivals"]
+    assert kept in entry["next_drive"]["pair"]
+    for told in (*entry["rivals"], entry["next_drive"]["manoeuvre"]):
+        assert told in line
+        assert told in entry["because"]
+
+
 class TestDrafts:
     """With a diagnosis that knows no name, and drafts a law."""
 

@@ -50,6 +50,8 @@ def document(step: Step) -> dict[str, Any]:
         "absent_p_value": record.number(step.absent),
         "imitates": [one.name for one in step.imitates],
         "idle": [one._asdict() for one in step.idle],
+        "rivals": list(step.rivals),
+        "next_drive": record.drive(step.next_drive),
         "shift": {one.name: _shift(one) for one in step.shifts},
         "unidentifiable": {
             "parameters": list(step.undetermined),
@@ -190,6 +192,9 @@ def loop_text(steps: Sequence[Step], end: Stopped) -> str:
     effects = [effect.id for effect in end.file.model.effects]
     model = " + ".join([end.file.model.base, *effects])
     lines = [f"{end.because}; {model if kept else 'the model is as it was'}"]
+    # One that was dropped later is in doubt no more.
+    doubted = [step for step in kept if step.rivals and {*step.changed} <= {*effects}]
+    lines += [f"kept {sentences.listed(step.changed)}; {sentences.doubt(step)}" for step in doubted]
     if kept:
         first, last = kept[0], kept[-1]
         after = {one.name: one.after for one in last.channels}

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from terrain_cli.comparison import Comparison
-    from terrain_cli.diagnosis.parts import Diagnosis, Unknown
+    from terrain_cli.diagnosis.parts import Diagnosis, NextDrive, Unknown
     from terrain_cli.improvement.parts import Action, Step
     from terrain_cli.models import ModelFile
     from terrain_cli.windows import Windows
@@ -37,7 +37,8 @@ def until_quiet(
 
     Each round asks for a diagnosis of the model as it has become, tries two effects that explain it
     together, the effect named, or those that the data cannot tell apart from the best one on, and keeps
-    the first of these whose held-out error falls.
+    the first of these whose held-out error falls. That proves nothing against the others, which may pay
+    too: the step names them, and the drive that would tell.
     When the alarm is silent, or nothing pays, every effect that was added is taken out again by way of
     trial, and stays out unless the held-out error rises.
 
@@ -93,6 +94,9 @@ def until_quiet(
             break
         for names in choices:
             step, file = attempt("add", [named.get(name, name) for name in names], file, found.comparison)
+            if step.kept:
+                rivals, drive = _rivals(found, names)
+                step = replace(step, rivals=rivals, next_drive=drive)
             yield step
             if step.kept:
                 added += step.changed
@@ -109,6 +113,16 @@ def until_quiet(
         step, file = attempt("remove", [name], file, None)
         yield step
     yield Stopped(file, quiet, because)
+
+
+def _rivals(found: Diagnosis, names: Sequence[str]) -> tuple[tuple[str, ...], NextDrive | None]:
+    """Return what the data do not tell from an effect of a family, and the drive that would."""
+    if len(names) != 1 or names[0] not in found.family:
+        return (), None
+    rivals = tuple(name for name in found.family if name not in names)
+    # Drives are sought for the best of the family; the first settles most of it.
+    own = [drive for drive in found.next_drive if names[0] in drive.pair] or found.next_drive
+    return rivals, own[0] if rivals and own else None
 
 
 def _candidates(

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from terrain_cli.comparison import Comparison
+    from terrain_cli.diagnosis.parts import NextDrive
     from terrain_cli.models import ModelFile
 
 Action = Literal["add", "remove"]
@@ -221,6 +222,10 @@ class Step:
         for something else.
     idle : tuple of Idle
         Effects of the model before that the change has made needless.
+    rivals : tuple of str
+        Effects that the data do not tell from it, by the diagnosis that proposed it.
+    next_drive : NextDrive or None
+        That would.
     kept : bool
         Whether the change was made.
     """
@@ -241,6 +246,8 @@ class Step:
     absent: float = math.nan
     imitates: tuple[Estimated, ...] = ()
     idle: tuple[Idle, ...] = ()
+    rivals: tuple[str, ...] = ()
+    next_drive: NextDrive | None = None
     kept: bool = False
 
     @property

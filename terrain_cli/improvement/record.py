@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from terrain_cli import __version__
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from terrain_cli.diagnosis.parts import NextDrive
     from terrain_cli.improvement.parts import Action, ChannelChange, Estimated, Interval, Step
     from terrain_cli.models import ModelFile
 
@@ -57,6 +59,8 @@ def entry(step: Step, because: str) -> dict[str, Any]:
         "parameters": means(step.parameters) or None,
         "failures_before": len(step.first.failures),
         "failures_after": len(step.second.failures),
+        "rivals": list(step.rivals) or None,
+        "next_drive": drive(step.next_drive),
     }
 
 
@@ -113,6 +117,20 @@ def channel(change: ChannelChange) -> dict[str, Any]:
         "difference_interval": ends(change.difference),
         "noise": number(change.noise),
     }
+
+
+def drive(one: NextDrive | None) -> dict[str, Any] | None:
+    """Return a drive as it is kept; None if there is none.
+
+    Parameters
+    ----------
+    one : NextDrive or None
+
+    Returns
+    -------
+    dict or None
+    """
+    return None if one is None else {**asdict(one), "pair": list(one.pair)}
 
 
 def number(value: float) -> float | None:

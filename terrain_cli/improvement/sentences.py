@@ -77,6 +77,24 @@ def tried(step: Step) -> str:
     return f"{'−' if step.kept else 'keeps'} {name}, tried without it: {found(step)}"
 
 
+def doubt(step: Step) -> str:
+    """Say what the data do not tell from an effect that the loop keeps, and what would.
+
+    Parameters
+    ----------
+    step : Step
+
+    Returns
+    -------
+    str
+    """
+    what = f"these data do not tell it from {listed(step.rivals)}"
+    if step.next_drive is None:
+        return what
+    power = f" (power {step.next_drive.power:.0%})" if step.next_drive.settings else ""
+    return f"{what}: {step.next_drive.manoeuvre}{power}"
+
+
 def found(step: Step) -> str:
     """Say what became of the held-out error, without a name.
 

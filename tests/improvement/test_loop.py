@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import tomllib
 from types import SimpleNamespace
 
 import pytest
 from changed_models import DIGS, write_all
 from scipy.special import chdtrc
 
-from terrain_cli import models, rover, telemetry, windows
-from terrain_cli.improvement import Stopped, until_quiet
+from terrain_cli import models, rover, telemetry, toml_text, windows
+from terrain_cli.diagnosis.parts import NextDrive
+from terrain_cli.improvement import Stopped, document, record, until_quiet
 from terrain_cli.improvement.loop import MOST
 
 
@@ -50,6 +52,7 @@ def diagnosing(*answers):
             family=tuple(names),
             unknown=unknown,
             together=(),
+            next_drive=[NextDrive((names[0], name), f"drive for {name}", 0.9) for name in names[1:]],
         )
 
     return diagnose
@@ -85,6 +88,31 @@ def test_the_next_of_the_family_is_tried_where_the_first_does_not_pay(sinks):
     steps, end = run(sinks, ["drivetrain-friction", "slip-sinkage"])
     assert told(steps) == [("add", "drivetrain-friction", False), ("add", "slip-sinkage", True)]
     assert effects(end) == ["slip-sinkage"]
+
+
+def test_what_is_kept_of_a_family_is_told_with_what_the_data_do_not_tell_it_from(sinks):
+    family = ["drivetrain-friction", "load-bias", "slip-sinkage"]
+    (*refused, kept), end = run(sinks, family)
+    assert [(one.rivals, one.next_drive) for one in refused] == [((), None)] * len(refused)
+    assert kept.rivals == ("drivetrain-friction", "load-bias")
+    assert kept.next_drive.manoeuvre == "drive for slip-sinkage"
+    assert (
+        "kept slip-sinkage; these data do not tell it from drivetrain-friction and load-bias: "
+        "drive for slip-sinkage" in document.loop_text([*refused, kept], end)
+    )
+    whole = document.loop([*refused, kept], end)["steps"][-1]
+    entry = record.entry(kept, "")
+    for found in (whole, entry):
+        assert found["rivals"] == list(kept.rivals)
+        assert found["next_drive"]["pair"] == ["drivetrain-friction", "slip-sinkage"]
+    assert tomllib.loads(f"entry = {toml_text.value(entry)}")["entry"]["rivals"] == list(kept.rivals)
+
+
+def test_one_name_has_no_rivals(sinks):
+    (kept,), end = run(sinks, ["slip-sinkage"])
+    assert (kept.rivals, kept.next_drive) == ((), None)
+    assert "do not tell" not in document.loop_text([kept], end)
+    assert record.entry(kept, "")["rivals"] is None
 
 
 def test_what_does_not_pay_is_never_kept(clean):

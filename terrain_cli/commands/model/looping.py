@@ -47,11 +47,20 @@ def run(context: click.Context) -> None:
     assert end is not None  # noqa: S101 - the last that the loop yields
     kept = [step for step in steps if step.kept]
     if kept:
-        entries = [record.entry(step, f"--until-quiet; {sentences.found(step)}") for step in kept]
+        entries = [
+            record.entry(step, "; ".join(["--until-quiet", sentences.found(step), *_doubt(step)]))
+            for step in kept
+        ]
         trying.write(given["file"], end.file, *entries)
     if steps and not given["as_json"]:
         click.echo()
     trying.tell(context, document.loop_text(steps, end), document.loop(steps, end))
+
+
+def _doubt(step: Step) -> list[str]:
+    from terrain_cli.improvement import sentences
+
+    return [sentences.doubt(step)] if step.rivals else []
 
 
 def _events(context: click.Context, drafts: _Drafts | None) -> Iterator[Step | Stopped]:
