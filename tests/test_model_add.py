@@ -200,6 +200,18 @@ def test_all_that_follows_data_is_data(here, model):
     assert found["shift"]["c"]["segment"] == 1
 
 
+@pytest.mark.usefixtures("here")
+def test_what_lies_on_the_side_that_nature_does_not_have_is_refused_in_good_time(model):
+    """Soil that pushes from the front, by 2.9 standard errors."""
+    log = ROOT / "sample_data" / "tutorial" / "sinks.csv"
+    found = json.loads(model("add", "model.toml", "bulldozing", "--json", "-q", "--data", str(log)))
+    (factor,) = found["parameters"]
+    assert -3.0 < factor["value"] / factor["se"] < -2.0
+    assert found["ratio_interval"][1] < 1.0
+    assert (found["pays"], found["kept"], found["imitates"]) == (False, False, ["bulldozing.factor"])
+    assert "which nature does not have: something else is missing" in found["sentence"]
+
+
 def test_several_effects_at_once(here, model):
     found = change(model, "add", "model.toml", "slip-sinkage", "drivetrain-friction", "--data", "sinks.csv")
     assert found["changed"] == ["slip-sinkage", "drivetrain-friction"]

@@ -95,20 +95,22 @@ class Parameter:
     skids: bool = False
     side: int = 0
 
-    def imitates(self, value: float, error: float) -> bool:
+    def imitates(self, value: float, error: float, errors: float = _CERTAIN) -> bool:
         """Tell whether a value is where nature has none, beyond doubt or as far as it could go there.
 
         Parameters
         ----------
         value, error : float
             SI; the second a standard error.
+        errors : float
+            Standard errors beyond which there is no doubt.
 
         Returns
         -------
         bool
         """
         away = (self.null - value) * self.side
-        return away > _CERTAIN * error or (away > 0.0 and self.at_bound(value))
+        return away > errors * error or (away > 0.0 and self.at_bound(value))
 
     def at_bound(self, value: float) -> bool:
         """Tell whether a value, SI, is the least or the most that the parameter can be.

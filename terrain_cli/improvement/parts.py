@@ -23,6 +23,9 @@ LEAST = 0.02
 MUCH, _TRADED = 0.05, 0.25
 #: Chance that a model without the effect gives parameters as far from null, above which it does not count.
 LEVEL = 0.01
+#: Standard errors by which a parameter may lie where nature has none. A diagnosis grants more, as it tries
+#: many effects. Of 20 right ones, added to simulated drives, none came out on the wrong side at all.
+DOUBTED = 2.0
 #: Times the noise that errors of a model that misses nothing may come to.
 _NOISE = 1.05
 #: Ratio of errors whose 95 % interval lies below this says so by itself.

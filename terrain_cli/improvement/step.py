@@ -12,7 +12,7 @@ from terrain_cli import fitting, models
 from terrain_cli.comparison import against, compare
 from terrain_cli.diagnosis import joining, several_soils
 from terrain_cli.improvement.evidence import weigh
-from terrain_cli.improvement.parts import ENOUGH_BLOCKS, LEVEL, Estimated, Idle, Lost, Shift, Step
+from terrain_cli.improvement.parts import DOUBTED, ENOUGH_BLOCKS, LEVEL, Estimated, Idle, Lost, Shift, Step
 from terrain_cli.telemetry.excerpt import notes
 
 if TYPE_CHECKING:
@@ -235,7 +235,7 @@ def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) 
     """Return the parameters of some effects that are where nature has none."""
     for one in _parameters(comparison, file, changed):
         known, factor = file.model.parameters.get(one.name), file.factor(one.name)
-        if known is not None and known.imitates(one.value * factor, one.se * factor):
+        if known is not None and known.imitates(one.value * factor, one.se * factor, DOUBTED):
             yield one
 
 
