@@ -218,7 +218,7 @@ class Search:
             best = self._strongest(explained, (p_values < level) & testable, need)
             if best is None:
                 break
-            best = self._usual(best, explained, (p_values < level) & testable, cross)
+            best = self._usual(best, explained, (p_values < level) & testable, testable, cross)
             pair = self._pair(best)
             term, size = self.terms[best], float(explained[list(pair)].sum())
             # What follows is worth a word only beside the first.
@@ -292,14 +292,22 @@ class Search:
             best = next(int(place) for place in near if self.terms[place] == twin)
         return best
 
-    def _usual(self, best: int, explained: Array, beyond: NDArray[np.bool_], cross: Array) -> int:
+    def _usual(
+        self,
+        best: int,
+        explained: Array,
+        beyond: NDArray[np.bool_],
+        testable: NDArray[np.bool_],
+        cross: Array,
+    ) -> int:
         """Choose a usual driver in the place of one that varied alike, or of a further column."""
         channel, shape = self.terms[best]
         if shape.driver in _USUAL:
             return best
         alike = {*_USUAL}
         if shape.driver in _KNOWN or shape.name == "label":
-            alike &= {*self._alternatives(best, cross, beyond)}
+            # The shape that is alike need not be that in which it explains as much.
+            alike &= {*self._alternatives(best, cross, testable)}
         near = np.flatnonzero(beyond & (explained >= (1.0 - _NEARLY) * explained[best])).tolist()
         others = [p for p in near if self.terms[p].channel == channel and self.terms[p].shape.driver in alike]
         return max(others, key=lambda place: explained[place], default=best)

@@ -16,14 +16,18 @@ def slow(rng):
     return np.repeat(rng.normal(size=BLOCKS), LONG)
 
 
-def searched(residual, drivers, *, soil=None):
+def search_of(residual, drivers, *, soil=None):
     n = len(residual)
     slopes = {"torque": Slopes(np.ones((n, 1)) if soil is None else soil, np.zeros((n, 0)))}
     block = np.repeat(np.arange(BLOCKS), LONG)
     evidence = Evidence({"torque": residual}, slopes, drivers, np.zeros(n, dtype=np.intp), block)
     every = [shape for name, values in drivers.items() for shape in shapes.of_number(name, values)]
-    search = Search([evidence], {"torque": every}, NOISE, precision=np.zeros((1, 1)), blocks=BLOCKS)
-    return search.forward(NOISE, {"torque": n}, level=0.05, draws=199, seed=1)
+    return Search([evidence], {"torque": every}, NOISE, precision=np.zeros((1, 1)), blocks=BLOCKS)
+
+
+def searched(residual, drivers, *, soil=None):
+    search = search_of(residual, drivers, soil=soil)
+    return search.forward(NOISE, {"torque": len(residual)}, level=0.05, draws=199, seed=1)
 
 
 def test_what_is_most_of_the_residual_is_found_though_it_lasts_as_long_as_the_drive():
@@ -44,6 +48,24 @@ def test_of_what_varied_alike_the_usual_driver_is_named():
     first = searched(residual, {"wheel_speed": alike, "slip": rising})[0]
     assert first.term.shape.driver == "slip"
     assert "wheel_speed" in first.alternatives
+
+
+def test_the_usual_driver_is_named_though_its_shape_that_is_alike_is_not_beyond_chance():
+    """Its line is alike, and its step explains as much."""
+    rising = np.linspace(-1.0, 1.0, BLOCKS * LONG)
+    search = search_of(rising, {"angular_velocity": rising, "slip": rising})
+    speed, slip, step = (
+        next(k for k, one in enumerate(search.terms) if (one.shape.driver, one.shape.name) == what)
+        for what in (("angular_velocity", "linear"), ("slip", "linear"), ("slip", "step"))
+    )
+    count = len(search.terms)
+    cross, explained = np.eye(count), np.zeros(count)
+    cross[speed, slip] = cross[slip, speed] = 0.95
+    explained[[speed, slip, step]] = 1.0, 0.66, 1.03
+    beyond = np.isin(np.arange(count), [speed, step])
+    every = np.ones(count, dtype=bool)
+    assert search._usual(speed, explained, beyond, every, cross) == step
+    assert search._usual(speed, explained, beyond, every, np.eye(count)) == speed
 
 
 @pytest.mark.parametrize(("column", "named"), [("Fy_std", "slip"), ("pitch", "pitch")])
