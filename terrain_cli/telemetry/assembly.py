@@ -118,7 +118,7 @@ def assemble(
         raw.channels,
         raw.labels,
         stretch,
-        _distance(raw, radius, gap),
+        _distance(raw, gap),
         reasons,
         origins,
         [*source.remarks, *raw.remarks, *([] if checked else health.doubts(raw.channels, reasons))],
@@ -154,19 +154,13 @@ def _keep(raw: Raw, where: Condition) -> None:
     raw.select(where.holds({name: known.get(name, nothing) for name in where.names}))
 
 
-def _distance(raw: Raw, radius: float, max_gap: float) -> Array | None:
-    """Return the metres driven: from the velocity, else from wheel speed and slip, else from the track."""
+def _distance(raw: Raw, max_gap: float) -> Array | None:
+    """Return the metres driven: from the velocity, else from the track."""
     channels = raw.channels
     if raw.time is None:
         return None
-    velocity = channels.get("velocity")
-    if velocity is None and "angular_velocity" in channels:
-        slip = channels["slip"]
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            share = np.where(slip < 0.0, 1.0 / (1.0 + slip), 1.0 - slip)
-            velocity = share * radius * channels["angular_velocity"]
-    if velocity is not None:
-        return derive.distance_from_velocity(raw.time, velocity, max_gap=max_gap)
+    if "velocity" in channels:
+        return derive.distance_from_velocity(raw.time, channels["velocity"], max_gap=max_gap)
     if {"x", "y"} <= channels.keys():
         return derive.distance_from_track(channels["x"], channels["y"])
     return None

@@ -58,6 +58,8 @@ class Lack(NamedTuple):
 def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict[str, str], list[Lack]]:
     """Say how each needed channel that was not recorded can be derived, or what is missing.
 
+    So for the velocity, which no estimate needs, but some effects do.
+
     Parameters
     ----------
     available : collection of str
@@ -80,6 +82,8 @@ def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict
     }
     found = {name: way for name, way in ways.items() if name not in have}
     derived = {name: way for name, way in found.items() if isinstance(way, str)}
+    if "velocity" not in have and {"angular_velocity", "slip"} <= have:
+        derived["velocity"] = "angular velocity and slip"
     return derived, [way for way in found.values() if isinstance(way, Lack)]
 
 
@@ -145,7 +149,7 @@ def settings(wheel: Wheel, rover: Rover) -> list[Lack]:
 
 
 def complete(raw: Raw, wheel: Wheel, rover: Rover) -> dict[str, str]:
-    """Derive the needed channels that were not recorded, in place.
+    """Derive the channels that were not recorded and that `routes` finds, in place.
 
     Parameters
     ----------
@@ -201,3 +205,5 @@ def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, 
         channels["sinkage"] = np.sign(angle) * linear.sinkage_of(angle, radius)
     if "slip" in derived:
         channels["slip"] = derive.slip(channels["angular_velocity"], channels["velocity"], radius)
+    if "velocity" in derived:
+        channels["velocity"] = derive.velocity(channels["angular_velocity"], channels["slip"], radius)

@@ -57,6 +57,26 @@ def slip(
     return np.where(skids, 1.0 / np.maximum(ratio, 1.0) - 1.0, 1.0 - ratio)
 
 
+def velocity(angular_velocity: ArrayLike, slip: ArrayLike, radius: float) -> Array:
+    """Forward velocity of a wheel centre: V = (1 − i) rω driving, rω/(1 + i) skidding; `slip` solved for V.
+
+    Parameters
+    ----------
+    angular_velocity, slip : array_like, shape (n,)
+        ω in rad/s, i.
+    radius : float
+        r in m.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In m/s; NaN where the slip is −1 or less, which no wheel that turns forward has.
+    """
+    i = np.asarray(slip, dtype=float)
+    share = np.where(i < 0.0, 1.0 / np.where(i > -1.0, 1.0 + i, np.nan), 1.0 - i)
+    return np.asarray(share * radius * np.asarray(angular_velocity, dtype=float))
+
+
 def torque_from_current(
     current: ArrayLike,
     temperature: ArrayLike | None = None,

@@ -102,7 +102,9 @@ def lacking(raw: Raw, wheel: Wheel, effects: Iterable[Effect]) -> list[Lack]:
 
 
 def _there(raw: Raw) -> set[str]:
-    return {*NEEDED, *raw.channels, *raw.extras, *(["time"] if raw.time is not None else [])}
+    there = {*NEEDED, *raw.channels, *raw.extras, *(["time"] if raw.time is not None else [])}
+    # Slip is needed anyway, and with it ω tells V.
+    return there | {"velocity"} if "angular_velocity" in there else there
 
 
 def drivers(

@@ -51,6 +51,12 @@ def test_every_way_there_is(rover_of):
     assert lacks == []
 
 
+def test_velocity_comes_from_a_recorded_slip():
+    derived, lacks = ways("load torque sinkage slip angular_velocity", Rover())
+    assert (derived, lacks) == ({"velocity": "angular velocity and slip"}, [])
+    assert ways("load torque sinkage slip angular_velocity velocity", Rover()) == ({}, [])
+
+
 def test_without_temperature_coefficient_the_current_is_enough(rover_of):
     text = VEHICLE.replace("temperature_coefficient", "no_load_current").replace("-0.001", "0.1")
     assert ways("motor_current", rover_of(text), "a")[0]["torque"] == "motor current"

@@ -49,6 +49,16 @@ def test_slip_is_the_same_in_reverse_and_never_below_minus_one(omega, velocity):
     assert forward >= -1.0
 
 
+@given(st.floats(0.01, 10.0), st.floats(-0.99, 2.0), st.sampled_from([1.0, -1.0]))
+def test_velocity_is_what_slip_was_made_of(omega, slip, direction):
+    velocity = derive.velocity(direction * omega, slip, 0.1)
+    assert derive.slip(direction * omega, velocity, 0.1) == pytest.approx(slip, abs=1e-12)
+
+
+def test_velocity_of_no_possible_slip():
+    assert np.isnan(derive.velocity([1.0, 1.0], [-1.0, -2.0], 0.1)).all()
+
+
 @pytest.mark.parametrize(
     ("current", "temperature", "omega", "expected"),
     [

@@ -89,6 +89,13 @@ def test_one_of_several_is_enough(write, rover_of):
         read(write(), rover_of(GEOMETRY), **some)
 
 
+def test_velocity_follows_from_slip(write, rover_of):
+    path = write(velocity=None, slip=0.2)
+    samples = read(path, rover_of(GEOMETRY), "velocity")
+    np.testing.assert_allclose(samples.drivers["velocity"], 0.1)
+    assert samples.origins["velocity"] == "derived from angular velocity and slip"
+
+
 def test_what_a_parameter_needs_may_be_missing(write, rover_of):
     further = {"further": ("pitch", "torque_rate")}
     assert set(read(write(), rover_of(GEOMETRY), **further).drivers) == {"torque_rate"}
