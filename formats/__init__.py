@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from formats.errors import CannotWriteError, DamagedError, FormatError, NotFoundError, shown
 from formats.inputs import expand
-from formats.output import check_crs, output_kind, replacing, write_parts, write_table
+from formats.output import check_crs, check_free, output_kind, replacing, write_parts, write_table
 from formats.source import open_source
 from formats.table import BATCH_ROWS, LOG_TIME, STAMP, Batch, Column, Field, Kind, Labels, Source, Stream
 
@@ -27,6 +27,7 @@ __all__ = [
     "Source",
     "Stream",
     "check_crs",
+    "check_free",
     "expand",
     "open_source",
     "output_kind",

@@ -123,6 +123,34 @@ def test_what_is_in_no_catalogue_gets_a_law(found, folder, terrain_est):
     law = (folder / "law.toml").read_text("utf-8")
     assert 'changes = "torque"' in law
     assert f"`{HEATER}`" in law
+    assert "The law is in law.toml." in heated["sentence"]
+    assert "--draft" not in heated["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("draft", "said"),
+    [
+        ("rover.toml", "rover.toml: is there already\n  --force replaces it"),
+        ("nowhere/law.toml", "nowhere/law.toml: no such folder"),
+        (".", "is a folder"),
+    ],
+)
+def test_draft_that_cannot_be_written_is_told_before_the_work(draft, said, folder, terrain_est):
+    # Not even the input is looked for.
+    done = terrain_est("diagnose", "nowhere.csv", "--draft", draft, cwd=folder)
+    assert (done.returncode, done.stdout) == (73, "")
+    assert said in done.stderr
+    assert (folder / "rover.toml").read_text("utf-8") == ROVER
+
+
+def test_draft_replaces_a_file_when_told_to(folder, tmp_path, terrain_est):
+    law = tmp_path / "law.toml"
+    law.write_text("old", "utf-8")
+    done = terrain_est("diagnose", folder / "heated.csv", "--draft", law, "--force", *WHOLE)
+    assert done.returncode == 0, done.stderr
+    assert f"The law is in {law}." in done.stdout
+    assert f"{law}: the law is written" in done.stderr
+    assert "old" not in law.read_text("utf-8")
 
 
 def test_has_the_keys_of_the_contract(found):

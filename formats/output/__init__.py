@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from formats.errors import CannotWriteError
-from formats.output.atomic import explained, replacing
+from formats.output.atomic import check_free, explained, replacing
 from formats.output.crs import check_crs
 from formats.output.table import normalise
 from formats.output.text import write_text
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from formats.output.table import Values
 
-__all__ = ["check_crs", "output_kind", "replacing", "write_parts", "write_table"]
+__all__ = ["check_crs", "check_free", "output_kind", "replacing", "write_parts", "write_table"]
 
 _TEXT_KINDS = ("csv", "json", "geojson", "geojsonl", "geojsons")
 _KINDS = {f".{kind}": kind for kind in ("csv", "parquet", "json", "geojson", "gpkg", "geojsonl", "geojsons")}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -72,6 +73,32 @@ def replacing(path: str) -> Iterator[str]:
             # SQLite may leave a journal beside its file.
             for rest in (temporary, temporary.with_name(f"{temporary.name}-journal")):
                 rest.unlink(missing_ok=True)
+
+
+def check_free(path: str, *, replace: bool = False) -> None:
+    """Check before the work that a file can be written, and that none is lost by it.
+
+    Parameters
+    ----------
+    path : str
+    replace : bool
+        A file may be there.
+
+    Raises
+    ------
+    CannotWriteError
+        It is there already, it is a folder, or nothing can be written into its folder.
+    """
+    place = Path(path)
+    with explained(path):
+        if place.is_dir():
+            raise CannotWriteError(path, "is a folder")
+        if place.is_file() and not replace:
+            raise CannotWriteError(path, "is there already", hint="--force replaces it")
+        if place.is_file() or not place.exists():
+            # Only the system knows whether a file may be made there.
+            with tempfile.TemporaryFile(dir=place.parent):
+                pass
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,7 @@ Examples:
     metavar="FILE.toml",
     help="Write a law here if no effect of the catalogue explains what is missing.",
 )
+@click.option("--force", is_flag=True, help="Replace the file of --draft if it is there.")
 @options.wheel
 @comparing.cutting
 @options.as_json
@@ -67,9 +69,11 @@ def command(context: click.Context, /, **_: Any) -> None:
     import formats
     from terrain_cli import effects, models
     from terrain_cli.commands.progress import Progress
-    from terrain_cli.diagnosis import diagnose, document
+    from terrain_cli.diagnosis import diagnose, document, sentences
 
     given = context.params
+    if given["draft"]:
+        formats.check_free(given["draft"], replace=given["force"])
     file = models.resolve(given["model"])
     own = [models.find_effect(name) for name in given["further"]]
     candidates = {**effects.catalogue(), **{effect.id: effect for effect in own}}
@@ -84,16 +88,16 @@ def command(context: click.Context, /, **_: Any) -> None:
             early=lambda scored: progress.tell(document.early(scored)),
         )
         progress.advance()
+    if given["draft"] and found.unknown is not None:
+        with formats.replacing(given["draft"]) as temporary:
+            Path(temporary).write_text(found.unknown.draft, encoding="utf-8")
+        found = replace(found, sentence=sentences.with_draft(found.sentence, given["draft"]))
     if given["as_json"]:
         content = document.document(found)
         click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))
     else:
         click.echo(document.text(found))
-    if given["draft"]:
-        if found.unknown is None:
-            click.echo(f"{given['draft']}: not written: nothing needs a law of its own", err=True)
-        else:
-            with formats.replacing(given["draft"]) as temporary:
-                Path(temporary).write_text(found.unknown.draft, encoding="utf-8")
-            if not given["quiet"]:
-                click.echo(f"{given['draft']}: {found.unknown.sentence}", err=True)
+    if given["draft"] and found.unknown is None:
+        click.echo(f"{given['draft']}: not written: nothing needs a law of its own", err=True)
+    elif given["draft"] and not given["quiet"]:
+        click.echo(f"{given['draft']}: the law is written", err=True)

@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from terrain_cli.comparison import Finding
     from terrain_cli.diagnosis.parts import Candidate, Diagnosis, Size
 
+#: How a verdict ends where a law of its own was drafted.
+OFFER = "--draft FILE.toml writes the law."
+
 
 def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
     """Say the verdict to a person, and what to do next.
@@ -34,7 +37,7 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
         return "Nothing is missing that these data could show."
     seen = _seen(failures)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
-        return f"{seen}{diagnosis.unknown.sentence} --draft FILE.toml writes the law."
+        return f"{seen}{diagnosis.unknown.sentence} {OFFER}"
     named = {one.effect: one for one in diagnosis.candidates}
     first = named[diagnosis.family[0]]
     if diagnosis.verdict == "effect":
@@ -43,7 +46,7 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
             f"terrain-est model add FILE {first.effect} --data INPUT…"
         )
     others = list(diagnosis.family[1:])
-    better = f" {diagnosis.unknown.sentence} --draft FILE.toml writes it." if diagnosis.unknown else ""
+    better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
     if diagnosis.together:
         both = " ".join(diagnosis.together)
         better = (
@@ -57,6 +60,22 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
         )
     told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
     return f"{seen}{told}, or {_listed(others)}: these data cannot tell.{better}"
+
+
+def with_draft(sentence: str, path: str) -> str:
+    """Say where the law of a verdict is, once it was written.
+
+    Parameters
+    ----------
+    sentence : str
+        From `verdict`.
+    path : str
+
+    Returns
+    -------
+    str
+    """
+    return sentence.replace(OFFER, f"The law is in {path}.")
 
 
 def _seen(failures: Sequence[Finding]) -> str:

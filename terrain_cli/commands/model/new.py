@@ -55,12 +55,11 @@ def new(file: str, base: str, effects: tuple[str, ...], fixed: tuple[str, ...], 
     FILE must not exist. Parameters are named as in the file: cohesion, tan_phi, shear_modulus,
     stiffness, sinkage_exponent, and those of effects slip-sinkage.n1 and so on.
     """
-    from formats.errors import CannotWriteError
+    import formats
     from terrain_cli import models
     from terrain_cli.errors import UsageError
 
-    if Path(file).exists() and not force:
-        raise CannotWriteError(file, "is there already", hint="--force replaces it")
+    formats.check_free(file, replace=force)
     folder = Path(file).parent
     named = [os.path.relpath(name, folder) if models.is_path(name) else name for name in effects]
     values: dict[str, Any] = {}
