@@ -145,6 +145,8 @@ def _wheel(
         entry["missing"] = [{"what": "time", "because": str(error)}]
         entry["rover_toml"] = error.hint.partition("\n")[2]
         return entry
+    # What is doubtful shows only once it was judged.
+    entry["remarks"] = judged.remarks[len(source.remarks) :]
     entry |= {"used": len(judged.usable), "set_aside": judged.reasons()}
     entry["stretches"] = len(np.unique(judged.stretch[judged.usable]))
     if judged.distance is not None and len(judged):

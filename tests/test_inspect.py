@@ -318,3 +318,14 @@ def test_measured_data_that_cannot_give_an_estimate(estimate, name, says):
     assert (code, out) == (65, "")
     assert says in err
     assert "torque = { " in err
+
+
+def test_a_torque_that_no_soil_takes_is_doubted(run, tmp_path):
+    rows = ["load,torque,sinkage,slip", *["80,3700,0.02,0.2"] * 5]
+    (tmp_path / "run.csv").write_text("\n".join(rows), "utf-8")
+    (tmp_path / "rover.toml").write_text(GEOMETRY, "utf-8")
+    _, out, _ = run(tmp_path / "run.csv")
+    # 3700 / (0.125 · 80)
+    assert "torque is 370 times load times wheel radius, which no soil takes: if it is in N mm" in out
+    (tmp_path / "run.csv").write_text("\n".join(rows).replace("torque", "torque [N mm]"), "utf-8")
+    assert "which no soil takes" not in run(tmp_path / "run.csv")[1]

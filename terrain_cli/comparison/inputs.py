@@ -131,7 +131,9 @@ def _answered(wheel: Wheel, name: str, growth: float) -> float:
         column[known] - steady @ np.linalg.lstsq(steady, column[known], rcond=None)[0]
         for column in (load, answer)
     )
-    alike = float(np.mean(own * other)) / max(float(np.std(own) * np.std(other)), 1e-300)
+    # Both are about 0: deviations would be 0, and their product is not, where rounding is all there is.
+    size = float(np.sqrt(np.mean(own**2) * np.mean(other**2)))
+    alike = float(np.mean(own * other)) / max(size, 1e-300)
     # Few points are alike by chance.
     if not wheel.ordered and alike * np.sqrt((known.sum() - 4.0) / max(1.0 - alike**2, 1e-12)) < _SURE:
         return 0.0

@@ -121,7 +121,7 @@ def assemble(
         _distance(raw, gap),
         reasons,
         origins,
-        [*source.remarks, *raw.remarks, *([] if checked else health.doubts(raw.channels, reasons))],
+        [*source.remarks, *raw.remarks, *([] if checked else health.doubts(raw.channels, reasons, radius))],
         {**further, **drivers},
         rover.noise,
     )

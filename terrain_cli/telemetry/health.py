@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 BACKWARDS = "time runs backwards"
+#: Torque over load and radius, as a friction coefficient is: soil and grousers together stay below 1 or 2.
+_MOST_TORQUE = 10.0
 STANDS = "wheel stands (ω = 0, slip undefined)"
 
 
@@ -122,7 +124,7 @@ def also_aside(reasons: Labels, reason: str, where: NDArray[np.bool_]) -> Labels
     return Labels(codes, (*reasons.names, reason))
 
 
-def doubts(channels: Mapping[str, Array], reasons: Labels) -> list[str]:
+def doubts(channels: Mapping[str, Array], reasons: Labels, radius: float) -> list[str]:
     """Say what is hardly true of the samples that can be used.
 
     Parameters
@@ -130,21 +132,30 @@ def doubts(channels: Mapping[str, Array], reasons: Labels) -> list[str]:
     channels : mapping of str to ndarray, shape (n,)
     reasons : Labels, shape (n,)
         From `set_aside`.
+    radius : float
+        Wheel radius in m.
 
     Returns
     -------
     list of str
     """
-    torque = channels.get("torque", np.zeros(0))
-    torque = torque[reasons.codes < 0] if len(torque) else torque
-    if len(torque) and np.median(torque) < 0.0:
-        return [
-            (
-                "torque is negative although the wheel drives: if the sensor's sign is the other way round, "
-                "torque = { …, scale = -1 } in rover.toml"
-            )
-        ]
-    return []
+    used = reasons.codes < 0
+    if "torque" not in channels or not used.any():
+        return []
+    torque = channels["torque"][used]
+    found = []
+    if np.median(torque) < 0.0:
+        found.append(
+            "torque is negative although the wheel drives: if the sensor's sign is the other way round, "
+            "torque = { …, scale = -1 } in rover.toml"
+        )
+    times = float(np.median(np.abs(torque) / (radius * channels["load"][used])))
+    if times > _MOST_TORQUE:
+        found.append(
+            f"torque is {times:.0f} times load times wheel radius, which no soil takes: if it is in N mm, "
+            'torque = { …, unit = "N mm" } in rover.toml'
+        )
+    return found
 
 
 def stretches(

@@ -10,7 +10,7 @@ from wheel_samples import EXPONENT, KC, KPHI, PHI, SHEAR_MODULUS, WHEEL, free, p
 
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
 from terrain_cli.estimation import estimate_windows
-from terrain_cli.estimation.wheel_fit import Noise, Prior, as_window_estimates, fit
+from terrain_cli.estimation.wheel_fit import Noise, Prior, as_window_estimates, fit, solve
 from terrain_cli.estimation.wheel_fit.data import collect
 from terrain_cli.estimation.wheel_fit.linearise import Problem, equations
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -397,3 +397,12 @@ def test_what_cannot_be_fitted_is_said_in_one_line():
         run(channels, [0, 5])
     with pytest.raises(ValueError, match="bounds must rise"):
         run(channels, [0, 8, 4, 10])
+
+
+def test_a_step_where_one_unknown_outweighs_the_others_by_all_digits():
+    information = np.zeros((1, 3, 3))
+    information[0, 1:, 1:] = 1e20
+    normal = solve.Normal(information, np.ones((1, 3)), np.zeros(1))
+    step, shift = solve._unbounded(normal, np.zeros((1, 1)), np.zeros(2))
+    assert np.isfinite(step).all()
+    assert np.abs(shift).max() < 1e-15

@@ -44,6 +44,8 @@ _RADIUS = np.array([np.inf, 1.345, 1.50, 1.63])
 _SQUARE = np.array([1.0, 0.7102, 0.6753, 0.6437])
 #: How far a true value may be from the measured one, in standard deviations of the sensor.
 _FARTHEST = 8.0
+#: Of a channel that is off by orders of magnitude the true values run away: what is not finite tells nothing.
+_QUIET = np.errstate(over="ignore", invalid="ignore")
 
 
 @dataclass(frozen=True)
@@ -151,6 +153,7 @@ class Equations:
         """
         return np.asarray(np.einsum("abn,bpn->apn", self.factor, self.design))
 
+    @_QUIET
     def latent(self, data: Data) -> Array:
         """Return the true values of the inputs that go best with the residuals.
 
@@ -201,6 +204,7 @@ class Equations:
         return information, score, misfit
 
 
+@_QUIET
 def equations(
     problem: Problem, data: Data, t: Array, common: Array, latent: Array, *, order: int | None = None
 ) -> Equations:

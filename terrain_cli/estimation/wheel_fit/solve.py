@@ -297,7 +297,11 @@ def _unbounded(normal: Normal, t: Array, common: Array) -> tuple[Array, Array]:
     if len(common) == 0:
         return step, np.zeros(0)
     pull_shared = normal.score[:, local:].sum(axis=0) - common + np.einsum("wpq,wp->q", gain, pull)
-    shift = np.linalg.solve(shared, pull_shared)
+    try:
+        shift = np.linalg.solve(shared, pull_shared)
+    except np.linalg.LinAlgError:
+        # What outweighs the rest by all digits there are leaves nothing to tell the others by.
+        shift = inverse(shared) @ pull_shared
     return step + gain @ shift, shift
 
 

@@ -1,0 +1,17 @@
+"""What a channel answers to, where it answers to nothing."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from terrain_cli.comparison import inputs
+
+
+@pytest.mark.parametrize("torque", [0.1, 0.3, 1.0, 7.7])
+@pytest.mark.parametrize("slip", [0.0, 0.1, 0.3])
+def test_a_constant_channel_answers_to_no_load(torque, slip):
+    load = np.linspace(50.0, 150.0, 40)
+    columns = {"load": load, "torque": np.full(40, torque), "slip": np.full(40, slip)}
+    answered = inputs._answered(SimpleNamespace(channels=columns, ordered=False), "torque", 1.0)
+    assert answered == pytest.approx(0.0, abs=1e-9)
