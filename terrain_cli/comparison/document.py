@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from terrain_cli.comparison import sentences
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from terrain_cli.comparison.parts import ChannelErrors, Comparison, Difference, Finding, WheelComparison
 
 FORMAT = "terrain-est/comparison/1"
-#: Times its noise at which a channel's error is more than that.
-_ABOVE = 1.15
 #: Segments that a finding names, and a person reads.
 _WORST = 3
 
@@ -207,13 +207,8 @@ def text(comparison: Comparison) -> str:
         lines.append("where it fails, the strongest first:")
         lines += [_told(finding, comparison) for finding in comparison.failures]
     else:
-        above = [
-            name.replace("_", " ")
-            for name, errors in comparison.channels.items()
-            if errors.rmse > _ABOVE * errors.noise
-        ]
-        beyond = f": {', '.join(above)} miss by more than noise, but follow nothing beyond chance"
-        lines.append("no failure that chance does not explain" + beyond * bool(above))
+        beyond = sentences.beyond_noise(comparison.channels)
+        lines.append("no failure that chance does not explain" + f": {beyond}" * bool(beyond))
     lines += [f"note: {warning}" for warning in comparison.warnings]
     return "\n".join(lines)
 

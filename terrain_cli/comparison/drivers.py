@@ -9,6 +9,7 @@ import numpy as np
 from terrain_cli.channels import CHANNELS, LABEL
 from terrain_cli.comparison.parts import Driver
 from terrain_cli.mechanics import rates
+from terrain_cli.telemetry.needs import WITH_COURSE
 from terrain_cli.windows import at_rows
 
 if TYPE_CHECKING:
@@ -42,6 +43,8 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
         "terrain", "run" and "segment". Only what is known somewhere.
     """
     samples, rows = windows.samples, windows.rows
+    omega = samples.channels.get("angular_velocity")
+    backwards = at_rows(omega, rows) < 0.0 if omega is not None else np.zeros(len(rows), dtype=bool)
     found: dict[str, Driver] = {}
     for name, column in {**samples.drivers, **samples.channels}.items():
         # Rates of channels are there only where an effect asked for them.
@@ -54,6 +57,9 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
             continue
         unit = channel.unit.symbol if channel is not None and channel.unit is not None else ""
         values = at_rows(column, rows)
+        if name in WITH_COURSE:
+            # Torque and pull are counted the way the wheel turns: so is the slope that they follow.
+            values = np.where(backwards, -values, values)
         if np.isfinite(values).any():
             found[name] = Driver(name, unit, values)
     stretch = samples.stretch[rows]

@@ -6,12 +6,15 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
+    from terrain_cli.comparison.parts import ChannelErrors
     from terrain_cli.comparison.shapes import Shape
 
 #: Part of a finding's size below which a picture of the residuals would surprise who has read its sentence.
 _HIDDEN = 0.3
+#: Times its noise at which a channel's error is more than that.
+ABOVE = 1.15
 #: SI unit → the one a person reads, and the factor to it.
 _SHOWN = {"rad": ("°", math.degrees(1.0)), "rad/s": ("°/s", math.degrees(1.0)), "1": ("", 1.0)}
 #: Drivers with one of their own.
@@ -120,3 +123,31 @@ def _number(value: float) -> str:
 
 def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+
+
+def beyond_noise(channels: Mapping[str, ChannelErrors], times: float = ABOVE) -> str:
+    """Say of which channels the held-out error is more than noise where no finding says why.
+
+    Parameters
+    ----------
+    channels : mapping of str to ChannelErrors
+    times : float
+        The noise, from which on it is.
+
+    Returns
+    -------
+    str
+        Empty where there are none.
+    """
+    ratios = {
+        name.replace("_", " "): errors.heldout_rmse / errors.noise
+        for name, errors in channels.items()
+        if errors.heldout_rmse > times * errors.noise > 0.0
+    }
+    if not ratios:
+        return ""
+    told = [
+        f"{ratio:.{1 if ratio < 10.0 else 0}f} times the noise of {name}" for name, ratio in ratios.items()
+    ]
+    listed = " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
+    return f"the held-out error is {listed}, but follows nothing beyond chance"

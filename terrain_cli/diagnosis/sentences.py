@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from terrain_cli.comparison.sentences import beyond_noise
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from terrain_cli.comparison import Finding
     from terrain_cli.diagnosis.parts import Candidate, Diagnosis, Size
 
+#: Times its noise from which on the error of a channel is a misfit, whatever can be told of it.
+_GROSS = 1.5
 #: How a verdict ends where a law of its own was drafted.
 OFFER = "--draft FILE.toml writes the law."
 
@@ -34,7 +38,12 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
                 "Something stands out, but nothing that is added predicts held-out data better: leave the "
                 "model as it is."
             )
-        return "Nothing is missing that these data could show."
+        beyond = beyond_noise(diagnosis.comparison.channels, _GROSS)
+        return (
+            f"{beyond[0].upper()}{beyond[1:]}."
+            if beyond
+            else "Nothing is missing that these data could show."
+        )
     seen = _seen(failures)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} {OFFER}"

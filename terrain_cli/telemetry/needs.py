@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 #: Constants of a wheel, which rover.toml gives.
 CONSTANTS = ("wheel_radius", "width", "grouser_height", "grouser_count", "gravity")
 ANGLE = "wheel_angle"
+#: What is told by the body, and turned where the wheel turns backwards: uphill is where it goes.
+WITH_COURSE = frozenset({"pitch", "roll"})
 _RATE = "_rate"
 
 
@@ -163,7 +165,7 @@ def _computed(
         known["time"] = time
     omega = known.get("angular_velocity")
     if omega is not None:
-        for name in known.keys() & {"pitch", "roll"}:
+        for name in known.keys() & WITH_COURSE:
             known[name] = np.where(omega < 0.0, -known[name], known[name])
     effects = list(effects)
     own, n = stretch[rows], len(stretch)
