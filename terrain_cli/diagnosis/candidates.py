@@ -49,7 +49,9 @@ def listed(
         In the order of `ranked`; then the others, by what they explain to first order.
     """
     count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
-    misfit = max(float(base.loss.sum()) - count, 1e-300)
+    beyond = float(base.loss.sum()) - count
+    # Where all is noise, there is nothing to explain a share of.
+    misfit = beyond if beyond > 0.0 else np.nan
 
     def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
         scored = one.id, one.title, found.scores[one.id], found.p_values[one.id], found.surviving[one.id]
@@ -74,7 +76,7 @@ def listed(
     rest = [candidate(one, None) for one in hypotheses if one.id in found.p_values and one.id not in done]
     return [
         *(candidate(one, refit) for one, refit in ranked),
-        *sorted(rest, key=lambda one: -one.explained),
+        *sorted(rest, key=lambda one: one.loss),
     ]
 
 

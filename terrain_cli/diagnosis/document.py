@@ -171,7 +171,7 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
     rows = [
         [
             f"{'* ' if one.in_family else '  '}{one.effect}",
-            f"{one.explained:.0%}",
+            f"{one.explained:.0%}" if math.isfinite(one.explained) else "–",
             f"{one.surviving:.0%}",
             *(_short(one.heldout.get(name, math.nan)) for name in channels),
             sizes_text(one),

@@ -104,7 +104,8 @@ class Candidate:
     surviving : float
         Share of the square of its signature that is left when the soil is fitted anew.
     explained : float
-        Part of the misfit beyond noise that it accounts for when all is fitted together.
+        Part of the misfit beyond noise that it accounts for when all is fitted together; NaN where
+        there is none.
     loss : float
         Held-out loss relative to that of the model without it: mean over samples, in units of the
         noise's variance; negative is better.
