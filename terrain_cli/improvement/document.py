@@ -267,7 +267,8 @@ def _open(step: Step) -> Iterator[str]:
     if step.lost:
         shown = ", ".join(f"{one.wheel} {one.segment} ({one.after})" for one in step.lost[:_MOST_ROWS])
         more = " …" * (len(step.lost) > _MOST_ROWS)
-        yield f"c and φ cannot be told any more in {len(step.lost)} segments: {shown}{more}"
+        plural = "s" * (len(step.lost) != 1)
+        yield f"c and φ cannot be told any more in {len(step.lost)} segment{plural}: {shown}{more}"
 
 
 def _idle(step: Step) -> Iterator[str]:

@@ -126,7 +126,8 @@ def found(step: Step) -> str:
         )
     text = ", but ".join(moved)
     if not step.there:
-        return f"{text}, but its parameters may as well be null (p {step.absent:.2g})"
+        joined = "but" if step.fell else "and"
+        return f"{text}, {joined} its parameters may as well be null (p {step.absent:.2g})"
     if step.imitates:
         values = listed([f"{p.name} = {words.number(p.value)} ± {words.number(p.se)}" for p in step.imitates])
         return f"{text}, but with {values}, which nature does not have: something else is missing"

@@ -156,7 +156,9 @@ def test_an_effect_that_may_be_absent_does_not_count():
     assert not replace(there, absent=0.05).pays
     assert replace(back, absent=0.001).costs
     assert not replace(back, absent=0.05).costs
-    assert "may as well be null (p 0.05)" in verdict(replace(there, absent=0.05))
+    assert ", but its parameters may as well be null (p 0.05)" in verdict(replace(there, absent=0.05))
+    worse = step(outcome(b), outcome(a))
+    assert ", and its parameters may as well be null (p 0.05)" in verdict(replace(worse, absent=0.05))
 
 
 def test_samples_without_a_prediction_are_no_gain():
