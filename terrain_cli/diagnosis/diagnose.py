@@ -351,13 +351,16 @@ class _State:
         return [f"only {self.data.blocks} independent stretches of data: nothing can be told from chance"]
 
     def _refits(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Hypothesis, Refit]]:
-        """Fit every testable hypothesis, the best first."""
+        """Fit every testable hypothesis in the form of its law that predicts best, the best first."""
         pairs = []
         for number, one in enumerate(hypotheses):
             if one.id not in self.found.p_values:
                 continue
             self.progress(f"fitting with {one.id} ({number + 1} of {len(hypotheses)})")
-            pairs.append((one, refits.refit(self.data, one)))
+            plain, *others = [(form, refits.refit(self.data, form)) for form in one.forms]
+            # Another form stands for the effect only where it fits by what the effect can be.
+            forms = [plain, *(pair for pair in others if not self._incredible(*pair))]
+            pairs.append(min(forms, key=lambda pair: float(pair[1].loss.sum())))
         return sorted(pairs, key=lambda pair: float(pair[1].loss.sum()))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
@@ -43,6 +43,18 @@ class Hypothesis:
     def parameters(self) -> dict[str, Parameter]:
         """Parameters of what it adds, by their qualified names."""
         return {effect.qualified(p): p for effect in self.effects for p in effect.parameters}
+
+    @property
+    def forms(self) -> tuple[Hypothesis, ...]:
+        """The same with each form in which the law of an effect is written."""
+        if len(self.effects) != 1:
+            return (self,)
+        (own,) = self.effects
+        kept = self.model.effects[: -len(self.effects)]
+        return tuple(
+            replace(self, model=replace(self.model, effects=(*kept, form)), effects=(form,))
+            for form in own.forms
+        )
 
     @property
     def free(self) -> int:

@@ -152,13 +152,15 @@ def of_effects(
     Yields
     ------
     Signature
-        Of an effect with parameters that only shape it, one for each of several values of these.
+        Of an effect with parameters that only shape it, one for each of several values of these; and one
+        for each other form of its laws.
     """
     together: list[Effect] = []
     alone: list[Effect] = []
     for effect in effects:
         shaped = any(parameter.shape for parameter in effect.parameters)
         (alone if shaped or _ON_THE_RIM.intersection(effect.laws) else together).append(effect)
+        alone.extend(effect.forms[1:])
     if together:
         tables = _tables(wheel, together, channels, rows, {})
         for effect in together:

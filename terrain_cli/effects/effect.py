@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
@@ -178,6 +178,9 @@ class Effect:
         Who found it: authors, year, title, and doi where there is one.
     settled_by : str
         The manoeuvre that tells it from its neighbours.
+    others : tuple of mapping of str to callable
+        The same effect, with the same parameters, as others write it: what stands in place of `laws`.
+        A model has `laws`; a diagnosis names the effect whichever of them the data follow.
     """
 
     id: str
@@ -192,6 +195,7 @@ class Effect:
     shows: str = ""
     reference: str = ""
     settled_by: str = ""
+    others: tuple[Mapping[str, Law], ...] = ()
     origin: str = field(default="catalogue", compare=False)
 
     @property
@@ -199,6 +203,11 @@ class Effect:
         """Channels that make a difference to the effect: what it needs, and what it uses if it is there."""
         further = (name for parameter in self.parameters for name in parameter.needs)
         return tuple(dict.fromkeys((*self.needs, *self.any_of, *further)))
+
+    @property
+    def forms(self) -> tuple[Effect, ...]:
+        """The effect, and the same with its laws as others write them."""
+        return (self, *(replace(self, laws=laws, others=()) for laws in self.others))
 
     def qualified(self, parameter: Parameter) -> str:
         """Return the name of a parameter among those of all effects: ``slip-sinkage.n1``."""

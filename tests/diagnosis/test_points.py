@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from hidden_drives import SOILS, WHEEL, sized
+from hidden_drives import FULL, SOILS, WHEEL, sized
 from simulator import CHANNELS, FURTHER, Drive, Track, base_contact, constant, simulate
 
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65)
@@ -92,6 +92,23 @@ def test_an_effect_is_named_at_three_loads_repeated_or_not(asked, effect, repeat
     if parameter:
         estimated = found["candidates"][0]["parameters"][parameter]
         assert abs(estimated["value"] - size) < max(3.0 * estimated["se"], 0.05)
+
+
+def test_grousers_whose_slip_is_that_of_their_tips_are_not_told_from_a_gear(asked, monkeypatch):
+    plain = table
+
+    def of_tips(*args, **kwargs):
+        found = plain(*args, **kwargs)
+        found["slip"] = 1.0 - (1.0 - found["slip"]) * WHEEL.radius / (WHEEL.radius + WHEEL.grouser_height)
+        return found
+
+    monkeypatch.setitem(FULL, "grousers", {"lambda_s": 1.0})
+    monkeypatch.setitem(globals(), "table", of_tips)
+    found = asked("diagnose", "grousers", (40.0, 60.0, 80.0), 2)
+    assert (found["verdict"], found["effect"]) == ("family", None)
+    assert {"grousers", "gear-efficiency"} <= set(found["family"])
+    (drive,) = [one for one in found["next_drive"] if set(one["pair"]) == {"grousers", "gear-efficiency"}]
+    assert drive["power"] < 0.75, found
 
 
 @pytest.mark.parametrize("loads", [(60.0,), (40.0, 60.0, 80.0)], ids=["one load", "three loads"])

@@ -248,3 +248,23 @@ def test_effects_act_from_the_ground_to_the_sensor_however_they_are_listed(quant
     assert order[0] == order[1]
     assert order[0] == sorted(order[0], key=KINDS.index, reverse=quantity == "load")
     assert len(set(order[0])) > 1
+
+
+@pytest.mark.parametrize("slip", [0.3, -0.02, -0.3])
+def test_grousers_with_the_slip_of_their_tips_are_a_gear(wheel, soil, slip):
+    """With j = rs [θ1 − θ − (1 − i)(sin θ1 − sin θ)] all is as on the rim of a stronger soil, but T rs/r."""
+    _, ding = effects.find("grousers").forms
+    channels = {"load": np.array([60.0, 90.0]), "slip": np.full(2, slip)}
+    gain = 1.0 + 0.6 * wheel.grouser_height / wheel.radius
+    found = predict(Model(effects=(ding,)), wheel, channels, {**soil, "grousers.lambda_s": 0.6}, given="load")
+    stronger = {name: soil[name] * gain for name in ("cohesion", "tan_phi")}
+    stronger["shear_modulus"] = soil["shear_modulus"] / gain
+    bare = predict(Model(), wheel, channels, {**soil, **stronger}, given="load")
+    np.testing.assert_allclose(found.sinkage, bare.sinkage, rtol=1e-9)
+    np.testing.assert_allclose(found.drawbar_pull, bare.drawbar_pull, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(found.torque, gain * bare.torque, rtol=1e-8)
+    nothing = {**soil, "grousers.lambda_s": 0.0}
+    absent, bare = (
+        predict(Model(effects=own), wheel, channels, nothing, given="load") for own in ((ding,), ())
+    )
+    np.testing.assert_allclose(absent.torque, bare.torque, rtol=1e-12)

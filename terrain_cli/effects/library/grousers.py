@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from terrain_cli.effects.effect import Effect, Parameter
 
 if TYPE_CHECKING:
@@ -12,6 +14,14 @@ if TYPE_CHECKING:
 
 def _radius(q: Mapping[str, Any]) -> Any:
     return q["shear_radius"] + q["lambda_s"] * q["grouser_height"]
+
+
+def _slip_of_the_rim(q: Mapping[str, Any]) -> Any:
+    """Return 1 − V/(rω) where 1 − V/(rs ω) was recorded, and the same of a wheel that skids."""
+    slip = q["slip"]
+    advance = np.where(slip < 0.0, 1.0 / (1.0 + np.minimum(slip, 0.0)), 1.0 - slip)
+    advance = advance * (1.0 + q["lambda_s"] * q["grouser_height"] / q["wheel_radius"])
+    return np.where(advance > 1.0, 1.0 / advance - 1.0, 1.0 - advance)
 
 
 EFFECT = Effect(
@@ -39,7 +49,9 @@ EFFECT = Effect(
         "Torque and drawbar pull gain at once by about 2 h/r, and the soil is already sheared at a slip of "
         "zero, as if the slip axis were shifted. The wheel-radius effect shifts the slip axis but adds no "
         "torque at high slip; a higher strength adds torque but shifts nothing; slip-sinkage moves the "
-        "sinkage, which grousers hardly do."
+        "sinkage, which grousers hardly do. Slip is that of the rim, 1 − V/(rω). Where it was recorded as "
+        "1 − V/(rs ω), as Ding and others have it, c, tan φ and k take up everything but a torque higher by "
+        "rs/r: no drive then tells grousers from gear-efficiency with η = r/rs, and a diagnosis leaves both."
     ),
     shows="torque and drawbar pull at every slip, and a shift along the slip axis",
     reference=(
@@ -47,5 +59,6 @@ EFFECT = Effect(
         "performance for planetary exploration rovers moving in deformable soil, Journal of Terramechanics "
         "48(1), 27–45"
     ),
+    others=({"slip": _slip_of_the_rim, "shear_radius": _radius},),
     settled_by="a slip sweep through zero with drawbar pull measured, or the same drive on a smooth wheel",
 )
