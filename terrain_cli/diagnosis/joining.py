@@ -49,10 +49,12 @@ def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list
         drivers = {**samples.drivers, **needs.of_samples(samples, effects)}
         known = replace(windows, samples=replace(samples, drivers=drivers))
         parts.setdefault((samples.wheel, samples.geometry, samples.time is None), []).append(known)
-    return [_joined(some) if len(some) > 1 else some[0] for some in parts.values()]
+    # Where the grousers stood as each input began shows only in all of them.
+    turning = [effect for effect in effects if needs.ANGLE in effect.reads]
+    return [_joined(some, turning) if len(some) > 1 else some[0] for some in parts.values()]
 
 
-def _joined(parts: Sequence[Windows]) -> Windows:
+def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
     samples = [windows.samples for windows in parts]
     sizes = [len(one) for one in samples]
     starts = np.concatenate([[0], np.cumsum(sizes)])
@@ -75,6 +77,7 @@ def _joined(parts: Sequence[Windows]) -> Windows:
         remarks=[remark for one in samples for remark in one.remarks],
         drivers=_columns(samples, lambda one: one.drivers),
     )
+    joined.drivers.update(needs.of_samples(joined, turning))
     return Windows(
         joined,
         np.concatenate([windows.rows + at for windows, at in zip(parts, starts, strict=False)]),

@@ -105,7 +105,7 @@ def assemble(
         restarts=restarts,
         max_gap=gap,
     )
-    drivers = needs.drivers(raw, np.flatnonzero(reasons.codes < 0), stretch, effects or ())
+    drivers = needs.drivers(raw, wheel, np.flatnonzero(reasons.codes < 0), stretch, effects or ())
     for name, values in drivers.items():
         reasons = health.also_aside(reasons, f"no {name}", ~np.isfinite(values))
     further = {name: as_numbers(column) for name, column in raw.extras.items() if name in columns}

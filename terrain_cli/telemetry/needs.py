@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.channels import CHANNELS
-from terrain_cli.mechanics import rates
+from terrain_cli.mechanics import grouser_phase, rates
 from terrain_cli.telemetry.columns import as_numbers
 from terrain_cli.telemetry.complete import Lack
 from terrain_cli.telemetry.samples import NEEDED
@@ -29,6 +29,8 @@ ANGLE = "wheel_angle"
 #: What is told by the body, and turned where the wheel turns backwards: uphill is where it goes.
 WITH_COURSE = frozenset({"pitch", "roll"})
 _RATE = "_rate"
+#: What shows the passing of grousers, and what it follows besides.
+_RIPPLING, _BESIDE = ("torque", "drawbar_pull", "sinkage"), ("time", "load", "slip")
 
 
 def sources(name: str) -> tuple[str, ...]:
@@ -38,7 +40,7 @@ def sources(name: str) -> tuple[str, ...]:
     ----------
     name : str
         A channel, a further column, the rate of either (``torque_rate``), the angle through which
-        the wheel has turned (``wheel_angle``), or a constant of the wheel.
+        the wheel has turned (``wheel_angle``, see `grouser_phase`), or a constant of the wheel.
 
     Returns
     -------
@@ -110,7 +112,7 @@ def _there(raw: Raw) -> set[str]:
 
 
 def drivers(
-    raw: Raw, rows: NDArray[np.intp], stretch: NDArray[np.intp], effects: Iterable[Effect]
+    raw: Raw, wheel: Wheel, rows: NDArray[np.intp], stretch: NDArray[np.intp], effects: Iterable[Effect]
 ) -> dict[str, Array]:
     """Compute what makes a difference to the effects of a model.
 
@@ -118,6 +120,7 @@ def drivers(
     ----------
     raw : Raw
         Nothing of what they need may be `lacking`.
+    wheel : Wheel
     rows : ndarray of int
         The samples that can be used.
     stretch : ndarray of int, shape (n,)
@@ -131,7 +134,7 @@ def drivers(
         is not. NaN where not known, and outside `rows`.
     """
     known = {**{name: as_numbers(column) for name, column in raw.extras.items()}, **raw.channels}
-    return _computed(known, raw.time, rows, stretch, effects)
+    return _computed(known, raw.time, rows, stretch, wheel.grouser_count, effects)
 
 
 def of_samples(samples: Samples, effects: Iterable[Effect]) -> dict[str, Array]:
@@ -149,7 +152,9 @@ def of_samples(samples: Samples, effects: Iterable[Effect]) -> dict[str, Array]:
         As from `drivers`: what cannot be computed is not there.
     """
     known = {**samples.drivers, **samples.channels}
-    found = _computed(known, samples.time, samples.usable, samples.stretch, effects)
+    found = _computed(
+        known, samples.time, samples.usable, samples.stretch, samples.geometry.grouser_count, effects
+    )
     return {name: values for name, values in found.items() if np.isfinite(values).any()}
 
 
@@ -158,6 +163,7 @@ def _computed(
     time: Array | None,
     rows: NDArray[np.intp],
     stretch: NDArray[np.intp],
+    grousers: int,
     effects: Iterable[Effect],
 ) -> dict[str, Array]:
     known = dict(known)
@@ -178,6 +184,8 @@ def _computed(
         values = columns[0]
         if name == ANGLE:
             values = rates.wheel_angle(columns[1], own, values)
+            shown, beside = ([known[c][rows] for c in some if c in known] for some in (_RIPPLING, _BESIDE))
+            values = grouser_phase.aligned(values, own, grousers, shown, beside)
         elif len(columns) > 1:
             values = rates.rate(columns[1], own, values)
         if name in needed or np.isfinite(values).any():

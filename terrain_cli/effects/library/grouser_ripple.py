@@ -59,8 +59,9 @@ EFFECT = Effect(
         "known. Means are right and the residual is periodic in the wheel's angle. Where wheel speed "
         "swings with it, acceleration-torque has the same period, in torque alone. A log of fewer than two "
         "samples a grouser shows it at a false, lower frequency, which this law follows as well, as long "
-        "as ω is exact. Every run starts at an unknown angle: fit one run at a time unless a column "
-        "`wheel_angle` gives it."
+        "as ω is exact. The angle is not known where a run begins or after a gap: in a log of several "
+        "stretches, of 1.5 grousers at the least in each third, ψ counts from the crest of the channel that "
+        "ripples most, each third of a stretch being told by the next, so that noise cannot align itself."
     ),
     shows="torque, drawbar pull and sinkage, periodic at Ng ω/2π; below twice that rate of samples, aliased",
     reference=(
