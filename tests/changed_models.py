@@ -32,11 +32,11 @@ upper = 3.0
 """
 
 
-def write_log(path, effects=None, seed=1, seconds=80.0):
+def write_log(path, effects=None, seed=1, seconds=80.0, soils=(DRY_SAND,)):
     """Drive over dry sand at two speeds with slip and load that vary, and write what was measured."""
     track = Track(
         "wheel",
-        [(base_contact(DRY_SAND), seconds)],
+        [(base_contact(soil), seconds / len(soils)) for soil in soils],
         load=undulation(80.0, 0.2, 5.0, seed=5),
         slip=wave(0.35, 0.6, 9.0),
     )

@@ -1,0 +1,70 @@
+"""Two soils of one strength, of which the second is stiffer: no line tells them apart, sinkage does."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from changed_models import ROVER, write_log
+from simulator import DRY_SAND
+
+STIFFER = replace(
+    DRY_SAND,
+    cohesive_modulus=3.0 * DRY_SAND.cohesive_modulus,
+    frictional_modulus=3.0 * DRY_SAND.frictional_modulus,
+)
+SECONDS = 80.0
+HIDDEN = {
+    "clean": {},
+    "sinks": {"slip-sinkage": {"n1": 0.4}},
+    "rubs": {"drivetrain-friction": {"Tc": 0.5, "Bv": 0.0}},
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("soils")
+    (path / "rover.toml").write_text(ROVER, "utf-8")
+    for seed, (name, effects) in enumerate(HIDDEN.items()):
+        soils = (DRY_SAND, STIFFER)
+        write_log(path / f"{name}.csv", effects, seed=30 + seed, seconds=SECONDS, soils=soils)
+    return path
+
+
+def diagnosed(terrain_est, folder, name):
+    done = terrain_est("diagnose", f"{name}.csv", "--segments", "none", "--json", "-q", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def steps(warnings):
+    """Return when the soil is said to change, in s."""
+    found = (re.search(r"the soil changes at ([\d.]+) s", text) for text in warnings)
+    return [float(match[1]) for match in found if match]
+
+
+def test_another_soil_is_no_missing_effect(terrain_est, folder):
+    answer = diagnosed(terrain_est, folder, "clean")
+    assert answer["verdict"] == "none"
+    assert not answer["alarm"]["raised"]
+    assert steps(answer["warnings"]) == [pytest.approx(SECONDS / 2.0, abs=2.0)]
+
+
+@pytest.mark.parametrize(("name", "effect"), [("sinks", "slip-sinkage"), ("rubs", "drivetrain-friction")])
+def test_an_effect_is_found_across_both(terrain_est, folder, tmp_path, name, effect):
+    answer = diagnosed(terrain_est, folder, name)
+    assert answer["family"][0] == effect
+    assert answer["effect"] in {effect, None}
+    assert steps(answer["warnings"]) == [pytest.approx(SECONDS / 2.0, abs=2.0)]
+
+    model = tmp_path / "model.toml"
+    assert terrain_est("model", "new", model).returncode == 0
+    data = ("--data", f"{name}.csv", "--segments", "none", "--json", "-q")
+    done = terrain_est("model", "add", model, effect, *data, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    added = json.loads(done.stdout)
+    assert added["pays"]
+    for channel in added["channels"].values():
+        assert channel["heldout_after"] < 1.15 * channel["noise"]
