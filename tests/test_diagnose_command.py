@@ -236,6 +236,23 @@ def test_what_a_model_has_is_no_candidate(folder, tmp_path, terrain_est):
     assert "slip-sinkage" not in {one["effect"] for one in answer["candidates"]}
 
 
+def test_few_test_points_are_not_said_to_miss_nothing(folder, tmp_path, terrain_est):
+    """A wheel that sinks three times as deep as it slips, in six steady points at one load."""
+    slip = np.array([0.05, 0.1, 0.2, 0.3, 0.45, 0.6])
+    sinkage = 0.005 * (1.0 + 4.0 * slip)
+    table = pd.DataFrame({"load": 80.0, "slip": slip, "sinkage": sinkage})
+    table["torque"] = 5.5 * (1.0 - np.exp(-slip / 0.12))
+    table["drawbar_pull"] = table["torque"] / 0.125 - 80.0 * np.sqrt(sinkage / 0.25)
+    table.to_csv(tmp_path / "points.csv", index=False)
+    (tmp_path / "rover.toml").write_text(ROVER, "utf-8")
+    done = terrain_est("diagnose", tmp_path / "points.csv", "-q")
+    assert done.returncode == 0, done.stderr
+    sentence = done.stdout.splitlines()[0]
+    assert sentence.startswith("The model misses ")
+    assert "6 independent stretches of data cannot tell from chance" in sentence
+    assert "Nothing is missing" not in done.stdout
+
+
 @pytest.mark.parametrize(
     ("args", "code", "said"),
     [

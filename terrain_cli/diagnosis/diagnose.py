@@ -329,13 +329,15 @@ class _State:
         hypotheses: Sequence[Hypothesis],
         not_testable: Sequence[NotTestable],
     ) -> Diagnosis:
+        # Few data prove nothing, but a person may want to know what they speak for.
+        ranked = self._refits(hypotheses) if self.data.blocks < _FEWEST else []
         diagnosis = Diagnosis(
             comparison,
             alarm,
             "none",
             None,
             (),
-            candidates.listed(self.data, self.base, self.found, [], hypotheses, ()),
+            candidates.listed(self.data, self.base, self.found, ranked, hypotheses, ()),
             None,
             [],
             list(not_testable),

@@ -122,7 +122,7 @@ def text(diagnosis: Diagnosis) -> str:
     state = "raised" if alarm.raised else "silent"
     lines = [diagnosis.sentence, "", f"alarm: {state} ({chance}, level {alarm.level:g})"]
     shown = [one for one in diagnosis.candidates if one.refitted][:_SHOWN]
-    if alarm.raised and shown:
+    if shown:
         lines += ["", *_table(diagnosis, shown)]
     for drive in diagnosis.next_drive:
         first, second = drive.pair

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from terrain_cli.comparison.compare import FEWEST_BLOCKS
 from terrain_cli.comparison.sentences import beyond_noise
 
 if TYPE_CHECKING:
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 #: Times its noise from which on the error of a channel is a misfit, whatever can be told of it.
 _GROSS = 1.5
+#: Part of the size of a channel from which on an error is large, where no noise is known.
+_LARGE = 0.2
 #: How a verdict ends where a law of its own was drafted.
 OFFER = "--draft FILE.toml writes the law."
 
@@ -38,7 +41,7 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
                 "Something stands out, but nothing that is added predicts held-out data better: leave the "
                 "model as it is."
             )
-        beyond = beyond_noise(diagnosis.comparison.channels, _GROSS)
+        beyond = beyond_noise(diagnosis.comparison.channels, _GROSS) or _too_few(diagnosis)
         return (
             f"{beyond[0].upper()}{beyond[1:]}."
             if beyond
@@ -69,6 +72,28 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
         )
     told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
     return f"{seen}{told}, or {_listed(others)}: these data cannot tell.{better}"
+
+
+def _too_few(diagnosis: Diagnosis) -> str:
+    """Say by how much the model is off where there are too few data to tell noise from what is missing."""
+    comparison = diagnosis.comparison
+    blocks = 1 + max(int(wheel.blocks.max(initial=-1)) for wheel in comparison.wheels)
+    off = [
+        f"{one.name.replace('_', ' ')} by {one.nrmse:.0%}"
+        for one in comparison.channels.values()
+        if not math.isfinite(one.noise) and one.nrmse > _LARGE
+    ]
+    if blocks >= FEWEST_BLOCKS or not off:
+        return ""
+    table = (
+        "; the table shows what each effect would leave"
+        if any(one.refitted for one in diagnosis.candidates)
+        else ""
+    )
+    return (
+        f"the model misses {_listed(off, 'and')} of its size, which {blocks} independent stretches of data "
+        f"cannot tell from chance{table}"
+    )
 
 
 def with_draft(sentence: str, path: str) -> str:
@@ -122,5 +147,5 @@ def _text(size: Size) -> str:
     return f"{size.value:.3g}{error}{unit}"
 
 
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+def _listed(names: Sequence[str], last: str = "or") -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"

@@ -256,7 +256,7 @@ def _moved(step: Step) -> str:
         if one.where is None:
             continue
         _, wheel, segment = one.where
-        most = f" at most ({wheel} {segment}), {words.number(one.median, 2)} in the median" * several
+        most = f" at most ({wheel}, segment {segment}), {words.number(one.median, 2)} in the median" * several
         parts.append(f"{symbol} by {words.number(one.largest, 2)} standard errors{most}")
     return f"moved: {'; '.join(parts)}" if parts else "how far c and φ moved is not known"
 
