@@ -272,6 +272,7 @@ class _State:
             list(comparison.warnings),
             "",
             together,
+            refits.fitted_errors(self.data, self.base),
             self.base.heldout,
         )
         return replace(diagnosis, sentence=sentences.verdict(diagnosis, self.failures))
@@ -343,6 +344,7 @@ class _State:
             list(not_testable),
             [*comparison.warnings, *self._few()],
             "",
+            fitted=refits.fitted_errors(self.data, self.base),
             heldout=self.base.heldout,
         )
         return replace(diagnosis, sentence=sentences.verdict(diagnosis, self.failures))

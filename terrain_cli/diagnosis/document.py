@@ -45,7 +45,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "channels": {
             name: {
                 "unit": errors.unit,
-                "rmse": _known(errors.rmse),
+                "rmse": _known(diagnosis.fitted.get(name, math.nan)),
                 "heldout_rmse": _known(diagnosis.heldout.get(name, math.nan)),
                 "noise": _known(errors.noise),
             }

@@ -228,9 +228,9 @@ class Diagnosis:
         The verdict for a person.
     together : tuple of str
         Two effects that, both added, predict better than any alone, and than any draft; else none.
-    heldout : dict of str to float
-        Channel → root mean square of the held-out error of the model as it is, SI, found as those of the
-        candidates are.
+    fitted, heldout : dict of str to float
+        Channel → root mean square of the error of the model as it is, SI: fitted, and held out. Found as
+        those of the candidates are.
     """
 
     comparison: Comparison
@@ -245,4 +245,5 @@ class Diagnosis:
     warnings: list[str]
     sentence: str
     together: tuple[str, ...] = ()
+    fitted: Mapping[str, float] = field(default_factory=dict)
     heldout: Mapping[str, float] = field(default_factory=dict)

@@ -243,6 +243,27 @@ def beats(one: Refit, other: Refit) -> bool:
     return float(gain.sum()) > _SURE * error(gain)
 
 
+def fitted_errors(data: Ground, one: Refit) -> dict[str, float]:
+    """Return the root mean square of what a fitted model leaves of each channel, SI.
+
+    Parameters
+    ----------
+    data : Ground
+    one : Refit
+
+    Returns
+    -------
+    dict of str to float
+    """
+    errors: dict[str, list[Array]] = {}
+    for part, solution in zip(data.data, one.solutions, strict=True):
+        left = part.white.undone(solution.residual, part.seen)
+        for column, name in enumerate(part.white.channels):
+            errors.setdefault(name, []).append(left[name][part.seen[:, column]])
+    joined = {name: np.concatenate(some) for name, some in errors.items()}
+    return {name: float(np.sqrt(np.mean(some**2))) for name, some in joined.items() if len(some)}
+
+
 def as_good(one: Refit, other: Refit) -> bool:
     """Tell whether one model predicts no worse than another.
 
