@@ -161,8 +161,8 @@ def test_without_a_clock_there_are_no_gaps():
 
 
 def test_a_torque_that_brakes_a_driving_wheel_is_doubted():
-    channels = {"torque": np.array([-3.0, -2.0, 1.0])}
+    channels = {"torque": np.array([-3.0, -2.0, 1.0]), "load": np.full(3, 80.0)}
     usable = Labels(np.full(3, -1, dtype=np.int32), ())
-    (doubt,) = health.doubts(channels, usable)
+    (doubt,) = health.doubts(channels, usable, 0.125)
     assert "scale = -1" in doubt
-    assert health.doubts({"torque": -channels["torque"]}, usable) == []
+    assert health.doubts({**channels, "torque": -channels["torque"]}, usable, 0.125) == []
