@@ -105,7 +105,7 @@ def on_more(
     """
     if data.blocks < screening.FEWEST_BLOCKS:
         return data, []
-    found = with_steps(data, block)
+    found = _with_steps(data, block)
     if found is None or _stand_for_soils(data, block, *found[:2], hypotheses, progress):
         return data, []
     return found[0], found[2]
@@ -152,7 +152,7 @@ def as_needed(
             return [wheel.windows for wheel in fewer.wheels], [told]
     if not comparison.failures:
         return windows, []
-    found = with_steps(_ground(windows, block, file), block)
+    found = _with_steps(_ground(windows, block, file), block)
     return ([wheel.windows for wheel in found[0].wheels], found[2]) if found else (windows, [])
 
 
@@ -165,24 +165,8 @@ def _ground(
     return refits.ground(fit_wheels(windows, file.model, settings, further=further)[0], block, MOST_SAMPLES)
 
 
-def with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, list[str]] | None:
-    """Cut windows where the soil steps.
-
-    Parameters
-    ----------
-    data : Ground
-    block : sequence of ndarray of int, shape (n,)
-        Of the usable samples of each wheel.
-
-    Returns
-    -------
-    data : Ground
-        On more soils, with the noise of the other.
-    base : Refit
-        The base on them.
-    told : list of str
-        Where the soil steps; one for each step.
-    """
+def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, list[str]] | None:
+    """Cut windows where the soil steps; with the base on more soils, and where each of them begins."""
     found, told = data, list[str]()
     plain = before = refits.refit(data, None)
     for _ in range(_MOST):
@@ -242,10 +226,8 @@ def _share(data: Ground, plain: Refit, better: Refit) -> float:
 def _best(data: Ground, index: int) -> tuple[float, int]:
     """Return what the best step under a wheel takes off the sum of squares to first order, and its place."""
     wheel, solution, part = data.wheels[index], data.base[index], data.data[index]
-    if not wheel.ordered:
-        return 0.0, 0
-    # Of a wheel whose samples are ordered by terrain no place is before another.
-    if np.any(np.diff(wheel.windows.rows) <= 0):
+    # Of samples that are in the order of terrains, or in none, no place is before another.
+    if not wheel.ordered or np.any(np.diff(wheel.windows.rows) <= 0):
         return 0.0, 0
     best, place = 0.0, 0
     for window in range(part.windows):
