@@ -236,21 +236,34 @@ def test_what_a_model_has_is_no_candidate(folder, tmp_path, terrain_est):
     assert "slip-sinkage" not in {one["effect"] for one in answer["candidates"]}
 
 
-def test_few_test_points_are_not_said_to_miss_nothing(folder, tmp_path, terrain_est):
-    """A wheel that sinks three times as deep as it slips, in six steady points at one load."""
-    slip = np.array([0.05, 0.1, 0.2, 0.3, 0.45, 0.6])
+def sinking_points(folder, slip):
+    """Write a wheel that sinks three times as deep as it slips, in steady points at one load."""
+    slip = np.array(slip)
     sinkage = 0.005 * (1.0 + 4.0 * slip)
     table = pd.DataFrame({"load": 80.0, "slip": slip, "sinkage": sinkage})
     table["torque"] = 5.5 * (1.0 - np.exp(-slip / 0.12))
     table["drawbar_pull"] = table["torque"] / 0.125 - 80.0 * np.sqrt(sinkage / 0.25)
-    table.to_csv(tmp_path / "points.csv", index=False)
-    (tmp_path / "rover.toml").write_text(ROVER, "utf-8")
-    done = terrain_est("diagnose", tmp_path / "points.csv", "-q")
+    table.to_csv(folder / "points.csv", index=False)
+    (folder / "rover.toml").write_text(ROVER, "utf-8")
+    return folder / "points.csv"
+
+
+def test_few_test_points_are_not_said_to_miss_nothing(tmp_path, terrain_est):
+    done = terrain_est("diagnose", sinking_points(tmp_path, [0.05, 0.1, 0.3, 0.45, 0.6]), "-q")
     assert done.returncode == 0, done.stderr
     sentence = done.stdout.splitlines()[0]
     assert sentence.startswith("The model misses ")
-    assert "6 independent stretches of data cannot tell from chance" in sentence
+    assert "5 independent stretches of data cannot tell from chance" in sentence
     assert "Nothing is missing" not in done.stdout
+
+
+def test_six_points_that_sink_the_deeper_the_more_they_slip(tmp_path, terrain_est):
+    done = terrain_est("diagnose", sinking_points(tmp_path, [0.05, 0.1, 0.2, 0.3, 0.45, 0.6]), "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert (found["verdict"], found["effect"]) == ("family", None)
+    assert found["family"][0] == "slip-sinkage"
+    assert "6 independent stretches of data are too few to be sure of the name" in found["sentence"]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,14 @@ import numpy as np
 from terrain_cli.comparison import blocks, heldout, soils
 from terrain_cli.comparison.bootstrap import resample
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.parts import UNITS, ChannelErrors, Comparison, Series, WheelComparison
+from terrain_cli.comparison.parts import (
+    FEWEST_BLOCKS,
+    UNITS,
+    ChannelErrors,
+    Comparison,
+    Series,
+    WheelComparison,
+)
 from terrain_cli.comparison.wheel import Settings, Wheel
 from terrain_cli.windows import thinned
 
@@ -31,8 +38,6 @@ if TYPE_CHECKING:
 MOST_SAMPLES = 200_000
 #: Runs from which on they are the blocks; fewer are cut further, as few blocks prove nothing.
 ENOUGH_RUNS = 12
-#: Blocks below which no finding is possible.
-FEWEST_BLOCKS = 8
 #: Memories of the noise that a block has at least, and samples.
 _MEMORIES, _SHORTEST = 8, 10
 #: Noise counts as at least this part of the residual where it weighs one.

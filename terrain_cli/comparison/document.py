@@ -44,7 +44,7 @@ def document(
             "sources": list(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
             "samples": sum(len(wheel.windows.rows) for wheel in comparison.wheels),
             "segments": sum(len(wheel.windows) for wheel in comparison.wheels),
-            "blocks": 1 + max(int(wheel.blocks.max(initial=-1)) for wheel in comparison.wheels),
+            "blocks": comparison.blocks,
         },
         **_outcome(comparison),
     }
@@ -207,7 +207,7 @@ def text(comparison: Comparison) -> str:
         lines.append("where it fails, the strongest first:")
         lines += [_told(finding, comparison) for finding in comparison.failures]
     else:
-        beyond = sentences.beyond_noise(comparison.channels)
+        beyond = sentences.beyond_noise(comparison)
         lines.append("no failure that chance does not explain" + f": {beyond}" * bool(beyond))
     lines += [f"note: {warning}" for warning in comparison.warnings]
     return "\n".join(lines)

@@ -148,7 +148,98 @@ def of_points(residual: Array, group: Index, drivers: Array) -> float:
     return float(np.sqrt(0.5 * np.mean(change**2))) if len(change) >= _PAIRS else np.nan
 
 
+class Between(NamedTuple):
+    """Steady test points that lie between two others, as one condition varies and the rest stay.
+
+    Parameters
+    ----------
+    before, middle, after : ndarray of int, shape (m,)
+        Which points they are.
+    share : ndarray, shape (m,)
+        Weight of the one before in a straight line between the outer two.
+    line : ndarray of int, shape (n,)
+        Which points were run under the same other conditions.
+    """
+
+    before: Index
+    middle: Index
+    after: Index
+    share: Array
+    line: Index
+
+    def off(self, values: Array) -> Array:
+        """Return how far points are off the line between their neighbours, with the variance of white noise.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n, ...)
+
+        Returns
+        -------
+        ndarray, shape (m, ...)
+        """
+        share = self.share.reshape(-1, *(1 for _ in values.shape[1:]))
+        straight = share * values[self.before] + (1.0 - share) * values[self.after]
+        return np.asarray((values[self.middle] - straight) / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2))
+
+
+def between(group: Index, drivers: Array) -> Between:
+    """Order test points by their first condition, where the others are the same.
+
+    Parameters
+    ----------
+    group : ndarray of int, shape (n,)
+        Points of different groups are no neighbours.
+    drivers : ndarray, shape (n, d)
+        As for `of_points`.
+
+    Returns
+    -------
+    Between
+    """
+    line = np.asarray(group, dtype=np.intp)
+    for column in drivers.T[1:]:
+        order = np.lexsort((column, line))
+        apart = (np.diff(line[order]) != 0) | ~(np.diff(column[order]) <= _SAME)
+        start = np.flatnonzero(np.concatenate([[True], apart]))
+        length = np.diff(np.append(start, len(order)))
+        # One load that scatters is the same; loads all over a range are each another one.
+        wide = np.repeat(column[order][start + length - 1] - column[order][start] > _SCATTER, length)
+        line = np.empty_like(line)
+        line[order] = np.cumsum(np.concatenate([[True], apart]) | wide) - 1
+    first = drivers[:, 0]
+    order = np.lexsort((first, line))
+    before, middle, after = order[:-2], order[1:-1], order[2:]
+    use = (line[before] == line[after]) & np.isfinite(first[after])
+    before, middle, after = before[use], middle[use], after[use]
+    span = first[after] - first[before]
+    share = np.where(span > 0.0, (first[after] - first[middle]) / np.where(span > 0.0, span, 1.0), 0.5)
+    return Between(before, middle, after, share, line)
+
+
+def of_neighbours(residual: Array, group: Index, drivers: Array) -> float:
+    """Estimate the noise of steady test points from how far each is off the line between its neighbours.
+
+    What a misfit bends counts as noise (Gasser, Sroka & Jennen-Steinmetz 1986, Biometrika 73, 625).
+
+    Parameters
+    ----------
+    residual, group, drivers
+        As for `of_points`.
+
+    Returns
+    -------
+    float
+        Standard deviation; NaN where too few points lie between others.
+    """
+    off = between(group, drivers).off(residual)
+    off = off[np.isfinite(off)]
+    return float(np.sqrt(np.mean(off**2))) if len(off) >= _INSIDE else np.nan
+
+
 #: Conditions that differ by no more than this share of their range are the same.
 _SAME = 0.03
-#: Fewest pairs of equal points that tell the noise.
-_PAIRS = 6
+#: Those that scatter about one value differ by no more than this.
+_SCATTER = 0.15
+#: Fewest pairs of equal points, and points between others, that tell the noise.
+_PAIRS, _INSIDE = 6, 4

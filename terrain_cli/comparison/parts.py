@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 #: Channels that a model predicts, with their units.
 UNITS = {"torque": "N m", "drawbar_pull": "N", "sinkage": "m"}
+#: Blocks below which no finding is possible.
+FEWEST_BLOCKS = 8
 
 
 @dataclass(frozen=True)
@@ -222,3 +224,8 @@ class Comparison:
     channels: dict[str, ChannelErrors]
     failures: list[Finding]
     warnings: list[str]
+
+    @property
+    def blocks(self) -> int:
+        """Number of independent stretches of the data."""
+        return 1 + max(int(wheel.blocks.max(initial=-1)) for wheel in self.wheels)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+from terrain_cli.comparison.parts import FEWEST_BLOCKS
 
-    from terrain_cli.comparison.parts import ChannelErrors
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.comparison.parts import Comparison
     from terrain_cli.comparison.shapes import Shape
 
 #: Part of a finding's size below which a picture of the residuals would surprise who has read its sentence.
@@ -125,12 +127,12 @@ def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
 
 
-def beyond_noise(channels: Mapping[str, ChannelErrors], times: float = ABOVE) -> str:
+def beyond_noise(comparison: Comparison, times: float = ABOVE) -> str:
     """Say of which channels the held-out error is more than noise where no finding says why.
 
     Parameters
     ----------
-    channels : mapping of str to ChannelErrors
+    comparison : Comparison
     times : float
         The noise, from which on it is.
 
@@ -141,7 +143,7 @@ def beyond_noise(channels: Mapping[str, ChannelErrors], times: float = ABOVE) ->
     """
     ratios = {
         name.replace("_", " "): errors.heldout_rmse / errors.noise
-        for name, errors in channels.items()
+        for name, errors in comparison.channels.items()
         if errors.heldout_rmse > times * errors.noise > 0.0
     }
     if not ratios:
@@ -150,4 +152,9 @@ def beyond_noise(channels: Mapping[str, ChannelErrors], times: float = ABOVE) ->
         f"{ratio:.{1 if ratio < 10.0 else 0}f} times the noise of {name}" for name, ratio in ratios.items()
     ]
     listed = " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
-    return f"the held-out error is {listed}, but follows nothing beyond chance"
+    unknown = (
+        f"{comparison.blocks} independent stretches of data do not tell what it follows"
+        if comparison.blocks < FEWEST_BLOCKS
+        else "follows nothing beyond chance"
+    )
+    return f"the held-out error is {listed}, but {unknown}"

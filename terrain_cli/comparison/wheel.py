@@ -348,10 +348,13 @@ class Wheel:
         if self.ordered:
             return {name: noise.of_series(e, self.group) for name, e in self.residuals.items()}
         table = self.conditions(("slip", "load") if "load" in self.channels else ("slip", "sinkage"))
-        return {
-            name: noise.NoiseLevel(noise.of_points(e, self.window, table), 0)
-            for name, e in self.residuals.items()
-        }
+        levels = {}
+        for name, error in self.residuals.items():
+            level = noise.of_points(error, self.window, table)
+            if not np.isfinite(level):
+                level = noise.of_neighbours(error, self.window, table)
+            levels[name] = noise.NoiseLevel(level, 0)
+        return levels
 
     def conditions(self, names: Sequence[str]) -> Array:
         """Return under what conditions test points were run, each in the unit of a large difference."""

@@ -24,6 +24,7 @@ from terrain_cli.diagnosis import (
     screening,
     sentences,
     several_soils,
+    smoothness,
     unknowns,
 )
 from terrain_cli.diagnosis.parts import Alarm, Diagnosis
@@ -209,7 +210,7 @@ class _State:
     ) -> Diagnosis:
         """Go from scores to a verdict."""
         p_value = min([1.0, *self.found.p_values.values(), *(one.p_value for one in self.failures)])
-        p_value = min(p_value, self._of_assumptions(hypotheses))
+        p_value = min(p_value, self._of_assumptions(hypotheses), smoothness.chance(self.data, self.seed))
         if self.data.blocks < screening.FEWEST_BLOCKS or p_value >= LEVEL:
             silent = Alarm(
                 False, 1.0 if self.data.blocks < screening.FEWEST_BLOCKS else p_value, LEVEL, 0.0, 0.0

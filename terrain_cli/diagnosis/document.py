@@ -40,7 +40,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
             "sources": list(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
             "samples": sum(len(wheel.windows.rows) for wheel in comparison.wheels),
             "segments": sum(len(wheel.windows) for wheel in comparison.wheels),
-            "blocks": 1 + max(int(wheel.blocks.max(initial=-1)) for wheel in comparison.wheels),
+            "blocks": comparison.blocks,
         },
         "channels": {
             name: {

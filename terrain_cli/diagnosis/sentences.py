@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from terrain_cli.comparison.compare import FEWEST_BLOCKS
+from terrain_cli.comparison.parts import FEWEST_BLOCKS
 from terrain_cli.comparison.sentences import beyond_noise
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
                 "Something stands out, but nothing that is added predicts held-out data better: leave the "
                 "model as it is."
             )
-        beyond = beyond_noise(diagnosis.comparison.channels, _GROSS) or _too_few(diagnosis)
+        beyond = beyond_noise(diagnosis.comparison, _GROSS) or _too_few(diagnosis)
         return (
             f"{beyond[0].upper()}{beyond[1:]}."
             if beyond
@@ -66,21 +66,24 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
             f"terrain-est model add FILE {both} --data INPUT…"
         )
     if not others:
-        return (
-            f"{seen}Probably {_told(first)}, but something is left over, or this very drive would not "
-            f"show it often enough to be sure of the name.{better}"
+        blocks = diagnosis.comparison.blocks
+        doubt = (
+            f"{blocks} independent stretches of data are too few to be sure of the name"
+            if blocks < FEWEST_BLOCKS
+            else "something is left over, or this very drive would not show it often enough to be sure of "
+            "the name"
         )
+        return f"{seen}Probably {_told(first)}, but {doubt}.{better}"
     told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
     return f"{seen}{told}, or {_listed(others)}: these data cannot tell.{better}"
 
 
 def _too_few(diagnosis: Diagnosis) -> str:
     """Say by how much the model is off where there are too few data to tell noise from what is missing."""
-    comparison = diagnosis.comparison
-    blocks = 1 + max(int(wheel.blocks.max(initial=-1)) for wheel in comparison.wheels)
+    blocks = diagnosis.comparison.blocks
     off = [
         f"{one.name.replace('_', ' ')} by {one.nrmse:.0%}"
-        for one in comparison.channels.values()
+        for one in diagnosis.comparison.channels.values()
         if not math.isfinite(one.noise) and one.nrmse > _LARGE
     ]
     if blocks >= FEWEST_BLOCKS or not off:

@@ -92,7 +92,7 @@ def data(step: Step) -> dict[str, Any]:
         "sources": list(step.sources),
         "samples": sum(len(wheel.windows.rows) for wheel in wheels),
         "segments": sum(len(wheel.windows) for wheel in wheels),
-        "blocks": 1 + max(int(wheel.blocks.max(initial=-1)) for wheel in wheels),
+        "blocks": step.first.blocks,
     }
 
 

@@ -122,10 +122,10 @@ def tried(
     if first is None:
         first = fitted(wheels, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
     second = fitted(wheels, after, like=first, seed=seed, progress=lambda step: progress(f"after: {step}"))
-    if _blocks(first) < ENOUGH_BLOCKS:
+    if first.blocks < ENOUGH_BLOCKS:
         # What is missing is remembered longer than noise: the better model tells how long that is.
         own = fitted(wheels, after, seed=seed, progress=lambda step: progress(f"after, anew: {step}"))
-        if _blocks(own) > _blocks(first):
+        if own.blocks > first.blocks:
             first, second = fitted(wheels, before, like=own, seed=seed, progress=progress), own
     first, second, told = _on_the_same_soils(first, second, action, before, after, seed, progress)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
@@ -200,10 +200,6 @@ def _places(parts: Sequence[Windows], comparison: Comparison) -> list[Place]:
 
 def _same_wheel(a: Samples, b: Samples) -> bool:
     return (a.wheel, a.geometry, a.time is None) == (b.wheel, b.geometry, b.time is None)
-
-
-def _blocks(comparison: Comparison) -> int:
-    return 1 + max(int(wheel.blocks.max(initial=-1)) for wheel in comparison.wheels)
 
 
 def _parameters(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:

@@ -133,8 +133,8 @@ def test_the_linear_base_predicts_no_sinkage():
     assert set(compare([all_of(samples)], Model("linear")).channels) == {"torque", "drawbar_pull"}
 
 
-def test_test_points_without_repeats_do_not_tell_their_noise():
-    samples = some_of(samples_of(1, Kind()), np.arange(0, 2400, 150), time=None)
+def test_a_handful_of_test_points_does_not_tell_its_noise():
+    samples = some_of(samples_of(1, Kind()), np.arange(0, 2400, 500), time=None)
     compared = compare([all_of(samples)], Model())
     assert np.isnan(compared.channels["torque"].noise)
     assert len(compared.warnings) == 3

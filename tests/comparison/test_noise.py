@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from terrain_cli.comparison.noise import of_points, of_series
+from terrain_cli.comparison.noise import between, of_neighbours, of_points, of_series
 
 N = 4000
 
@@ -66,3 +66,46 @@ def test_repeated_test_points_tell_the_noise():
 def test_test_points_all_unlike_do_not():
     slip = np.linspace(0.0, 1.0, 12)
     assert np.isnan(of_points(slip, one(12), slip[:, None]))
+
+
+def test_unrepeated_test_points_tell_the_noise_by_their_neighbours():
+    rng = np.random.default_rng(6)
+    slip = rng.permutation(np.linspace(0.0, 1.0, 60))
+    smooth = 4.0 * np.exp(-slip / 0.4)
+    noise = of_neighbours(smooth + 0.3 * rng.normal(size=60), one(60), slip[:, None])
+    assert noise == pytest.approx(0.3, rel=0.25)
+    assert of_neighbours(7.0 - 3.0 * slip, one(60), slip[:, None]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_points_at_another_load_are_no_neighbours():
+    slip, load = np.tile(np.linspace(0.0, 1.0, 6), 2), np.repeat([0.0, 0.5], 6)
+    conditions = np.stack([slip, load], axis=1)
+    assert of_neighbours(slip + 9.0 * load, one(12), conditions) == pytest.approx(0.0, abs=1e-12)
+    places = between(one(12), conditions)
+    assert len(places.middle) == 8
+    assert set(zip(places.before, places.after, strict=True)) == {
+        (k, k + 2) for k in (0, 1, 2, 3, 6, 7, 8, 9)
+    }
+    # A load measured with some noise is the same load still.
+    near = np.stack([slip, load + np.random.default_rng(1).uniform(0.0, 0.02, 12)], axis=1)
+    assert len(between(one(12), near).middle) == 8
+
+
+def test_two_points_at_one_slip_are_neighbours():
+    slip = np.array([0.1, 0.1, 0.3, 0.3, 0.5])
+    off = between(one(5), slip[:, None]).off(np.array([1.0, 3.0, 5.0, 5.0, 5.0]))
+    np.testing.assert_allclose(off, [2.0 / np.sqrt(2.0), 0.0, 0.0], atol=1e-12)
+
+
+def test_three_points_between_others_are_too_few():
+    slip = np.linspace(0.0, 1.0, 5)
+    assert np.isnan(of_neighbours(slip**2, one(5), slip[:, None]))
+    slip = np.linspace(0.0, 1.0, 6)
+    assert np.isfinite(of_neighbours(slip**2, one(6), slip[:, None]))
+
+
+def test_points_at_loads_all_over_a_range_have_no_neighbours():
+    slip = np.linspace(0.0, 1.0, 40)
+    load = np.random.default_rng(9).permutation(np.linspace(0.2, 0.6, 40))
+    assert len(between(one(40), np.stack([slip, load], axis=1)).middle) == 0
+    assert np.isnan(of_neighbours(slip, one(40), np.stack([slip, load], axis=1)))

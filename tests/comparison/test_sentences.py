@@ -1,25 +1,36 @@
 """What a person is told where nothing is found."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 
 from terrain_cli.comparison import sentences
-from terrain_cli.comparison.parts import ChannelErrors
+from terrain_cli.comparison.parts import ChannelErrors, Comparison
 
 GROSS = ChannelErrors("drawbar_pull", "N", 900, 11.0, 0.1, 0.6, 0.6, 12.0, 9.0, 14.0)
 FINE = ChannelErrors("torque", "N m", 900, 0.4, 0.0, 0.1, 0.4, 0.41, 0.38, 0.45)
 
 
+def compared(blocks=8, **channels):
+    """Return what is read of a comparison: its channels, and the stretches of its data."""
+    return Comparison({}, [SimpleNamespace(blocks=np.arange(blocks))], channels, [], [])
+
+
 def test_an_error_beyond_noise_is_told():
-    told = sentences.beyond_noise({"torque": FINE, "drawbar_pull": GROSS})
+    told = sentences.beyond_noise(compared(torque=FINE, drawbar_pull=GROSS))
     assert (
         told == "the held-out error is 20 times the noise of drawbar pull, but follows nothing beyond chance"
     )
-    both = sentences.beyond_noise({"torque": replace(FINE, heldout_rmse=0.7), "drawbar_pull": GROSS}, 1.5)
+    both = sentences.beyond_noise(compared(torque=replace(FINE, heldout_rmse=0.7), drawbar_pull=GROSS), 1.5)
     assert both.startswith("the held-out error is 1.7 times the noise of torque and 20 times the noise of")
 
 
+def test_few_blocks_do_not_tell_what_an_error_follows():
+    told = sentences.beyond_noise(compared(6, sinkage=GROSS))
+    assert told.endswith("noise of sinkage, but 6 independent stretches of data do not tell what it follows")
+
+
 def test_an_error_that_is_noise_is_not():
-    assert sentences.beyond_noise({"torque": FINE}) == ""
-    assert sentences.beyond_noise({"torque": replace(FINE, noise=np.nan, heldout_rmse=9.0)}) == ""
+    assert sentences.beyond_noise(compared(torque=FINE)) == ""
+    assert sentences.beyond_noise(compared(torque=replace(FINE, noise=np.nan, heldout_rmse=9.0))) == ""

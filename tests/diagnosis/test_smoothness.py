@@ -1,0 +1,42 @@
+"""How often chance leaves steady points as smooth along their slip."""
+
+import numpy as np
+import pytest
+
+from terrain_cli.comparison.noise import between
+from terrain_cli.diagnosis.smoothness import of_points
+
+
+def along(n, loads=1):
+    slip, load = np.tile(np.linspace(0.0, 0.6, n), loads), np.repeat(0.5 * np.arange(loads), n)
+    return between(np.zeros(n * loads, dtype=np.intp), np.stack([slip, load], axis=1))
+
+
+def test_noise_is_as_smooth_as_chance_says():
+    """Of 400 tables of white noise a tenth falls below 0.1, whatever the channels have in common."""
+    rng = np.random.default_rng(7)
+    found = []
+    for _ in range(400):
+        shared = rng.normal(size=(7, 1))
+        found.append(of_points(shared + rng.normal(size=(7, 3)), along(7), 0))
+    assert np.mean(np.array(found) < 0.1) == pytest.approx(0.1, abs=0.045)
+
+
+def test_six_points_that_rise_are_no_chance():
+    rising = np.array([-5.0, -4.0, -1.0, 1.0, 3.0, 6.0])[:, None]
+    # Two orders of 720 rise or fall all along.
+    assert of_points(rising, along(6), 0) == pytest.approx(2.0 / 720.0, abs=0.004)
+    assert of_points(rising[[2, 0, 4, 1, 5, 3]], along(6), 0) > 0.2
+
+
+def test_five_points_are_too_few_at_any_size():
+    assert of_points(np.linspace(-1e3, 1e3, 5)[:, None], along(5), 0) > 0.01
+
+
+def test_each_load_has_a_level_of_its_own():
+    """What differs between loads alone is no slope along the slip."""
+    rng = np.random.default_rng(8)
+    levels = np.repeat([0.0, 50.0], 6)[:, None]
+    assert of_points(levels + rng.normal(size=(12, 1)), along(6, 2), 0) > 0.05
+    slopes = np.tile(np.linspace(-1.0, 1.0, 6), 2)[:, None]
+    assert of_points(levels + slopes + 0.1 * rng.normal(size=(12, 1)), along(6, 2), 0) < 0.005
