@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Table = Mapping[str, Any]
 
+#: Times the least range of c or φ to which the ellipses of what nothing separates are shown.
+_WIDEST = 30.0
 #: Of an ellipse that holds 95 % of a normal distribution in the plane, in standard deviations.
 ELLIPSE = 2.4477
 
@@ -139,7 +141,7 @@ def ellipse(table: Table, row: int, points: int = 60) -> Array:
 def estimate_limits(table: Table) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return ranges of c in kPa and φ in degrees in which the estimates can be seen.
 
-    The ellipses of what the drive does not separate may reach beyond.
+    The ellipses of what the drive does not separate may reach beyond, unless there are no others.
 
     Parameters
     ----------
@@ -159,7 +161,8 @@ def _limits(
 ) -> tuple[float, float]:
     values, errors = (np.asarray(table[column], dtype=float) for column in (name, error))
     # What the drive does not separate has errors beyond all measure.
-    reach = np.nan_to_num(np.where(sure, ELLIPSE * errors, np.minimum(errors, least)))
+    most = np.minimum(ELLIPSE * errors, _WIDEST * least) if not sure.any() else np.minimum(errors, least)
+    reach = np.nan_to_num(np.where(sure, ELLIPSE * errors, most))
     finite = np.isfinite(values)
     if not finite.any():
         return 0.0, 1.0

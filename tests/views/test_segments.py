@@ -93,3 +93,23 @@ def test_map_of_longitudes_is_stretched_by_latitude():
     across, up, stretch = segments.frame(table(x=[1.0]), np.array([[0.0, 0.0], [9.0, 0.0]]))
     assert stretch == 1.0
     assert (up[1] - up[0]) >= (across[1] - across[0]) / 3.0 * 0.999
+
+
+def test_regions_are_seen_whole_where_nothing_is_separated():
+    """One test rig at one load: φ ± 12° is the answer, not a point in an empty picture."""
+    table = {
+        "c_kPa": [1.4],
+        "c_se_kPa": [3.1],
+        "phi_deg": [27.0],
+        "phi_se_deg": [12.0],
+        "corr_c_phi": [-0.9],
+        "status": ["not-separable"],
+    }
+    (c_low, c_high), (phi_low, phi_high) = segments.estimate_limits(table)
+    c, phi = segments.ellipse(table, 0).T
+    assert c_low < c.min() and c.max() < c_high
+    assert phi_low < phi.min() and phi.max() < phi_high
+    # Errors beyond all measure do not make the picture one line.
+    wide = segments.estimate_limits({**table, "c_se_kPa": [1e9], "phi_se_deg": [1e9]})
+    assert wide[0][1] - wide[0][0] < 50.0
+    assert wide[1][1] - wide[1][0] < 300.0

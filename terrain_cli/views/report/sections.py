@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from terrain_cli.comparison.sentences import beyond_noise
 from terrain_cli.views import binning, samples, segments, soil, words
 from terrain_cli.views.report import sample_charts, soil_charts
 from terrain_cli.views.report.parts import Chart, Section, Table
@@ -144,7 +145,11 @@ def _summary(content: _Content) -> Section:
     text = [fitted]
     points = [_sentence(finding.sentence) for finding in comparison.failures[:5]]
     if not points:
-        text.append("Nothing that was recorded explains the misfit better than chance could.")
+        beyond = beyond_noise(comparison)
+        text.append(
+            "Nothing that was recorded explains the misfit better than chance could"
+            f"{f': {beyond}' if beyond else ''}."
+        )
     points += [_sentence(f"Note: {warning}") for warning in comparison.warnings]
     rows = []
     for name in samples.channels(comparison):
