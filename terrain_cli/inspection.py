@@ -10,6 +10,7 @@ import numpy as np
 import formats
 from terrain_cli import telemetry
 from terrain_cli.channels import CHANNELS
+from terrain_cli.english import counted
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry import advice, bags, complete
 from terrain_cli.telemetry.align import seconds
@@ -208,7 +209,7 @@ def text(document: dict[str, Any], *, verbose: bool = False) -> str:
 def _size(document: dict[str, Any]) -> str:
     streams = document["streams"]
     if any(stream["topic"] for stream in streams):
-        return f", {len(streams)} topic{'s' * (len(streams) != 1)}"
+        return f", {counted(len(streams), 'topic')}"
     skipped = document["rows_skipped"]
     return f", {streams[0]['records']} rows" + f" and {skipped} that do not fit its header" * bool(skipped)
 

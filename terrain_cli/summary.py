@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import estimation
+from terrain_cli.english import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -219,16 +220,12 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
             lines.append(f"    {name} = {entry['value']:.4g} ± {entry['se']:.2g}{unit}{known}")
     if model.get("missed"):
         lines.append(
-            f"    the model misses {_segments(model['missed'])} by far more than noise, and little is learnt "
-            "there: see terrain-est diagnose"
+            f"    the model misses {counted(model['missed'], 'segment')} by far more than noise, and little "
+            "is learnt there: see terrain-est diagnose"
         )
     if model["unsettled"]:
-        lines.append(f"    the fit did not settle in {_segments(model['unsettled'])}")
+        lines.append(f"    the fit did not settle in {counted(model['unsettled'], 'segment')}")
     return lines
-
-
-def _segments(count: int) -> str:
-    return f"{count} segment{'s' * (count != 1)}"
 
 
 def _terrain_rows(entries: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:

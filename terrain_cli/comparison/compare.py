@@ -19,6 +19,7 @@ from terrain_cli.comparison.parts import (
     WheelComparison,
 )
 from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.english import counted
 from terrain_cli.windows import thinned
 
 if TYPE_CHECKING:
@@ -185,7 +186,7 @@ def of_fitted(
         warnings.append("the model predicts what was measured exactly: there is nothing to look for")
     elif count < FEWEST_BLOCKS:
         warnings.append(
-            f"only {count} independent stretch{'es' * (count != 1)} of data: "
+            f"only {counted(count, 'independent stretch', 'es')} of data: "
             "where the model fails cannot be told from chance"
         )
     else:

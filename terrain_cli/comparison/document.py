@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.comparison import sentences
+from terrain_cli.english import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -189,7 +190,8 @@ def text(comparison: Comparison) -> str:
     """
     samples = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
     segments = sum(len(wheel.windows) for wheel in comparison.wheels)
-    lines = [f"model {named(comparison)} against {samples} samples in {_counted(segments, 'segment')}", ""]
+    data = f"{counted(samples, 'sample')} in {counted(segments, 'segment')}"
+    lines = [f"model {named(comparison)} against {data}", ""]
     head = ["channel", "unit", "rmse", "bias", "noise", "rmse/rms", "held-out rmse", "95 %"]
     rows = [
         [
@@ -269,13 +271,9 @@ def text_of_two(first: Comparison, second: Comparison, differences: Sequence[Dif
             )
     else:
         lines.append(
-            f"no c or φ of {_counted(len(soil) // 2, 'segment')} moved by more than three standard errors"
+            f"no c or φ of {counted(len(soil) // 2, 'segment')} moved by more than three standard errors"
         )
     return "\n".join(lines)
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def _short(value: float) -> str:

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from terrain_cli.comparison.parts import FEWEST_BLOCKS
+from terrain_cli.english import counted, listed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -91,7 +92,7 @@ def of(
         left = f"{_number(abs(amplitude) * seen * factor)} {shown}"
         text += f"; the fitted soil takes up all but {left} of that"
     if alternatives:
-        text += f" (or with {_listed([named(other) for other in alternatives])}, which varied alike)"
+        text += f" (or with {listed([named(other) for other in alternatives], 'or')}, which varied alike)"
     return text
 
 
@@ -123,10 +124,6 @@ def _number(value: float) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
-
-
 def beyond_noise(comparison: Comparison, times: float = ABOVE) -> str:
     """Say of which channels the held-out error is more than noise where no finding says why.
 
@@ -151,10 +148,9 @@ def beyond_noise(comparison: Comparison, times: float = ABOVE) -> str:
     told = [
         f"{ratio:.{1 if ratio < 10.0 else 0}f} times the noise of {name}" for name, ratio in ratios.items()
     ]
-    listed = " and ".join(filter(None, [", ".join(told[:-1]), told[-1]]))
     unknown = (
-        f"{comparison.blocks} independent stretches of data do not tell what it follows"
+        f"{counted(comparison.blocks, 'independent stretch', 'es')} of data do not tell what it follows"
         if comparison.blocks < FEWEST_BLOCKS
         else "follows nothing beyond chance"
     )
-    return f"the held-out error is {listed}, but {unknown}"
+    return f"the held-out error is {listed(told)}, but {unknown}"

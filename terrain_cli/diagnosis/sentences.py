@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from terrain_cli.comparison.parts import FEWEST_BLOCKS
 from terrain_cli.comparison.sentences import beyond_noise
+from terrain_cli.english import listed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,7 +76,7 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
         )
         return f"{seen}Probably {_told(first)}, but {doubt}.{better}"
     told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
-    return f"{seen}{told}, or {_listed(others)}: these data cannot tell.{better}"
+    return f"{seen}{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
 
 
 def _too_few(diagnosis: Diagnosis) -> str:
@@ -94,7 +95,7 @@ def _too_few(diagnosis: Diagnosis) -> str:
         else ""
     )
     return (
-        f"the model misses {_listed(off, 'and')} of its size, which {blocks} independent stretches of data "
+        f"the model misses {listed(off)} of its size, which {blocks} independent stretches of data "
         f"cannot tell from chance{table}"
     )
 
@@ -148,7 +149,3 @@ def _text(size: Size) -> str:
     unit = "" if size.unit in ("", "1") else f" {size.unit}"
     error = f" ± {size.se:.2g}" if size.se == size.se else ""
     return f"{size.value:.3g}{error}{unit}"
-
-
-def _listed(names: Sequence[str], last: str = "or") -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"

@@ -16,6 +16,7 @@ from terrain_cli import fitting
 from terrain_cli.comparison.compare import fit_wheels
 from terrain_cli.comparison.wheel import Settings, Wheel
 from terrain_cli.diagnosis import refits, screening, unknowns
+from terrain_cli.english import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -147,7 +148,7 @@ def as_needed(
         fewer, _ = on_fewer(cut, block, hypotheses, progress)
         if any(len(a.windows) < len(b.windows) for a, b in zip(fewer.wheels, cut.wheels, strict=True)):
             soils = sum(len(wheel.windows) for wheel in fewer.wheels)
-            enough = f"{soils} soil{'s' * (soils > 1)}"
+            enough = counted(soils, "soil")
             told = f"with {effects[0].id}, {enough} will do: both models are compared on {enough}"
             return [wheel.windows for wheel in fewer.wheels], [told]
     if not comparison.failures:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from terrain_cli.english import counted, listed
 from terrain_cli.improvement import record, sentences
 from terrain_cli.views import words
 
@@ -165,7 +166,7 @@ def text(step: Step) -> str:
         was = f", where {before} {'was' if before == 1 else 'were'}" if before else ""
         lines.append(f"no failure that chance does not explain{was}")
     else:
-        lines.append(f"where it fails, {after} failure{'s' * (after != 1)} left (before: {before}):")
+        lines.append(f"where it fails, {counted(after, 'failure')} left (before: {before}):")
         lines += [f"  {finding.sentence}" for finding in step.second.failures]
     if step.before.model.base != step.after.model.base:
         lines.append(
@@ -194,7 +195,7 @@ def loop_text(steps: Sequence[Step], end: Stopped) -> str:
     lines = [f"{end.because}; {model if kept else 'the model is as it was'}"]
     # One that was dropped later is in doubt no more.
     doubted = [step for step in kept if step.rivals and {*step.changed} <= {*effects}]
-    lines += [f"kept {sentences.listed(step.changed)}; {sentences.doubt(step)}" for step in doubted]
+    lines += [f"kept {listed(step.changed)}; {sentences.doubt(step)}" for step in doubted]
     if kept:
         first, last = kept[0], kept[-1]
         after = {one.name: one.after for one in last.channels}
@@ -267,8 +268,7 @@ def _open(step: Step) -> Iterator[str]:
     if step.lost:
         shown = ", ".join(f"{one.wheel} {one.segment} ({one.after})" for one in step.lost[:_MOST_ROWS])
         more = " …" * (len(step.lost) > _MOST_ROWS)
-        plural = "s" * (len(step.lost) != 1)
-        yield f"c and φ cannot be told any more in {len(step.lost)} segment{plural}: {shown}{more}"
+        yield f"c and φ cannot be told any more in {counted(len(step.lost), 'segment')}: {shown}{more}"
 
 
 def _idle(step: Step) -> Iterator[str]:

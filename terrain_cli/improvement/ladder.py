@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from terrain_cli.comparison.parts import UNITS
+from terrain_cli.english import listed
 from terrain_cli.improvement.parts import ChannelChange, Interval
-from terrain_cli.improvement.sentences import listed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

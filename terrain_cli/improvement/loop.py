@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from terrain_cli import models
+from terrain_cli.english import listed
 from terrain_cli.improvement.parts import Stopped
-from terrain_cli.improvement.sentences import listed
 from terrain_cli.improvement.step import tried
 
 if TYPE_CHECKING:

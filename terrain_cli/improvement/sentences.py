@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from terrain_cli.english import counted, listed
 from terrain_cli.improvement.parts import LEAST, MOST_LOST, PLAIN
 from terrain_cli.views import words
 
@@ -108,7 +109,7 @@ def found(step: Step) -> str:
     """
     if not step.testable:
         n = step.evidence.blocks
-        return f"only {n} independent stretch{'es' * (n != 1)} of data: nothing can be told from chance"
+        return f"only {counted(n, 'independent stretch', 'es')} of data: nothing can be told from chance"
     if step.evidence.lost > MOST_LOST:
         return f"{step.evidence.lost:.0%} of the samples cannot be predicted any more"
     moved: list[str] = []
@@ -144,17 +145,3 @@ def _moved(one: ChannelChange) -> str:
 
 def _is(step: Step) -> str:
     return "is" if len(step.changed) == 1 else "are"
-
-
-def listed(names: Sequence[str]) -> str:
-    """Join names with commas and "and".
-
-    Parameters
-    ----------
-    names : sequence of str
-
-    Returns
-    -------
-    str
-    """
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

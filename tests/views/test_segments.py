@@ -107,8 +107,8 @@ def test_regions_are_seen_whole_where_nothing_is_separated():
     }
     (c_low, c_high), (phi_low, phi_high) = segments.estimate_limits(table)
     c, phi = segments.ellipse(table, 0).T
-    assert c_low < c.min() and c.max() < c_high
-    assert phi_low < phi.min() and phi.max() < phi_high
+    assert c_low < c.min() < c.max() < c_high
+    assert phi_low < phi.min() < phi.max() < phi_high
     # Errors beyond all measure do not make the picture one line.
     wide = segments.estimate_limits({**table, "c_se_kPa": [1e9], "phi_se_deg": [1e9]})
     assert wide[0][1] - wide[0][0] < 50.0

@@ -7,6 +7,7 @@ import json
 import click
 
 from terrain_cli.commands import options
+from terrain_cli.english import counted
 
 FORMAT = "terrain-est/model-history/1"
 
@@ -58,7 +59,7 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
         click.echo(json.dumps(content, ensure_ascii=False, indent=2, default=str))
     else:
         name = " + ".join([model.model.base, *(effect.id for effect in model.model.effects)])
-        click.echo(f"{file}: {name}, after {len(rungs)} change{'s' * (len(rungs) != 1)} on record")
+        click.echo(f"{file}: {name}, after {counted(len(rungs), 'change')} on record")
         if rungs:
             head, rows = views.table(rungs)
             click.echo("\n".join(["", *document.aligned([head, *rows]), "", *views.remarks(rungs)]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from terrain_cli.english import counted
 from terrain_cli.views import ladder as views
 from terrain_cli.views import words
 from terrain_cli.views.report.parts import Chart, Section, Table
@@ -57,13 +58,9 @@ def _chart(ladder: Sequence[Rung], name: str) -> Chart:
     told = " to ".join(f"{words.number(value * what.factor)} {what.unit}" for value in (first, last))
     return Chart(
         f"Held-out error of {what.words}",
-        f"Held-out rms error of {what.words} before and after {_counted(len(known))}: from {told}.",
+        f"Held-out rms error of {what.words} before and after {counted(len(known), 'change')}: from {told}.",
         _spec(ladder, name),
     )
-
-
-def _counted(changes: int) -> str:
-    return f"{changes} change{'s' * (changes != 1)}"
 
 
 def _spec(ladder: Sequence[Rung], name: str) -> Spec:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.comparison.sentences import beyond_noise
+from terrain_cli.english import counted
 from terrain_cli.views import binning, samples, segments, soil, words
 from terrain_cli.views.report import sample_charts, soil_charts
 from terrain_cli.views.report.parts import Chart, Section, Table
@@ -138,8 +139,8 @@ def _summary(content: _Content) -> Section:
     n = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
     fitted = (
         f"The model {comparison.model['base']}{with_effects} was fitted to {n:,} samples of "
-        f"{_count(wheels, 'wheel')} from {_count(sources, 'input')}, "
-        f"in {_count(len(content.names), 'segment')}. Errors on held-out data are on stretches that were "
+        f"{counted(wheels, 'wheel')} from {counted(sources, 'input')}, "
+        f"in {counted(len(content.names), 'segment')}. Errors on held-out data are on stretches that were "
         "not fitted: they tell what the model is worth."
     )
     text = [fitted]
@@ -373,10 +374,6 @@ def _range(values: Array) -> str:
     if not len(known):
         return "not known"
     return f"from {words.number(float(known.min()))} to {words.number(float(known.max()))}"
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 
 def _sentence(text: str) -> str:

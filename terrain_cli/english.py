@@ -1,0 +1,43 @@
+"""Numbers of things and lists of names, as sentences have them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def counted(number: int, noun: str, ending: str = "s") -> str:
+    """Write how many there are: "1 segment", "2,250 samples".
+
+    Parameters
+    ----------
+    number : int
+    noun : str
+        Of one.
+    ending : str
+        Of several.
+
+    Returns
+    -------
+    str
+    """
+    return f"{number:,} {noun}{'' if number == 1 else ending}"
+
+
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """Join names: "a, b and c".
+
+    Parameters
+    ----------
+    names : sequence of str
+        At least one.
+    last : str
+        Between the last two.
+
+    Returns
+    -------
+    str
+    """
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
