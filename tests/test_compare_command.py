@@ -206,3 +206,15 @@ def test_keys_are_documented(folder, compare):
     found = compare(folder / "sinks.parquet", "--segments", "none", *models)
     keys = {*found, *found["data"], *found["channels"]["torque"], *found["failures"][0]}
     assert not {key for key in keys - {"channels", "failures"} if f"`{key}`" not in text}
+
+
+def test_where_each_channel_comes_from(folder, terrain_est):
+    loud = terrain_est("compare", folder / "clean.csv", "--verbose", "--json")
+    plain = terrain_est("compare", folder / "clean.csv", "--json")
+    assert (loud.returncode, loud.stdout) == (0, plain.stdout)
+    first, *channels = loud.stderr.splitlines()
+    assert first.startswith(f"{folder / 'clean.csv'}  wheel: ")
+    assert first.endswith(" samples used")
+    assert "  load: load in N" in channels
+    assert plain.stderr == ""
+    assert terrain_est("compare", folder / "clean.csv", "--verbose", "--quiet").stderr == ""

@@ -39,6 +39,7 @@ _CUTTING = (
         metavar="N",
         help="Of the resampling behind intervals and tests.",
     ),
+    options.verbose,
 )
 
 
@@ -83,7 +84,7 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
     cut: list[Windows] = []
     for path in paths:
         progress.say(path, "reading")
-        cut += _cut(path, rover, list(effects.values()), most, context.params)
+        cut += _cut(path, rover, list(effects.values()), most, context.params, progress)
         progress.advance()
     if not cut:
         raise InputError(
@@ -94,7 +95,7 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
 
 
 def _cut(
-    path: str, rover: Rover, effects: Sequence[Any], most: int, given: Mapping[str, Any]
+    path: str, rover: Rover, effects: Sequence[Any], most: int, given: Mapping[str, Any], progress: Progress
 ) -> list[Windows]:
     import formats
     from terrain_cli import telemetry, windows
@@ -104,9 +105,12 @@ def _cut(
     wheels = telemetry.read_source(
         source, rover, wheels=given["wheels"], where=where, effects=effects, compared=True, most=most
     )
-    if source.recovery and not given.get("quiet"):
-        for sentence in source.recovery.sentences():
-            click.echo(f"{path}: {sentence}", err=True)
+    for sentence in source.recovery.sentences() if source.recovery else ():
+        progress.tell(f"{path}: {sentence}")
+    for samples in wheels if given["verbose"] else ():
+        used = f"{len(samples.usable)} of {len(samples)} samples used"
+        told = [f"{name}: {how}" for name, how in samples.origins.items()]
+        progress.tell("\n  ".join([f"{samples.source}  {samples.wheel}: {used}", *told]))
     return [
         windows.cut(
             samples,
