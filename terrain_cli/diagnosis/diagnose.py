@@ -15,6 +15,7 @@ from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.wheel import Settings
 from terrain_cli.diagnosis import (
     candidates,
+    chance,
     joining,
     leftover,
     next_drive,
@@ -24,7 +25,6 @@ from terrain_cli.diagnosis import (
     screening,
     sentences,
     several_soils,
-    smoothness,
     unknowns,
 )
 from terrain_cli.diagnosis.parts import Alarm, Diagnosis
@@ -178,16 +178,6 @@ def _findings(
     return Residuals(wheels, block, scale).findings(levels, seed) if scale else []
 
 
-def _of_gain(gain: Array) -> float:
-    """How often chance gives such a gain on held-out blocks (Student's t)."""
-    from scipy.special import stdtr
-
-    error = refits.error(gain)
-    if not np.isfinite(error) or error <= 0.0:
-        return 1.0
-    return float(stdtr(len(gain) - 1, -float(gain.sum()) / error))
-
-
 class _State:
     """A diagnosis on its way."""
 
@@ -210,7 +200,7 @@ class _State:
     ) -> Diagnosis:
         """Go from scores to a verdict."""
         p_value = min([1.0, *self.found.p_values.values(), *(one.p_value for one in self.failures)])
-        p_value = min(p_value, self._of_assumptions(hypotheses), smoothness.chance(self.data, self.seed))
+        p_value = min(p_value, self._of_assumptions(hypotheses), chance.of_order(self.data, self.seed))
         if self.data.blocks < screening.FEWEST_BLOCKS or p_value >= LEVEL:
             silent = Alarm(
                 False, 1.0 if self.data.blocks < screening.FEWEST_BLOCKS else p_value, LEVEL, 0.0, 0.0
@@ -222,7 +212,7 @@ class _State:
         best = ranked[0][1] if ranked else self.base
         gains = [self.base.loss - one.loss for one in (best, *(d.refit for d in draft[:1]))]
         gain = max(gains, key=lambda g: float(g.sum()))
-        p_value = max(p_value, _of_gain(gain) * LEVEL / _GAINED)
+        p_value = max(p_value, chance.of_gain(gain) * LEVEL / _GAINED)
         alarm = Alarm(p_value < LEVEL, p_value, LEVEL, float(gain.sum()), refits.error(gain))
         if not alarm.raised:
             return self._silent(comparison, alarm, hypotheses, not_testable)
@@ -239,8 +229,8 @@ class _State:
             members = [near[place] for place in judged.family]
             family = tuple(one.id for one, _ in members)
             # A name that leaves something unexplained is not the whole story, and perhaps none of it.
-            chance, left = leftover.follows(self.data, near[0][1], self.seed)
-            clear = (chance >= LEVEL and left < taken) or left < _SMALL * taken
+            of_rest, left = leftover.follows(self.data, near[0][1], self.seed)
+            clear = (of_rest >= LEVEL and left < taken) or left < _SMALL * taken
             # Nor is it where a law that nobody thought of predicts better.
             clear = clear and not unknowns.beats(draft, near[0][1])
             # Nor where it stands for something that nature does not have.
@@ -307,7 +297,7 @@ class _State:
         """How often chance gives the gain of lifting what the base assumes: it has no signature to score."""
         assumed = [one for one in hypotheses if not one.effects]
         gains = [self.base.loss - refits.refit(self.data, one).loss for one in assumed]
-        return min((len(gains) * _of_gain(gain) for gain in gains), default=1.0)
+        return min((len(gains) * chance.of_gain(gain) for gain in gains), default=1.0)
 
     def _credible_first(self, ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypothesis, Refit]]:
         """Put an effect that ran to what cannot be behind those that explain nearly as much without."""

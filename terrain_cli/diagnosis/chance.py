@@ -1,12 +1,14 @@
-"""Whether what is left of steady test points follows their slip too smoothly for chance."""
+"""How often chance alone gives what an alarm is raised for: a gain, or an order of test points."""
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.comparison.noise import between
+from terrain_cli.diagnosis import refits
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,13 +18,43 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+#: Blocks of which all choices of signs are tried.
+_FEW = 8
 #: Orders that are drawn.
 DRAWS = 1999
 #: Points of a wheel from which on the scores of effects tell all there is to tell.
 _MANY = 200
 
 
-def chance(data: Ground, seed: int) -> float:
+def of_gain(gain: Array) -> float:
+    """Return how often chance gives such a gain on held-out blocks (Student's t).
+
+    Of a few blocks one can gain so much that their mean is doubtful, though all of them gain: there it also
+    counts how many of all choices of their signs give as much (Fisher 1935, The Design of Experiments).
+
+    Parameters
+    ----------
+    gain : ndarray, shape (blocks,)
+        Loss of one model less that of another.
+
+    Returns
+    -------
+    float
+        One-sided; 1 for a single block.
+    """
+    from scipy.special import stdtr
+
+    error = refits.error(gain)
+    if not np.isfinite(error) or error <= 0.0:
+        return 1.0
+    of_mean = float(stdtr(len(gain) - 1, -float(gain.sum()) / error))
+    if len(gain) >= _FEW:
+        return of_mean
+    signs = np.array(list(product((-1.0, 1.0), repeat=len(gain))))
+    return min(of_mean, float(np.mean(signs @ gain >= gain.sum() * (1.0 - 1e-9))))
+
+
+def of_order(data: Ground, seed: int) -> float:
     """Return how often steady points in another order would leave as smooth a residual.
 
     A score needs some ten blocks to stand out; six points that rise from slip to slip are no chance

@@ -1,10 +1,11 @@
-"""How often chance leaves steady points as smooth along their slip."""
+"""How often chance gives a gain, or leaves steady points as smooth along their slip."""
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from terrain_cli.comparison.noise import between
-from terrain_cli.diagnosis.smoothness import of_points
+from terrain_cli.diagnosis.chance import of_gain, of_points
 
 
 def along(n, loads=1):
@@ -40,3 +41,21 @@ def test_each_load_has_a_level_of_its_own():
     assert of_points(levels + rng.normal(size=(12, 1)), along(6, 2), 0) > 0.05
     slopes = np.tile(np.linspace(-1.0, 1.0, 6), 2)[:, None]
     assert of_points(levels + slopes + 0.1 * rng.normal(size=(12, 1)), along(6, 2), 0) < 0.005
+
+
+def test_six_blocks_that_all_gain_are_no_chance_though_one_gains_most():
+    gain = np.array([28.0, 26.0, 6.0, 5.0, 30.0, 119.0])
+    # The t-test gives 0.046.
+    assert of_gain(gain) == pytest.approx(1.0 / 64.0)
+    assert of_gain(np.append(gain[:5], -119.0)) >= 0.5
+    assert of_gain(np.array([5.0, 5.1, 4.9, 5.0, 5.0, 5.1])) < 1e-6
+
+
+def test_many_blocks_are_judged_by_their_mean():
+    gain = np.random.default_rng(3).normal(0.6, 1.0, 25)
+    assert of_gain(gain) == pytest.approx(stats.ttest_1samp(gain, 0.0, alternative="greater").pvalue)
+
+
+@pytest.mark.parametrize("gain", [[4.0], [0.0, 0.0, 0.0]])
+def test_one_block_or_none_that_gains_proves_nothing(gain):
+    assert of_gain(np.array(gain)) == 1.0
