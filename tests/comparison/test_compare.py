@@ -137,7 +137,7 @@ def test_a_handful_of_test_points_does_not_tell_its_noise():
     samples = some_of(samples_of(1, Kind()), np.arange(0, 2400, 500), time=None)
     compared = compare([all_of(samples)], Model())
     assert np.isnan(compared.channels["torque"].noise)
-    assert len(compared.warnings) == 3
+    assert sum("too few test points were repeated" in one for one in compared.warnings) == 3
     assert np.isfinite(compared.channels["torque"].heldout_high)
 
 
