@@ -39,7 +39,7 @@ def points(tmp_path, monkeypatch):
 
 
 def asked(terrain_est, *args):
-    done = terrain_est(*args, "--json", "-q") if args[0] != "model" else terrain_est(*args, "--json")
+    done = terrain_est(*args, "--json", "-q")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

@@ -347,7 +347,7 @@ class Wheel:
         """Noise of the residuals."""
         if self.ordered:
             return {name: noise.of_series(e, self.group) for name, e in self.residuals.items()}
-        table = self.conditions(("slip", "load") if "load" in self.channels else ("slip", "sinkage"))
+        table = self.run_under
         levels = {}
         for name, error in self.residuals.items():
             level = noise.of_points(error, self.window, table)
@@ -355,6 +355,11 @@ class Wheel:
                 level = noise.of_neighbours(error, self.window, table)
             levels[name] = noise.NoiseLevel(level, 0)
         return levels
+
+    @cached_property
+    def run_under(self) -> Array:
+        """Slip and load of steady test points, or sinkage where no load was measured, as `conditions`."""
+        return self.conditions(("slip", "load") if "load" in self.channels else ("slip", "sinkage"))
 
     def conditions(self, names: Sequence[str]) -> Array:
         """Return under what conditions test points were run, each in the unit of a large difference."""

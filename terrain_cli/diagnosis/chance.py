@@ -75,7 +75,7 @@ def of_order(data: Ground, seed: int) -> float:
         known = np.flatnonzero(part.seen.any(axis=1))
         if wheel.ordered or not 0 < len(known) < _MANY:
             continue
-        places = between(part.window[known], wheel.conditions(("slip", "load"))[rows][known])
+        places = between(part.window[known], wheel.run_under[rows][known])
         if len(places.middle):
             least = min(least, of_points(solution.residual[known], places, seed))
     return least

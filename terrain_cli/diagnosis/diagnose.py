@@ -28,6 +28,7 @@ from terrain_cli.diagnosis import (
     unknowns,
 )
 from terrain_cli.diagnosis.parts import Alarm, Diagnosis
+from terrain_cli.english import counted
 from terrain_cli.telemetry.excerpt import notes
 
 if TYPE_CHECKING:
@@ -51,8 +52,8 @@ if TYPE_CHECKING:
 #: held-out blocks as large in fewer than the second. What acts in a few blocks alone gains there alone: no
 #: test of the mean finds that sure, however large it is.
 LEVEL, _GAINED = 0.01, 0.03
-#: The latter for a few steady test points, whose scores are beyond chance too often: six of six that gain
-#: do so in one case of 64.
+#: The latter for steady test points, whose scores are beyond chance too often: six of six that gain do so
+#: in one case of 64.
 _GAINED_STEADY = 0.016
 #: Candidates that are weighed against one another.
 _RIVALS = 8
@@ -347,7 +348,8 @@ class _State:
     def _few(self) -> list[str]:
         if self.data.blocks >= screening.FEWEST_BLOCKS:
             return []
-        return [f"only {self.data.blocks} independent stretches of data: nothing can be told from chance"]
+        data = counted(self.data.blocks, "independent stretch", "es")
+        return [f"only {data} of data: nothing can be told from chance"]
 
     def _refits(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Hypothesis, Refit]]:
         """Fit every testable hypothesis in the form of its law that predicts best, the best first."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from terrain_cli.comparison.parts import FEWEST_BLOCKS
 from terrain_cli.comparison.sentences import beyond_noise
-from terrain_cli.english import listed
+from terrain_cli.english import counted, listed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -94,10 +94,8 @@ def _too_few(diagnosis: Diagnosis) -> str:
         if any(one.refitted for one in diagnosis.candidates)
         else ""
     )
-    return (
-        f"the model misses {listed(off)} of its size, which {blocks} independent stretches of data "
-        f"cannot tell from chance{table}"
-    )
+    data = counted(blocks, "independent stretch", "es")
+    return f"the model misses {listed(off)} of its size, which {data} of data cannot tell from chance{table}"
 
 
 def with_draft(sentence: str, path: str) -> str:

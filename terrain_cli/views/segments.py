@@ -161,8 +161,8 @@ def _limits(
 ) -> tuple[float, float]:
     values, errors = (np.asarray(table[column], dtype=float) for column in (name, error))
     # What the drive does not separate has errors beyond all measure.
-    most = np.minimum(ELLIPSE * errors, _WIDEST * least) if not sure.any() else np.minimum(errors, least)
-    reach = np.nan_to_num(np.where(sure, ELLIPSE * errors, most))
+    shown = np.minimum(errors, least) if sure.any() else np.minimum(ELLIPSE * errors, _WIDEST * least)
+    reach = np.nan_to_num(np.where(sure, ELLIPSE * errors, shown))
     finite = np.isfinite(values)
     if not finite.any():
         return 0.0, 1.0
