@@ -17,7 +17,7 @@ def main() -> None:
     parser.add_argument("--size", choices=harness.SIZES, default="medium")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument(
-        "--name", default="benchmarks", help="of the files in benchmarks/results; '' for none"
+        "--name", help="of the files in benchmarks/results; '' for none  [benchmarks, _SIZE if not medium]"
     )
     parser.add_argument("--no-memory", action="store_true")
     asked = parser.parse_args()
@@ -29,6 +29,8 @@ def main() -> None:
     if not chosen:
         parser.error(f"no such stage; there are {', '.join(STAGES)}")
     about = harness.machine()
+    if asked.name is None:
+        asked.name = "benchmarks" if asked.size == "medium" else f"benchmarks_{asked.size}"
     rows = kept(asked.name, asked.size) if asked.name else {}
     for name in chosen:
         rows[name] = harness.measure(STAGES[name], asked.size, asked.rounds, memory=not asked.no_memory)

@@ -39,6 +39,7 @@ _CUTTING = (
         metavar="N",
         help="Of the resampling behind intervals and tests.",
     ),
+    options.jobs("Processes that fit wheels and effects; what comes out is the same."),
     options.verbose,
 )
 
@@ -69,6 +70,7 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
         No sample can be used.
     """
     import formats
+    from terrain_cli import parallel
     from terrain_cli.errors import InputError
     from terrain_cli.telemetry.excerpt import MOST_ROWS
 
@@ -80,6 +82,7 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
     options.with_defaults(
         context, {name: v for name, v in rover.estimate.items() if name in own and name != "model"}
     )
+    context.with_resource(parallel.jobs(context.params["jobs"]))
     effects = {effect.id: effect for file in model for effect in file.model.effects}
     cut: list[Windows] = []
     for path in paths:

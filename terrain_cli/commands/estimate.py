@@ -76,14 +76,7 @@ Examples:
     help="Write pictures into this folder, as PNG and SVG (extra: plot). With --method recursive also "
     "how it converges.",
 )
-@click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Inputs read at the same time.",
-)
+@options.jobs("Inputs read at the same time.")
 @click.option(
     "--seed", type=int, metavar="N", help="Accepted by every verb; estimate draws nothing at random."
 )

@@ -110,6 +110,24 @@ as_json = click.option(
 quiet = click.option("-q", "--quiet", is_flag=True, help="Say nothing on stderr but errors.")
 verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr where each channel comes from.")
 
+
+def jobs(told: str) -> Callable[[F], F]:
+    """Return the option --jobs, with what it does told in the help.
+
+    Parameters
+    ----------
+    told : str
+
+    Returns
+    -------
+    function
+        A decorator.
+    """
+    return click.option(
+        "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help=told
+    )
+
+
 #: What decides on the numbers of an estimate, in the order of the help.
 _ESTIMATION = (
     *(rover, model, wheel, method, segments, min_samples, window_distance, window_samples),

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli import parallel
 from terrain_cli.comparison import blocks, heldout, soils
 from terrain_cli.comparison.bootstrap import resample
 from terrain_cli.comparison.findings import Residuals
@@ -142,11 +144,8 @@ def fit_wheels(
         warnings.append(
             f"{used} of {total} samples are compared, in unbroken pieces spread over every segment"
         )
-    fitted = []
-    for windows in wheels:
-        progress(f"fitting wheel {windows.samples.wheel}")
-        fitted.append(Wheel(windows, model, settings, further=further))
-    return fitted, warnings
+    fit = partial(Wheel, model=model, settings=settings, further=further)
+    return parallel.each(fit, wheels, lambda one: progress(f"fitting wheel {one.samples.wheel}")), warnings
 
 
 def of_fitted(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli import effects as catalogues
-from terrain_cli import fitting
+from terrain_cli import fitting, parallel
 from terrain_cli.comparison import blocks, soils
 from terrain_cli.comparison.compare import ENOUGH_RUNS, fit_wheels, of_fitted
 from terrain_cli.comparison.findings import Residuals
@@ -286,9 +287,7 @@ class _State:
         best = min(several, key=lambda one: float(one.loss.sum()))
         self.data = refits.with_noise_of(self.data, best)
         self.base = refits.refit(self.data, None)
-        again = [
-            (one, refits.refit(self.data, one, begun=refit.solutions)) for one, refit in ranked[: _RIVALS + 2]
-        ]
+        again = parallel.each(partial(_again, self.data), ranked[: _RIVALS + 2])
         again = _plainest_first(
             self._credible_first(sorted(again, key=lambda pair: float(pair[1].loss.sum())))
         )
@@ -312,12 +311,10 @@ class _State:
         good = [
             pair
             for pair in ranked
-            if not self._incredible(*pair) and float((self.base.loss - pair[1].loss).sum()) >= least
+            if not refits.incredible(self.data, *pair)
+            and float((self.base.loss - pair[1].loss).sum()) >= least
         ]
         return good + [pair for pair in ranked if pair not in good]
-
-    def _incredible(self, one: Hypothesis, refit: Refit) -> bool:
-        return refits.at_bounds(one, refit) or refits.imitates(self.data, one, refit)
 
     def _silent(
         self,
@@ -353,16 +350,27 @@ class _State:
 
     def _refits(self, hypotheses: Sequence[Hypothesis]) -> list[tuple[Hypothesis, Refit]]:
         """Fit every testable hypothesis in the form of its law that predicts best, the best first."""
-        pairs = []
-        for number, one in enumerate(hypotheses):
-            if one.id not in self.found.p_values:
-                continue
-            self.progress(f"fitting with {one.id} ({number + 1} of {len(hypotheses)})")
-            plain, *others = [(form, refits.refit(self.data, form)) for form in one.forms]
-            # Another form stands for the effect only where it fits by what the effect can be.
-            forms = [plain, *(pair for pair in others if not self._incredible(*pair))]
-            pairs.append(min(forms, key=lambda pair: float(pair[1].loss.sum())))
+        testable = [one for one in hypotheses if one.id in self.found.p_values]
+
+        def before(one: Hypothesis) -> None:
+            self.progress(f"fitting with {one.id} ({testable.index(one) + 1} of {len(testable)})")
+
+        pairs = parallel.each(partial(_best_form, self.data), testable, before)
         return sorted(pairs, key=lambda pair: float(pair[1].loss.sum()))
+
+
+def _best_form(data: Ground, one: Hypothesis) -> tuple[Hypothesis, Refit]:
+    """Fit a hypothesis in the form of its law that predicts best."""
+    plain, *others = [(form, refits.refit(data, form)) for form in one.forms]
+    # Another form stands for the effect only where it fits by what the effect can be.
+    forms = [plain, *(pair for pair in others if not refits.incredible(data, *pair))]
+    return min(forms, key=lambda pair: float(pair[1].loss.sum()))
+
+
+def _again(data: Ground, pair: tuple[Hypothesis, Refit]) -> tuple[Hypothesis, Refit]:
+    """Fit a hypothesis from where it was fitted."""
+    one, before = pair
+    return one, refits.refit(data, one, begun=before.solutions)
 
 
 def _plainest_first(ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypothesis, Refit]]:

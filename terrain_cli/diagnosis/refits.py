@@ -213,6 +213,22 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     return False
 
 
+def incredible(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
+    """Tell whether an effect ran to the end of what it can be, or to where nature has none.
+
+    Parameters
+    ----------
+    data : Ground
+    hypothesis : Hypothesis
+    one : Refit
+
+    Returns
+    -------
+    bool
+    """
+    return at_bounds(hypothesis, one) or imitates(data, hypothesis, one)
+
+
 def error(difference: Array) -> float:
     """Return the standard error of a sum over blocks.
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli import parallel
 from terrain_cli.diagnosis import drafts, refits, signatures
 from terrain_cli.diagnosis import scores as scoring
 from terrain_cli.diagnosis.parts import Hypothesis, Unknown
@@ -90,12 +92,11 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
             ranked[key] = ranked.get(key, 0.0) + gain - _PRICE * width
         for driver, column in values.items():
             columns.setdefault(driver, column)
-    tried: list[Tried] = []
+    written: list[tuple[Draft, Hypothesis, list[dict[str, Array]]]] = []
     for changes, driver, form in _varied(ranked):
         draft = drafts.write(changes, driver, form, columns.get(driver), _unit(data, driver))
         if draft is None or signatures.possible(data.wheels[0].model, draft.effect):
             continue
-        progress(f"fitting the draft {draft.effect.id}")
         model = data.wheels[0].model
         one = Hypothesis(
             draft.effect.id,
@@ -103,10 +104,17 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
             Model(model.base, (*model.effects, draft.effect)),
             effects=(draft.effect,),
         )
-        extra = _extra(data, driver)
-        tried.append(Tried(draft, refits.refit(data, one, extra), one, extra))
+        written.append((draft, one, _extra(data, driver)))
+    tried = parallel.each(
+        partial(_tried, data), written, lambda one: progress(f"fitting the draft {one[0].effect.id}")
+    )
     tried.sort(key=lambda one: float(one.refit.loss.sum()))
     return _plainest(tried, base)
+
+
+def _tried(data: Ground, written: tuple[Draft, Hypothesis, list[dict[str, Array]]]) -> Tried:
+    draft, one, extra = written
+    return Tried(draft, refits.refit(data, one, extra), one, extra)
 
 
 def _unit(data: Ground, driver: str) -> str:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: Samples at a time: their intermediate results stay in the processor's cache, which is worth a factor of 3.
-_BLOCK = 8192
+_BLOCK = 16_384
 
 
 def entry_angle(sinkage: ArrayLike, radius: float) -> Array:
@@ -57,45 +57,42 @@ def sinkage_of(angle: ArrayLike, radius: float) -> Array:
 
 def _coefficients(
     sinkage: Array, slip: Array, radius: float, width: float, shear_modulus: float
-) -> tuple[Array, Array, Array]:
-    """Coefficients of y = y_T T and x = x_W W − x_T T.
+) -> tuple[Array, Array, Array, Array]:
+    """Coefficients of y = y_T T and x = a (s T − w W).
 
     With s = sin(θ1/2) and c = cos(θ1/2), which the sinkage gives by square roots, A the share of the
     strength that is mobilised at θ1/2, and B = r² b (θ1/2) (1 + 2 A)/2:
 
-        y_T = 1/B,  x_T = A s/(c B),  x_W = A r (θ1/2)² (1 + c)/(2 s² c B)
+        y_T = 1/B,  a = −A/(c B),  w = r (θ1/2)² (1 + c)/(2 s²)
 
     where s²/(1 + c) stands for 1 − c, which would cancel at small θ1. Written without temporary
-    arrays: that and the square roots are 8 to 15 times as fast as the equations as printed.
+    arrays: that and the square roots are 6 to 15 times as fast as the equations as printed.
     """
     ratio = sinkage * (0.5 / radius)
     s = np.sqrt(ratio)
     c = 1.0 - ratio
     np.sqrt(c, out=c)
     half = np.arcsin(s)
-    mobilised = 2.0 * c
-    mobilised -= 1.0
-    mobilised *= s
-    mobilised *= 1.0 - slip
-    mobilised -= half
-    mobilised *= radius / shear_modulus
-    np.expm1(mobilised, out=mobilised)
-    # Minus A so far, and the signs of what follows accordingly.
-    y_torque = mobilised * -2.0
+    a = 2.0 * c
+    a -= 1.0
+    a *= s
+    a *= 1.0 - slip
+    a -= half
+    a *= radius / shear_modulus
+    # Minus A.
+    np.expm1(a, out=a)
+    y_torque = a * -2.0
     y_torque += 1.0
     y_torque *= half
     np.divide(2.0 / (radius**2 * width), y_torque, out=y_torque)
-    mobilised /= c
-    mobilised *= y_torque
+    a /= c
+    a *= y_torque
     c += 1.0
     half *= half
     half *= c
-    half *= mobilised
-    half *= -0.5 * radius
+    half *= 0.5 * radius
     half /= ratio
-    mobilised *= s
-    np.negative(mobilised, out=mobilised)
-    return y_torque, half, mobilised
+    return y_torque, a, s, half
 
 
 def line_coordinates(
@@ -129,10 +126,11 @@ def line_coordinates(
     x, y = np.empty_like(torque), np.empty_like(torque)
     for start in range(0, len(torque), _BLOCK):
         part = slice(start, start + _BLOCK)
-        y_torque, x_load, x_torque = _coefficients(sinkage[part], slip[part], radius, width, shear_modulus)
-        x_load *= load[part]
-        x_torque *= torque[part]
-        np.subtract(x_load, x_torque, out=x[part])
+        y_torque, a, s, w = _coefficients(sinkage[part], slip[part], radius, width, shear_modulus)
+        w *= load[part]
+        s *= torque[part]
+        s -= w
+        np.multiply(a, s, out=x[part])
         np.multiply(y_torque, torque[part], out=y[part])
     return x, y
 
@@ -169,7 +167,11 @@ def torque(
     result = np.empty_like(load)
     for start in range(0, len(load), _BLOCK):
         part = slice(start, start + _BLOCK)
-        y_torque, x_load, x_torque = _coefficients(sinkage[part], slip[part], radius, width, shear_modulus)
-        result[part] = cohesion[part] + tan_phi[part] * x_load * load[part]
-        result[part] /= y_torque + tan_phi[part] * x_torque
+        y_torque, a, s, w = _coefficients(sinkage[part], slip[part], radius, width, shear_modulus)
+        a *= tan_phi[part]
+        w *= load[part]
+        w *= a
+        result[part] = cohesion[part] - w
+        a *= s
+        result[part] /= y_torque - a
     return result

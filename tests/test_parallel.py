@@ -1,0 +1,87 @@
+"""Work in several processes: the same results, in the same order, whatever becomes of the processes."""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from terrain_cli import parallel
+
+SAMPLES = Path(__file__).parent.parent / "sample_data"
+
+
+def doubled(first: int, number: int) -> tuple[int, bool]:
+    return 2 * number, os.getpid() != first
+
+
+def dies_elsewhere(first: int, number: int) -> int:
+    if number == 3 and os.getpid() != first:
+        os._exit(9)
+    return 2 * number
+
+
+def refuses(number: int) -> int:
+    if number == 3:
+        raise ValueError("three")
+    return number
+
+
+def counts_inside(number: int) -> list[int]:
+    return parallel.each(partial(doubled, os.getpid()), range(number))
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_results_in_the_order_of_the_items_from_other_processes(jobs):
+    told = []
+    with parallel.jobs(jobs):
+        found = parallel.each(partial(doubled, os.getpid()), range(6), told.append)
+    assert [number for number, _ in found] == [0, 2, 4, 6, 8, 10]
+    assert [elsewhere for _, elsewhere in found] == [jobs > 1] * 6
+    assert told == list(range(6))
+
+
+def test_without_jobs_no_process_is_started():
+    assert not any(elsewhere for _, elsewhere in parallel.each(partial(doubled, os.getpid()), range(3)))
+    with parallel.jobs(4):
+        pass
+    assert not any(elsewhere for _, elsewhere in parallel.each(partial(doubled, os.getpid()), range(3)))
+
+
+def test_what_a_killed_process_leaves_is_done_here():
+    told = []
+    with parallel.jobs(2):
+        found = parallel.each(partial(dies_elsewhere, os.getpid()), range(6), told.append)
+    assert found == [0, 2, 4, 6, 8, 10]
+    assert sorted(set(told)) == list(range(6))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_is_that_of_the_function(jobs):
+    with parallel.jobs(jobs), pytest.raises(ValueError, match="three"):
+        parallel.each(refuses, range(6))
+
+
+def test_processes_start_none_of_their_own():
+    with parallel.jobs(2):
+        inside = parallel.each(counts_inside, [2, 3])
+    assert not any(elsewhere for some in inside for _, elsewhere in some)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("compare", "run.bag", "--json"),
+        ("diagnose", "tutorial/cable.csv", "--json"),
+    ],
+)
+def test_verbs_say_the_same(terrain_est, command):
+    verb, log, *options = command
+    arguments = (verb, str(SAMPLES / log), *options)
+    alone, together = terrain_est(*arguments), terrain_est(*arguments, "--jobs", "2")
+    assert alone.returncode == together.returncode == 0, together.stderr
+    assert together.stdout == alone.stdout
+    assert json.loads(alone.stdout)["channels"]
