@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli import effects as catalogues
-from terrain_cli import fitting, parallel
+from terrain_cli import fitting, models, parallel
 from terrain_cli.comparison import blocks, soils
 from terrain_cli.comparison.compare import ENOUGH_RUNS, fit_wheels, of_fitted
 from terrain_cli.comparison.findings import Residuals
@@ -132,7 +132,7 @@ def diagnose(
     failures = list(comparison.failures)
     if any(one is not other for one, other in zip(chosen.wheels, few, strict=True)):
         failures = _findings(chosen.wheels, own, comparison, seed)
-    state = _State(chosen, found, failures, seed, progress)
+    state = _State(chosen, found, failures, file, every, seed, progress)
     return state.diagnosis(comparison, hypotheses, not_testable)
 
 
@@ -191,10 +191,13 @@ class _State:
         data: Ground,
         found: Screened,
         failures: Sequence[Finding],
+        file: ModelFile,
+        effects: Sequence[Effect],
         seed: int,
         progress: Callable[[str], None],
     ) -> None:
         self.data, self.found, self.failures, self.seed, self.progress = data, found, failures, seed, progress
+        self.file, self.effects = file, effects
         self.base = refits.refit(data, None)
 
     def diagnosis(
@@ -249,11 +252,16 @@ class _State:
         if pair and all(refits.beats(pair[1], one) for one in (best, *(d.refit for d in draft[:1]))):
             together = tuple(effect.id for effect in pair[0].effects)
             unknown, alone, family = None, False, family or together
+        full = self._on_full_stresses(ranked, [*(d.refit for d in draft[:1]), *([pair[1]] if pair else [])])
+        if full:
+            together = (models.STRESSES, full[0][0].id)
+            unknown, alone, earned, members = None, False, False, full
+            family = (models.STRESSES, *(one.id for one, _ in full))
         verdict: Verdict = "unknown" if alone else ("effect" if earned else "family")
         if alone:
             family = ()
         drives = []
-        if len(family) > 1:
+        if len(members) > 1 and not alone:
             self.progress("looking for the drive that would settle it")
             drives = next_drive.suggest(self.data, members)
         diagnosis = Diagnosis(
@@ -273,6 +281,26 @@ class _State:
             self.base.heldout,
         )
         return replace(diagnosis, sentence=sentences.verdict(diagnosis, self.failures))
+
+    def _on_full_stresses(
+        self, ranked: list[tuple[Hypothesis, Refit]], further: Sequence[Refit]
+    ) -> list[tuple[Hypothesis, Refit]]:
+        """Return the effects that go with the stresses of the full model, the best first.
+
+        Together they predict better than any effect alone, and as well as all else: that the stresses of
+        the base linear are not those under a wheel is known.
+        """
+        stresses = next((refit for one, refit in ranked if one.id == models.STRESSES), None)
+        if stresses is None or ranked[0][0].id == models.STRESSES:
+            return []
+        tried = pairs.on_full_stresses(self.data, self.file, self.effects, stresses, self.progress)
+        if not tried:
+            return []
+        first = tried[0][1]
+        better = all(refits.beats(first, one) for one in (ranked[0][1], stresses))
+        if not better or not all(refits.as_good(first, one) for one in further):
+            return []
+        return [(one, refit) for one, refit in tried if refits.as_good(refit, first)]
 
     def _weighed_anew(
         self, ranked: list[tuple[Hypothesis, Refit]], drafted: list[unknowns.Tried]
@@ -300,7 +328,7 @@ class _State:
     def _of_assumptions(self, hypotheses: Sequence[Hypothesis]) -> float:
         """How often chance gives the gain of lifting what the base assumes: it has no signature to score."""
         assumed = [one for one in hypotheses if not one.effects]
-        gains = [self.base.loss - refits.refit(self.data, one).loss for one in assumed]
+        gains = [self.base.loss - refits.refit(self.data, form).loss for one in assumed for form in one.forms]
         return min((len(gains) * chance.of_gain(gain) for gain in gains), default=1.0)
 
     def _credible_first(self, ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypothesis, Refit]]:

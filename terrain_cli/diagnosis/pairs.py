@@ -5,8 +5,11 @@ Step by step the first effect added is the one that imitates both best, which ne
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
+from terrain_cli import parallel
 from terrain_cli.diagnosis import refits, screening, signatures
 from terrain_cli.diagnosis.parts import Hypothesis
 from terrain_cli.mechanics.model import Model
@@ -16,6 +19,8 @@ if TYPE_CHECKING:
 
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.diagnosis.screening import Screened
+    from terrain_cli.effects import Effect
+    from terrain_cli.models import ModelFile
 
 #: Pairs that are fitted: those that explain most to first order.
 _FITTED = 8
@@ -55,6 +60,57 @@ def best(
         if not (refits.at_bounds(pair, refit) or refits.imitates(data, pair, refit)):
             fitted.append((pair, refit))
     return min(fitted, key=lambda one: float(one[1].loss.sum()), default=None)
+
+
+def on_full_stresses(
+    data: Ground, file: ModelFile, effects: Sequence[Effect], base: Refit, progress: Callable[[str], None]
+) -> list[tuple[Hypothesis, Refit]]:
+    """Find the effects that predict held-out blocks best once the stresses are no longer linearised.
+
+    What the base linear gets wrong, some effect imitates, and hides another one behind it.
+
+    Parameters
+    ----------
+    data : Ground
+        With the base linear.
+    file : ModelFile
+        The model.
+    effects : sequence of Effect
+        None of which is in it.
+    base : Refit
+        With the stresses of the full model.
+    progress : callable
+
+    Returns
+    -------
+    list of (Hypothesis, Refit)
+        Assumption and effect together, none that nature could not have. Those as good as the best come first,
+        and of these the ones that did not run to the end of what they can be.
+    """
+    modulus = data.wheels[0].windows.samples.geometry.shear_modulus
+    full = screening.with_stresses(file, modulus)
+    several = [
+        replace(
+            one,
+            fixed={**full.fixed, **one.fixed},
+            priors={**full.priors, **one.priors},
+        )
+        for one in screening.hypotheses(full, data.wheels, effects)[0]
+        if one.effects
+    ]
+    tried = parallel.each(
+        partial(_after, data, base), several, lambda one: progress(f"fitting with {base.id} and {one.id}")
+    )
+    good = [pair for pair in zip(several, tried, strict=True) if not refits.imitates(data, *pair)]
+    if not good:
+        return []
+    good.sort(key=lambda pair: float(pair[1].loss.sum()))
+    best = good[0][1]
+    return sorted(good, key=lambda pair: (not refits.as_good(pair[1], best), refits.at_bounds(*pair)))
+
+
+def _after(data: Ground, base: Refit, one: Hypothesis) -> Refit:
+    return refits.refit(data, one, after=[base])
 
 
 def _both(data: Ground, first: Hypothesis, second: Hypothesis) -> Hypothesis | None:

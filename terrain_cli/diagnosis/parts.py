@@ -30,6 +30,8 @@ class Hypothesis:
     priors : mapping of str to Prior
     effects : tuple of Effect
         That it adds; none where an assumption of the base is lifted instead.
+    others : tuple of Hypothesis
+        Other ways to lift an assumption.
     """
 
     id: str
@@ -38,6 +40,7 @@ class Hypothesis:
     fixed: Mapping[str, float] = field(default_factory=dict)
     priors: Mapping[str, Prior] = field(default_factory=dict)
     effects: tuple[Effect, ...] = ()
+    others: tuple[Hypothesis, ...] = ()
 
     @property
     def parameters(self) -> dict[str, Parameter]:
@@ -46,9 +49,9 @@ class Hypothesis:
 
     @property
     def forms(self) -> tuple[Hypothesis, ...]:
-        """The same with each form in which the law of an effect is written."""
+        """The same with each form in which the law of an effect is written, or an assumption is lifted."""
         if len(self.effects) != 1:
-            return (self,)
+            return (self, *self.others)
         (own,) = self.effects
         kept = self.model.effects[: -len(self.effects)]
         return tuple(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
@@ -100,12 +100,35 @@ def hypotheses(
         held = {effect.qualified(p): p.null for p in effect.parameters if p.idle(available)}
         found.append(Hypothesis(effect.id, effect.title, model, held, effects=(effect,)))
     modulus = wheels[0].windows.samples.geometry.shear_modulus
-    for assumption in assumptions.made_by(file, modulus):
-        lifted = assumptions.lifted(file, assumption.id, modulus)
-        found.append(
-            Hypothesis(assumption.id, assumption.title, lifted.model, dict(lifted.fixed), dict(lifted.priors))
-        )
+    made = assumptions.made_by(file, modulus)
+    for assumption in made:
+        ways = [assumptions.lifted(file, assumption.id, modulus)]
+        if assumption.id == assumptions.STRESSES and len(made) > 1:
+            ways.append(with_stresses(file, modulus))
+        one, *others = [
+            Hypothesis(assumption.id, assumption.title, way.model, dict(way.fixed), dict(way.priors))
+            for way in ways
+        ]
+        found.append(replace(one, others=tuple(others)))
     return found, lacking
+
+
+def with_stresses(file: ModelFile, shear_modulus: float) -> ModelFile:
+    """Return a model of the base linear with the stresses of the full one, and k estimated as there.
+
+    Parameters
+    ----------
+    file : ModelFile
+    shear_modulus : float
+        The k of rover.toml in m.
+
+    Returns
+    -------
+    ModelFile
+    """
+    for assumption in assumptions.made_by(file, shear_modulus)[::-1]:
+        file = assumptions.lifted(file, assumption.id, shear_modulus)
+    return file
 
 
 def _available(wheel: Wheel) -> dict[str, Any]:

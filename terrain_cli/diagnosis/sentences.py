@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from terrain_cli.comparison.parts import FEWEST_BLOCKS
 from terrain_cli.comparison.sentences import beyond_noise
 from terrain_cli.english import counted, listed
+from terrain_cli.models import STRESSES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,14 +59,19 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
             f"{seen}Most likely {_told(first)}; add it with: "
             f"terrain-est model add FILE {first.effect} --data INPUT…"
         )
+    return seen + _family(diagnosis, first)
+
+
+def _family(diagnosis: Diagnosis, first: Candidate) -> str:
+    """Say what remains of several effects, or of one that is not sure."""
     others = list(diagnosis.family[1:])
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
+    told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
     if diagnosis.together:
-        both = " ".join(diagnosis.together)
-        better = (
-            f" Two effects together explain more than any alone; add both with: "
-            f"terrain-est model add FILE {both} --data INPUT…"
-        )
+        add = f"add both with: terrain-est model add FILE {' '.join(diagnosis.together)} --data INPUT…"
+        better = f" Two effects together explain more than any alone; {add}"
+        if first.effect == STRESSES == diagnosis.together[0]:
+            return f"{told} together with {listed(others, 'or')} explain more than any effect alone; {add}"
     if not others:
         blocks = diagnosis.comparison.blocks
         doubt = (
@@ -74,9 +80,8 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
             else "something is left over, or this very drive would not show it often enough to be sure of "
             "the name"
         )
-        return f"{seen}Probably {_told(first)}, but {doubt}.{better}"
-    told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
-    return f"{seen}{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
+        return f"Probably {_told(first)}, but {doubt}.{better}"
+    return f"{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
 
 
 def _too_few(diagnosis: Diagnosis) -> str:

@@ -132,6 +132,10 @@ def _candidates(
     if not found.alarm.raised:
         return [], "the alarm is silent: the data show nothing that is missing"
     both = [found.together] if found.together else []
+    if found.together[:1] == (models.STRESSES,):
+        # The others of the family are behind the stresses, and some need them.
+        both = [(models.STRESSES, name) for name in found.family[1:]]
+        return [*both, (models.STRESSES,)], ""
     choices = [*both, *((name,) for name in dict.fromkeys([*filter(None, [found.effect]), *found.family]))]
     if choices:
         return choices, ""

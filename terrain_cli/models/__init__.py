@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from terrain_cli.models.assumptions import ASSUMPTIONS, MODULUS, Assumption, imposed, lifted, made_by
+from terrain_cli.models.assumptions import (
+    ASSUMPTIONS,
+    MODULUS,
+    STRESSES,
+    Assumption,
+    imposed,
+    lifted,
+    made_by,
+)
 from terrain_cli.models.change import Changed, added, recorded, removed
 from terrain_cli.models.parts import FORMAT, ModelFile, Prior
 from terrain_cli.models.reader import build, find_effect, is_path, load, parameter, resolve
@@ -12,6 +20,7 @@ __all__ = [
     "ASSUMPTIONS",
     "FORMAT",
     "MODULUS",
+    "STRESSES",
     "Assumption",
     "Changed",
     "ModelFile",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden_drives import Kind, windows_of
+from hidden_drives import Kind, sized, windows_of
 
 from terrain_cli.comparison import quiet
 from terrain_cli.comparison.wheel import Settings, Wheel
@@ -57,3 +57,22 @@ def test_from_load_and_sinkage_the_full_model_has_derivatives_that_keep_the_load
             slope = (ends[0][channel] - ends[1][channel]) / (2.0 * step)
             size = np.nanmax(np.abs(slope))
             np.testing.assert_allclose(tables[channel][:, column], slope, atol=1e-5 * size)
+
+
+@pytest.mark.parametrize("seed", [6, 7])
+def test_what_the_stresses_hide_is_found_behind_them(seed):
+    kind = Kind(sized("drivetrain-friction", form="other"), course="rich")
+    found = diagnose(windows_of(seed, kind), ModelFile(Model("linear")))
+    assert (found.verdict, found.effect) == ("family", None)
+    assert found.together == ("linearised-stresses", "drivetrain-friction")
+    assert found.family[:2] == found.together
+    assert "together with drivetrain-friction" in found.sentence
+    assert "model add FILE linearised-stresses drivetrain-friction" in found.sentence
+
+
+def test_of_an_assumption_the_way_to_lift_it_that_predicts_best_counts():
+    # Its soils have other k than the 18 mm that the base holds.
+    found = diagnose(windows_of(8, Kind()), ModelFile(Model("linear")))
+    stresses = next(one for one in found.candidates if one.effect == "linearised-stresses")
+    assert stresses.sizes["shear_modulus"].value == pytest.approx(0.018, rel=0.9)
+    assert ASSUMPTIONS & set(found.family)
