@@ -398,7 +398,7 @@ def _best_form(data: Ground, one: Hypothesis) -> tuple[Hypothesis, Refit]:
 def _again(data: Ground, pair: tuple[Hypothesis, Refit]) -> tuple[Hypothesis, Refit]:
     """Fit a hypothesis from where it was fitted."""
     one, before = pair
-    return one, refits.refit(data, one, begun=before.solutions)
+    return one, refits.over_shapes(data, one, refits.refit(data, one, begun=before.solutions))
 
 
 def _plainest_first(ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypothesis, Refit]]:

@@ -12,7 +12,7 @@ from terrain_cli.comparison import heldout, least_squares, noise, quiet, solved,
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -369,6 +369,48 @@ def refit(
     return Refit(hypothesis.id if hypothesis else "", solutions, residuals, predicted, loss, rms)
 
 
+def over_shapes(data: Ground, hypothesis: Hypothesis, one: Refit) -> Refit:
+    """Fit a model anew where what only shapes an effect ran to the end of what it can be, and stuck there.
+
+    With the shape held the search is plain: it is let go from the best of several.
+
+    Parameters
+    ----------
+    data : Ground
+    hypothesis : Hypothesis
+    one : Refit
+        Of it.
+
+    Returns
+    -------
+    Refit
+        The better of both.
+    """
+    shapes = {name: p for name, p in hypothesis.parameters.items() if p.shape}
+    if not any(
+        unknown.name in shapes and shapes[unknown.name].at_bound(float(unknown.value(solution.common[column])))
+        for solution in one.solutions
+        for column, unknown in enumerate(solution.unknowns.shared)
+    ):
+        return one
+    tried = [one]
+    for times in product(_SHAPES, repeat=len(shapes)):
+        value = {name: p.null * scale for (name, p), scale in zip(shapes.items(), times, strict=True)}
+        held = refit(data, replace(hypothesis, fixed={**hypothesis.fixed, **value}))
+        begun = [_let_go(*pair, value) for pair in zip(held.solutions, one.solutions, strict=True)]
+        tried.append(refit(data, hypothesis, begun=begun))
+    return min(tried, key=lambda found: sum(solution.merit for solution in found.solutions))
+
+
+def _let_go(held: Solution, free: Solution, value: Mapping[str, float]) -> Solution:
+    """Return a solution with some parameters held in the terms of one that has them free."""
+    t, common = _from([held], free.unknowns, len(held.t))
+    for column, unknown in enumerate(free.unknowns.shared):
+        if unknown.name in value:
+            common[column] = (value[unknown.name] - unknown.mean) / unknown.sd
+    return replace(free, t=t, common=common)
+
+
 def _solved(
     data: Ground, index: int, part: Data, hypothesis: Hypothesis, after: Sequence[Solution]
 ) -> Solution:
@@ -407,11 +449,11 @@ def _from(several: Sequence[Solution], sought: Unknowns, windows: int) -> tuple[
 
 
 def _beginnings(sought: Unknowns, common: Array, hypothesis: Hypothesis) -> Iterator[Array]:
-    shapes = [name for name, p in hypothesis.parameters.items() if p.shape]
+    place = {u.name: j for j, u in enumerate(sought.shared)}
+    shapes = [name for name, p in hypothesis.parameters.items() if p.shape and name in place]
     if not shapes:
         yield common
         return
-    place = {u.name: j for j, u in enumerate(sought.shared)}
     for times in product(_SHAPES, repeat=len(shapes)):
         begun = common.copy()
         for name, p in hypothesis.parameters.items():
