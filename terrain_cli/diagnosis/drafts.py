@@ -42,6 +42,10 @@ _NO_CAUSE = frozenset({"time", "x", "y", "elevation", "longitude", "latitude", "
 #: Shapes, the plainest first.
 FORMS = ("constant", "linear", "magnitude", "quadratic", "saturating", "step", "periodic")
 ANGLE = "wheel_angle"
+#: How large a law of a quantity may well be: at least this, or this part of what was measured.
+_USUAL, _PART = {"torque": 0.3, "drawbar_pull": 3.0, "sinkage": 0.002}, 0.1
+#: The same of a property of the soil, as a part of it.
+_OF_SOIL = 0.2
 #: Part of a driver's range at which a saturating law has most of its effect.
 _BEND = 0.3
 
@@ -167,6 +171,34 @@ def _size(column: Array) -> float:
     return usual if usual > 0.0 else max(float(np.nanmax(np.abs(column))), 1e-300)
 
 
+def _spread(column: Array) -> float:
+    """Return by how much a driver usually differs from its middle."""
+    low, high = np.nanquantile(column, [0.02, 0.98])
+    return float(0.5 * (high - low)) or _size(column)
+
+
+def usual(changes: str, measured: Array) -> float:
+    """Return how large a law may well be.
+
+    Parameters
+    ----------
+    changes : str
+        A quantity.
+    measured : ndarray
+        What was measured of it, of any length; empty where it is none of the channels.
+
+    Returns
+    -------
+    float
+        In the quantity's SI unit; of a property of the soil as a part of it.
+    """
+    if changes not in SHOWN:
+        return _OF_SOIL
+    known = measured[np.isfinite(measured)]
+    size = float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
+    return _rounded(max(_USUAL[changes], _PART * size))
+
+
 def _threshold(column: Array) -> float:
     """Return where a step is: between the two levels of a flag, else at the middle of the values."""
     known = column[np.isfinite(column)]
@@ -177,7 +209,7 @@ def _threshold(column: Array) -> float:
 
 
 def write(  # noqa: C901 - one branch for each form
-    changes: str, driver: str, form: str, column: Array | None, unit: str = ""
+    changes: str, driver: str, form: str, column: Array | None, unit: str = "", *, usual: float
 ) -> Draft | None:
     """Write a draft.
 
@@ -188,6 +220,8 @@ def write(  # noqa: C901 - one branch for each form
         Values of the driver.
     unit : str
         Of a driver that is no channel, if it is known.
+    usual : float
+        How large the law may well be.
 
     Returns
     -------
@@ -202,14 +236,16 @@ def write(  # noqa: C901 - one branch for each form
     if column is not None:
         size = _size(column)
     read = grammar.written(driver)
-    usual = {"torque": 0.3, "drawbar_pull": 3.0, "sinkage": 0.002}.get(changes, 0.2)
     parameters: dict[str, tuple[str, float, float]] = {}
     if form == "constant":
         term, parameters["a"] = "a", (own, 0.0, usual)
     elif form == "linear":
         term, parameters["a"] = f"a * {read}", (per, 0.0, usual / size)
-        if shown:
-            term, parameters["b"] = f"{term} + b", (own, 0.0, usual)
+        if shown and column is not None:
+            # Of what is never near 0 the slope and the offset are large, and nearly cancel.
+            slope = _rounded(usual / _spread(column))
+            parameters["a"] = (per, 0.0, slope)
+            term, parameters["b"] = f"{term} + b", (own, 0.0, _rounded(max(usual, slope * size)))
     elif form == "periodic":
         term = f"a * sin({read}) + b * cos({read})"
         parameters["a"] = parameters["b"] = (own, 0.0, usual)

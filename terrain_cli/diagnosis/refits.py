@@ -388,7 +388,8 @@ def over_shapes(data: Ground, hypothesis: Hypothesis, one: Refit) -> Refit:
     """
     shapes = {name: p for name, p in hypothesis.parameters.items() if p.shape}
     if not any(
-        unknown.name in shapes and shapes[unknown.name].at_bound(float(unknown.value(solution.common[column])))
+        unknown.name in shapes
+        and shapes[unknown.name].at_bound(float(unknown.value(solution.common[column])))
         for solution in one.solutions
         for column, unknown in enumerate(solution.unknowns.shared)
     ):

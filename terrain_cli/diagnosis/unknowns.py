@@ -94,7 +94,9 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
             columns.setdefault(driver, column)
     written: list[tuple[Draft, Hypothesis, list[dict[str, Array]]]] = []
     for changes, driver, form in _varied(ranked):
-        draft = drafts.write(changes, driver, form, columns.get(driver), _unit(data, driver))
+        draft = drafts.write(
+            changes, driver, form, columns.get(driver), _unit(data, driver), usual=_usual(data, changes)
+        )
         if draft is None or signatures.possible(data.wheels[0].model, draft.effect):
             continue
         model = data.wheels[0].model
@@ -119,6 +121,11 @@ def _tried(data: Ground, written: tuple[Draft, Hypothesis, list[dict[str, Array]
 
 def _unit(data: Ground, driver: str) -> str:
     return next((w.drivers[driver].unit for w in data.wheels if driver in w.drivers), "")
+
+
+def _usual(data: Ground, changes: str) -> float:
+    measured = [part.measured[changes][part.use] for part in data.data if changes in part.measured]
+    return drafts.usual(changes, np.concatenate(measured) if measured else np.empty(0))
 
 
 def _extra(data: Ground, driver: str) -> list[dict[str, Array]]:

@@ -214,7 +214,8 @@ def test_a_draft_is_written_whatever_its_driver_is_called(changes, driver):
     if channel is not None and (channel.unit is None or driver == changes):
         pytest.skip("no number, or what is changed")
     written = [
-        drafts.write(changes, driver, form, np.linspace(20.0, 70.0, 99)) for form in drafts.FORMS[1:-1]
+        drafts.write(changes, driver, form, np.linspace(20.0, 70.0, 99), usual=0.3)
+        for form in drafts.FORMS[1:-1]
     ]
     assert [draft.form for draft in written if draft] == list(drafts.FORMS[1:-1])
     assert len({draft.effect.id for draft in written}) == len(written)
@@ -251,7 +252,7 @@ def test_every_draft_is_an_effect_that_a_user_can_add(form, changes, tmp_path):
     driver, unit = {"constant": ("", ""), "periodic": ("wheel_angle", "rad"), "linear": ("hitch", "rad")}.get(
         form, ("yaw_rate", "rad/s")
     )
-    draft = drafts.write(changes, driver, form, column, unit)
+    draft = drafts.write(changes, driver, form, column, unit, usual=0.3)
     if changes == "tan_phi" and form in {"constant", "periodic"}:
         return
     assert draft is not None
@@ -272,3 +273,22 @@ def test_a_table_of_three_points_says_that_it_is_too_short():
     found = diagnose([cut(samples, "none")], ModelFile(Model()))
     assert found.verdict == "none"
     assert any("independent stretches" in warning for warning in found.warnings)
+
+
+def test_a_law_may_be_as_large_as_what_was_measured_makes_it_likely():
+    assert drafts.usual("torque", np.array([1.0, -1.0, np.nan])) == pytest.approx(0.3)
+    assert drafts.usual("torque", np.full(9, -60.0)) == pytest.approx(6.0)
+    assert drafts.usual("drawbar_pull", np.empty(0)) == pytest.approx(3.0)
+    assert drafts.usual("tan_phi", np.empty(0)) == pytest.approx(0.2)
+
+
+def test_a_line_along_what_is_never_near_zero_has_room_for_its_offset():
+    """2.5 N m/V about 24 V: the bus of a large rover varies by 3 V, which is 7.5 N m, and 60 N m off."""
+    volts = np.linspace(21.0, 27.0, 99)
+    draft = drafts.write("torque", "bus", "linear", volts, "V", usual=6.0)
+    scale = {p.name: p.scale for p in draft.effect.parameters}
+    assert scale["a"] == pytest.approx(2.0, rel=0.1)
+    assert scale["b"] > 40.0
+    # And a driver that varies about 0 needs none.
+    draft = drafts.write("torque", "bus", "linear", volts - 24.0, "V", usual=6.0)
+    assert {p.name: p.scale for p in draft.effect.parameters}["b"] == pytest.approx(6.0, rel=0.1)
