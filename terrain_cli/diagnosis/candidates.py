@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import solved
-from terrain_cli.diagnosis import refits
+from terrain_cli.diagnosis import merits
 from terrain_cli.diagnosis.parts import Candidate, Size
 from terrain_cli.models.parts import SOIL_UNITS
 
@@ -65,7 +65,7 @@ def listed(
             *scored,
             float(np.clip(-change.sum() / misfit, 0.0, 1.0)),
             float(change.sum()) / count,
-            refits.error(change) / count,
+            merits.error(change) / count,
             refit.heldout,
             _sizes(one, data, refit),
             refitted=True,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison.noise import between
-from terrain_cli.diagnosis import refits
+from terrain_cli.diagnosis import merits
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,7 +44,7 @@ def of_gain(gain: Array) -> float:
     """
     from scipy.special import stdtr
 
-    error = refits.error(gain)
+    error = merits.error(gain)
     if not np.isfinite(error) or error <= 0.0:
         return 1.0
     of_mean = float(stdtr(len(gain) - 1, -float(gain.sum()) / error))

@@ -19,6 +19,7 @@ from terrain_cli.diagnosis import (
     chance,
     joining,
     leftover,
+    merits,
     next_drive,
     pairs,
     refits,
@@ -222,7 +223,7 @@ class _State:
         gain = max(gains, key=lambda g: float(g.sum()))
         gained = _GAINED if any(wheel.ordered for wheel in self.data.wheels) else _GAINED_STEADY
         p_value = max(p_value, chance.of_gain(gain) * LEVEL / gained)
-        alarm = Alarm(p_value < LEVEL, p_value, LEVEL, float(gain.sum()), refits.error(gain))
+        alarm = Alarm(p_value < LEVEL, p_value, LEVEL, float(gain.sum()), merits.error(gain))
         if not alarm.raised:
             return self._silent(comparison, alarm, hypotheses, not_testable)
         taken = float((self.base.loss - best.loss).sum())
@@ -243,13 +244,13 @@ class _State:
             # Nor is it where a law that nobody thought of predicts better.
             clear = clear and not unknowns.beats(draft, near[0][1])
             # Nor where it stands for something that nature does not have.
-            clear = clear and not refits.imitates(self.data, *near[0])
+            clear = clear and not merits.imitates(self.data, *near[0])
             earned = judged.earned and clear and self.data.blocks >= _FEWEST
         unknown, alone = unknowns.verdict(self.base, best, draft, family)
         # Where a draft stands alone, it has beaten the best effect.
         pair = None if clear else pairs.best(self.data, self.found, ranked, self.progress)
         together: tuple[str, ...] = ()
-        if pair and all(refits.beats(pair[1], one) for one in (best, *(d.refit for d in draft[:1]))):
+        if pair and all(merits.beats(pair[1], one) for one in (best, *(d.refit for d in draft[:1]))):
             together = tuple(effect.id for effect in pair[0].effects)
             unknown, alone, family = None, False, family or together
         full = self._on_full_stresses(ranked, [*(d.refit for d in draft[:1]), *([pair[1]] if pair else [])])
@@ -297,10 +298,10 @@ class _State:
         if not tried:
             return []
         first = tried[0][1]
-        better = all(refits.beats(first, one) for one in (ranked[0][1], stresses))
-        if not better or not all(refits.as_good(first, one) for one in further):
+        better = all(merits.beats(first, one) for one in (ranked[0][1], stresses))
+        if not better or not all(merits.as_good(first, one) for one in further):
             return []
-        return [(one, refit) for one, refit in tried if refits.as_good(refit, first)]
+        return [(one, refit) for one, refit in tried if merits.as_good(refit, first)]
 
     def _weighed_anew(
         self, ranked: list[tuple[Hypothesis, Refit]], drafted: list[unknowns.Tried]
@@ -339,7 +340,7 @@ class _State:
         good = [
             pair
             for pair in ranked
-            if not refits.incredible(self.data, *pair)
+            if not merits.incredible(self.data, *pair)
             and float((self.base.loss - pair[1].loss).sum()) >= least
         ]
         return good + [pair for pair in ranked if pair not in good]
@@ -391,7 +392,7 @@ def _best_form(data: Ground, one: Hypothesis) -> tuple[Hypothesis, Refit]:
     """Fit a hypothesis in the form of its law that predicts best."""
     plain, *others = [(form, refits.refit(data, form)) for form in one.forms]
     # Another form stands for the effect only where it fits by what the effect can be.
-    forms = [plain, *(pair for pair in others if not refits.incredible(data, *pair))]
+    forms = [plain, *(pair for pair in others if not merits.incredible(data, *pair))]
     return min(forms, key=lambda pair: float(pair[1].loss.sum()))
 
 
@@ -405,6 +406,6 @@ def _plainest_first(ranked: list[tuple[Hypothesis, Refit]]) -> list[tuple[Hypoth
     """Put in front, of those that predict as well as the first, the one with fewest parameters."""
     if not ranked:
         return ranked
-    good = [pair for pair in ranked if refits.as_good(pair[1], ranked[0][1])]
+    good = [pair for pair in ranked if merits.as_good(pair[1], ranked[0][1])]
     first = min(good, key=lambda pair: pair[0].free)
     return [first, *(pair for pair in ranked if pair is not first)]

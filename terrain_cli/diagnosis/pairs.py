@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from terrain_cli import parallel
-from terrain_cli.diagnosis import refits, screening, signatures
+from terrain_cli.diagnosis import merits, refits, screening, signatures
 from terrain_cli.diagnosis.parts import Hypothesis
 from terrain_cli.mechanics.model import Model
 
@@ -57,7 +57,7 @@ def best(
         progress(f"fitting with {first.id} and {second.id}")
         after = [alone[one.id][1] for one in (first, second)]
         refit = refits.refit(data, pair, after=after)
-        if not (refits.at_bounds(pair, refit) or refits.imitates(data, pair, refit)):
+        if not (merits.at_bounds(pair, refit) or merits.imitates(data, pair, refit)):
             fitted.append((pair, refit))
     return min(fitted, key=lambda one: float(one[1].loss.sum()), default=None)
 
@@ -101,12 +101,12 @@ def on_full_stresses(
     tried = parallel.each(
         partial(_after, data, base), several, lambda one: progress(f"fitting with {base.id} and {one.id}")
     )
-    good = [pair for pair in zip(several, tried, strict=True) if not refits.imitates(data, *pair)]
+    good = [pair for pair in zip(several, tried, strict=True) if not merits.imitates(data, *pair)]
     if not good:
         return []
     good.sort(key=lambda pair: float(pair[1].loss.sum()))
     best = good[0][1]
-    return sorted(good, key=lambda pair: (not refits.as_good(pair[1], best), refits.at_bounds(*pair)))
+    return sorted(good, key=lambda pair: (not merits.as_good(pair[1], best), merits.at_bounds(*pair)))
 
 
 def _after(data: Ground, base: Refit, one: Hypothesis) -> Refit:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import heldout, least_squares, noise, quiet, solved, whitening
+from terrain_cli.comparison import heldout, least_squares, noise, quiet, whitening
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
 if TYPE_CHECKING:
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 #: Samples that tell the noise.
 _FEWEST = 30
-#: Standard errors by which a model has to be better than another, and within which it is as good.
-_SURE, _EQUAL = 2.0, 1.0
 #: Multiples of its null at which the search for a parameter that only shapes an effect begins.
 _SHAPES = (0.4, 1.0, 2.5)
 
@@ -162,103 +160,6 @@ def with_noise_of(data: Ground, best: Refit) -> Ground:
     return replace(data, data=parts, base=solutions)
 
 
-def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
-    """Tell whether a parameter of an effect ran to the end of what it can be.
-
-    Parameters
-    ----------
-    hypothesis : Hypothesis
-    one : Refit
-
-    Returns
-    -------
-    bool
-    """
-    own = hypothesis.parameters
-    for solution in one.solutions:
-        for column, unknown in enumerate(solution.unknowns.shared):
-            parameter = own.get(unknown.name)
-            if parameter is None or parameter.shape:
-                continue
-            if parameter.at_bound(float(unknown.value(solution.common[column]))):
-                return True
-    return False
-
-
-def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
-    """Tell whether an effect went, beyond doubt, to where nature has none: friction that drives, say.
-
-    Parameters
-    ----------
-    data : Ground
-    hypothesis : Hypothesis
-    one : Refit
-
-    Returns
-    -------
-    bool
-    """
-    sides = {name: p for name, p in hypothesis.parameters.items() if p.side}
-    for part, solution in zip(data.data, one.solutions, strict=True) if sides else ():
-        _, common = solved.covariance(part, solution)
-        for column, unknown in enumerate(solution.unknowns.shared):
-            if unknown.name not in sides:
-                continue
-            value, error = (
-                float(unknown.value(solution.common[column])),
-                float(np.sqrt(common[column, column])),
-            )
-            if sides[unknown.name].imitates(value, error):
-                return True
-    return False
-
-
-def incredible(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
-    """Tell whether an effect ran to the end of what it can be, or to where nature has none.
-
-    Parameters
-    ----------
-    data : Ground
-    hypothesis : Hypothesis
-    one : Refit
-
-    Returns
-    -------
-    bool
-    """
-    return at_bounds(hypothesis, one) or imitates(data, hypothesis, one)
-
-
-def error(difference: Array) -> float:
-    """Return the standard error of a sum over blocks.
-
-    Parameters
-    ----------
-    difference : ndarray, shape (blocks,)
-
-    Returns
-    -------
-    float
-        Infinite where there is but one block.
-    """
-    return float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
-
-
-def beats(one: Refit, other: Refit) -> bool:
-    """Tell whether one model predicts better than another, beyond chance.
-
-    Parameters
-    ----------
-    one, other : Refit
-
-    Returns
-    -------
-    bool
-    """
-    gain = other.loss - one.loss
-    return float(gain.sum()) > _SURE * error(gain)
-
-
 def fitted_errors(data: Ground, one: Refit) -> dict[str, float]:
     """Return the root mean square of what a fitted model leaves of each channel, SI.
 
@@ -278,21 +179,6 @@ def fitted_errors(data: Ground, one: Refit) -> dict[str, float]:
             errors.setdefault(name, []).append(left[name][part.seen[:, column]])
     joined = {name: np.concatenate(some) for name, some in errors.items()}
     return {name: float(np.sqrt(np.mean(some**2))) for name, some in joined.items() if len(some)}
-
-
-def as_good(one: Refit, other: Refit) -> bool:
-    """Tell whether one model predicts no worse than another.
-
-    Parameters
-    ----------
-    one, other : Refit
-
-    Returns
-    -------
-    bool
-    """
-    difference = one.loss - other.loss
-    return float(difference.sum()) <= _EQUAL * error(difference)
 
 
 def weighed(data: Ground, one: Refit) -> Refit:

@@ -15,7 +15,7 @@ import numpy as np
 from terrain_cli import fitting
 from terrain_cli.comparison.compare import fit_wheels
 from terrain_cli.comparison.wheel import Settings, Wheel
-from terrain_cli.diagnosis import refits, screening, unknowns
+from terrain_cli.diagnosis import merits, refits, screening, unknowns
 from terrain_cli.english import counted
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, li
             data,
         )
         after = refits.refit(cut, None)
-        if not refits.beats(after, before):
+        if not merits.beats(after, before):
             break
         found, before = cut, after
         told.append(_where(found.wheels[index], sample))
@@ -202,19 +202,19 @@ def _stand_for_soils(
 ) -> bool:
     """Tell whether fewer soils, with some effect or none, predict as well as several."""
     plain = refits.refit(one, None)
-    if refits.as_good(plain, several):
+    if merits.as_good(plain, several):
         return True
     gap = float((plain.loss - several.loss).sum())
     for hypothesis in screening.promising(one.wheels, block, hypotheses)[:_RIVALS]:
         progress(f"fewer soils and {hypothesis.id}")
         found = refits.refit(one, hypothesis)
-        if refits.as_good(found, several) or float((plain.loss - found.loss).sum()) > _MOSTLY * gap:
+        if merits.as_good(found, several) or float((plain.loss - found.loss).sum()) > _MOSTLY * gap:
             return True
     fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
     if fewer >= _SEVERAL:
         # Nor may what is in no catalogue pass for soils.
         drafted = unknowns.best(one, plain, progress)
-        return bool(drafted) and refits.as_good(drafted[0].refit, several)
+        return bool(drafted) and merits.as_good(drafted[0].refit, several)
     return False
 
 

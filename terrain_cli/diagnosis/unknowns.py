@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli import parallel
-from terrain_cli.diagnosis import drafts, refits, signatures
+from terrain_cli.diagnosis import drafts, merits, refits, signatures
 from terrain_cli.diagnosis import scores as scoring
 from terrain_cli.diagnosis.parts import Hypothesis, Unknown
 from terrain_cli.mechanics.model import Model
@@ -177,7 +177,7 @@ def beats(tried: Sequence[Tried], effect: Refit) -> bool:
     -------
     bool
     """
-    return bool(tried) and refits.beats(tried[0].refit, effect)
+    return bool(tried) and merits.beats(tried[0].refit, effect)
 
 
 def verdict(
