@@ -37,7 +37,11 @@ class OddError(Exception):
 
 
 def columns(
-    stream: TextStream | io.FileIO, delimiter: str, width: int, kinds: Mapping[int, pa.DataType]
+    stream: TextStream | io.FileIO,
+    delimiter: str,
+    decimal: str,
+    width: int,
+    kinds: Mapping[int, pa.DataType],
 ) -> Generator[list[pa.Array], None, None]:
     """Read some columns of the rows that a stream still has.
 
@@ -45,7 +49,8 @@ def columns(
     ----------
     stream : TextStream or FileIO
         The file itself where it should be plain UTF-8: threads then read it too.
-    delimiter : str
+    delimiter, decimal : str
+        The latter is the sign of numbers, a point or a comma.
     width : int
         Number of columns of the table.
     kinds : mapping of int to DataType
@@ -72,6 +77,7 @@ def columns(
             column_types={names[place]: kind for place, kind in kinds.items()},
             strings_can_be_null=True,
             null_values=spellings,
+            decimal_point=decimal,
         )
         for spellings in ([""], list(MISSING_SPELLINGS))[0 if numbers else 1 :]
     ]

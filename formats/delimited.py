@@ -193,16 +193,16 @@ class DelimitedSource(Source):
     ) -> Iterator[tuple[NDArray[np.int64], list[pa.Array]]]:
         """Read the cells of some fields, with the number of each row: as numbers, else as text."""
         done = 0
-        if places and self._dialect.decimal == "." and self.recovery is None:
+        if places and self.recovery is None:
             kinds = {
                 j: pa.float64() if self._kinds.get(self._dialect.names[j]) == "number" else pa.string()
                 for j in places
             }
             try:
-                width = len(self._dialect.names)
+                said, width = self._dialect, len(self._dialect.names)
                 with (
                     self._rows_alone() as stream,
-                    closing(clean.columns(stream, self._dialect.delimiter, width, kinds)) as blocks,
+                    closing(clean.columns(stream, said.delimiter, said.decimal, width, kinds)) as blocks,
                 ):
                     for block in blocks:
                         begin = self._dialect.first_row + done

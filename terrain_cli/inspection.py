@@ -208,6 +208,8 @@ def text(document: dict[str, Any], *, verbose: bool = False) -> str:
 
 def _size(document: dict[str, Any]) -> str:
     streams = document["streams"]
+    if not streams:
+        return ", no topics"
     if any(stream["topic"] for stream in streams):
         return f", {counted(len(streams), 'topic')}"
     skipped = document["rows_skipped"]

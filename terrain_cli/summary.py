@@ -82,19 +82,21 @@ def terrains(table: Table, estimates: WindowEstimates) -> list[dict[str, Any]]:
     list of dict
         As in `document`.
     """
-    keys = list(zip(table["terrain"], table["wheel"], strict=True))
-    groups = {key: np.array([other == key for other in keys]) for key in sorted(set(keys))}
-    return [_group(terrain, wheel, table, estimates, rows) for (terrain, wheel), rows in groups.items()]
+    groups: dict[tuple[str, str], list[int]] = {}
+    for row, key in enumerate(zip(table["terrain"], table["wheel"], strict=True)):
+        groups.setdefault(key, []).append(row)
+    return [_group(*key, table, estimates, np.array(rows)) for key, rows in sorted(groups.items())]
 
 
 def _group(
-    terrain: str, wheel: str, table: Table, estimates: WindowEstimates, rows: NDArray[np.bool_]
+    terrain: str, wheel: str, table: Table, estimates: WindowEstimates, rows: NDArray[np.intp]
 ) -> dict[str, Any]:
-    status = estimates.status[rows].tolist()
+    found = estimates.status[rows]
+    status = found.tolist()
     distance = table["distance_m"][rows]
     pooled = estimation.pool(estimates, rows)
-    long = rows & (estimates.status != "too-few-samples")
-    separable = rows & ~np.isin(estimates.status, ("too-few-samples", "not-separable"))
+    long = rows[found != "too-few-samples"]
+    separable = rows[~np.isin(found, ("too-few-samples", "not-separable"))]
     return {
         "terrain": terrain,
         "wheel": wheel,
@@ -103,7 +105,7 @@ def _group(
         "samples": int(table["n_samples"][rows].sum()),
         "rejected": int(table["n_rejected"][rows].sum()),
         "distance_m": float(np.nansum(distance)) if np.isfinite(distance).any() else None,
-        "separable": int(separable.sum()),
+        "separable": len(separable),
         "c_kPa": _mean_and_spread(estimates.c[separable] / 1e3),
         "phi_deg": _mean_and_spread(np.degrees(estimates.phi[separable])),
         "k_mm": _mean_and_spread(estimates.shear_modulus[long] * 1e3),

@@ -139,6 +139,7 @@ def runs(
     horizons = [first for first, _, _ in chosen[1:]]
     kept: Run = {}
     joined: list[_Unpacked] = []
+    length = 0
     unpacked = _unpacked(file, [(rank, chunk) for _, rank, chunk in chosen], ahead=size > 1)
     for (first, rank, chunk), horizon in zip(chosen, [*horizons, None], strict=True):
         try:
@@ -146,10 +147,11 @@ def runs(
         except Exception:
             yield _split(_locate(file, joined, kept, wanted, layout), first)[0]
             raise
-        if horizon is not None and sum(len(data) for _, _, data in joined) >= size:
+        length += len(joined[-1][2])
+        if horizon is not None and length >= size:
             # Chunks may overlap in time: what is later than the first message of the next one waits.
             run, kept = _split(_locate(file, joined, kept, wanted, layout), horizon)
-            joined = []
+            joined, length = [], 0
             yield run
     yield _locate(file, joined, kept, wanted, layout)
 

@@ -24,12 +24,13 @@ from formats.rosbag.messages import collected
 from formats.salvage.sqlite import BrokenError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Sequence
     from io import BufferedReader
     from pathlib import Path
 
     from formats.rosbag.chunks import Run
 
+_UNKNOWN = MessageDefinition(MessageDefinitionFormat.NONE, "")
 #: Name, type and place in the key of the columns that `Leaves` reads.
 _PLAIN = [("id", "INTEGER", 1), ("topic_id", "INTEGER", 0), ("timestamp", "INTEGER", 0), ("data", "BLOB", 0)]
 FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
@@ -92,7 +93,7 @@ class Db3File:
                     topic,
                     name,
                     type_name,
-                    definitions.get(type_name, MessageDefinition(MessageDefinitionFormat.NONE, "")),
+                    _definition(definitions.get(type_name, []), type_hash or ""),
                     type_hash or "",
                     spans.get(topic, (0,))[0],
                     ConnectionExtRosbag2(serialization, []),
@@ -117,16 +118,20 @@ class Db3File:
             return None
 
     @staticmethod
-    def _read_definitions(database: sqlite3.Connection) -> dict[str, MessageDefinition]:
-        if not database.execute("PRAGMA table_info(message_definitions)").fetchall():
+    def _read_definitions(database: sqlite3.Connection) -> dict[str, list[tuple[str, MessageDefinition]]]:
+        """Return the definitions of each type, with their hashes."""
+        columns = {row[1] for row in database.execute("PRAGMA table_info(message_definitions)")}
+        if not columns:
             return {}
-        return {
-            type_name: MessageDefinition(FORMATS[encoding], text)
-            for type_name, encoding, text in database.execute(
-                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-            )
-            if encoding in FORMATS
-        }
+        digest = "type_description_hash" if "type_description_hash" in columns else "''"
+        found: dict[str, list[tuple[str, MessageDefinition]]] = {}
+        for type_name, encoding, text, type_hash in database.execute(
+            f"SELECT topic_type, encoding, encoded_message_definition, {digest} FROM message_definitions"  # noqa: S608  no outside text
+        ):
+            if encoding in FORMATS:
+                definition = MessageDefinition(FORMATS[encoding], text)
+                found.setdefault(type_name, []).append((type_hash or "", definition))
+        return found
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
         """Read the messages of some connections.
@@ -154,6 +159,13 @@ class Db3File:
             f" WHERE topic_id IN ({places}) ORDER BY timestamp, id"
         )
         yield from collected(self._database.execute(query, tuple(wanted)), size)
+
+
+def _definition(known: Sequence[tuple[str, MessageDefinition]], type_hash: str) -> MessageDefinition:
+    """Return the definition that a topic's hash says, or the only one; none where it may be another."""
+    of_hash = [definition for own, definition in known if own == type_hash != ""]
+    first, *others = of_hash or [definition for _, definition in known] or [_UNKNOWN]
+    return first if all(one == first for one in others) else _UNKNOWN
 
 
 def _spans(database: sqlite3.Connection) -> dict[int, tuple[int, int, int]]:

@@ -11,6 +11,7 @@ from scipy.special import chdtrc
 from terrain_cli import fitting, models
 from terrain_cli.comparison import against, compare
 from terrain_cli.diagnosis import joining, several_soils
+from terrain_cli.english import counted
 from terrain_cli.improvement.evidence import weigh
 from terrain_cli.improvement.parts import DOUBTED, ENOUGH_BLOCKS, LEVEL, Estimated, Idle, Lost, Shift, Step
 from terrain_cli.telemetry.excerpt import notes
@@ -170,9 +171,16 @@ def _on_the_same_soils(
     if action == "remove":
         windows, told = several_soils.as_needed(first, before)
     else:
-        fell = weigh(first, second)[1].overall.high < 1.0
-        new = [] if fell else [one for one in after.model.effects if one not in before.model.effects]
-        windows, told = several_soils.as_needed(second, after, without=before, effects=new)
+        ratio = weigh(first, second)[1].overall
+        new = [one for one in after.model.effects if one not in before.model.effects]
+        windows, told = several_soils.as_needed(
+            second, after, without=before, effects=[] if ratio.high < 1.0 else new
+        )
+        if not told and ratio.value < 1.0 <= ratio.high and _soils(second) < _soils(first):
+            # With fewer soils it predicts better: what it is worth shows on these.
+            enough = counted(_soils(second), "soil")
+            names = " and ".join(one.id for one in new)
+            told = [f"with {names}, {enough} will do: both models are compared on {enough}"]
     if told:
         first = fitted(windows, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
         second = fitted(
@@ -196,6 +204,10 @@ def _places(parts: Sequence[Windows], comparison: Comparison) -> list[Place]:
             segment = int(np.searchsorted(own[part].bounds, start - firsts[part], side="right"))
             places.append((own[part].samples.source, wheel.wheel, segment))
     return places
+
+
+def _soils(comparison: Comparison) -> int:
+    return sum(len(wheel.windows) for wheel in comparison.wheels)
 
 
 def _same_wheel(a: Samples, b: Samples) -> bool:

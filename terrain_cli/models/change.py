@@ -71,9 +71,10 @@ def added(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Change
     ConfigurationError
         The file of an effect is wrong, or the base cannot have the effect.
     """
-    # A base without its assumptions may take effects that it does not take with them.
-    for name in names:
-        if name in ASSUMPTIONS:
+    # A base without its assumptions may take effects that it does not take with them. That of k comes
+    # first: with the full stresses k is no longer assumed.
+    for name in [*ASSUMPTIONS][::-1]:
+        if name in names:
             file = lifted(file, name, shear_modulus)
     ids = []
     for name in names:
