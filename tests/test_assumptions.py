@@ -120,3 +120,10 @@ def test_they_are_listed_and_shown_with_the_effects(terrain_est):
     assert [one["id"] for one in found["assumptions"]] == [MODULUS]
     text = (Path(__file__).resolve().parent.parent / "docs" / "effects.md").read_text("utf-8")
     assert not [key for key in (*ASSUMPTIONS, *found["assumptions"][0]) if f"{key}" not in text]
+
+
+@pytest.mark.parametrize("names", [[STRESSES, MODULUS], [MODULUS, STRESSES]])
+def test_both_assumptions_are_lifted_in_any_order(names):
+    file = models.added(LINEAR, names, K).file
+    assert (file.model.base, made(file)) == ("wong-reece", [])
+    assert "shear_modulus" in file.priors

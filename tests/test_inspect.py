@@ -329,3 +329,16 @@ def test_a_torque_that_no_soil_takes_is_doubted(run, tmp_path):
     assert "torque is 370 times load times wheel radius, which no soil takes: if it is in N mm" in out
     (tmp_path / "run.csv").write_text("\n".join(rows).replace("torque", "torque [N mm]"), "utf-8")
     assert "which no soil takes" not in run(tmp_path / "run.csv")[1]
+
+
+def test_a_bag_without_topics(run, tmp_path):
+    from mcap.writer import Writer
+
+    path = tmp_path / "empty.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        writer.finish()
+    code, out, _ = run(path)
+    assert code == 0
+    assert out.startswith(f"{path}: MCAP, no topics\n")

@@ -1,5 +1,7 @@
 """The parts of a diagnosis, each against what it has to be by other means."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden_drives import Kind, samples_of, sized, windows_of
@@ -9,7 +11,7 @@ from terrain_cli import effects
 from terrain_cli.channels import CHANNELS
 from terrain_cli.comparison import least_squares, quiet, whitening
 from terrain_cli.comparison.wheel import Settings, Wheel
-from terrain_cli.diagnosis import candidates, diagnose, drafts, joining, refits, scores
+from terrain_cli.diagnosis import candidates, diagnose, drafts, joining, refits, scores, screening
 from terrain_cli.diagnosis.parts import Hypothesis
 from terrain_cli.effects import user_file
 from terrain_cli.improvement import sentences
@@ -292,3 +294,26 @@ def test_a_line_along_what_is_never_near_zero_has_room_for_its_offset():
     # And a driver that varies about 0 needs none.
     draft = drafts.write("torque", "bus", "linear", volts - 24.0, "V", usual=6.0)
     assert {p.name: p.scale for p in draft.effect.parameters}["b"] == pytest.approx(6.0, rel=0.1)
+
+
+def test_a_shape_that_stuck_at_its_end_is_let_go():
+    wheels, every = windows_of(2, Kind(seconds=48.0)), [effects.catalogue()["crust"]]
+    fitted = [Wheel(one, Model(), NOTHING) for one in wheels]
+    data = refits.ground(fitted, [np.arange(len(one)) // 120 for one in fitted], 1_000)
+    (crust,), _ = screening.hypotheses(ModelFile(Model()), fitted, every)
+    free = refits.refit(data, crust)
+    (solution,) = free.solutions
+    names = [unknown.name for unknown in solution.unknowns.shared]
+    at = names.index("crust.thickness")
+    common = solution.common.copy()
+    common[at] = solution.unknowns.shared[at].lower
+    # As bad as a fit that ended elsewhere.
+    stuck = replace(free, solutions=[replace(solution, common=common, residual=solution.residual + 2.0)])
+    better = refits.over_shapes(data, crust, stuck)
+    assert better is not stuck
+    assert better.solutions[0].merit < stuck.solutions[0].merit
+    # One that did not run to its end is left as it is.
+    common = solution.common.copy()
+    common[at] = 0.0
+    inside = replace(free, solutions=[replace(solution, common=common)])
+    assert refits.over_shapes(data, crust, inside) is inside

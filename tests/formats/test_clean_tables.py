@@ -185,3 +185,22 @@ def test_what_was_passed_on_is_not_read_twice(tmp_path, monkeypatch):
     assert np.concatenate([batch["a"] for batch in batches]).tolist() == kept
     assert source.skipped == 1
     assert any("row 1902 has 3 fields" in remark for remark in source.remarks)
+
+
+def test_decimal_commas_are_read_at_once_too(tmp_path, monkeypatch):
+    path = tmp_path / "t.csv"
+    path.write_text("a;b\n" + "\n".join(f"{i},5;{-i}e-1" for i in range(3_000)) + "\n")
+    monkeypatch.setattr(clean, "_PIECE_BYTES", 500)
+    source = DelimitedSource("t.csv", str(path))
+    monkeypatch.setattr(DelimitedSource, "_texts", None)
+    values = np.concatenate([batch["a"] for batch in source.read("", ["a", "b"])])
+    assert values.tolist() == [i + 0.5 for i in range(3_000)]
+
+
+@pytest.mark.parametrize("cell", ["1.234,5", "1.5", "1,5,5", "x", "", "NULL", "9007199254740993"])
+def test_odd_cells_among_decimal_commas_are_as_from_texts(tmp_path, cell):
+    path = tmp_path / "t.csv"
+    lines = [f"{i},5;{i}" for i in range(40)]
+    lines[35] = f"{cell};35"
+    path.write_text("a;b\n" + "\n".join(lines) + "\n")
+    assert_same(path)

@@ -283,6 +283,69 @@ def test_db3_with_a_type_that_has_no_definition(tmp_path):
     assert len(batch["wrench.force.x"]) == N
 
 
+OTHER = CUSTOM_ROS2[SOIL].replace("string terrain\nfloat32 moisture", "string moisture\nfloat32 terrain")
+
+
+def insert_definition(database, type_hash, text):
+    columns = ("topic_type", "encoding", "encoded_message_definition", "type_description_hash")
+    database.execute(
+        f"INSERT INTO message_definitions ({', '.join(columns)}) VALUES (?, ?, ?, ?)",  # noqa: S608
+        (SOIL, "ros2msg", text, type_hash),
+    )
+
+
+def test_db3_with_two_definitions_of_a_type_is_read_by_that_of_the_topics_hash(tmp_path):
+    path = write_ros2(tmp_path / "run", rows(), typestore(CUSTOM_ROS2, ros1=False), "db3")
+    with sqlite3.connect(path) as database:
+        insert_definition(database, "RIHS01_other", OTHER)
+    database.close()
+    (batch,) = open_bag(str(path), "db3").read("/soil", ["moisture"])
+    assert batch["moisture"].tolist() == [0.25 * i for i in range(0, N, 3)]
+
+
+@pytest.mark.parametrize(("text", "read"), [(OTHER, False), (CUSTOM_ROS2[SOIL], True)], ids=["other", "same"])
+def test_db3_where_nothing_says_which_definition_holds_is_not_guessed(tmp_path, text, read):
+    path = write_ros2(tmp_path / "run", rows(), typestore(CUSTOM_ROS2, ros1=False), "db3")
+    with sqlite3.connect(path) as database:
+        definition = "encoded_message_definition"
+        ((known,),) = database.execute(
+            f"SELECT {definition} FROM message_definitions WHERE topic_type=?",  # noqa: S608
+            (SOIL,),
+        )
+        database.execute("UPDATE message_definitions SET type_description_hash=''")
+        insert_definition(database, "", known if read else text)
+        database.execute("UPDATE topics SET type_description_hash=''")
+    database.close()
+    source = open_bag(str(path), "db3")
+    if read:
+        (batch,) = source.read("/soil", ["moisture"])
+        assert len(batch["moisture"]) == N // 3
+        return
+    with pytest.raises(FormatError, match="/soil cannot be read"):
+        source.read("/soil", ["moisture"])
+
+
+def test_mcap_with_a_topic_that_is_not_of_ros(tmp_path):
+    """Foxglove's JSON beside it: that topic is told of, the others are read."""
+    from mcap_ros2.writer import Writer
+
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        schema = writer.register_msgdef("std_msgs/msg/Float64", "float64 data")
+        own = writer._writer.register_schema("foxglove.Log", "jsonschema", b"{}")
+        channel = writer._writer.register_channel("/log", "json", own)
+        for i in range(20):
+            writer.write_message("/x", schema, {"data": float(i)}, log_time=100 * i)
+            writer._writer.add_message(channel, 100 * i, b"{}", 100 * i)
+        writer.finish()
+    source = open_bag(str(path), "mcap")
+    assert [stream.topic for stream in source.streams() if stream.fields] == ["/x"]
+    assert source.remarks == ["/log cannot be read: foxglove.Log: the file has no definition of it"]
+    (batch,) = source.read("/x", ["data"])
+    assert batch["data"].tolist() == list(range(20))
+
+
 @pytest.mark.parametrize("schema", [1, 2, 4])
 def test_db3_as_older_recorders_wrote_it(tmp_path, schema):
     """Without definitions; before version 4 without hashes, before version 2 without profiles."""
