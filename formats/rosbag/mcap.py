@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from contextlib import closing
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, cast
 
@@ -13,11 +12,12 @@ from rosbags.rosbag2 import storage_mcap
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from formats.rosbag.chunks import RUN_BYTES, Chunk, opened, runs
-from formats.rosbag.messages import collected, parts_at
+from formats.rosbag.messages import Messages, parts_at
 from formats.rosbag.unpacking import unpack
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Sequence
+    from typing import BinaryIO
 
     from numpy.typing import NDArray
     from rosbags.rosbag2.storage_mcap import ChunkInfo, Schema
@@ -31,7 +31,11 @@ _ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
 #: Opcode and length of a record; before the entries of an index its channel and their length in
 #: bytes; before a payload channel, sequence, log time and time of publication.
 _RECORD, _INDEX, _MESSAGE = 9, 6, 22
-_MESSAGE_CODE = 0x05
+_MESSAGE_CODE, _CHUNK_CODE = 0x05, 0x06
+#: Of a record; and of a chunk first and last log time, size, checksum, length of its packing's name.
+_CODE_AND_LENGTH, _LENGTH, _CHUNK = struct.Struct("<BQ"), struct.Struct("<Q"), struct.Struct("<QQQII")
+#: Bytes read at a time where records are told apart one by one.
+_LEAST_READ = 1 << 16
 _HEAD = np.dtype(
     {
         "names": ["code", "length", "channel", "time"],
@@ -106,14 +110,49 @@ class McapFile(McapReader):
                     self.spans[connection] = min(start, first), max(end, last)
 
     def _walked(self, wanted: Collection[int], size: int) -> Iterator[Run]:
-        """Read a file without chunks, message by message, in the order of the file."""
-        # Topics read by turns would disturb each other, for rosbags walks a file with the one
-        # position it has; and its messages() wants the log times in order.
-        walker = McapReader(self.path)
-        walker.open()
-        with closing(walker):
-            found = walker.messages_scan([c for c in self.connections if c.id in wanted])
-            yield from collected(((connection.id, time, data) for connection, time, data in found), size)
+        """Read a file without an index of its chunks, or without chunks, in the order of the file.
+
+        Records are told apart one by one, and nothing else is done with each: 4 times as fast as rosbags.
+        """
+        done, length = 0, 0
+        joined: list[tuple[bytes, list[int]]] = []
+        # Topics read by turns would disturb each other in one file, which has one position.
+        with self.path.open("rb") as file:
+            stretches = _stretches(file, self.data_start, self.data_end, size)
+            while True:
+                try:
+                    stretch = next(stretches, None)
+                except Exception:
+                    yield self._gathered(joined, wanted, done)
+                    raise
+                if stretch is not None:
+                    joined.append(stretch)
+                    length += len(stretch[0])
+                if stretch is None or length >= size:
+                    yield self._gathered(joined, wanted, done)
+                    done += sum(len(places) for _, places in joined)
+                    joined, length = [], 0
+                if stretch is None:
+                    return
+
+    @staticmethod
+    def _gathered(joined: Sequence[tuple[bytes, list[int]]], wanted: Collection[int], done: int) -> Run:
+        """Return the messages at some places of some bytes, by connection; so many came before."""
+        buffer = b"".join(data for data, _ in joined)
+        begins = np.cumsum([0, *(len(data) for data, _ in joined)])
+        places = [np.array(own, dtype=np.int64) for _, own in joined]
+        records = np.concatenate([np.empty(0, dtype=np.int64), *map(np.add, places, begins)])
+        heads = parts_at(buffer, records, _HEAD.itemsize).view(_HEAD)
+        starts, sizes = records + _HEAD.itemsize, heads["length"] - _MESSAGE
+        order = done + np.arange(len(records))
+        found: Run = {}
+        for connection in np.unique(heads["channel"]):
+            own = np.flatnonzero(heads["channel"] == connection)
+            if int(connection) in wanted:
+                found[int(connection)] = Messages(
+                    buffer, starts[own], sizes[own], heads["time"][own], order[own]
+                )
+        return found
 
     @staticmethod
     def _index(chunk: ChunkInfo) -> tuple[tuple[int, int, int], ...] | None:
@@ -138,22 +177,79 @@ class McapFile(McapReader):
 
     def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
         """Make the index of a chunk that has none; see `chunks.Layout`."""
-        found: dict[int, list[tuple[int, int]]] = {}
-        at = 0
-        while at < len(chunk):
-            code, length = struct.unpack_from("<BQ", chunk, at)
+        places = np.array(_messages(chunk), dtype=np.int64)
+        heads = parts_at(chunk, places, _HEAD.itemsize).view(_HEAD)
+        found = {}
+        for connection in np.unique(heads["channel"]):
+            own = heads["channel"] == connection
+            found[int(connection)] = entries = np.empty(np.count_nonzero(own), _ENTRY)
+            entries["time"], entries["place"] = heads["time"][own], places[own]
+        return found
+
+
+def _stretches(file: BinaryIO, begin: int, end: int, size: int) -> Iterator[tuple[bytes, list[int]]]:
+    """Yield whole records with the places of the messages among them; those of a chunk apart."""
+    file.seek(begin)
+    left, data, needed = end - begin, b"", 0
+    while left:
+        piece = file.read(min(max(size, _LEAST_READ, needed - len(data)), left))
+        left -= len(piece)
+        data += piece
+        first, behind, places = 0, 0, list[int]()
+        for code, at, behind in _records(data):
             if code == _MESSAGE_CODE:
-                connection, _, time = struct.unpack_from("<HIQ", chunk, at + _RECORD)
-                found.setdefault(connection, []).append((time, at))
-            at += _RECORD + length
-        return {connection: np.array(entries, _ENTRY) for connection, entries in found.items()}
+                places.append(at - first)
+            elif code == _CHUNK_CODE:
+                yield data[first:at], places
+                contents = bytes(_contents(memoryview(data)[at:behind]))
+                yield contents, _messages(contents)
+                first, places = behind, []
+        yield data[first:behind], places
+        data = data[behind:]
+        needed = _RECORD + _LENGTH.unpack_from(data, 1)[0] if len(data) >= _RECORD else _RECORD
+        if not piece or (data and needed > len(data) + left):
+            raise EOFError("it ends within a record")
+
+
+def _records(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
+    """Yield code, begin and end of the whole records in some bytes."""
+    at, end = 0, len(data)
+    while at + _RECORD <= end:
+        code, length = _CODE_AND_LENGTH.unpack_from(data, at)
+        behind = at + _RECORD + length
+        if behind > end:
+            return
+        if code == _MESSAGE_CODE and length < _MESSAGE:
+            raise ValueError("a message is shorter than its head")
+        yield code, at, behind
+        at = behind
+
+
+def _messages(chunk: bytes | memoryview) -> list[int]:
+    """Return the places of the messages among the records of a chunk."""
+    every = list(_records(chunk))
+    if (every[-1][2] if every else 0) < len(chunk):
+        raise ValueError("a chunk ends within a record")
+    return [at for code, at, _ in every if code == _MESSAGE_CODE]
+
+
+def _contents(record: memoryview) -> bytes | memoryview:
+    """Return the records in the record of a chunk that no index tells of, decompressed and checked."""
+    _, _, size, checksum, letters = _CHUNK.unpack_from(record, _RECORD)
+    begin = _RECORD + _CHUNK.size + letters
+    packing = bytes(record[begin - letters : begin]).decode()
+    (stored,) = _LENGTH.unpack_from(record, begin)
+    packed = record[begin + 8 : begin + 8 + stored]
+    if len(packed) < stored:
+        raise ValueError("a chunk is longer than its record")
+    return storage_mcap.decompress(bytes(packed), packing, size, checksum)
 
 
 def _unpack(chunk: ChunkInfo, record: bytes) -> bytes | memoryview:
     """Return the messages in the record of a chunk, decompressed and checked."""
     # First and last log time, size, checksum, name of the compression, stored size.
-    _, _, size, checksum, letters = struct.unpack_from("<QQQII", record, _RECORD)
-    (stored,) = struct.unpack_from("<Q", record, begin := _RECORD + 32 + letters)
+    _, _, size, checksum, letters = _CHUNK.unpack_from(record, _RECORD)
+    (stored,) = _LENGTH.unpack_from(record, begin := _RECORD + _CHUNK.size + letters)
     contents = memoryview(record)[begin + 8 :]
     if (size, stored) != (chunk.uncompressed_size, chunk.compressed_size) or stored > len(contents):
         raise ValueError("a chunk is not as its index says")
