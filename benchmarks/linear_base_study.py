@@ -3,7 +3,7 @@
     python benchmarks/linear_base_study.py [CLEAN [HIDDEN]]
 
 writes benchmarks/results/linear_base_study.txt. CLEAN drives of each course, 12 by default, lack nothing but what
-the base takes for granted, and HIDDEN, 2 by default, hide each of the effects in each of its forms besides.
+the base takes for granted, and HIDDEN, 3 by default, hide each of the effects in each of its forms besides.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import os
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -25,10 +26,11 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from diagnosis_table import share  # noqa: E402 - found through the path above
-from hidden_drives import Kind, sized, windows_of  # noqa: E402 - as above
+from hidden_drives import Kind, samples_of, sized  # noqa: E402 - as above
 
 from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
 from terrain_cli.models import ASSUMPTIONS, build  # noqa: E402 - as above
+from terrain_cli.windows import cut  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "linear_base_study.txt"
 COURSES = ("rich", "poor-load", "poor-speed", "poor")
@@ -44,15 +46,19 @@ EFFECTS = (
     "drawbar-bias",
     "sensor-lag",
 )
+#: k that the base assumes, in m, in turn; that of the soils is 0.018.
+ASSUMED = (0.018, 0.01, 0.03)
 #: Seeds of the drives, none of which was looked at before the rules were set.
-FIRST = 8_700_000
+FIRST = 8_750_000
 
 
 def asked(job):
     """Diagnose a drive: alarm, name, family."""
     seed, course, effect, form = job
     kind = Kind(sized(effect, form=form) if effect else {}, course=course)
-    found = diagnose(windows_of(seed, kind), build("linear"), seed=seed)
+    samples = samples_of(seed, kind)
+    geometry = samples.geometry._replace(shear_modulus=ASSUMED[seed % len(ASSUMED)])
+    found = diagnose([cut(replace(samples, geometry=geometry))], build("linear"), seed=seed)
     return effect, found.alarm.raised, found.effect, set(found.family)
 
 
@@ -76,8 +82,8 @@ def report(clean, hidden):
             "The base linear on drives of the full wheel: what diagnose says is missing",
             "",
             "Drives of 128 s by the simulator of the tests, which integrates the stresses of Bekker, Janosi–Hanamoto",
-            "and Wong–Reece, on one of four soils whose k is another one than the 18 mm that the base assumes. 3 % noise",
-            "of load, torque, sinkage and slip. What the base takes for granted is missing in each of them.",
+            "and Wong–Reece, on one of four soils of k = 18 mm, of which the base assumes 18, 10 or 30 in turn. 3 % noise of",
+            "load, torque, sinkage and slip. What the base takes for granted is missing in each of them.",
             f"Seeds from {FIRST}; shares in % with 95 % intervals.",
             "",
         )
@@ -110,7 +116,7 @@ def report(clean, hidden):
     yield f"{time.perf_counter() - began:.0f} s"
 
 
-def main(clean=12, hidden=2):
+def main(clean=12, hidden=3):
     lines = []
     for text in report(clean, hidden):
         print(text, flush=True)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hidden_drives import Kind, sized, windows_of
+from hidden_drives import Kind, samples_of, sized, windows_of
 
 from terrain_cli.comparison import quiet
 from terrain_cli.comparison.wheel import Settings, Wheel
 from terrain_cli.diagnosis import diagnose
 from terrain_cli.mechanics.model import Model
 from terrain_cli.models import ModelFile
+from terrain_cli.windows import cut
 
 ASSUMPTIONS = {"linearised-stresses", "assumed-shear-modulus"}
 
@@ -71,8 +74,10 @@ def test_what_the_stresses_hide_is_found_behind_them(seed):
 
 
 def test_of_an_assumption_the_way_to_lift_it_that_predicts_best_counts():
-    # Its soils have other k than the 18 mm that the base holds.
-    found = diagnose(windows_of(8, Kind()), ModelFile(Model("linear")))
+    # The soil's k is 18 mm, which the base takes for 10: the full stresses with that k would not do.
+    samples = samples_of(8, Kind())
+    geometry = samples.geometry._replace(shear_modulus=0.010)
+    found = diagnose([cut(replace(samples, geometry=geometry))], ModelFile(Model("linear")))
+    assert found.family[0] == "linearised-stresses"
     stresses = next(one for one in found.candidates if one.effect == "linearised-stresses")
-    assert stresses.sizes["shear_modulus"].value == pytest.approx(0.018, rel=0.9)
-    assert ASSUMPTIONS & set(found.family)
+    assert stresses.sizes["shear_modulus"].value == pytest.approx(0.018, rel=0.15)
