@@ -96,6 +96,29 @@ def of(
     return text
 
 
+def missed(channel: str, error: float, ratio: float) -> str:
+    """Say by how much a channel is missed.
+
+    Parameters
+    ----------
+    channel : str
+    error : float
+        Root mean square, SI.
+    ratio : float
+        The same in terms of the noise of the channel.
+
+    Returns
+    -------
+    str
+    """
+    name, shown, factor = _CHANNELS[channel]
+    return f"{name} is missed by {_number(error * factor)} {shown}, {_times(ratio)} its noise"
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.{1 if ratio < 10.0 else 0}f} times"
+
+
 def named(driver: str) -> str:
     """Return what a driver is called.
 
@@ -145,9 +168,7 @@ def beyond_noise(comparison: Comparison, times: float = ABOVE) -> str:
     }
     if not ratios:
         return ""
-    told = [
-        f"{ratio:.{1 if ratio < 10.0 else 0}f} times the noise of {name}" for name, ratio in ratios.items()
-    ]
+    told = [f"{_times(ratio)} the noise of {name}" for name, ratio in ratios.items()]
     unknown = (
         f"{counted(comparison.blocks, 'independent stretch', 'es')} of data do not tell what it follows"
         if comparison.blocks < FEWEST_BLOCKS

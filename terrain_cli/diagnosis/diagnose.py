@@ -281,7 +281,12 @@ class _State:
             refits.fitted_errors(self.data, self.base),
             self.base.heldout,
         )
-        return replace(diagnosis, sentence=sentences.verdict(diagnosis, self.failures))
+        changed = (
+            {unknown.channel}
+            if alone and unknown
+            else {name for one in hypotheses if one.id in family[:1] for e in one.effects for name in e.laws}
+        )
+        return replace(diagnosis, sentence=sentences.verdict(diagnosis, self.failures, changed))
 
     def _on_full_stresses(
         self, ranked: list[tuple[Hypothesis, Refit]], further: Sequence[Refit]

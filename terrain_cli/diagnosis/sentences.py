@@ -6,12 +6,12 @@ import math
 from typing import TYPE_CHECKING
 
 from terrain_cli.comparison.parts import FEWEST_BLOCKS
-from terrain_cli.comparison.sentences import beyond_noise
+from terrain_cli.comparison.sentences import ABOVE, beyond_noise, missed
 from terrain_cli.english import counted, listed
 from terrain_cli.models import STRESSES
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from terrain_cli.comparison import Finding
     from terrain_cli.diagnosis.parts import Candidate, Diagnosis, Size
@@ -20,11 +20,15 @@ if TYPE_CHECKING:
 _GROSS = 1.5
 #: Part of the size of a channel from which on an error is large, where no noise is known.
 _LARGE = 0.2
+#: Part of the misfit that a finding told of the channel that is missed most must account for.
+_TOLD = 0.2
+#: Part of the largest error beyond noise, in terms of it, from which on a channel is among those missed.
+_STANDS_OUT = 0.5
 #: How a verdict ends where a law of its own was drafted.
 OFFER = "--draft FILE.toml writes the law."
 
 
-def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
+def verdict(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection[str] = ()) -> str:
     """Say the verdict to a person, and what to do next.
 
     Parameters
@@ -32,6 +36,8 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
     diagnosis : Diagnosis
     failures : sequence of Finding
         Of the model on the soils of the diagnosis, the strongest first.
+    changed : collection of str
+        Channels that what is most likely missing changes by itself, without the soil.
 
     Returns
     -------
@@ -49,7 +55,7 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding]) -> str:
             if beyond
             else "Nothing is missing that these data could show."
         )
-    seen = _seen(failures)
+    seen = _seen(diagnosis, failures, changed)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} {OFFER}"
     named = {one.effect: one for one in diagnosis.candidates}
@@ -119,10 +125,28 @@ def with_draft(sentence: str, path: str) -> str:
     return sentence.replace(OFFER, f"The law is in {path}.")
 
 
-def _seen(failures: Sequence[Finding]) -> str:
+def _seen(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection[str]) -> str:
+    """Say where the model fails, in a channel where who looks at it finds it.
+
+    The soil that is fitted spreads a misfit: what is wrong in one channel may be explained best by
+    something in another, of a size that nobody measured there.
+    """
     if not failures:
         return ""
-    sentence = failures[0].sentence
+    first = failures[0]
+    ratios = {
+        name: diagnosis.heldout[name] / errors.noise
+        for name, errors in diagnosis.comparison.channels.items()
+        if name in diagnosis.heldout and errors.noise > 0.0
+    }
+    most = max(ratios, key=lambda name: ratios[name], default="")
+    if first.channel in changed or ratios.get(most, 0.0) < ABOVE:
+        told = [first]
+    else:
+        least = 1.0 + _STANDS_OUT * (ratios[most] - 1.0)
+        there = [one for one in failures if ratios.get(one.channel, math.inf) >= least]
+        told = [one for one in there if one is first or one.share >= _TOLD]
+    sentence = told[0].sentence if told else missed(most, diagnosis.heldout[most], ratios[most])
     return f"{sentence[0].upper()}{sentence[1:]}. "
 
 

@@ -1,0 +1,65 @@
+"""What a diagnosis says first is what who looks at the errors finds there."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from terrain_cli.diagnosis import sentences
+
+THROUGHOUT = "sinkage is under-predicted by 4.3 mm throughout"
+ALONG_SLIP = "drawbar pull is more and more over-predicted as slip rises: by 8.2 N from 0 to 0.6"
+
+
+def diagnosed(heldout, verdict="effect"):
+    """Return a diagnosis of noise 0.4 N m, 3.5 N, 0.6 mm."""
+    noise = {"torque": 0.4, "drawbar_pull": 3.5, "sinkage": 6e-4}
+    candidate = SimpleNamespace(effect="gear-efficiency", sizes={})
+    return SimpleNamespace(
+        verdict=verdict,
+        comparison=SimpleNamespace(channels={n: SimpleNamespace(noise=size) for n, size in noise.items()}),
+        heldout=dict(zip(noise, heldout, strict=True)),
+        candidates=[candidate],
+        family=("gear-efficiency",),
+        unknown=None,
+        together=(),
+    )
+
+
+def found(channel, sentence, share):
+    return SimpleNamespace(channel=channel, sentence=sentence, share=share)
+
+
+def said(heldout, *failures, changed=()):
+    text = sentences.verdict(diagnosed(heldout), failures, changed)
+    return text[: text.index(" Most likely gear-efficiency")]
+
+
+def test_a_misfit_that_the_soil_moved_to_another_channel_is_told_where_it_is():
+    findings = found("sinkage", THROUGHOUT, 0.93), found("drawbar_pull", ALONG_SLIP, 0.04)
+    assert said((0.42, 12.9, 6.1e-4), *findings) == "Drawbar pull is missed by 13 N, 3.7 times its noise."
+
+
+def test_a_finding_of_that_channel_is_told_where_it_is_much_of_the_misfit():
+    text = said(
+        (0.42, 12.9, 6.1e-4), found("sinkage", THROUGHOUT, 0.6), found("drawbar_pull", ALONG_SLIP, 0.35)
+    )
+    assert text == f"D{ALONG_SLIP[1:]}."
+
+
+@pytest.mark.parametrize(
+    ("heldout", "changed"),
+    [
+        ((0.42, 12.9, 6.1e-4), {"sinkage"}),  # it is the effect's own channel
+        ((0.42, 7.0, 1.1e-3), ()),  # this channel is missed nearly as much
+        ((0.41, 3.6, 6.0e-4), ()),  # none is missed to speak of
+    ],
+)
+def test_the_strongest_finding_is_told_where_it_shows(heldout, changed):
+    text = said(
+        heldout, found("sinkage", THROUGHOUT, 0.9), found("drawbar_pull", ALONG_SLIP, 0.3), changed=changed
+    )
+    assert text == f"S{THROUGHOUT[1:]}."
+
+
+def test_without_a_finding_the_name_comes_first():
+    assert sentences.verdict(diagnosed((0.4, 5.0, 6e-4)), []).startswith("Most likely gear-efficiency")
