@@ -230,29 +230,15 @@ class _State:
         near = [
             pair for pair in ranked[:_RIVALS] if float((self.base.loss - pair[1].loss).sum()) > _WORTH * taken
         ]
-        family: tuple[str, ...] = ()
-        earned, clear = False, False
-        members: list[tuple[Hypothesis, Refit]] = []
-        if taken > 0.0 and near:
-            self.progress("telling the best ones apart")
-            judged = rivals.judge(self.data, [one for _, one in near], [one for one, _ in near], self.seed)
-            members = [near[place] for place in judged.family]
-            family = tuple(one.id for one, _ in members)
-            # A name that leaves something unexplained is not the whole story, and perhaps none of it.
-            of_rest, left = leftover.follows(self.data, near[0][1], self.seed)
-            clear = (of_rest >= LEVEL and left < taken) or left < _SMALL * taken
-            # Nor is it where a law that nobody thought of predicts better.
-            clear = clear and not unknowns.beats(draft, near[0][1])
-            # Nor where it stands for something that nature does not have.
-            clear = clear and not merits.imitates(self.data, *near[0])
-            earned = judged.earned and clear and self.data.blocks >= _FEWEST
+        members, earned, clear, whole = self._judged(near, draft, taken)
+        family = tuple(one.id for one, _ in members)
         unknown, alone = unknowns.verdict(self.base, best, draft, family)
         # Where a draft stands alone, it has beaten the best effect.
-        pair = None if clear else pairs.best(self.data, self.found, ranked, self.progress)
-        together: tuple[str, ...] = ()
-        if pair and all(merits.beats(pair[1], one) for one in (best, *(d.refit for d in draft[:1]))):
-            together = tuple(effect.id for effect in pair[0].effects)
-            unknown, alone, family = None, False, family or together
+        pair = None if whole else pairs.best(self.data, self.found, ranked, self.progress)
+        together = pairs.told(pair, [best, *(d.refit for d in draft[:1])], family[0] if clear else "")
+        if together:
+            unknown, alone, earned = None, False, False
+            family, members = (together, []) if clear else (family or together, members)
         full = self._on_full_stresses(ranked, [*(d.refit for d in draft[:1]), *([pair[1]] if pair else [])])
         if full:
             together = (models.STRESSES, full[0][0].id)
@@ -281,12 +267,35 @@ class _State:
             refits.fitted_errors(self.data, self.base),
             self.base.heldout,
         )
-        changed = (
-            {unknown.channel}
-            if alone and unknown
-            else {name for one in hypotheses if one.id in family[:1] for e in one.effects for name in e.laws}
-        )
+        laws = {one.id: one.laws for one in self.effects}
+        changed = [unknown.channel] if alone and unknown else laws.get(family[0], ())
         return replace(diagnosis, sentence=sentences.verdict(diagnosis, self.failures, changed))
+
+    def _judged(
+        self, near: list[tuple[Hypothesis, Refit]], draft: Sequence[unknowns.Tried], taken: float
+    ) -> tuple[list[tuple[Hypothesis, Refit]], bool, bool, bool]:
+        """Tell the best ones apart.
+
+        Returns
+        -------
+        list of (Hypothesis, Refit)
+            Those that cannot be told from the best, the best first.
+        earned, clear, whole : bool
+            The best has earned a single name; it leaves little, if anything; it leaves nothing.
+        """
+        if taken <= 0.0 or not near:
+            return [], False, False, False
+        self.progress("telling the best ones apart")
+        judged = rivals.judge(self.data, [one for _, one in near], [one for one, _ in near], self.seed)
+        # A name that leaves something unexplained is not the whole story, and perhaps none of it.
+        of_rest, left = leftover.follows(self.data, near[0][1], self.seed)
+        clear = (of_rest >= LEVEL and left < taken) or left < _SMALL * taken
+        # Nor is it where a law that nobody thought of predicts better.
+        clear = clear and not unknowns.beats(draft, near[0][1])
+        # Nor where it stands for something that nature does not have.
+        clear = clear and not merits.imitates(self.data, *near[0])
+        earned = judged.earned and clear and self.data.blocks >= _FEWEST
+        return [near[place] for place in judged.family], earned, clear, clear and of_rest >= LEVEL
 
     def _on_full_stresses(
         self, ranked: list[tuple[Hypothesis, Refit]], further: Sequence[Refit]

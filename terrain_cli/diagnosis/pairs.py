@@ -62,6 +62,31 @@ def best(
     return min(fitted, key=lambda one: float(one[1].loss.sum()), default=None)
 
 
+def told(pair: tuple[Hypothesis, Refit] | None, others: Sequence[Refit], name: str) -> tuple[str, ...]:
+    """Return two effects that explain more than anything alone, unless a name that is clear is one of them.
+
+    An effect that imitates two others well leaves little, but those two leave less. One that leaves little
+    because it is there, though not quite in the form of the catalogue, goes better with any other.
+
+    Parameters
+    ----------
+    pair : (Hypothesis, Refit) or None
+        From `best`.
+    others : sequence of Refit
+        What else there is.
+    name : str
+        The effect that leaves little; empty where none does.
+
+    Returns
+    -------
+    tuple of str
+    """
+    if pair is None or not all(merits.beats(pair[1], one) for one in others):
+        return ()
+    both = tuple(effect.id for effect in pair[0].effects)
+    return () if name in both else both
+
+
 def on_full_stresses(
     data: Ground, file: ModelFile, effects: Sequence[Effect], base: Refit, progress: Callable[[str], None]
 ) -> list[tuple[Hypothesis, Refit]]:
