@@ -78,6 +78,9 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
         better = f" Two effects together explain more than any alone; {add}"
         if first.effect == STRESSES == diagnosis.together[0]:
             return f"{told} together with {listed(others, 'or')} explain more than any effect alone; {add}"
+        if {*diagnosis.together} == {first.effect, *others}:
+            both = listed(diagnosis.together)
+            return f"{both[0].upper()}{both[1:]} together explain more than any effect alone; {add}"
     if not others:
         blocks = diagnosis.comparison.blocks
         doubt = (

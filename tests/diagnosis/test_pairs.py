@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from hidden_drives import Kind, two, windows_of
 
 from terrain_cli import models
-from terrain_cli.diagnosis import diagnose, document, joining
+from terrain_cli.diagnosis import diagnose, document, joining, pairs
 from terrain_cli.effects import catalogue
 from terrain_cli.improvement import Stopped, until_quiet
 
@@ -48,3 +50,25 @@ def test_they_are_added_together_and_stay(wheels, found):
     assert {effect.id for effect in end.file.model.effects} == set(HIDDEN)
     for name, errors in steps[0].second.channels.items():
         assert errors.heldout_rmse < 1.1 * errors.noise, name
+
+
+@pytest.mark.parametrize(
+    ("pair_loss", "name", "told"),
+    [
+        (800.0, "", ("slip-sinkage", "slope")),
+        (800.0, "max-stress-angle", ("slip-sinkage", "slope")),  # it imitated both
+        (800.0, "slope", ()),  # it is there, in another form than the catalogue's
+        (995.0, "", ()),  # within chance of what else there is
+        (995.0, "max-stress-angle", ()),
+    ],
+)
+def test_a_pair_replaces_a_name_that_is_none_of_it(pair_loss, name, told):
+    chance = np.random.default_rng(1).normal(0.0, 3.0, 40)
+    effects = [SimpleNamespace(id=one) for one in ("slip-sinkage", "slope")]
+    fit = SimpleNamespace(loss=np.full(40, pair_loss / 40) + chance)
+    others = [SimpleNamespace(loss=np.full(40, 1000.0 / 40))]
+    assert pairs.told((SimpleNamespace(effects=effects), fit), others, name) == told
+
+
+def test_without_a_pair_nothing_is_told():
+    assert pairs.told(None, [], "") == ()

@@ -10,7 +10,7 @@ THROUGHOUT = "sinkage is under-predicted by 4.3 mm throughout"
 ALONG_SLIP = "drawbar pull is more and more over-predicted as slip rises: by 8.2 N from 0 to 0.6"
 
 
-def diagnosed(heldout, verdict="effect"):
+def diagnosed(heldout, verdict="effect", together=()):
     """Return a diagnosis of noise 0.4 N m, 3.5 N, 0.6 mm."""
     noise = {"torque": 0.4, "drawbar_pull": 3.5, "sinkage": 6e-4}
     candidate = SimpleNamespace(effect="gear-efficiency", sizes={})
@@ -19,9 +19,9 @@ def diagnosed(heldout, verdict="effect"):
         comparison=SimpleNamespace(channels={n: SimpleNamespace(noise=size) for n, size in noise.items()}),
         heldout=dict(zip(noise, heldout, strict=True)),
         candidates=[candidate],
-        family=("gear-efficiency",),
+        family=together or ("gear-efficiency",),
         unknown=None,
-        together=(),
+        together=together,
     )
 
 
@@ -63,3 +63,11 @@ def test_the_strongest_finding_is_told_where_it_shows(heldout, changed):
 
 def test_without_a_finding_the_name_comes_first():
     assert sentences.verdict(diagnosed((0.4, 5.0, 6e-4)), []).startswith("Most likely gear-efficiency")
+
+
+def test_two_that_are_missing_together_are_no_alternatives():
+    pair = ("gear-efficiency", "slope")
+    assert sentences.verdict(diagnosed((0.4, 5.0, 6e-4), "family", pair), []) == (
+        "Gear-efficiency and slope together explain more than any effect alone; add both with: "
+        "terrain-est model add FILE gear-efficiency slope --data INPUT…"
+    )
