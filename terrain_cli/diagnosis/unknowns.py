@@ -207,10 +207,13 @@ def verdict(
     left = float((effect.loss - tried[0].refit.loss).sum())
     if misfit <= 0.0 or left <= 0.0 or (family and not beats(tried, effect)):
         return None, False
-    alone = not family or left >= _LEFT * misfit
     draft = tried[0].draft
     explained = float(np.clip((base.loss - tried[0].refit.loss).sum() / misfit, 0.0, 1.0))
     channel = draft.changes if draft.changes in drafts.SHOWN else _channel(base, tried[0].refit)
+    errors = [one.heldout[channel] ** 2 for one in (base, effect, tried[0].refit)]
+    # Where noise lasts, a misfit that lasts weighs little, and a small one that does not, as much as that.
+    much = errors[1] - errors[2] >= _LEFT * (errors[0] - errors[2])
+    alone = not family or (left >= _LEFT * misfit and much)
     follows = f"follows {draft.driver.replace('_', ' ')}" if draft.driver else "is off by a constant"
     head = "No effect of the catalogue explains it" if alone else "A law of one driver predicts it better"
     sentence = (
