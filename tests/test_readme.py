@@ -61,6 +61,12 @@ def test_command_runs(line, clone, bin_folder):
     assert all((clone / name).stat().st_size > 0 for name in written)
 
 
+def test_commands_in_the_order_of_the_page_meet_no_file_that_they_do_not_replace():
+    written = re.findall(r"(?:model new|simulate .*?-o|--draft|--truth) (\S+\.\w+)", README)
+    assert len(written) > 3
+    assert len(written) == len(set(written))
+
+
 def test_two_commands_set_up_and_do_everything():
     run, test = (block.strip() for block in SETUP)
     assert run.startswith("python3 -m venv .venv && .venv/bin/pip install ")
