@@ -234,12 +234,16 @@ class _State:
         family = tuple(one.id for one, _ in members)
         unknown, alone = unknowns.verdict(self.base, best, draft, family)
         # Where a draft stands alone, it has beaten the best effect.
-        pair = None if whole else pairs.best(self.data, self.found, ranked, self.progress)
-        together = pairs.told(pair, [best, *(d.refit for d in draft[:1])], family[0] if clear else "")
+        name = family[0] if clear else ""
+        two = [] if whole else pairs.best(self.data, self.found, ranked, self.progress, name)
+        others = [one.refit for one in draft[:1]]
+        together, sure = pairs.told(two, [best, *others], name)
         if together:
             unknown, alone, earned = None, False, False
-            family, members = (together, []) if clear else (family or together, members)
-        full = self._on_full_stresses(ranked, [*(d.refit for d in draft[:1]), *([pair[1]] if pair else [])])
+            if clear:
+                family, members = together if sure else tuple(dict.fromkeys((*together, *family))), []
+            family = family or together
+        full = self._on_full_stresses(ranked, [*others, *(one for _, one in two[:1])])
         if full:
             together = (models.STRESSES, full[0][0].id)
             unknown, alone, earned, members = None, False, False, full

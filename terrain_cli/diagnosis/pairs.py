@@ -31,8 +31,9 @@ def best(
     found: Screened,
     ranked: Sequence[tuple[Hypothesis, Refit]],
     progress: Callable[[str], None],
-) -> tuple[Hypothesis, Refit] | None:
-    """Find the two effects that together predict held-out blocks best.
+    name: str,
+) -> list[tuple[Hypothesis, Refit]]:
+    """Find two effects that together predict held-out blocks better than any alone.
 
     Parameters
     ----------
@@ -41,16 +42,20 @@ def best(
     ranked : sequence of (Hypothesis, Refit)
         Each of them alone.
     progress : callable
+    name : str
+        An effect that leaves little; empty where none does. It is tried with any other that promises most.
 
     Returns
     -------
-    (Hypothesis, Refit) or None
-        None where there is none that nature could have.
+    list of (Hypothesis, Refit)
+        The best first, none that nature could not have.
     """
     alone = {one.id: (one, refit) for one, refit in ranked if one.effects}
-    effects = [one for one, _ in alone.values()]
+    promising = screening.promising_pairs(found, [one for one, _ in alone.values()])
+    chosen, rest = promising[:_FITTED], promising[_FITTED:]
+    chosen += [pair for pair in rest if name in (one.id for one in pair)][:_FITTED]
     fitted = []
-    for first, second in screening.promising_pairs(found, effects)[:_FITTED]:
+    for first, second in chosen:
         pair = _both(data, first, second)
         if pair is None:
             continue
@@ -59,18 +64,20 @@ def best(
         refit = refits.refit(data, pair, after=after)
         if not (merits.at_bounds(pair, refit) or merits.imitates(data, pair, refit)):
             fitted.append((pair, refit))
-    return min(fitted, key=lambda one: float(one[1].loss.sum()), default=None)
+    return sorted(fitted, key=lambda one: float(one[1].loss.sum()))
 
 
-def told(pair: tuple[Hypothesis, Refit] | None, others: Sequence[Refit], name: str) -> tuple[str, ...]:
-    """Return two effects that explain more than anything alone, unless a name that is clear is one of them.
+def told(
+    fitted: Sequence[tuple[Hypothesis, Refit]], others: Sequence[Refit], name: str
+) -> tuple[tuple[str, ...], bool]:
+    """Return two effects that explain more than anything else, if a name that is clear is none of them.
 
     An effect that imitates two others well leaves little, but those two leave less. One that leaves little
-    because it is there, though not quite in the form of the catalogue, goes better with any other.
+    because it is there, though not in the form of the catalogue or not alone, goes best with another.
 
     Parameters
     ----------
-    pair : (Hypothesis, Refit) or None
+    fitted : sequence of (Hypothesis, Refit)
         From `best`.
     others : sequence of Refit
         What else there is.
@@ -79,12 +86,20 @@ def told(pair: tuple[Hypothesis, Refit] | None, others: Sequence[Refit], name: s
 
     Returns
     -------
-    tuple of str
+    both : tuple of str
+    sure : bool
+        They explain more than the name does with any other, beyond chance.
     """
-    if pair is None or not all(merits.beats(pair[1], one) for one in others):
-        return ()
-    both = tuple(effect.id for effect in pair[0].effects)
-    return () if name in both else both
+    if not fitted or name in _ids(fitted[0][0]):
+        return (), False
+    pair, refit = fitted[0]
+    if not all(merits.beats(refit, one) for one in others):
+        return (), False
+    return _ids(pair), all(merits.beats(refit, one) for other, one in fitted if name in _ids(other))
+
+
+def _ids(pair: Hypothesis) -> tuple[str, ...]:
+    return tuple(effect.id for effect in pair.effects)
 
 
 def on_full_stresses(
