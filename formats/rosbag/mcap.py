@@ -112,7 +112,8 @@ class McapFile(McapReader):
     def _walked(self, wanted: Collection[int], size: int) -> Iterator[Run]:
         """Read a file without an index of its chunks, or without chunks, in the order of the file.
 
-        Records are told apart one by one, and nothing else is done with each: 4 times as fast as rosbags.
+        Records are told apart one by one, and nothing else is done with each: 3.7 times as fast as rosbags
+        without chunks, 1.2 times with plain ones of small messages.
         """
         done, length = 0, 0
         joined: list[tuple[bytes, list[int]]] = []

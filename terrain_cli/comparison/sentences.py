@@ -96,27 +96,21 @@ def of(
     return text
 
 
-def missed(channel: str, error: float, ratio: float) -> str:
+def missed(channel: str, error: float) -> str:
     """Say by how much a channel is missed.
 
     Parameters
     ----------
     channel : str
     error : float
-        Root mean square, SI.
-    ratio : float
-        The same in terms of the noise of the channel.
+        Held out, root mean square, SI.
 
     Returns
     -------
     str
     """
     name, shown, factor = _CHANNELS[channel]
-    return f"{name} is missed by {_number(error * factor)} {shown}, {_times(ratio)} its noise"
-
-
-def _times(ratio: float) -> str:
-    return f"{ratio:.{1 if ratio < 10.0 else 0}f} times"
+    return f"the held-out error of {name} is {_number(error * factor)} {shown}"
 
 
 def named(driver: str) -> str:
@@ -168,7 +162,9 @@ def beyond_noise(comparison: Comparison, times: float = ABOVE) -> str:
     }
     if not ratios:
         return ""
-    told = [f"{_times(ratio)} the noise of {name}" for name, ratio in ratios.items()]
+    told = [
+        f"{ratio:.{1 if ratio < 10.0 else 0}f} times the noise of {name}" for name, ratio in ratios.items()
+    ]
     unknown = (
         f"{counted(comparison.blocks, 'independent stretch', 'es')} of data do not tell what it follows"
         if comparison.blocks < FEWEST_BLOCKS

@@ -233,15 +233,16 @@ class _State:
         members, earned, clear, whole = self._judged(near, draft, taken)
         family = tuple(one.id for one, _ in members)
         unknown, alone = unknowns.verdict(self.base, best, draft, family)
-        # Where a draft stands alone, it has beaten the best effect.
         name = family[0] if clear else ""
+        # Where a draft stands alone, it has beaten the best effect: nothing is clear then.
         two = [] if whole else pairs.best(self.data, self.found, ranked, self.progress, name)
         others = [one.refit for one in draft[:1]]
         together, sure = pairs.told(two, [best, *others], name)
         if together:
             unknown, alone, earned = None, False, False
-            if clear:
-                family, members = together if sure else tuple(dict.fromkeys((*together, *family))), []
+            if name:
+                family = together if sure else tuple(dict.fromkeys((*together, *family)))
+                members = []
             family = family or together
         full = self._on_full_stresses(ranked, [*others, *(one for _, one in two[:1])])
         if full:

@@ -149,7 +149,7 @@ def _seen(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection
         least = 1.0 + _STANDS_OUT * (ratios[most] - 1.0)
         there = [one for one in failures if ratios.get(one.channel, math.inf) >= least]
         told = [one for one in there if one is first or one.share >= _TOLD]
-    sentence = told[0].sentence if told else missed(most, diagnosis.heldout[most], ratios[most])
+    sentence = told[0].sentence if told else missed(most, diagnosis.heldout[most])
     return f"{sentence[0].upper()}{sentence[1:]}. "
 
 
