@@ -218,6 +218,7 @@ class Search:
             best = self._strongest(explained, (p_values < level) & testable, need)
             if best is None:
                 break
+            strongest = self._pair(best)
             best = self._usual(best, explained, (p_values < level) & testable, testable, cross)
             pair = self._pair(best)
             term, size = self.terms[best], float(explained[list(pair)].sum())
@@ -226,7 +227,7 @@ class Search:
             found.append(
                 Found(
                     Term(term.channel, self.terms[pair[0]].shape),
-                    float(p_values[list(pair)].min()),
+                    float(p_values[[*strongest, *pair]].min()),
                     float(coefficient[pair[0]]),
                     float(coefficient[pair[1]]) if len(pair) > 1 else 0.0,
                     size,
@@ -308,8 +309,14 @@ class Search:
         if shape.driver in _KNOWN or shape.name == "label":
             # The shape that is alike need not be that in which it explains as much.
             alike &= {*self._alternatives(best, cross, testable)}
-        near = np.flatnonzero(beyond & (explained >= (1.0 - _NEARLY) * explained[best])).tolist()
-        others = [p for p in near if self.terms[p].channel == channel and self.terms[p].shape.driver in alike]
+        # With few blocks it need not be beyond chance by itself, where it explains about as much.
+        near = beyond & (explained >= (1.0 - _NEARLY) * explained[best])
+        near |= testable & (explained >= (1.0 - _PLAINER) * explained[best])
+        others = [
+            place
+            for place in np.flatnonzero(near).tolist()
+            if self.terms[place].channel == channel and self.terms[place].shape.driver in alike
+        ]
         return max(others, key=lambda place: explained[place], default=best)
 
     def _alternatives(self, best: int, cross: Array, testable: NDArray[np.bool_]) -> tuple[str, ...]:

@@ -101,18 +101,12 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     -------
     bool
     """
-    sides = {name: p for name, p in hypothesis.parameters.items() if p.side}
-    for part, solution in zip(data.data, one.solutions, strict=True) if sides else ():
-        _, common = solved.covariance(part, solution)
-        for column, unknown in enumerate(solution.unknowns.shared):
-            if unknown.name not in sides:
-                continue
-            value, error = (
-                float(unknown.value(solution.common[column])),
-                float(np.sqrt(common[column, column])),
-            )
-            if sides[unknown.name].imitates(value, error):
-                return True
+    for part, solution in zip(data.data, one.solutions, strict=True):
+        _, covariance = solved.covariance(part, solution)
+        fitted = zip(solution.unknowns.shared, solution.common, strict=True)
+        values = {unknown.name: float(unknown.value(place)) for unknown, place in fitted}
+        if any(any(effect.imitations(values, covariance)) for effect in hypothesis.effects):
+            return True
     return False
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
 #: Where an effect enters: what the soil is, the stress under the rim, the shape of the contact, a
 #: force on the wheel, or what a sensor shows of it.
@@ -149,6 +149,39 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
+class Sum:
+    """A sum of an effect's parameters that nature bounds, whatever each of them is.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the parameters.
+    lower, upper : float
+        SI.
+    """
+
+    names: tuple[str, ...]
+    lower: float
+    upper: float
+
+    def imitates(self, value: float, error: float, errors: float = _CERTAIN) -> bool:
+        """Tell whether a value is where nature has none, beyond doubt.
+
+        Parameters
+        ----------
+        value, error : float
+            SI; the second a standard error.
+        errors : float
+            Standard errors beyond which there is no doubt.
+
+        Returns
+        -------
+        bool
+        """
+        return max(self.lower - value, value - self.upper) > errors * error
+
+
+@dataclass(frozen=True, slots=True)
 class Effect:
     """A physical effect that can be added to a model.
 
@@ -178,6 +211,8 @@ class Effect:
         Who found it: authors, year, title, and doi where there is one.
     settled_by : str
         The manoeuvre that tells it from its neighbours.
+    sums : tuple of Sum
+        Of its parameters. A fit may go beyond their bounds: there it imitates something else.
     others : tuple of mapping of str to callable
         The same effect, with the same parameters, as others write it: what stands in place of `laws`.
         A model has `laws`; a diagnosis names the effect whichever of them the data follow.
@@ -195,6 +230,7 @@ class Effect:
     shows: str = ""
     reference: str = ""
     settled_by: str = ""
+    sums: tuple[Sum, ...] = ()
     others: tuple[Mapping[str, Law], ...] = ()
     origin: str = field(default="catalogue", compare=False)
 
@@ -212,3 +248,35 @@ class Effect:
     def qualified(self, parameter: Parameter) -> str:
         """Return the name of a parameter among those of all effects: ``slip-sinkage.n1``."""
         return f"{self.id}.{parameter.name}"
+
+    def imitations(
+        self, values: Mapping[str, float], covariance: Any, errors: float = _CERTAIN
+    ) -> Iterator[tuple[tuple[str, ...], float, float]]:
+        """Yield what came out where nature has none, and so stands for another effect.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            What was fitted, by qualified names, SI.
+        covariance : ndarray, shape (values, values)
+        errors : float
+            Standard errors beyond which there is no doubt.
+
+        Yields
+        ------
+        names : tuple of str
+            Qualified, of the parameters that are added up; often one.
+        value, error : float
+            Of their sum.
+        """
+        places = {name: place for place, name in enumerate(values)}
+        limits = [((one.name,), one) for one in self.parameters] + [(one.names, one) for one in self.sums]
+        for short, limit in limits:
+            names = tuple(f"{self.id}.{name}" for name in short)
+            if any(name not in places for name in names):
+                continue
+            own = [places[name] for name in names]
+            value = sum(values[name] for name in names)
+            error = math.sqrt(max(sum(float(covariance[i][j]) for i in own for j in own), 0.0))
+            if limit.imitates(value, error, errors):
+                yield names, value, error

@@ -240,11 +240,22 @@ def _parameters(comparison: Comparison, file: ModelFile, changed: Sequence[str])
 
 
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
-    """Return the parameters of some effects that are where nature has none."""
-    for one in _parameters(comparison, file, changed):
-        known, factor = file.model.parameters.get(one.name), file.factor(one.name)
-        if known is not None and known.imitates(one.value * factor, one.se * factor, DOUBTED):
-            yield one
+    """Return the parameters of some effects that are where nature has none, or their sums."""
+    effects = [effect for effect in file.model.effects if effect.id in changed]
+    for wheel in comparison.wheels:
+        fit = wheel.fit
+        for effect in effects:
+            for names, value, error in effect.imitations(fit.shared, fit.shared_covariance, DOUBTED):
+                factor = file.factor(names[0])
+                yield Estimated(
+                    wheel.source,
+                    wheel.wheel,
+                    " + ".join(names),
+                    file.units[names[0]],
+                    value / factor,
+                    error / factor,
+                    True,
+                )
 
 
 def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.effects.effect import Effect, Parameter
+from terrain_cli.effects.effect import Effect, Parameter, Sum
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,6 +22,9 @@ EFFECT = Effect(
         Parameter("c1", "1", 0.5, 0.1, 0.02, 0.98, "share of the entry angle at no slip"),
         Parameter("c2", "1", 0.0, 0.3, -0.9, 0.9, "growth of that share from no slip to full slip"),
     ),
+    # At full slip the largest in the literature is 0.80; far beyond, the rim would carry nothing, which
+    # sinks a wheel as nothing measured does.
+    sums=(Sum(("c1", "c2"), 0.0, 0.85),),
     laws={"max_stress_angle": _angle},
     formula="θm = (c1 + c2 i) θ1",
     explanation=(
@@ -32,7 +35,8 @@ EFFECT = Effect(
         "slip and sinkage rises somewhat, while torque hardly changes. The excess of T/r over DP, close to "
         "W tan θm, grows with slip; the parasitic torque of drivetrain-friction makes an excess too, but a "
         "constant one. Slip-sinkage raises sinkage far more, and torque with it; shear-modulus lowers "
-        "torque and pull together."
+        "torque and pull together. The share at full slip, c1 + c2, is at most 0.8 in the literature: "
+        "where a fit needs more, it stands for something else."
     ),
     shows="drawbar pull against slip, and T/r − DP most of all",
     reference=(
