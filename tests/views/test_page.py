@@ -176,6 +176,28 @@ def test_without_a_place_there_is_no_map(run):
     assert "Track by" not in page(lost)
 
 
+def courses(text):
+    """Return the titles of the axis below measured and predicted values, and how the prediction is drawn."""
+    found = set()
+    for spec in specs(text):
+        measured, predicted = [*spec["layer"], {}, {}][:2]
+        if [t.get("calculate") for t in predicted.get("transform", [])][-1:] == ["'predicted'"]:
+            found.add((measured["encoding"]["x"]["title"], predicted["mark"]["type"]))
+    return found
+
+
+def test_a_drive_is_shown_along_time(text):
+    assert courses(text) == {("time t (s)", "line")}
+
+
+def test_steady_points_are_shown_along_slip_and_not_joined(run):
+    """Their order in the table is that of nothing."""
+    points = comparison_of(run)
+    for wheel in points.wheels:
+        wheel.samples.time = None
+    assert courses(page(points)) == {("slip i", "point")}
+
+
 def test_label_is_a_driver_by_name(text):
     (chart, *_) = [s for s in specs(text) if "terrain" in json.dumps(s["layer"])]
     assert {row["x"] for row in chart["datasets"]["data-1"]} == {"dry sand", "sandy loam"}

@@ -101,19 +101,23 @@ def agreement(pooled: Pairs, label: str, keys: Text, names: Text, chosen: str) -
     return sheet.finished([background.interactive(name="zoom"), line.encode(x=x, y=y), marked], 320)
 
 
-def course(along: Array, axis: str, pairs: Pairs, label: str, keys: Text, chosen: str) -> Spec:
+def course(
+    along: Array, axis: str, pairs: Pairs, label: str, keys: Text, chosen: str, *, driven: bool
+) -> Spec:
     """Draw measured and predicted values along the chosen segment.
 
     Parameters
     ----------
     along : ndarray, shape (n,)
-        Time, or the number of the sample.
+        Time; the slip of steady test points, or their number.
     axis : str
         Title of this axis.
     pairs : Pairs
         Of the same samples.
     label, keys, chosen
         As for `agreement`.
+    driven : bool
+        Whether the samples were driven in the order of `along`: the prediction is a line then.
 
     Returns
     -------
@@ -121,7 +125,7 @@ def course(along: Array, axis: str, pairs: Pairs, label: str, keys: Text, chosen
     """
     sheet = Sheet(chosen)
     # A line does not bridge what was not driven.
-    step = np.diff(along)
+    step = np.diff(along) if driven else np.zeros(max(len(along) - 1, 0))
     gaps = np.flatnonzero((np.diff(pairs.segment) == 0) & (step > _GAP * np.median(np.abs(step)))) + 1
     measured, predicted = (np.insert(column, gaps, np.nan) for column in (pairs.measured, pairs.predicted))
     base = (
@@ -133,7 +137,7 @@ def course(along: Array, axis: str, pairs: Pairs, label: str, keys: Text, chosen
         )
         .transform_filter("datum.s == segment")
         .encode(
-            x=alt.X("x:Q", title=axis, scale=alt.Scale(zero=False)),
+            x=alt.X("x:Q", title=axis, scale=alt.Scale(zero=False, padding=0 if driven else 10)),
             tooltip=[
                 alt.Tooltip("x:Q", title=axis),
                 alt.Tooltip("m:Q", title="measured"),
@@ -150,8 +154,9 @@ def course(along: Array, axis: str, pairs: Pairs, label: str, keys: Text, chosen
         return base.transform_calculate(what=f"'{kind}'").encode(y=y, color=colour)
 
     dots = shown("measured", "m").mark_point(size=12).interactive(name="zoom")
-    line = shown("predicted", "p").mark_line(strokeWidth=1.6)
-    return sheet.finished([dots, line], 320)
+    other = shown("predicted", "p")
+    other = other.mark_line(strokeWidth=1.6) if driven else other.mark_point(shape="cross", size=40)
+    return sheet.finished([dots, other], 320)
 
 
 def residual(along: Along, pooled: Pairs, label: str, noise: float, keys: Text, chosen: str) -> Spec:

@@ -269,12 +269,12 @@ def _agreement(content: _Content) -> Section:
             )
         )
         few = pooled.take(_few_of_each(pooled.segment, content.kept))
-        along, axis = _along(comparison, few)
+        along, axis, driven = _along(comparison, few)
         parts.append(
             Chart(
                 f"Measured and predicted {what.words} in the segment marked",
                 f"{what.words} as measured and as predicted along the segment chosen.",
-                sample_charts.course(along, axis, few, what.label, keys, content.chosen),
+                sample_charts.course(along, axis, few, what.label, keys, content.chosen, driven=driven),
                 wide=True,
             )
         )
@@ -293,16 +293,22 @@ def _few_of_each(segment: NDArray[np.int32], kept: NDArray[np.intp]) -> NDArray[
     return np.concatenate(chosen) if chosen else np.empty(0, dtype=np.intp)
 
 
-def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str]:
-    """Return the time of samples where every wheel has it, else their number."""
+def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str, bool]:
+    """Return what samples are shown along, its title, and whether they were driven in its order.
+
+    Time where every wheel has it; of steady test points the slip.
+    """
     if any(wheel.samples.time is None for wheel in comparison.wheels):
-        return few.row.astype(float) + 1.0, "sample"
+        if any("slip" not in wheel.drivers for wheel in comparison.wheels):
+            return few.row.astype(float) + 1.0, "sample", False
+        along = samples.driver(comparison, "slip", few)
+        return along.values, along.quantity.label, False
     result = np.empty(len(few.row))
     for index, wheel in enumerate(comparison.wheels):
         here = few.wheel == index
         if wheel.samples.time is not None:
             result[here] = wheel.samples.time[wheel.windows.rows[few.row[here]]]
-    return result, "time t (s)"
+    return result, "time t (s)", True
 
 
 def _failures(content: _Content) -> Section:
