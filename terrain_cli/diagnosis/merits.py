@@ -101,11 +101,12 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     -------
     bool
     """
-    for part, solution in zip(data.data, one.solutions, strict=True):
+    bounded = [effect for effect in hypothesis.effects if effect.limits]
+    for part, solution in zip(data.data, one.solutions, strict=True) if bounded else ():
         _, covariance = solved.covariance(part, solution)
         fitted = zip(solution.unknowns.shared, solution.common, strict=True)
         values = {unknown.name: float(unknown.value(place)) for unknown, place in fitted}
-        if any(any(effect.imitations(values, covariance)) for effect in hypothesis.effects):
+        if any(any(effect.imitations(values, covariance)) for effect in bounded):
             return True
     return False
 

@@ -95,22 +95,20 @@ class Parameter:
     skids: bool = False
     side: int = 0
 
-    def imitates(self, value: float, error: float, errors: float = _CERTAIN) -> bool:
+    def imitates(self, value: float, doubt: float) -> bool:
         """Tell whether a value is where nature has none, beyond doubt or as far as it could go there.
 
         Parameters
         ----------
-        value, error : float
-            SI; the second a standard error.
-        errors : float
-            Standard errors beyond which there is no doubt.
+        value, doubt : float
+            SI; the second is how far from the null it may be and mean nothing.
 
         Returns
         -------
         bool
         """
         away = (self.null - value) * self.side
-        return away > errors * error or (away > 0.0 and self.at_bound(value))
+        return away > doubt or (away > 0.0 and self.at_bound(value))
 
     def at_bound(self, value: float) -> bool:
         """Tell whether a value, SI, is the least or the most that the parameter can be.
@@ -164,21 +162,9 @@ class Sum:
     lower: float
     upper: float
 
-    def imitates(self, value: float, error: float, errors: float = _CERTAIN) -> bool:
-        """Tell whether a value is where nature has none, beyond doubt.
-
-        Parameters
-        ----------
-        value, error : float
-            SI; the second a standard error.
-        errors : float
-            Standard errors beyond which there is no doubt.
-
-        Returns
-        -------
-        bool
-        """
-        return max(self.lower - value, value - self.upper) > errors * error
+    def imitates(self, value: float, doubt: float) -> bool:
+        """As `Parameter.imitates`, with how far beyond the bounds it may be and mean nothing."""
+        return max(self.lower - value, value - self.upper) > doubt
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,6 +231,13 @@ class Effect:
         """The effect, and the same with its laws as others write them."""
         return (self, *(replace(self, laws=laws, others=()) for laws in self.others))
 
+    @property
+    def limits(self) -> list[tuple[tuple[str, ...], Parameter | Sum]]:
+        """What nature bounds, with the names of the parameters that are added up."""
+        return [((one.name,), one) for one in self.parameters if one.side] + [
+            (one.names, one) for one in self.sums
+        ]
+
     def qualified(self, parameter: Parameter) -> str:
         """Return the name of a parameter among those of all effects: ``slip-sinkage.n1``."""
         return f"{self.id}.{parameter.name}"
@@ -270,13 +263,12 @@ class Effect:
             Of their sum.
         """
         places = {name: place for place, name in enumerate(values)}
-        limits = [((one.name,), one) for one in self.parameters] + [(one.names, one) for one in self.sums]
-        for short, limit in limits:
+        for short, limit in self.limits:
             names = tuple(f"{self.id}.{name}" for name in short)
             if any(name not in places for name in names):
                 continue
             own = [places[name] for name in names]
             value = sum(values[name] for name in names)
             error = math.sqrt(max(sum(float(covariance[i][j]) for i in own for j in own), 0.0))
-            if limit.imitates(value, error, errors):
+            if limit.imitates(value, errors * error):
                 yield names, value, error

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison import Comparison, Difference
+    from terrain_cli.comparison.parts import WheelComparison
     from terrain_cli.improvement.parts import Action
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
@@ -227,16 +228,23 @@ def _parameters(comparison: Comparison, file: ModelFile, changed: Sequence[str])
             usual = (float(np.nanmedian(one["shear_modulus"])) for one in (fit.values, fit.errors))
             found["shear_modulus"] = (next(usual), next(usual))
         for name, (value, se) in found.items():
-            factor = file.factor(name)
-            yield Estimated(
-                wheel.source,
-                wheel.wheel,
-                name,
-                file.units[name],
-                value / factor,
-                se / factor,
-                not bool(fit.undetermined[name].all()),
-            )
+            yield _estimated(wheel, file, (name,), value, se)
+
+
+def _estimated(
+    wheel: WheelComparison, file: ModelFile, names: Sequence[str], value: float, se: float
+) -> Estimated:
+    """Return a parameter, or the sum of several, in the unit of the model file."""
+    factor = file.factor(names[0])
+    return Estimated(
+        wheel.source,
+        wheel.wheel,
+        " + ".join(names),
+        file.units[names[0]],
+        value / factor,
+        se / factor,
+        not any(bool(wheel.fit.undetermined[name].all()) for name in names),
+    )
 
 
 def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
@@ -246,16 +254,7 @@ def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) 
         fit = wheel.fit
         for effect in effects:
             for names, value, error in effect.imitations(fit.shared, fit.shared_covariance, DOUBTED):
-                factor = file.factor(names[0])
-                yield Estimated(
-                    wheel.source,
-                    wheel.wheel,
-                    " + ".join(names),
-                    file.units[names[0]],
-                    value / factor,
-                    error / factor,
-                    True,
-                )
+                yield _estimated(wheel, file, names, value, error)
 
 
 def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> float:

@@ -68,6 +68,24 @@ def test_the_usual_driver_is_named_though_its_shape_that_is_alike_is_not_beyond_
     assert search._usual(speed, explained, beyond, every, np.eye(count)) == speed
 
 
+@pytest.mark.parametrize(("share", "usual"), [(0.96, True), (0.9, False)])
+def test_the_usual_driver_need_not_be_beyond_chance_where_it_explains_about_as_much(share, usual):
+    """Few test points: a column of which nothing is known just is, and slip just is not."""
+    rising = np.linspace(-1.0, 1.0, BLOCKS * LONG)
+    search = search_of(rising, {"rim_speed": rising, "slip": rising})
+    speed, slip = (
+        next(
+            k for k, one in enumerate(search.terms) if (one.shape.driver, one.shape.name) == (what, "linear")
+        )
+        for what in ("rim_speed", "slip")
+    )
+    count = len(search.terms)
+    explained = np.zeros(count)
+    explained[[speed, slip]] = 1.0, share
+    beyond, every = np.arange(count) == speed, np.ones(count, dtype=bool)
+    assert search._usual(speed, explained, beyond, every, np.eye(count)) == (slip if usual else speed)
+
+
 @pytest.mark.parametrize(("column", "named"), [("Fy_std", "slip"), ("pitch", "pitch")])
 def test_a_column_of_which_nothing_is_known_gives_way_to_slip(column, named):
     rng = np.random.default_rng(4)

@@ -134,7 +134,7 @@ def test_an_effect_that_another_makes_needless_is_dropped(sinks):
 
 
 def test_what_nature_does_not_have_is_not_kept_though_the_error_falls(sinks):
-    """A peak of stress far in front makes a wheel sink that digs itself in: further than anyone measured."""
+    """A peak of stress far in front makes a wheel sink that digs itself in: further than was published."""
     (step,), end = run(sinks, ["max-stress-angle"])
     assert (step.better, step.pays, step.kept) == (True, False, False)
     (one,) = step.imitates

@@ -22,8 +22,8 @@ EFFECT = Effect(
         Parameter("c1", "1", 0.5, 0.1, 0.02, 0.98, "share of the entry angle at no slip"),
         Parameter("c2", "1", 0.0, 0.3, -0.9, 0.9, "growth of that share from no slip to full slip"),
     ),
-    # At full slip the largest in the literature is 0.80; far beyond, the rim would carry nothing, which
-    # sinks a wheel as nothing measured does.
+    # Shares at full slip that were published lie between 0.5 and 0.8; near 1 the rim carries nothing, and
+    # any wheel sinks.
     sums=(Sum(("c1", "c2"), 0.0, 0.85),),
     laws={"max_stress_angle": _angle},
     formula="θm = (c1 + c2 i) θ1",
@@ -35,7 +35,7 @@ EFFECT = Effect(
         "slip and sinkage rises somewhat, while torque hardly changes. The excess of T/r over DP, close to "
         "W tan θm, grows with slip; the parasitic torque of drivetrain-friction makes an excess too, but a "
         "constant one. Slip-sinkage raises sinkage far more, and torque with it; shear-modulus lowers "
-        "torque and pull together. The share at full slip, c1 + c2, is at most 0.8 in the literature: "
+        "torque and pull together. Shares at full slip, c1 + c2, were found from 0.5 to 0.8: "
         "where a fit needs more, it stands for something else."
     ),
     shows="drawbar pull against slip, and T/r − DP most of all",

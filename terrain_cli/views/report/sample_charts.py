@@ -125,8 +125,9 @@ def course(
     """
     sheet = Sheet(chosen)
     # A line does not bridge what was not driven.
-    step = np.diff(along) if driven else np.zeros(max(len(along) - 1, 0))
-    gaps = np.flatnonzero((np.diff(pairs.segment) == 0) & (step > _GAP * np.median(np.abs(step)))) + 1
+    step = np.diff(along)
+    wide = (np.diff(pairs.segment) == 0) & (step > _GAP * np.median(np.abs(step)))
+    gaps = np.flatnonzero(wide & driven) + 1
     measured, predicted = (np.insert(column, gaps, np.nan) for column in (pairs.measured, pairs.predicted))
     base = (
         sheet.chart(
