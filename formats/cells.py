@@ -194,9 +194,16 @@ def times(cells: pa.Array) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
 
 
 class Names:
-    """The texts of one column so far: a text has the same code in every batch."""
+    """The texts of one column so far: a text has the same code in every batch.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    meant : callable
+        Gives what a text stands for.
+    """
+
+    def __init__(self, meant: Callable[[str], str] = str) -> None:
+        self._meant = meant
         self._codes: dict[str, int] = {}
         self._names: tuple[str, ...] = ()
 
@@ -224,7 +231,9 @@ class Names:
 
     def _code(self, text: str | None) -> int:
         text = (text or "").strip()
-        return -1 if text.lower() in MISSING else self._codes.setdefault(text, len(self._codes))
+        if text.lower() in MISSING:
+            return -1
+        return self._codes.setdefault(self._meant(text), len(self._codes))
 
 
 def _mask(array: pa.Array) -> NDArray[np.bool_]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from codecs import BOM_UTF8
 from contextlib import closing
 from dataclasses import dataclass
 from io import FileIO
@@ -17,6 +16,7 @@ from formats import clean
 from formats.cells import MISSING, MISSING_SPELLINGS, Names, floats, kind_of, numbers, times
 from formats.dialect import SAMPLE_ROWS, Dialect, examine, split_line
 from formats.errors import DamagedError, FormatError
+from formats.formulas import unguarded
 from formats.salvage import HINT, Recovery
 from formats.salvage.text import SalvagedText
 from formats.streams import STANDARD_INPUT, TextStream
@@ -147,7 +147,7 @@ class DelimitedSource(Source):
             if topic or not name or name not in self._kinds:
                 raise FormatError(self._label, f"has no column {name!r}")
         findings: _Findings = {}
-        names = {field: Names() for field in fields}
+        names = {field: Names(unguarded) for field in fields}
         count = 0
         for rows, block in self._rows([self._dialect.names.index(field) for field in fields], findings):
             for begin in range(0, len(rows), batch_rows):
@@ -227,7 +227,7 @@ class DelimitedSource(Source):
             return stream
         stream.close()
         file = FileIO(self._file)
-        file.seek(self._dialect.offset + len(BOM_UTF8) * (file.read(len(BOM_UTF8)) == BOM_UTF8))
+        file.seek(self._dialect.offset + stream.mark_bytes)
         return file
 
     def _texts(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from formats.cells import kind_of, number_pattern
 from formats.errors import FormatError
+from formats.formulas import unguarded
 from formats.limits import COLUMNS
 
 if TYPE_CHECKING:
@@ -175,6 +176,7 @@ def _names(path: str, header: list[str], rows: list[list[str]]) -> tuple[str, ..
         raise FormatError(path, f"the header names {len(header)} columns, but the rows have {width} fields")
     elif width < len(header) and not any(header[width:]):
         header = header[:width]
+    header = [unguarded(name) for name in header]
     twice = [name for name, count in Counter(header).items() if name and count > 1]
     if twice:
         raise FormatError(path, f"two columns are named {twice[0]!r}", hint="give every column its own name")

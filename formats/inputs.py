@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import glob
+import os
 import re
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +26,8 @@ _ENDINGS = {
     ".db3": "db3",
 }
 _PACKINGS = (".gz", ".zst", ".bz2")
+#: Hidden files and _SUCCESS, _metadata and the like.
+_NO_DATA = (".", "_")
 #: Folders of partitions within each other.
 _DEEPEST = 20
 
@@ -52,17 +56,57 @@ def expand(inputs: Sequence[str]) -> list[str]:
     found: dict[str, None] = {}
     for name in inputs:
         try:
-            matches = [name]
-            if glob.has_magic(name) and not Path(name).exists():
-                # Path.glob takes no pattern that is absolute or climbs.
-                matches = sorted(glob.glob(name, recursive=True), key=natural)  # noqa: PTH207
-                if not matches:
-                    raise NotFoundError(name, "matches no file")
+            matches = _matches(name)
+            if not matches:
+                raise NotFoundError(name, "matches no file")
             for match in matches:
                 found.update(dict.fromkeys(_logs_of(match)))
         except OSError as error:
             raise failure(name, error) from error
     return list(found)
+
+
+def parts(log: str) -> list[str]:
+    """List the files of a log.
+
+    Parameters
+    ----------
+    log : str
+        One of those from `expand`.
+
+    Returns
+    -------
+    list of str
+        Of a rosbag2 folder all that is in it, but for settings (.toml), which may lie there too.
+    """
+    folder = Path(log)
+    if log == "-" or not folder.is_dir():
+        return [log]
+    inside = (entry for entry in folder.iterdir() if entry.is_file() and entry.suffix != ".toml")
+    return parquet_parts(folder) or [str(entry) for entry in inside]
+
+
+def takes(name: str, path: str) -> bool:
+    """Tell whether a folder of logs, or a pattern, stands for a file too once that is there.
+
+    Parameters
+    ----------
+    name : str
+        As `expand` takes it.
+    path : str
+        The file.
+
+    Returns
+    -------
+    bool
+    """
+    file = Path(path)
+    matches = _matches(name)
+    for match in matches:
+        if _is_folder(match, file.parent) and not _is_log_folder(match):
+            return promised_kind(path) is not None and not file.name.startswith(_NO_DATA)
+    pattern = matches != [name] and fnmatch(file.name, Path(name).name)
+    return pattern and any(_is_folder(Path(match).parent, file.parent) for match in matches)
 
 
 def promised_kind(path: str) -> str | None:
@@ -127,6 +171,17 @@ def natural(name: str) -> list[tuple[int, int | str]]:
     return [(0, int(piece)) if piece.isdecimal() else (1, piece) for piece in re.split(r"(\d+)", name)]
 
 
+def _matches(name: str) -> list[str]:
+    if not glob.has_magic(name) or Path(name).exists():
+        return [name]
+    # Path.glob takes no pattern that is absolute or climbs.
+    return sorted(glob.glob(name, recursive=True), key=natural)  # noqa: PTH207
+
+
+def _is_folder(path: str | Path, folder: Path) -> bool:
+    return os.path.isdir(path) and os.path.isdir(folder) and folder.samefile(path)  # noqa: PTH112 - Path may raise
+
+
 def _logs_of(name: str) -> list[str]:
     path = Path(name)
     if name == "-":
@@ -149,6 +204,5 @@ def _is_log_folder(folder: Path | str) -> bool:
 
 
 def _entries(folder: Path) -> list[Path]:
-    # Hidden files and _SUCCESS, _metadata and the like are no data.
-    entries = [entry for entry in folder.iterdir() if not entry.name.startswith((".", "_"))]
+    entries = [entry for entry in folder.iterdir() if not entry.name.startswith(_NO_DATA)]
     return sorted(entries, key=lambda entry: natural(entry.name))

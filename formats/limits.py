@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 MIB = 1 << 20
 
 #: Bytes that one chunk of a bag, or one compressed message, may unpack to.
@@ -10,9 +12,12 @@ CHUNK_BYTES = 256 * MIB
 UNPACKED_BYTES = 16 * MIB
 #: Beyond that, times its packed size. Logs pack 3 to 50 times, and gzip at its best 1,032 times.
 UNPACKED_RATIO = 250
-#: What a packed text table may unpack to, however small it was packed.
-TEXT_BYTES = 1 << 30
-#: Columns of a text table.
+#: What all of a file may unpack to together, however small it was packed.
+FILE_BYTES = 1 << 30
+#: NUL bytes of a text table. A power cut leaves what the file system had set aside for the file and
+#: not written; judged: far more than that, and read in a second.
+NUL_BYTES = 64 * MIB
+#: Columns of a table.
 COLUMNS = 10_000
 #: Rows that a Parquet file may claim for each of its bytes, once there are ten million.
 PARQUET_ROWS_PER_BYTE = 1_000
@@ -34,6 +39,20 @@ METADATA_BYTES = 4 * MIB
 #: Connections of one bag.
 CONNECTIONS = 20_000
 
+#: GB of a pipe, a packed recording or an object of a store that are copied to the disk (judged: above the
+#: logs of a day, below the disks of today); --largest, or this variable, says another number.
+COPY_GB = 16.0
+COPY_VARIABLE = "TERRAIN_EST_LARGEST"
+#: Left free on the disk that holds a copy.
+SPARE_BYTES = 64 * MIB
+#: Seconds in which somebody must begin to write into a pipe (judged: a shell starts both ends at once).
+PIPE_SECONDS = 10.0
+
+
+def largest_copy() -> int:
+    """Return how many bytes may be copied to the disk."""
+    return int(float(os.environ.get(COPY_VARIABLE) or COPY_GB) * 1e9)
+
 
 class TooMuchError(ValueError):
     """Something in a file goes beyond one of these bounds; the text says what."""
@@ -54,3 +73,47 @@ def unpacked_limit(packed: int, most: int = CHUNK_BYTES) -> int:
     int
     """
     return min(most, max(UNPACKED_BYTES, UNPACKED_RATIO * packed))
+
+
+def file_limit(packed: int) -> int:
+    """Return how many bytes all of a file may become.
+
+    Parameters
+    ----------
+    packed : int
+        Bytes of the file.
+
+    Returns
+    -------
+    int
+    """
+    return max(FILE_BYTES, UNPACKED_RATIO * packed)
+
+
+class Allowance:
+    """What the chunks or messages of a file may unpack to together.
+
+    Parameters
+    ----------
+    packed : int
+        Bytes of the file.
+    """
+
+    def __init__(self, packed: int) -> None:
+        self._limit = self._left = file_limit(packed)
+
+    def take(self, size: int) -> None:
+        """Count the bytes of one more.
+
+        Parameters
+        ----------
+        size : int
+
+        Raises
+        ------
+        TooMuchError
+            All that were counted are more than the file may become.
+        """
+        self._left -= size
+        if self._left < 0:
+            raise TooMuchError(f"its parts unpack to more than {self._limit:,} bytes together")

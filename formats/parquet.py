@@ -14,7 +14,14 @@ import pyarrow.parquet as pq
 from formats.ahead import ahead
 from formats.cells import MISSING, Names, exact, floats, kind_of, numbers
 from formats.errors import DamagedError, FormatError, NotFoundError
-from formats.limits import PARQUET_ROWS, PARQUET_ROWS_PER_BYTE, TooMuchError
+from formats.limits import (
+    COLUMNS,
+    PARQUET_ROWS,
+    PARQUET_ROWS_PER_BYTE,
+    UNPACKED_RATIO,
+    TooMuchError,
+    file_limit,
+)
 from formats.parquet_pages import check_pages
 from formats.salvage import Recovery
 from formats.streams import STANDARD_INPUT
@@ -161,8 +168,8 @@ class ParquetSource(Source):
         for file in files:
             size = Path(file).stat().st_size
             try:
-                with self._open(file):
-                    pass
+                with self._open(file) as part:
+                    checked = self._checked(file, part)
             except DamagedError as error:
                 if len(files) == 1:
                     raise
@@ -172,6 +179,7 @@ class ParquetSource(Source):
             else:
                 readable.append(file)
                 self.recovery.bytes_read += size
+                self.recovery.checked = self.recovery.checked and checked
             self.recovery.bytes_expected = (self.recovery.bytes_expected or 0) + size
         if not readable:
             raise DamagedError(self._label, f"none of its {len(files)} parts is whole", hint=_LOST)
@@ -181,6 +189,9 @@ class ParquetSource(Source):
 
     def _rows_of(self, file: str, part: Any) -> int:
         """Return how many rows a part has, if that can be."""
+        columns = len(part.schema)
+        if columns > COLUMNS:
+            raise FormatError(self._name(file), f"has {columns:,} columns; {COLUMNS:,} at most are read")
         rows, most = int(part.metadata.num_rows), PARQUET_ROWS_PER_BYTE * Path(file).stat().st_size
         if not 0 <= rows <= max(PARQUET_ROWS, most):
             raise DamagedError(
@@ -189,13 +200,28 @@ class ParquetSource(Source):
         return rows
 
     def _check(self, file: str, part: Any, stored: Sequence[str]) -> None:
-        """Refuse pages of these columns that claim what cannot be."""
-        paths = [part.schema.column(leaf).path for leaf in range(len(part.schema))]
-        leaves = {leaf for leaf, path in enumerate(paths) if {path, path.split(".")[0]}.intersection(stored)}
+        """Refuse columns that become far more than the file has, and pages that claim what cannot be."""
+        size, becomes = Path(file).stat().st_size, 8 * len(stored) * int(part.metadata.num_rows)
+        if becomes > file_limit(size):
+            what = (
+                f"{len(stored)} columns of it become {becomes:,} bytes, more than {UNPACKED_RATIO} times its"
+            )
+            raise DamagedError(
+                self._name(file), f"is not read, for {what} size", hint="if that is right, save it as CSV"
+            )
         try:
-            check_pages(file, leaves)
+            check_pages(file, _leaves(part, stored))
         except TooMuchError as error:
             raise DamagedError(self._name(file), f"is not read, for {error}", hint=_LOST) from error
+
+    @staticmethod
+    def _checked(file: str, part: Any) -> bool:
+        """Tell whether every page that can be read has a checksum, which is verified as it is read."""
+        readable = [field.name for field in part.schema_arrow if _kind(field.type)]
+        try:
+            return check_pages(file, _leaves(part, readable))
+        except TooMuchError:
+            return False
 
     def _name(self, file: str) -> str:
         return file if len(self._parts) > 1 else self._label
@@ -249,6 +275,12 @@ class ParquetSource(Source):
             return _column(array, self._kinds[field], names)
         except (pa.ArrowException, UnicodeDecodeError) as error:
             raise FormatError(self._name(file), f"{field} cannot be read: {_reason(error)}") from error
+
+
+def _leaves(part: Any, names: Sequence[str]) -> set[int]:
+    """Return the columns of a row group that these fields are stored in."""
+    paths = [part.schema.column(leaf).path for leaf in range(len(part.schema))]
+    return {leaf for leaf, path in enumerate(paths) if {path, path.split(".")[0]}.intersection(names)}
 
 
 def _reason(error: Exception) -> str:

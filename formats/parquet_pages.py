@@ -44,6 +44,8 @@ def _fields_with(structs: bytes) -> bytes:
 
 _VARINT = rb"[\x80-\xff]{0,8}[\x00-\x7f]"
 _STATISTICS = _fields((_STRUCT,), _fields_with(rb"(?!)"))
+#: A head with a checksum: it follows kind, size and packed size, an integer of 32 bits as they are.
+_CHECKSUM = re.compile(rb"(?:\x15%b){4}" % _VARINT)
 #: The head of a page as it is nearly always written: six times as fast as going through its fields.
 _PLAIN_HEAD = re.compile(
     rb"\x15%b\x15(%b)\x15(%b)" % (_VARINT, _VARINT, _VARINT)
@@ -52,7 +54,7 @@ _PLAIN_HEAD = re.compile(
 )
 
 
-def check_pages(file: str, leaves: Collection[int] | None = None) -> None:
+def check_pages(file: str, leaves: Collection[int] | None = None) -> bool:
     """Refuse a file of which a page claims far more than can be packed into it.
 
     What is damaged otherwise is passed over: pyarrow tells.
@@ -62,6 +64,11 @@ def check_pages(file: str, leaves: Collection[int] | None = None) -> None:
     file : str
     leaves : collection of int, optional
         Columns of a row group whose pages are looked at: those that will be read; all if not given.
+
+    Returns
+    -------
+    bool
+        Each of these pages has a checksum, and there are some.
 
     Raises
     ------
@@ -74,31 +81,36 @@ def check_pages(file: str, leaves: Collection[int] | None = None) -> None:
         try:
             footer, _ = _struct(os.pread(number, min(size, whole), max(0, whole - 8 - size)), 0, 0)
         except (IndexError, ValueError):
-            return
+            return False
+        checksums = []
         for first, end in _columns(footer, leaves):
             at = first
             while 0 <= at < min(end, whole):
                 try:
-                    unpacked, packed, length = _head(number, at)
+                    unpacked, packed, length, checksum = _head(number, at)
                 except (IndexError, ValueError):
+                    checksums.append(False)
                     break
+                checksums.append(checksum)
                 if unpacked > unpacked_limit(max(packed, 0)):
                     raise TooMuchError(f"a page claims to unpack to {unpacked:,} bytes, from {packed:,}")
-                at += length + max(packed, 1)
+                at += length + max(packed, 0)
                 if at > whole:
                     raise TooMuchError(f"a page claims {packed:,} bytes, more than the file has")
+    return bool(checksums) and all(checksums)
 
 
-def _head(number: int, at: int) -> tuple[int, int, int]:
-    """Return what the page that begins there unpacks to, its bytes, and those of its head."""
+def _head(number: int, at: int) -> tuple[int, int, int, bool]:
+    """Return what the page there unpacks to, its bytes, those of its head, and if it has a checksum."""
     begin = os.pread(number, _USUAL_HEAD, at)
+    checksum = _CHECKSUM.match(begin) is not None
     if plain := _PLAIN_HEAD.match(begin):
-        return _integer(plain[1], 0)[0], _integer(plain[2], 0)[0], plain.end()
+        return _integer(plain[1], 0)[0], _integer(plain[2], 0)[0], plain.end(), checksum
     try:
         head, length = _struct(begin, 0, 0)
     except IndexError:
         head, length = _struct(os.pread(number, _HEAD, at), 0, 0)
-    return _number(head, _PAGE_SIZE), _number(head, _PAGE_PACKED), length
+    return _number(head, _PAGE_SIZE), _number(head, _PAGE_PACKED), length, checksum
 
 
 def _columns(footer: dict[int, Any], leaves: Collection[int] | None) -> Iterator[tuple[int, int]]:

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
-import shutil
 import stat
 import sys
 import tempfile
 import weakref
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
-from formats.errors import CannotWriteError, FormatError, shown
+from formats.copies import kept, no_file, piped, readable
+from formats.errors import FormatError, NotFoundError, shown
 from formats.inputs import parquet_parts, promised_kind
 from formats.limits import METADATA_BYTES
-from formats.streams import COMPRESSED, STANDARD_INPUT, content, failure, first_bytes
+from formats.streams import COMPRESSED, HEAD_BYTES, STANDARD_INPUT, content, failure, first_bytes
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from formats.table import Source
+
+_BLOCK = 1 << 20
 
 _NAMES = {"csv": "a text table", "parquet": "Parquet", "ros1": "a ROS 1 bag", "mcap": "MCAP", "db3": "SQLite"}
 
@@ -51,15 +57,14 @@ def open_source(path: str, *, salvage: bool = False) -> Source:
     if shown(path) != path:
         return _open_linked(path, salvage=salvage)
     if path == "-":
-        return _open_copy(path, sys.stdin.buffer, salvage=salvage)
+        return _open_copy(path, _standard_input(), salvage=salvage)
     try:
-        mode = os.stat(path).st_mode  # noqa: PTH116 (follows /dev/fd/63 as open does)
+        mode = readable(path).st_mode
         if stat.S_ISDIR(mode):
             return _open_folder(path, salvage=salvage)
-        if not stat.S_ISREG(mode):
-            # A pipe, such as the shell's <(…), can be read only once.
-            with Path(path).open("rb") as stream:
-                return _open_copy(path, stream, salvage=salvage)
+        if stat.S_ISFIFO(mode):
+            # Such as the shell's <(…).
+            return _open_copy(path, piped(path), salvage=salvage)
     except OSError as error:
         raise failure(path, error) from error
     return _open_file(path, path, salvage=salvage)
@@ -77,8 +82,6 @@ def _open_file(path: str, file: str, *, salvage: bool) -> Source:
         from formats.delimited import DelimitedSource
 
         source = DelimitedSource(path, file, salvage=salvage)
-    elif path != file:
-        raise FormatError(label, "a bag cannot be read from a pipe", hint="give the path of its file")
     else:
         from formats.rosbag import open_bag
 
@@ -88,24 +91,49 @@ def _open_file(path: str, file: str, *, salvage: bool) -> Source:
     return source
 
 
-def _open_copy(path: str, stream: BinaryIO, *, salvage: bool) -> Source:
-    """Open what can be read only once, from a copy that is gone with the source."""
-    copy = ""
+def _standard_input() -> Iterator[bytes]:
+    """Read the standard input, which may be a device only where a person types or nothing is there."""
+    if sys.stdin is None:
+        raise NotFoundError(STANDARD_INPUT, "is closed")
+    stream = sys.stdin.buffer
     try:
-        handle, copy = tempfile.mkstemp(prefix="terrain-est-")
-        with os.fdopen(handle, "wb") as target:
-            shutil.copyfileobj(stream, target, 1 << 20)
+        status = os.fstat(stream.fileno())
+        device = stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode)
+        if device and not stream.isatty() and status.st_rdev != os.stat(os.devnull).st_rdev:  # noqa: PTH116
+            raise no_file(STANDARD_INPUT, status.st_mode)
+    except io.UnsupportedOperation:
+        # Not one of the system's.
+        pass
+    yield from iter(partial(stream.read, _BLOCK), b"")
+
+
+def _open_copy(path: str, blocks: Iterator[bytes], *, salvage: bool) -> Source:
+    """Open what can be read only once, from a copy that is gone with the source."""
+    label = STANDARD_INPUT if path == "-" else path
+    try:
+        file, copy = kept(label, _of_tables(label, blocks))
+    except OSError as error:
+        raise failure(label, error) from error
+    try:
         source = _open_file(path, copy, salvage=salvage)
-    except BaseException as error:
-        Path(copy).unlink(missing_ok=True) if copy else None
-        if isinstance(error, OSError):
-            message = f"no copy of the input can be kept here: {error.strerror or error}"
-            raise CannotWriteError(
-                tempfile.gettempdir(), message, hint="set TMPDIR to a larger disk"
-            ) from error
+    except BaseException:
+        file.close()
         raise
-    weakref.finalize(source, Path(copy).unlink, missing_ok=True)
+    weakref.finalize(source, file.close)
     return source
+
+
+def _of_tables(label: str, blocks: Iterator[bytes]) -> Iterator[bytes]:
+    """Pass on what a pipe can hold, and refuse all else before it is copied."""
+    head = b""
+    for block in blocks:
+        head += block
+        if len(head) >= HEAD_BYTES:
+            break
+    if content(label, head[:HEAD_BYTES]) not in {"csv", "parquet", *COMPRESSED}:
+        raise FormatError(label, "a bag cannot be read from a pipe", hint="give the path of its file")
+    yield head
+    yield from blocks
 
 
 def _open_linked(path: str, *, salvage: bool) -> Source:
@@ -141,6 +169,9 @@ def _open_folder(path: str, *, salvage: bool) -> Source:
     parts = parquet_parts(Path(path))
     if not parts:
         raise FormatError(path, "is a folder, but neither a rosbag2 log nor one of Parquet files alone")
+    for part in parts:
+        if not Path(part).is_file():
+            raise FormatError(part, "is no file, and a folder of Parquet holds nothing else")
     from formats.parquet import ParquetSource
 
     return ParquetSource(path, parts, salvage=salvage)

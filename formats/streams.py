@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from formats.errors import DamagedError, FormatError, NotFoundError
-from formats.limits import TEXT_BYTES, UNPACKED_RATIO
+from formats.limits import NUL_BYTES, UNPACKED_RATIO, file_limit
 from formats.salvage import HINT
 
 STANDARD_INPUT = "standard input"
@@ -131,6 +131,8 @@ class TextStream(io.RawIOBase):
         "gzip", "zstd", "bz2" or "".
     encoding : str
         "utf-8", "utf-16-le" or "utf-16-be", by the byte-order mark.
+    mark_bytes : int
+        Length of that mark, or of several in a row.
     ended_in_newline : bool
         Whether the last byte read so far ends a line.
     nul_bytes : int
@@ -147,12 +149,13 @@ class TextStream(io.RawIOBase):
         self._line = 1
         self.nul_bytes = 0
         self.quote_marks = 0
+        self.mark_bytes = 0
         self.ended_in_newline = True
         head = first_bytes(path, file)
         kind = content(path, head)
         self.packing = kind if kind in COMPRESSED else ""
         self._inner: Any = pa.OSFile(file)
-        self._unpacked, self._limit = 0, max(TEXT_BYTES, UNPACKED_RATIO * self._inner.size())
+        self._unpacked, self._limit = 0, file_limit(self._inner.size())
         if self.packing:
             self._inner = pa.CompressedInputStream(self._inner, self.packing)
         self._buffer = self._unpack(HEAD_BYTES)
@@ -168,7 +171,10 @@ class TextStream(io.RawIOBase):
                 hint="text must be UTF-8, or UTF-16 with its byte-order mark",
             )
         self._decoder = codecs.getincrementaldecoder(self.encoding)()
-        self._buffer = self._as_utf8(self._buffer[len(mark) :])
+        # An editor that does not know the mark may have put its own before it.
+        while mark and self._buffer.startswith(mark, self.mark_bytes):
+            self.mark_bytes += len(mark)
+        self._buffer = self._as_utf8(self._buffer[self.mark_bytes :])
 
     def readable(self) -> bool:
         """Say that this can be read.
@@ -253,6 +259,9 @@ class TextStream(io.RawIOBase):
         codes = np.frombuffer(data, np.uint8)
         # Five times as fast as bytes.count where lines are short.
         self._line += int(np.count_nonzero(codes == ord("\n")))
+        if self.nul_bytes > NUL_BYTES:
+            what = f"up to line {self._line} there are more than {NUL_BYTES:,} NUL bytes"
+            raise DamagedError(self.path, what, hint="leave them out: tr -d '\\0' < FILE > CLEAN.csv")
         if b'"' in data:
             self.quote_marks += int(np.count_nonzero(codes == ord('"')))
         return data

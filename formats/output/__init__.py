@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from formats.errors import CannotWriteError
-from formats.output.atomic import check_free, explained, replacing
+from formats.output.atomic import check_free, explained, opened, replacing
 from formats.output.crs import check_crs
 from formats.output.table import normalise
 from formats.output.text import write_text
@@ -43,7 +43,8 @@ def output_kind(destination: str) -> str:
     path = Path(destination)
     kind = _KINDS.get(path.suffix.lower())
     with explained(destination):
-        if kind is None and (destination == "-" or path.is_fifo() or path.is_char_device()):
+        stream = destination == "-" or opened(destination) is not None
+        if kind is None and (stream or path.is_fifo() or path.is_char_device()):
             return "csv"
     if kind is None:
         raise CannotWriteError(

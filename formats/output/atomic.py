@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import stat
 import tempfile
 from contextlib import contextmanager
@@ -15,6 +16,8 @@ from formats.errors import CannotWriteError, shown
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+#: As many as Linux follows.
+_MOST_LINKS = 40
 _REASONS = {
     errno.ENOSPC: "no space left on the device",
     errno.EDQUOT: "the disk quota is used up",
@@ -24,6 +27,7 @@ _REASONS = {
     errno.EROFS: "the file system is read-only",
     errno.ENOENT: "no such folder",
     errno.ENOTDIR: "no such folder",
+    errno.EBADF: "is closed",
 }
 
 
@@ -36,7 +40,8 @@ def replacing(path: str) -> Iterator[str]:
     Parameters
     ----------
     path : str
-        The place. A link is followed; a pipe or device is written as it is.
+        The place. A link is followed; a pipe or device is written as it is. What is open already, such as
+        /dev/stdout or the shell's >(…), gets the file once it is complete.
 
     Yields
     ------
@@ -49,6 +54,11 @@ def replacing(path: str) -> Iterator[str]:
         No space, no permission, no such folder.
     """
     with explained(path):
+        if (descriptor := opened(path)) is not None:
+            with tempfile.NamedTemporaryFile(prefix="terrain-est-") as file:
+                yield file.name
+                _pass_on(file.name, descriptor)
+            return
         target = Path(path).resolve() if Path(path).is_symlink() else Path(path)
         mode = target.stat().st_mode if target.exists() else None
         if mode is not None and stat.S_ISDIR(mode):
@@ -75,6 +85,37 @@ def replacing(path: str) -> Iterator[str]:
                 rest.unlink(missing_ok=True)
 
 
+def opened(path: str) -> int | None:
+    """Tell which of the files that this process has open a path leads to, as /dev/stdout and /dev/fd/63 do.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    int or None
+        Its descriptor.
+    """
+    place = os.path.abspath(path)  # noqa: PTH100 - resolve would follow the last link too
+    for _ in range(_MOST_LINKS):
+        folder, name = os.path.split(place)
+        folder = os.path.realpath(folder)
+        if folder in {"/dev/fd", f"/proc/{os.getpid()}/fd"} and name.isdecimal():
+            return int(name)
+        place = os.path.join(folder, name)  # noqa: PTH118
+        if not os.path.islink(place):  # noqa: PTH114
+            return None
+        place = os.path.join(folder, os.readlink(place))  # noqa: PTH115, PTH118
+    return None
+
+
+def _pass_on(path: str, descriptor: int) -> None:
+    """Write a file to one that is open, where that stands: opened anew it would begin from its start."""
+    with open(path, "rb") as file, open(descriptor, "wb", closefd=False) as target:  # noqa: PTH123
+        shutil.copyfileobj(file, target)
+
+
 def check_free(path: str, *, replace: bool = False) -> None:
     """Check before the work that a file can be written, and that none is lost by it.
 
@@ -90,7 +131,13 @@ def check_free(path: str, *, replace: bool = False) -> None:
         It is there already, it is a folder, or nothing can be written into its folder.
     """
     place = Path(path)
+    if is_stream(path):
+        return
     with explained(path):
+        if path.endswith("/") and place.exists():
+            raise CannotWriteError(
+                path, "is there already", hint="remove it, or name another: no folder is replaced"
+            )
         if place.is_dir():
             raise CannotWriteError(path, "is a folder")
         if place.is_file() and not replace:
@@ -99,6 +146,20 @@ def check_free(path: str, *, replace: bool = False) -> None:
             # Only the system knows whether a file may be made there.
             with tempfile.TemporaryFile(dir=place.parent):
                 pass
+
+
+def is_stream(path: str) -> bool:
+    """Tell whether a path names what this process has open, such as /dev/stdout: it is written as it is.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    bool
+    """
+    return path == "-" or opened(path) is not None
 
 
 @contextmanager

@@ -7,7 +7,11 @@ import json
 import math
 from typing import TYPE_CHECKING, Any, TextIO
 
+import numpy as np
+
+from formats.formulas import guarded
 from formats.output.crs import SITE_FRAME, check_crs, is_wgs84, urn
+from formats.output.table import Cells
 from formats.output.wkt import LAYER, parse
 from formats.table import BATCH_ROWS
 
@@ -41,8 +45,8 @@ def write_text(
     """
     if kind == "csv":
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(table)
-        writer.writerows(_rows(table))
+        writer.writerow(map(guarded, table))
+        writer.writerows(_rows({name: _guarded(cells) for name, cells in table.items()}))
     elif kind == "json":
         _write_list(stream, (_strict(dict(zip(table, row, strict=True))) for row in _rows(table)))
         stream.write("\n")
@@ -54,6 +58,13 @@ def write_text(
             _write_collection(features, stream, _system(crs), layer)
         else:
             _write_sequence(features, stream, _system(crs), _SEPARATORS[kind])
+
+
+def _guarded(cells: Cells) -> Cells:
+    """Let no text of a column be run by a spreadsheet; numbers are what they are."""
+    if cells.kind != "text":
+        return cells
+    return Cells("text", np.array([guarded(cell) for cell in cells.values], dtype=object))
 
 
 def _system(crs: str | None) -> dict[str, Any]:

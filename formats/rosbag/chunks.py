@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeAlias
 
 import numpy as np
 
+from formats.limits import Allowance
 from formats.rosbag.messages import Messages
 
 if TYPE_CHECKING:
@@ -141,9 +142,11 @@ def runs(
     joined: list[_Unpacked] = []
     length = 0
     unpacked = _unpacked(file, [(rank, chunk) for _, rank, chunk in chosen], ahead=size > 1)
+    allowance = Allowance(os.fstat(file.fileno()).st_size)
     for (first, rank, chunk), horizon in zip(chosen, [*horizons, None], strict=True):
         try:
             joined.append((rank, chunk, next(unpacked)))
+            allowance.take(len(joined[-1][2]))
         except Exception:
             yield _split(_locate(file, joined, kept, wanted, layout), first)[0]
             raise

@@ -5,13 +5,12 @@ from __future__ import annotations
 import weakref
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from formats.errors import DamagedError, FormatError, NotFoundError
-from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, TooMuchError
+from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMuchError
 from formats.rosbag.chunks import RUN_BYTES
 from formats.rosbag.damage import HINTS, check, damaged
 from formats.rosbag.messages import of_payloads
@@ -21,6 +20,7 @@ from formats.salvage import Recovery, salvaged
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
+    from pathlib import Path
 
     from rosbags.interfaces import Connection
 
@@ -133,6 +133,7 @@ class Container:
         ------
         DamagedError
         """
+        allowance = Allowance(sum(file.stat().st_size for file in self._recording.files))
         for reader, places in self._readers:
             chosen = [connection for connection in reader.connections if places[connection.id] in wanted]
             if not chosen:
@@ -141,7 +142,10 @@ class Container:
             try:
                 for run in reader.runs({connection.id for connection in chosen}, size):
                     count += sum(map(len, run.values()))
-                    yield {places[number]: self._decompressed(messages) for number, messages in run.items()}
+                    yield {
+                        places[number]: self._decompressed(messages, allowance)
+                        for number, messages in run.items()
+                    }
             except GeneratorExit:
                 raise
             except Exception as error:
@@ -155,12 +159,13 @@ class Container:
                     hint=HINTS[self.kind],
                 )
 
-    def _decompressed(self, messages: Messages) -> Messages:
+    def _decompressed(self, messages: Messages, allowance: Allowance) -> Messages:
         if not self._recording.compressed_messages:
             return messages
         if self.recovery is not None:
             messages = self._unpackable(messages)
         payloads = [unpack(messages.payload(row), "zstd") for row in range(len(messages))]
+        allowance.take(sum(map(len, payloads)))
         return replace(of_payloads(payloads), times=messages.times, order=messages.order)
 
     def _unpackable(self, messages: Messages) -> Messages:
@@ -210,7 +215,7 @@ class Container:
 
     def _salvage(self, file: Path) -> SalvagedFile:
         """Open what is left of a file."""
-        name = self._name(file)
+        name = self._recording.name(file)
         check(file, self.kind, name, salvage=True)
         reader = salvaged(file, self.kind)
         try:
@@ -228,11 +233,8 @@ class Container:
             raise DamagedError(name, f"nothing can be read of it: {told}", hint=LOST)
         return reader
 
-    def _name(self, file: Path) -> str:
-        return self.path if file == Path(self.path) else str(Path(self.path, file.name))
-
     def _open(self, file: Path) -> Reader:
-        name = self._name(file)
+        name = self._recording.name(file)
         check(file, self.kind, name)
         reader = _reader(file, self.kind)
         try:

@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import re
 import sqlite3
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag2,
@@ -17,22 +20,24 @@ from rosbags.interfaces import (
     MessageDefinitionFormat,
 )
 
+from formats.copies import named
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.chunks import RUN_BYTES
 from formats.rosbag.leaves import Leaves
-from formats.rosbag.messages import collected
+from formats.rosbag.messages import astray, collected
 from formats.salvage.sqlite import BrokenError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
     from io import BufferedReader
-    from pathlib import Path
 
     from formats.rosbag.chunks import Run
 
 _UNKNOWN = MessageDefinition(MessageDefinitionFormat.NONE, "")
 #: Name, type and place in the key of the columns that `Leaves` reads.
 _PLAIN = [("id", "INTEGER", 1), ("topic_id", "INTEGER", 0), ("timestamp", "INTEGER", 0), ("data", "BLOB", 0)]
+#: Log times and keys are compared with their index by one sum, of what is left over these.
+_PRIMES = 1_000_003, 1_009
 FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 
 
@@ -57,9 +62,13 @@ class Db3File:
         """Read what topics there are."""
         # immutable: SQLite must neither wait for locks nor write anything beside the user's file.
         # The garbage collector may close it from any thread.
-        self._database = sqlite3.connect(
-            f"{self.path.absolute().as_uri()}?immutable=1", uri=True, check_same_thread=False
-        )
+        with named(str(self.path)) as path:
+            self._database = sqlite3.connect(
+                f"{Path(path).absolute().as_uri()}?immutable=1", uri=True, check_same_thread=False
+            )
+            # Without a question it does not open the file.
+            with suppress(sqlite3.Error, MemoryError):
+                self._database.execute("PRAGMA schema_version")
         try:
             self._read_topics(self._database)
         except MemoryError as error:
@@ -86,6 +95,7 @@ class Db3File:
         if not all(isinstance(time, int) for _, *ends in spans.values() for time in ends):
             # SQLite takes anything in any column.
             raise ValueError("a log time is no whole number")
+        self._check_times(database)
         definitions = self._read_definitions(database)
         columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
         digest = "type_description_hash" if "type_description_hash" in columns else "''"
@@ -105,6 +115,26 @@ class Db3File:
                 )
             )
         self.spans = {topic: (start, end) for topic, (_, start, end) in spans.items()}
+
+    def _check_times(self, database: sqlite3.Connection) -> None:
+        """Refuse log times that cannot be, as salvage sets them aside: SQLite has no checksums."""
+        if self._leaves is not None:
+            numbers, times = self._leaves.times()
+        else:
+            query = "SELECT id, timestamp FROM messages ORDER BY id"
+            numbers, times = np.array(database.execute(query).fetchall(), np.int64).reshape(-1, 2).T
+        wrong = numbers[astray(times)]
+        if len(wrong):
+            raise ValueError(f"the log time of message {wrong[0]} is over an hour from those beside it")
+        if self._leaves is None:
+            return
+        # One time that differs changes the sum, and SQLite adds it up without giving rows to Python.
+        summed = int((np.fmod(times, _PRIMES[0]) * (np.fmod(numbers, _PRIMES[1]) + 1)).sum())
+        for name in _indexes_of_time(database):
+            query = "SELECT count(*), sum((timestamp % ?) * (id % ? + 1)) FROM messages INDEXED BY "
+            (told,) = database.execute(f'{query}"{name}"', _PRIMES)
+            if told != (len(times), summed if len(times) else None):
+                raise ValueError("its log times are not those of their index")
 
     def _plain(self, database: sqlite3.Connection) -> Leaves | None:
         """Return what reads the messages in bulk, if they are as all recorders write them."""
@@ -163,6 +193,14 @@ class Db3File:
             f" WHERE topic_id IN ({places}) ORDER BY timestamp, id"
         )
         yield from collected(self._database.execute(query, tuple(wanted)), size)
+
+
+def _indexes_of_time(database: sqlite3.Connection) -> list[str]:
+    """Return the names of the indexes that hold the log times of all messages, and nothing else."""
+    names = [row[1] for row in database.execute("PRAGMA index_list(messages)") if not row[4]]
+    quoted = [name.replace('"', '""') for name in names]
+    columns = {name: [row[2] for row in database.execute(f'PRAGMA index_info("{name}")')] for name in quoted}
+    return [name for name, held in columns.items() if held == ["timestamp"]]
 
 
 def _definition(known: Sequence[tuple[str, MessageDefinition]], type_hash: str) -> MessageDefinition:

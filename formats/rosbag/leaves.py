@@ -131,6 +131,11 @@ class Leaves:
                 raise BrokenError("a page that is not there")
         return block
 
+    def times(self) -> tuple[Index, Index]:
+        """Return the keys and log times in ns of all messages, in the order of the keys."""
+        order = np.argsort(self._rows.number)
+        return self._rows.number[order], self._rows.time[order]
+
     def spans(self) -> dict[int, tuple[int, int, int]]:
         """Return how many messages each topic has, and its first and last log time in ns."""
         spans = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, cast
@@ -11,6 +12,7 @@ from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import storage_mcap
 from rosbags.rosbag2.storage_mcap import McapReader
 
+from formats.limits import Allowance
 from formats.rosbag.chunks import RUN_BYTES, Chunk, opened, runs
 from formats.rosbag.messages import Messages, parts_at
 from formats.rosbag.unpacking import unpack
@@ -190,6 +192,7 @@ class McapFile(McapReader):
 
 def _stretches(file: BinaryIO, begin: int, end: int, size: int) -> Iterator[tuple[bytes, list[int]]]:
     """Yield whole records with the places of the messages among them; those of a chunk apart."""
+    allowance = Allowance(os.fstat(file.fileno()).st_size)
     file.seek(begin)
     left, data, needed = end - begin, b"", 0
     while left:
@@ -203,6 +206,7 @@ def _stretches(file: BinaryIO, begin: int, end: int, size: int) -> Iterator[tupl
             elif code == _CHUNK_CODE:
                 yield data[first:at], places
                 contents = bytes(_contents(memoryview(data)[at:behind]))
+                allowance.take(len(contents))
                 yield contents, _messages(contents)
                 first, places = behind, []
         yield data[first:behind], places

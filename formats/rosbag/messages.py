@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
     Index = NDArray[np.int64]
 
+#: A log time this far from those around it, in ns, is no time of this log.
+WILD = 3600 * 10**9
+
 
 @dataclass(frozen=True, slots=True)
 class Messages:
@@ -139,6 +142,36 @@ def collected(
         done += len(waiting)
         numbers = np.array(connections)
         yield {int(number): joined.take(numbers == number) for number in np.unique(numbers)}
+
+
+def astray(times: Index) -> NDArray[np.bool_]:
+    """Tell which log times are none: far from those before and behind, which are not far from each other.
+
+    Parameters
+    ----------
+    times : ndarray of int64, shape (n,)
+        In ns, in the order in which they were recorded.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        A clock that was set stays where it was set to: its times are right.
+    """
+    if len(times) < 3:
+        return np.zeros(len(times), dtype=bool)
+    # Of what damage makes of a time the difference may be beyond what integers hold.
+    seconds = times / 1e9
+    at = np.arange(len(times))
+    before, behind = (np.where(at == end, at - 2 * step, at + step) for end, step in ((0, -1), (at[-1], 1)))
+    ahead, back, across = (
+        np.abs(a - b) > WILD / 1e9
+        for a, b in (
+            (seconds, seconds[behind]),
+            (seconds, seconds[before]),
+            (seconds[before], seconds[behind]),
+        )
+    )
+    return np.asarray(ahead & back & ~across)
 
 
 def numbers_at(buffer: bytes | memoryview | NDArray[np.uint8], places: Index, code: str) -> NDArray[Any]:

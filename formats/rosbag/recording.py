@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from formats.copies import kept
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import METADATA_BYTES, TooMuchError, unpacked_limit
 from formats.rosbag.damage import damaged
@@ -17,6 +17,7 @@ else:
     from backports import zstd
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from contextlib import ExitStack
 
     from formats.salvage import Recovery
@@ -57,6 +58,8 @@ class Recording:
         self.compressed_messages = False
         self._salvage = salvage
         self._told: dict[str, Any] = {}
+        #: Of the files that were unpacked, which have no names of their own.
+        self._names: dict[Path, str] = {}
         folder = Path(path)
         self.files = [folder]
         if folder.is_dir():
@@ -64,6 +67,21 @@ class Recording:
             self.compressed_messages = mode == "message"
             if mode == "file":
                 self.files = self._unpack(stack)
+
+    def name(self, file: Path) -> str:
+        """Return how messages name one of the files.
+
+        Parameters
+        ----------
+        file : Path
+
+        Returns
+        -------
+        str
+        """
+        return (
+            self.path if file == Path(self.path) else str(Path(self.path, self._names.get(file, file.name)))
+        )
 
     def complete(self, recovery: Recovery) -> None:
         """Fill in what metadata.yaml tells of the log as a whole.
@@ -116,43 +134,50 @@ class Recording:
 
     def _found(self, folder: Path) -> list[Path]:
         # Split recordings are numbered: run_9 comes before run_10.
-        files = sorted(folder.glob(f"*.{self.kind}"), key=lambda file: (len(file.name), file.name))
+        found = (file for file in folder.glob(f"*.{self.kind}") if file.is_file())
+        files = sorted(found, key=lambda file: (len(file.name), file.name))
         if not files:
             raise NotFoundError(self.path, f"the folder has neither metadata.yaml nor a {self.kind} file")
         return files
 
     def _unpack(self, stack: ExitStack) -> list[Path]:
-        folder = Path(stack.enter_context(TemporaryDirectory(prefix="bag-")))
         unpacked = []
         for file in self.files:
-            target = folder / file.stem
             try:
-                self._unpack_file(file, target)
+                copy, path = kept(str(file), self._unpacked(file))
             except (zstd.ZstdError, EOFError, TooMuchError) as error:
-                if not self._salvage or isinstance(error, TooMuchError):
-                    raise damaged(str(file), self.kind, error) from error
-                self.damage.append(f"{file.name}: its zstd data are cut off or damaged")
-            unpacked.append(target)
+                raise damaged(str(file), self.kind, error) from error
+            stack.callback(copy.close)
+            unpacked.append(Path(path))
+            self._names[unpacked[-1]] = file.stem
         return unpacked
 
-    @staticmethod
-    def _unpack_file(file: Path, target: Path) -> None:
+    def _unpacked(self, file: Path) -> Iterator[bytes]:
         limit = unpacked_limit(file.stat().st_size, _LARGEST)
         size = 0
-        with zstd.open(file, "rb") as source, target.open("wb") as sink:
-            while block := source.read(_BLOCK):
-                size += len(block)
-                if size > limit:
-                    raise TooMuchError(f"it unpacks to more than {limit:,} bytes")
-                sink.write(block)
+        try:
+            with zstd.open(file, "rb") as source:
+                while block := source.read(_BLOCK):
+                    size += len(block)
+                    if size > limit:
+                        raise TooMuchError(f"it unpacks to more than {limit:,} bytes")
+                    yield block
+        except (zstd.ZstdError, EOFError):
+            if not self._salvage:
+                raise
+            self.damage.append(f"{file.name}: its zstd data are cut off or damaged")
 
 
 def _load(metadata: Path) -> dict[str, Any]:
     from ruamel.yaml import YAML
+    from ruamel.yaml.events import AliasEvent
 
     with metadata.open("rb") as file:
         text = file.read(METADATA_BYTES + 1)
     if len(text) > METADATA_BYTES:
         raise DamagedError(str(metadata), f"is longer than {METADATA_BYTES:,} bytes")
+    if b"*" in text and any(isinstance(event, AliasEvent) for event in YAML(typ="safe").parse(text)):
+        # No recorder writes them, and a few lines of them stand for gigabytes.
+        raise TooMuchError("it has aliases (*name), which no recorder writes")
     content: dict[str, Any] = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
     return content

@@ -28,13 +28,15 @@ _MAKERS: dict[str, Callable[[], Any]] = {
 _LZ4_AT_ONCE = 4 << 20
 
 
-def unpack(packed: bytes | memoryview, packing: str) -> bytes:
+def unpack(packed: bytes | memoryview, packing: str, most: int = CHUNK_BYTES) -> bytes:
     """Unpack a chunk or a message.
 
     Parameters
     ----------
     packed : bytes-like
     packing : {"lz4", "zstd", "bz2", "none", ""}
+    most : int
+        Bytes that it becomes at most, where something tells.
 
     Returns
     -------
@@ -43,7 +45,7 @@ def unpack(packed: bytes | memoryview, packing: str) -> bytes:
     Raises
     ------
     TooMuchError
-        It becomes more than `formats.limits.unpacked_limit` allows.
+        It becomes more than that, or than `formats.limits.unpacked_limit` allows.
     ValueError
         It is cut off, or packed in an unknown way.
     Exception
@@ -53,7 +55,7 @@ def unpack(packed: bytes | memoryview, packing: str) -> bytes:
         return bytes(packed)
     if packing not in _MAKERS:
         raise ValueError(f"packed with {packing[:40]!r}, which is not known")
-    limit = unpacked_limit(len(packed))
+    limit = unpacked_limit(len(packed), min(most, CHUNK_BYTES))
     parts, size, rest = [], 0, bytes(packed)
     while rest:
         if packing == "lz4" and len(rest) <= _LZ4_AT_ONCE and _claimed(rest) <= limit - size:

@@ -8,30 +8,31 @@ from __future__ import annotations
 
 import contextlib
 import re
-import shutil
 import sqlite3
 import struct
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
+from formats.copies import kept, named
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.chunks import RUN_BYTES
 from formats.rosbag.db3 import FORMATS
-from formats.rosbag.messages import Messages, collected
-from formats.salvage.pieces import WILD, Piece, SalvagedFile
+from formats.rosbag.messages import WILD, Messages, astray, collected
+from formats.salvage.pieces import Piece, SalvagedFile
 from formats.salvage.sqlite import INDEX_LEAF, INDEX_NODE, TABLE_LEAF, BrokenError, Cell, Pages, layout
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Sequence
 
     from formats.salvage.pieces import Index
     from formats.salvage.sqlite import Value
 
 _MOST_TABLES = 100
+_BLOCK = 1 << 20
 _COLUMNS = ("id", "topic_id", "timestamp", "data")
 
 
@@ -40,32 +41,36 @@ class SalvagedDb3(SalvagedFile):
 
     def open(self) -> None:
         """Find the readable pages; what a log beside the file holds is put into a copy first."""
-        self._folder: TemporaryDirectory[str] | None = None
         beside = [
             Path(f"{self.path}{ending}")
             for ending in ("-wal", "-journal")
             if Path(f"{self.path}{ending}").is_file() and Path(f"{self.path}{ending}").stat().st_size
         ]
         damage = [f"the recording was not closed: messages were left in {file.name}" for file in beside]
-        if beside:
-            self._folder = TemporaryDirectory(prefix="bag-")
-            copy = Path(self._folder.name, "bag.db3")
-            shutil.copyfile(self.path, copy)
+        with contextlib.ExitStack() as stack:
+            if beside:
+                self.path = self._joined(beside, stack)
+            super().open()
+        self.recovery.damage = damage + self.recovery.damage
+
+    def _joined(self, beside: Sequence[Path], stack: contextlib.ExitStack) -> Path:
+        """Copy the file, and have SQLite put into the copy what a log beside it holds."""
+        copies = {}
+        for file in (self.path, *beside):
+            with file.open("rb") as source:
+                copy, path = kept(str(file), iter(partial(source.read, _BLOCK), b""))
+            stack.callback(copy.close)
+            copies[file] = path
+        with contextlib.ExitStack() as names:
+            name = names.enter_context(named(copies[self.path]))
             for file in beside:
-                shutil.copyfile(file, f"{copy}{file.name.removeprefix(self.path.name)}")
-            with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(copy)) as database:
+                names.enter_context(named(copies[file], name + file.name.removeprefix(self.path.name)))
+            with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(name)) as database:
                 database.execute("PRAGMA trusted_schema = OFF")
                 database.execute("SELECT count(*) FROM sqlite_master").fetchone()
                 database.execute("PRAGMA journal_mode = DELETE")
-            self.path = copy
-        super().open()
-        self.recovery.damage = damage + self.recovery.damage
-
-    def close(self) -> None:
-        """Close the file, and remove the copy."""
-        super().close()
-        if self._folder is not None:
-            self._folder.cleanup()
+            Path(f"{name}-shm").unlink(missing_ok=True)
+        return Path(copies[self.path])
 
     def scan(self) -> dict[int, Connection]:
         """Read the pages of the file."""
@@ -179,9 +184,12 @@ class SalvagedDb3(SalvagedFile):
                         twice.update((row, claimed[other]))
                 found[row] = topic, time, cell.begin, cell.size
         wrong = twice | {row for row, (_, time, _, _) in found.items() if self._times.get(row, time) != time}
-        self.recovery.aside += len(wrong)
         kept = [(*values, row) for row, values in sorted(found.items()) if row not in wrong]
-        return np.array(kept, dtype=np.int64).reshape(-1, 5)
+        table = np.array(kept, dtype=np.int64).reshape(-1, 5)
+        alone = astray(table[:, 1])
+        self._aside = wrong.union(table[alone, 4].tolist())
+        self.recovery.aside += len(self._aside)
+        return table[~alone]
 
     def _leaves(self, tables: dict[str, tuple[int, list[str], str]]) -> tuple[dict[int, None], list[int]]:
         """Return the pages of the table of messages, and those that perhaps are.
@@ -266,13 +274,13 @@ class SalvagedDb3(SalvagedFile):
         """Tell the stretches of time that hold lost rows, by the rows around them and by the index."""
         recovery, rows = self.recovery, self._rows
         numbers, times = rows[:, 4], rows[:, 1]
-        gone = sorted(set(self._times) - set(numbers.tolist()))
+        gone = sorted(set(self._times) - set(numbers.tolist()) - self._aside)
         if not cut and not self._lost:
             recovery.expected = len(rows) + recovery.aside
-            if not gone:
+            if not gone and not recovery.aside:
                 return
         if gone and not cut:
-            recovery.expected = len(rows) + len(gone)
+            recovery.expected = len(rows) + recovery.aside + len(gone)
             recovery.damage.append(f"{len(gone):,} messages that its index names are not there")
         for place in np.flatnonzero(np.diff(numbers) > 1).tolist():
             recovery.lost.append((int(times[place]), max(int(times[place]), int(times[place + 1]))))

@@ -19,7 +19,7 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 
 from formats.limits import CHUNK_BYTES
 from formats.rosbag.unpacking import unpack
-from formats.salvage.pieces import SalvagedFile, agreed, lost_between, rows_of, tame
+from formats.salvage.pieces import SalvagedFile, agreed, join_told, lost_between, rows_of, tame
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -154,23 +154,30 @@ class SalvagedMcap(SalvagedFile):
         index, end = self._index(end)
         start, last, size, checksum, packing = head
         load = partial(self._load, contents, end=chunk_end, packing=packing, size=size, checksum=checksum)
-        try:
-            raw = load()
-        except Exception as error:  # noqa: BLE001 - the libraries that unpack raise anything
-            reason = " ".join(str(error).split())[:120] or type(error).__name__
-            self._lose(f"the chunk at byte {begin - _RECORD:,} cannot be read ({reason})")
+        raw = self.unpacked(load, chunk_end - contents, size)
+        if isinstance(raw, str):
+            self._lose(f"the chunk at byte {begin - _RECORD:,} cannot be read ({raw})")
             return end
-        found, whole = _messages_in(raw, self._told, vouched=bool(checksum))
+        told = _Told()
+        found, whole = _messages_in(raw, told, vouched=bool(checksum))
         rows = kept = rows_of(found)
+        agrees = True
         if not checksum:
             self._unchecked = True
             kept = _confirmed(rows, index, start, last)
+            agrees = len(kept) == len(found) and _complete(rows, index)
         damage = "" if whole else f"the chunk at byte {begin - _RECORD:,} contradicts itself"
+        if packing and not checksum and not (whole and agrees):
+            # One changed byte of packed data changes others, and no index shows in which values.
+            kept, damage = rows[:0], f"the chunk at byte {begin - _RECORD:,} contradicts its index"
+        else:
+            join_told(self._told.schemas, told.schemas)
+            join_told(self._told.channels, told.channels)
         self.take(rows, kept, load, damage)
         return end
 
     def _load(self, begin: int, *, end: int, packing: str, size: int, checksum: int) -> bytes:
-        raw = unpack(self.data[begin:end], packing)
+        raw = unpack(self.data[begin:end], packing, size)
         if len(raw) != size:
             raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
         if checksum and crc32(raw) != checksum:
@@ -330,6 +337,11 @@ def _confirmed(rows: Any, index: dict[int, Any], start: int, last: int) -> Any:
     return rows[np.array(keep, dtype=bool)]
 
 
+def _complete(rows: Any, index: dict[int, Any]) -> bool:
+    """Tell whether there are as many messages of each channel as the index names."""
+    return all(np.count_nonzero(rows[:, 0] == channel) == len(entries) for channel, entries in index.items())
+
+
 def _note(told: _Told, code: int, content: bytes, *, vouched: bool) -> None:
     """Take in what a record says of a schema or a channel."""
     (number,) = struct.unpack_from("<H", content)
@@ -348,9 +360,7 @@ def _note(told: _Told, code: int, content: bytes, *, vouched: bool) -> None:
         at, kept, where = at + 4 + size, (schema, topic, encoding), told.channels
     if at != len(content):
         raise BrokenError(f"the description of {number}")
-    before = where.setdefault(number, [])
-    if (vouched, kept) not in before[-8:]:
-        before.append((vouched, kept))
+    join_told(where, {number: [(vouched, kept)]})
 
 
 def _text(content: bytes, at: int) -> tuple[int, str]:

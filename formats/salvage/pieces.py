@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from formats.limits import CONNECTIONS, TooMuchError
-from formats.rosbag.messages import Messages
+from formats.limits import CONNECTIONS, Allowance, TooMuchError, unpacked_limit
+from formats.rosbag.messages import WILD, Messages
 from formats.salvage.recovery import Recovery
 
 if TYPE_CHECKING:
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 #: `Messages.order` of the first byte of the n-th piece is n times this: pieces are smaller.
 _ORDER = 1 << 40
-#: A time this far from those around it is no time of this log.
-WILD = 3600 * 10**9
 #: Bytes of messages that may wait for others which are earlier.
 _WAITING = 1 << 30
 _WAITING_PARTS = 50_000
@@ -89,6 +87,7 @@ class SalvagedFile(ABC):
             self.data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         try:
             self.recovery.bytes_expected = len(self.data)
+            self._allowance = Allowance(len(self.data))
             known = self.scan()
             self._settle(known)
         except BaseException:
@@ -113,6 +112,31 @@ class SalvagedFile(ABC):
             self.pieces.append(Piece(kept, load))
         if damage:
             self.lose(damage)
+
+    def unpacked(self, load: Callable[[], bytes], stored: int, size: int) -> bytes | str:
+        """Unpack a chunk, or say why that cannot be.
+
+        Parameters
+        ----------
+        load : callable
+            Returns the contents: no more than `size` bytes.
+        stored, size : int
+            Bytes in the file, and those that the file says they become.
+
+        Returns
+        -------
+        bytes or str
+
+        Raises
+        ------
+        TooMuchError
+            All chunks together become more than a file may.
+        """
+        self._allowance.take(min(size, unpacked_limit(stored)))
+        try:
+            return load()
+        except Exception as error:  # noqa: BLE001 - the libraries that unpack raise anything
+            return " ".join(str(error).split())[:120] or type(error).__name__
 
     def lose(self, damage: str) -> None:
         """Note that something is lost here.
@@ -302,6 +326,13 @@ def agreed(told: Sequence[tuple[bool, Any]]) -> Any | None:
     """
     trusted = [what for vouched, what in told if vouched] or [what for _, what in told]
     return trusted[0] if all(what == trusted[0] for what in trusted) else None
+
+
+def join_told(told: dict[int, list[tuple[bool, Any]]], more: dict[int, list[tuple[bool, Any]]]) -> None:
+    """Add what else a file says of its connections, by their numbers, to what it said before."""
+    for number, said in more.items():
+        before = told.setdefault(number, [])
+        before += [one for one in said if one not in before[-8:]]
 
 
 def timeline(found: Index, kept: Index) -> list[Span | None]:

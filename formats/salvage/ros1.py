@@ -12,53 +12,24 @@ import re
 import struct
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1.reader import normalize
 from rosbags.typesys.msg import normalize_msgtype
 
-from formats.limits import CHUNK_BYTES
+from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.unpacking import unpack
 from formats.salvage.msg_checksum import checksum
-from formats.salvage.pieces import SalvagedFile, agreed, lost_between, rows_of, tame
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from formats.salvage.pieces import SalvagedFile, agreed, join_told, lost_between, rows_of, tame
+from formats.salvage.ros1_records import SECOND, BrokenError, Record, fields_of, read_record, records
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")
 #: The header of a chunk has three short fields.
 _LONGEST_CHUNK_HEADER = 80
-_LONGEST_HEADER = 1 << 20
-_SECOND = 1_000_000_000
-
-
-class BrokenError(ValueError):
-    """A record does not add up."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Record:
-    fields: dict[bytes, bytes]
-    begin: int
-    end: int
-
-    @property
-    def code(self) -> int:
-        return self.fields.get(b"op", b"\0")[0] if len(self.fields.get(b"op", b"")) == 1 else 0
-
-    def number(self, name: bytes, code: str = "<I") -> int:
-        value: int = struct.unpack(code, self.fields.get(name, b""))[0]
-        return value
-
-    def time(self, name: bytes = b"time") -> int:
-        seconds, rest = struct.unpack("<II", self.fields.get(name, b""))
-        if rest >= _SECOND:
-            raise BrokenError("a time")
-        return int(seconds) * _SECOND + int(rest)
 
 
 @dataclass
@@ -68,6 +39,10 @@ class _Told:
     connections: dict[int, list[tuple[bool, Any]]] = field(default_factory=dict)
     index: int | None = None
     chunks: int = 0
+    #: Connections and chunks that its header promises in the index at the end of the file, and those
+    #: that stand there.
+    promised: int = 0
+    indexed: int = 0
     #: Messages and the last log time, from the index at the end of the file.
     counts: int = 0
     counted: int = 0
@@ -87,6 +62,8 @@ class SalvagedRos1(SalvagedFile):
         while at < size:
             try:
                 at = self._record(at)
+            except TooMuchError:
+                raise
             except (BrokenError, struct.error, UnicodeDecodeError, ValueError) as error:
                 what = str(error) if isinstance(error, BrokenError) else f"a record at byte {at:,}"
                 following = self._next_chunk(at + 1)
@@ -94,13 +71,18 @@ class SalvagedRos1(SalvagedFile):
                 at = following or size
         self._end_open()
         told, recovery = self._told, self.recovery
-        if told.index == 0:
+        if told.index is None and not recovery.damage:
+            self._lose(f"cut off at byte {size:,}: its header is missing")
+        elif told.index == 0:
             self._lose("its index is missing: the recording was not closed properly")
         elif told.index is not None and told.index >= size:
             # Says more than where the last record is cut.
             recovery.damage = [text for text in recovery.damage if not text.startswith("cut off")]
             self._lose(f"cut off at byte {size:,} of at least {told.index:,}: its index is missing")
             recovery.bytes_expected = told.index
+        elif told.indexed < told.promised and not recovery.damage:
+            of = f"{told.indexed:,} of {told.promised:,} records"
+            self._lose(f"cut off at byte {size:,}, in its index: {of} are there")
         recovery.whole_known = bool(told.index)
         if told.counted and told.counted == told.chunks:
             recovery.expected = told.counts
@@ -129,7 +111,9 @@ class SalvagedRos1(SalvagedFile):
             case 3:
                 self._told.index = record.number(b"index_pos", "<Q")
                 self._told.chunks = record.number(b"chunk_count")
+                self._told.promised = self._told.chunks + record.number(b"conn_count")
             case 7:
+                self._told.indexed += at >= (self._told.index or 0)
                 _note(self._told, record, self.data[record.begin : record.end], vouched=False)
             case 6:
                 self._chunk_info(record)
@@ -155,7 +139,7 @@ class SalvagedRos1(SalvagedFile):
                     return at
         return None
 
-    def _chunk(self, at: int, record: _Record) -> int:
+    def _chunk(self, at: int, record: Record) -> int:
         """Read a chunk and the index behind it; return where that ends."""
         self._end_open()
         if record.begin == record.end:
@@ -164,21 +148,26 @@ class SalvagedRos1(SalvagedFile):
         packing, size = record.fields.get(b"compression", b"").decode(), record.number(b"size")
         index, end = self._index(record.end)
         load = partial(self._load, record.begin, record.end, packing, size)
-        try:
-            raw = load()
-        except Exception as error:  # noqa: BLE001 - the libraries that unpack raise anything
-            reason = " ".join(str(error).split())[:120] or type(error).__name__
-            self._lose(f"the chunk at byte {at:,} cannot be read ({reason})")
+        raw = self.unpacked(load, record.end - record.begin, size)
+        if isinstance(raw, str):
+            self._lose(f"the chunk at byte {at:,} cannot be read ({raw})")
             return end
         vouched = packing == "bz2"
         self._unchecked = self._unchecked or not vouched
-        found, whole = _messages_in(raw, self._told, vouched=vouched)
+        told = _Told()
+        found, whole = _messages_in(raw, told, vouched=vouched)
         rows = rows_of([row[:4] for row in found])
-        kept = rows if vouched else _settled(found, index)
-        self.take(rows, kept, load, "" if whole else f"the chunk at byte {at:,} contradicts itself")
+        kept, agrees = (rows, True) if vouched else _settled(found, index)
+        damage = "" if whole else f"the chunk at byte {at:,} contradicts itself"
+        if packing == "lz4" and not (whole and agrees):
+            # One changed byte of packed data changes others, and no index shows in which values.
+            kept, damage = rows[:0], f"the chunk at byte {at:,} contradicts its index"
+        else:
+            join_told(self._told.connections, told.connections)
+        self.take(rows, kept, load, damage)
         return end
 
-    def _cut_chunk(self, record: _Record) -> None:
+    def _cut_chunk(self, record: Record) -> None:
         """Take the whole messages of a chunk that is cut off, if it is not packed."""
         if record.fields.get(b"compression") != b"none" or len(self.data) - record.begin > CHUNK_BYTES:
             return
@@ -189,7 +178,7 @@ class SalvagedRos1(SalvagedFile):
         self.take(rows, tame(rows), lambda: self.data[first:last])
 
     def _load(self, begin: int, end: int, packing: str, size: int) -> bytes:
-        raw = unpack(self.data[begin:end], packing)
+        raw = unpack(self.data[begin:end], packing, size)
         if len(raw) != size:
             raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
         return raw
@@ -209,12 +198,12 @@ class SalvagedRos1(SalvagedFile):
                 break
             numbers = np.frombuffer(self.data[record.begin : record.end], "<u4")
             entries = numbers.reshape(-1, 3).astype(np.int64)
-            times = entries[:, 0] * _SECOND + entries[:, 1]
+            times = entries[:, 0] * SECOND + entries[:, 1]
             index[connection] = set(zip(times.tolist(), entries[:, 2].tolist(), strict=True))
             at = record.end
         return index, at
 
-    def _message(self, record: _Record) -> None:
+    def _message(self, record: Record) -> None:
         """Take a message of a chunk that was never closed."""
         row = (record.number(b"conn"), record.time(), record.begin, record.end - record.begin)
         self._open.append(row)
@@ -230,11 +219,12 @@ class SalvagedRos1(SalvagedFile):
         self._unchecked = True
         self.take(rows := rows_of(found), tame(rows), lambda: self.data[first:last])
 
-    def _chunk_info(self, record: _Record) -> None:
+    def _chunk_info(self, record: Record) -> None:
         content = self.data[record.begin : record.end]
         if len(content) != 8 * record.number(b"count"):
             raise BrokenError("the index")
         self._told.counted += 1
+        self._told.indexed += 1
         self._told.counts += sum(count for _, count in struct.iter_unpack("<II", content))
         self._told.end = max(self._told.end, record.time(b"end_time"))
 
@@ -264,64 +254,6 @@ class SalvagedRos1(SalvagedFile):
         return known
 
 
-def read_record(data: Any, at: int, within: int | None = None) -> _Record:
-    """Read the header of a record; its data may end beyond those that are there.
-
-    Parameters
-    ----------
-    data : bytes-like
-    at : int
-    within : int, optional
-        Where they end.
-
-    Returns
-    -------
-    _Record
-
-    Raises
-    ------
-    BrokenError
-        The header does not add up.
-    struct.error
-        It is cut off.
-    """
-    size = len(data) if within is None else within
-    (length,) = struct.unpack_from("<I", data, at)
-    begin, end = at + 4, at + 4 + length
-    if length > _LONGEST_HEADER or end + 4 > size:
-        raise BrokenError(f"a record that begins at byte {at:,}")
-    (stored,) = struct.unpack_from("<I", data, end)
-    return _Record(_fields(data[begin:end]), end + 4, end + 4 + stored)
-
-
-def _fields(header: bytes) -> dict[bytes, bytes]:
-    fields, at = {}, 0
-    while at < len(header):
-        (size,) = struct.unpack_from("<I", header, at)
-        name, sign, value = header[at + 4 : at + 4 + size].partition(b"=")
-        at += 4 + size
-        if not sign or at > len(header):
-            raise BrokenError("the header of a record")
-        fields[name] = value
-    return fields
-
-
-def _records(raw: bytes) -> Iterator[tuple[int, _Record | None]]:
-    """Yield place and record of all in a chunk; None at the first that does not fit."""
-    at = 0
-    while at < len(raw):
-        try:
-            record = read_record(raw, at)
-        except (BrokenError, struct.error):
-            yield at, None
-            return
-        if record.end > len(raw):
-            yield at, None
-            return
-        yield at, record
-        at = record.end
-
-
 def _messages_in(
     raw: bytes, told: _Told, *, vouched: bool
 ) -> tuple[list[tuple[int, int, int, int, int, int]], bool]:
@@ -332,7 +264,7 @@ def _messages_in(
     """
     found: list[tuple[int, int, int, int, int, int]] = []
     earlier = None
-    for at, record in _records(raw):
+    for at, record in records(raw):
         try:
             if record is None or record.code not in {_MESSAGE, _CONNECTION}:
                 return found, False
@@ -356,8 +288,13 @@ def _messages_in(
     return found, True
 
 
-def _settled(found: list[tuple[int, int, int, int, int, int]], index: dict[int, set[tuple[int, int]]]) -> Any:
-    """Keep the messages that the index names at the same place and time, where there is an index."""
+def _settled(
+    found: list[tuple[int, int, int, int, int, int]], index: dict[int, set[tuple[int, int]]]
+) -> tuple[Any, bool]:
+    """Keep the messages that the index names at the same place and time, where there is an index.
+
+    Tell too whether index and messages are the same.
+    """
     named, unnamed = [], []
     for row in found:
         connection, time, _, _, at, earlier = row
@@ -367,7 +304,8 @@ def _settled(found: list[tuple[int, int, int, int, int, int]], index: dict[int, 
             named.append(row[:4])
     rows = rows_of(named + unnamed)
     # Those without an index are compared with the others of their chunk.
-    return tame(rows) if unnamed else rows
+    agrees = len(named) == sum(map(len, index.values())) == len(found) - len(unnamed)
+    return tame(rows) if unnamed else rows, agrees
 
 
 def _fits(said: tuple[str, str, str, str, str | None]) -> bool:
@@ -377,10 +315,10 @@ def _fits(said: tuple[str, str, str, str, str | None]) -> bool:
     return found in {None, digest}
 
 
-def _note(told: _Told, record: _Record, content: bytes, *, vouched: bool) -> None:
+def _note(told: _Told, record: Record, content: bytes, *, vouched: bool) -> None:
     """Take in what a record says of a connection."""
     number, topic = record.number(b"conn"), record.fields.get(b"topic", b"").decode()
-    about = _fields(content)
+    about = fields_of(content)
     if not topic or b"type" not in about:
         raise BrokenError(f"the description of connection {number}")
     kept = (
@@ -390,6 +328,4 @@ def _note(told: _Told, record: _Record, content: bytes, *, vouched: bool) -> Non
         about.get(b"message_definition", b"").decode(),
         about.get(b"callerid", b"").decode() or None,
     )
-    before = told.connections.setdefault(number, [])
-    if (vouched, kept) not in before[-8:]:
-        before.append((vouched, kept))
+    join_told(told.connections, {number: [(vouched, kept)]})

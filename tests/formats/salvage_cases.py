@@ -17,20 +17,20 @@ START = 1_700_000_000 * 10**9
 CASES = [("ros1", c) for c in ROS1] + [("mcap", c) for c in [*MCAP, "crc"]] + [("db3", "none")]
 
 
-def rows():
-    for i in range(N):
+def rows(n=N):
+    for i in range(n):
         time = START + i * 10**8
         yield "/joints", JOINTS, time, {"name": ["fl", "fr"], "effort": [i / 8, -i]}
         yield "/speed", FLOAT, time + 1, {"data": (i + 1) / 4}
 
 
-def write(folder, kind, compression="none"):
+def write(folder, kind, compression="none", n=N):
     """Write a bag in chunks of 3,000 bytes and return its path."""
     store = typestore(ros1=kind == "ros1")
     if kind == "ros1":
-        return write_ros1(folder / "run.bag", rows(), store, compression, chunk=3_000)
+        return write_ros1(folder / "run.bag", rows(n), store, compression, chunk=3_000)
     path = write_ros2(
-        folder / "run", rows(), store, kind, {"crc": "none"}.get(compression, compression), chunk=3_000
+        folder / "run", rows(n), store, kind, {"crc": "none"}.get(compression, compression), chunk=3_000
     )
     if compression == "crc":
         path.write_bytes(with_checksums(path.read_bytes()))

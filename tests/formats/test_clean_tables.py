@@ -6,8 +6,9 @@ import gzip
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
+from profiles import examples
 
 from formats import clean
 from formats.cells import MISSING_SPELLINGS
@@ -73,7 +74,7 @@ def assert_same(path):
         np.testing.assert_array_equal(np.signbit(fast[0][name]), np.signbit(column))
 
 
-@settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))
+@examples(250, suppress_health_check=list(HealthCheck))
 @example([["1", "2", "3"]] * 40, [], 0, "\n", True, "utf-8")
 @example([["1", "2", "3"]] * 40, [["4", "5"]], 30, "\n", True, "utf-8-sig")
 @example([["1", "2", "3"]] * 40, [["9007199254740993", "1", "1"]], 35, "\n", True, "utf-8")

@@ -9,8 +9,9 @@ import math
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 
 from formats import DamagedError, FormatError, Labels, open_source, write_table
 from formats.delimited import DelimitedSource
@@ -166,7 +167,7 @@ def test_nul_bytes_after_a_power_cut(make):
 
 
 @given(st.lists(st.integers(0, 4), min_size=1, max_size=60), st.integers(1, 9), st.booleans())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_uneven_rows_keep_their_places(tmp_path_factory, widths, batch_rows, newline):
     """Each row carries its number, so that a shifted or lost row shows."""
     widths = [3, *widths, 3]
@@ -326,7 +327,7 @@ floats = st.floats(allow_infinity=True, allow_nan=True, width=64)
     ),
     start=st.integers(-(2**63), 2**63 - 41),
 )
-@settings(max_examples=80, deadline=None)
+@examples(80)
 def test_what_is_written_is_read_back_to_the_last_digit(tmp_path_factory, values, texts, start):
     path = str(tmp_path_factory.mktemp("round") / "table.csv")
     labels = [(["x", *texts])[j % (len(texts) + 1)] for j in range(len(values))]

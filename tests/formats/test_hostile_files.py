@@ -20,7 +20,7 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from salvage_cases import START, samples, write
 
 import formats
-from formats import limits, parquet, parquet_pages, streams
+from formats import limits, parquet, parquet_pages
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.parquet_pages import check_pages
 from formats.rosbag import containers, open_bag, recording
@@ -103,7 +103,7 @@ def test_a_table_with_a_bomb(tmp_path, monkeypatch, salvage):
     path = tmp_path / "log.csv.gz"
     path.write_bytes(gzip.compress(b"time,load\n" + b"0,0\n" * 1_000_000))
     assert len(next(iter(formats.open_source(str(path)).read("", ["time"])))["time"])
-    monkeypatch.setattr(streams, "TEXT_BYTES", 1 << 20)
+    monkeypatch.setattr(limits, "FILE_BYTES", 1 << 20)
     with pytest.raises(DamagedError, match=r"unpacks to more than .* times its size") as caught:
         list(formats.open_source(str(path), salvage=salvage).read("", ["time"]))
     assert "unpack it first" in caught.value.hint

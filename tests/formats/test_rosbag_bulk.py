@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from bags import typestore, write_ros1, write_ros2
 from drawn import Values, types
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import HealthCheck, Phase, given
 from hypothesis import strategies as st
+from profiles import examples
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -148,7 +149,7 @@ def equal_to_the_bit(found, column, name):
     np.testing.assert_array_equal(found, column, err_msg=name)
 
 
-@settings(max_examples=120, deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.generate])
+@examples(120, suppress_health_check=list(HealthCheck), phases=[Phase.generate])
 @given(st.data())
 def test_any_definitions_in_any_container(tmp_path_factory, data):
     """Ragged messages, several publishers and definitions of a topic, times that tie and run back."""

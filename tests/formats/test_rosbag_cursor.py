@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from bags import message, typestore
 from drawn import NAMES, Values, types
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as st
+from profiles import examples
 from rosbags.typesys import Stores, get_typestore
 
 from formats.rosbag.columns import Request, extract
@@ -57,7 +58,7 @@ def define(store, name, *, ros1):
     return Definition(name, ros1, store.fielddefs, find_leaves(store.fielddefs, name), lambda: store)
 
 
-@settings(max_examples=250, deadline=None, suppress_health_check=list(HealthCheck))
+@examples(250, suppress_health_check=list(HealthCheck))
 @given(
     types(),
     st.integers(0, 2**32),
@@ -217,7 +218,7 @@ def test_bytes_left_over(order):
     assert caught.value.row == 2
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(st.data(), st.sampled_from(["ros1", "<", ">"]))
 def test_damaged_bytes_give_an_error_or_what_the_plain_way_gives(data, order):
     definition, (whole,) = pack(TEXT, [ROW], order)

@@ -9,8 +9,9 @@ import sqlite3
 import numpy as np
 import pytest
 from bags import MCAP, ROS1, typestore, write_ros1, write_ros2
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
+from profiles import examples
 
 from formats.errors import DamagedError, FormatError
 from formats.rosbag import open_bag
@@ -227,7 +228,7 @@ def test_db3_without_the_tables_of_a_bag(tmp_path):
     expect_damage(path, "db3", "no such table: messages")
 
 
-@settings(max_examples=120, deadline=None, suppress_health_check=list(HealthCheck))
+@examples(120, suppress_health_check=list(HealthCheck))
 @given(st.data(), st.sampled_from(CASES))
 def test_any_damage_gives_an_error_of_ours_or_none(tmp_path_factory, whole, data, case):
     """Whatever rosbags, lz4, bz2, zstd or SQLite raise, a person reads one line."""

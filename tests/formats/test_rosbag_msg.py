@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from formats.rosbag.bounds import msg_text
@@ -64,7 +65,7 @@ heads = st.sampled_from(
 )
 
 
-@settings(deadline=None, max_examples=500)
+@examples(500)
 @given(st.lists(st.one_of(lines, lines, lines, heads), max_size=4).map("\n".join))
 def test_any_text_is_parsed_alike_or_left(text):
     cleaned = msg_text(text)

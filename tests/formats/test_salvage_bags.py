@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bags import typestore, write_ros1, write_ros2
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
+from profiles import examples
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2.storage_mcap import McapReader
 from salvage_cases import CASES, FLOAT, JOINTS, START, N, opened, samples, write
@@ -27,7 +28,7 @@ from formats.salvage.sqlite import Pages
 CHECKED = [("ros1", "bz2"), ("mcap", "crc")]
 cases = pytest.mark.parametrize(("kind", "compression"), CASES)
 any_case = st.sampled_from(CASES)
-often = settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+often = examples(80, suppress_health_check=list(HealthCheck))
 
 
 class Whole:
@@ -143,7 +144,7 @@ def test_cut_at_any_byte(wholes, place, data, case):
         assert start is None or start in {time for _, time in found}
 
 
-@settings(often, max_examples=150)
+@examples(150, parent=often)
 @given(st.data(), st.sampled_from(CHECKED))
 def test_changed_bytes_under_a_checksum(wholes, place, data, case):
     """Each sample is as it was, or not there, and the loss is told."""
@@ -158,7 +159,7 @@ def test_changed_bytes_under_a_checksum(wholes, place, data, case):
         told(source)
 
 
-@settings(often, max_examples=150)
+@examples(150, parent=often)
 @given(st.data(), any_case)
 def test_any_damage_at_all(wholes, place, data, case):
     """No crash and no hang; without checksums a value may be another, a time or a place may not."""

@@ -9,8 +9,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 
 from formats import DamagedError, FormatError, open_source
 from formats.rosbag.unpacking import zstd
@@ -53,7 +54,7 @@ def test_a_whole_table_is_read_as_ever(tmp_path):
     assert source.recovery.read == N
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(st.integers(0, len(WHOLE) - 1))
 def test_cut_at_any_byte(tmp_path_factory, cut):
     """Every row that has its end of line is read, and nothing of the one that has not."""
@@ -170,3 +171,35 @@ def test_parquet_of_which_one_part_is_not_whole(tmp_path):
         (tmp_path / name).write_bytes(b"PAR1")
     with pytest.raises(DamagedError, match="none of its 3 parts is whole"):
         open_source(str(tmp_path), salvage=True)
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+@pytest.mark.parametrize("dictionary", [True, False])
+@pytest.mark.parametrize("compression", ["none", "zstd"])
+def test_parquet_is_checked_where_every_page_has_a_checksum(tmp_path, version, dictionary, compression):
+    path = tmp_path / "log.parquet"
+    content = pa.table({"time": np.arange(900.0), "none": pa.nulls(900, pa.float64()), "list": [[1]] * 900})
+    options = {"data_page_version": version, "use_dictionary": dictionary, "compression": compression}
+    for checksums in (False, True):
+        pq.write_table(content, path, write_page_checksum=checksums, data_page_size=500, **options)
+        recovery = open_source(str(path), salvage=True).recovery
+        assert (recovery.damaged, recovery.checked) == (False, checksums)
+    # A checksum is verified: what it vouches for is right, or is not read.
+    data = path.read_bytes()
+    whole = table(path)[1]["time"]
+    refused = 0
+    for at in range(4, data.index(b"ARROW:schema") - 900, 97):
+        path.write_bytes(data[:at] + bytes([data[at] ^ 8]) + data[at + 1 :])
+        try:
+            assert table(path)[1]["time"] == whole
+        except FormatError:
+            refused += 1
+    assert refused
+
+
+def test_one_part_without_checksums_leaves_the_folder_unchecked(tmp_path):
+    for k in range(2):
+        pq.write_table(
+            pa.table({"time": np.arange(9.0)}), tmp_path / f"part-{k}.parquet", write_page_checksum=k == 0
+        )
+    assert not open_source(str(tmp_path), salvage=True).recovery.checked

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from formats import FormatError, NotFoundError, expand, open_source
+from formats.inputs import parts, takes
 
 CSV = "time,torque\n0,1\n1,2\n"
 
@@ -82,6 +83,32 @@ def test_folder_that_is_one_log():
     put("bag/metadata.yaml", "bag/bag_0.db3")
     put("drive/part-2.parquet", "drive/part-10.parquet", "drive/_SUCCESS", "drive/.crc")
     assert expand(["bag/", "drive"]) == ["bag/", "drive"]
+
+
+def test_files_of_a_log():
+    put(
+        "run.csv",
+        "bag/metadata.yaml",
+        "bag/a.mcap",
+        "bag/rover.toml",
+        "drive/k=1/a.parquet",
+        "drive/b.parquet",
+    )
+    assert parts("run.csv") == ["run.csv"]
+    assert parts("-") == ["-"]
+    assert sorted(parts("bag")) == ["bag/a.mcap", "bag/metadata.yaml"]
+    assert sorted(parts("drive/")) == ["drive/b.parquet", "drive/k=1/a.parquet"]
+
+
+@pytest.mark.parametrize(
+    "file", ["new.csv", "new.mcap", "new.csv.gz", "new.json", "_new.csv", "new", "x/new.csv"]
+)
+@pytest.mark.parametrize("name", [".", "*", "*.csv", "**", "n*.csv", "a*", "a.csv", "x"])
+def test_what_takes_a_file_is_what_finds_it_once_it_is_there(name, file):
+    put("a.csv", "nb.csv", "x/b.csv")
+    foretold = takes(name, file)
+    put(file)
+    assert foretold == (file in [log.removeprefix("./") for log in expand([name])])
 
 
 def test_nothing_there():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import math
@@ -315,3 +316,13 @@ def test_nothing_heavy_is_imported_with_the_package():
     root = Path(__file__).parents[2]
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=root)
     assert done.stdout == "set()\n"
+
+
+@pytest.mark.parametrize("name", ["=1+1", "+1", "-wheel", "@cmd", "\t=1"])
+def test_no_name_is_a_formula_of_a_spreadsheet(name, tmp_path):
+    path = tmp_path / "out.csv"
+    write_table({"wheel": [name, None, "a=b"], "c_kPa": [-1.5, 2.0, 3.0], name: ["x", "", "y"]}, str(path))
+    with path.open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["wheel", "c_kPa", f"'{name}"]
+    assert [row[:2] for row in rows] == [[f"'{name}", "-1.5"], ["", "2.0"], ["a=b", "3.0"]]

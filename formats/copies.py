@@ -1,0 +1,257 @@
+"""What can be read only once: devices are refused, pipes are read to their end, copies have no name."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import shutil
+import stat
+import tempfile
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO, cast
+
+from formats.errors import CannotWriteError, FormatError, NotFoundError
+from formats.limits import PIPE_SECONDS, SPARE_BYTES, largest_copy
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+_BLOCK = 1 << 20
+#: Where Linux shows the open files of a process.
+_OPEN_FILES = "/proc/self/fd"
+
+
+def readable(path: str) -> os.stat_result:
+    """Look at what is to be read, and refuse devices, which have no end.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    os.stat_result
+
+    Raises
+    ------
+    FormatError
+        A device or a socket.
+    OSError
+        It is not there, or may not be looked at.
+    """
+    status = os.stat(path)  # noqa: PTH116 (follows /dev/fd/63 as open does)
+    if not any(kind(status.st_mode) for kind in (stat.S_ISREG, stat.S_ISDIR, stat.S_ISFIFO)):
+        raise no_file(path, status.st_mode)
+    return status
+
+
+def no_file(path: str, mode: int) -> FormatError:
+    """Say that something is a device or a socket.
+
+    Parameters
+    ----------
+    path : str
+    mode : int
+        As the system tells it.
+
+    Returns
+    -------
+    FormatError
+    """
+    kind = "a socket" if stat.S_ISSOCK(mode) else "a device"
+    return FormatError(path, f"is {kind}, not a file", hint="give a file, a pipe, or - for standard input")
+
+
+def read_short(path: str, most: int) -> bytes:
+    """Read what a person has written, from a file or from a pipe such as the shell's <(…).
+
+    Parameters
+    ----------
+    path : str
+    most : int
+        Bytes: no more are read.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    FormatError
+        A device; a pipe into which not all was written in time.
+    OSError
+    """
+    if not stat.S_ISFIFO(readable(path).st_mode):
+        with Path(path).open("rb") as stream:
+            return stream.read(most)
+    data = bytearray()
+    for block in piped(path, seconds=PIPE_SECONDS):
+        data += block
+        if len(data) >= most:
+            break
+    return bytes(data[:most])
+
+
+def piped(path: str, *, seconds: float | None = None) -> Iterator[bytes]:
+    """Read a pipe to its end. Where nobody begins to write into it, it is given up.
+
+    Parameters
+    ----------
+    path : str
+    seconds : float, optional
+        All must have come by then.
+
+    Yields
+    ------
+    bytes
+
+    Raises
+    ------
+    NotFoundError
+        Nobody writes.
+    OSError
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    began = time.monotonic()
+    come = False
+    try:
+        while True:
+            waited = time.monotonic() - began
+            try:
+                block = os.read(descriptor, _BLOCK)
+            except BlockingIOError:
+                # Somebody has opened it, and may take his time.
+                if seconds is not None and waited > seconds:
+                    raise NotFoundError(path, f"this pipe was not closed within {seconds:g} s") from None
+                select.select([descriptor], [], [], None if seconds is None else seconds)
+                continue
+            if block:
+                come = True
+                yield block
+            elif come:
+                return
+            elif waited > PIPE_SECONDS:
+                raise NotFoundError(path, f"nobody wrote into this pipe for {PIPE_SECONDS:g} s")
+            else:
+                time.sleep(0.01)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def named(path: str, name: str | None = None) -> Iterator[str]:
+    """Give a file without a name one, for as long as a library needs to open it.
+
+    Parameters
+    ----------
+    path : str
+        As from `kept`; one that leads to a file with a name is given back, unless `name` is another.
+    name : str, optional
+        One that nothing has.
+
+    Yields
+    ------
+    str
+    """
+    if name is None and not (path.startswith(_OPEN_FILES) and os.stat(path).st_nlink == 0):  # noqa: PTH116
+        yield path
+        return
+    name = name or os.path.join(tempfile.gettempdir(), f"terrain-est-{os.urandom(8).hex()}")  # noqa: PTH118
+    try:
+        # Given any folder, Python follows the link to the file; an absolute path does not need it.
+        os.link(path, name, src_dir_fd=0, follow_symlinks=True)
+        yield name
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+def kept(
+    label: str, blocks: Iterable[bytes], *, most: int | None = None, stated: int | None = None
+) -> tuple[BinaryIO, str]:
+    """Keep what can be read only once in a file that goes when it is closed, whatever ends the process.
+
+    Parameters
+    ----------
+    label : str
+        What it is, for messages.
+    blocks : iterable of bytes
+    most : int, optional
+        Bytes; as `limits.largest_copy` says if not given.
+    stated : int, optional
+        Bytes for which there must be room at once.
+
+    Returns
+    -------
+    file : binary file
+    path : str
+        Leads to the file as long as that is open in this process.
+
+    Raises
+    ------
+    CannotWriteError
+        It is too large, or there is no room.
+    """
+    try:
+        file = _temporary()
+    except OSError as error:
+        raise _no_room(label, error) from error
+    try:
+        _write(label, blocks, file, largest_copy() if most is None else most, stated or 0)
+    except BaseException:
+        file.close()
+        raise
+    return file, file.name if isinstance(file.name, str) else f"{_OPEN_FILES}/{file.fileno()}"
+
+
+def _temporary() -> BinaryIO:
+    """Open a file that never has a name; where no system or disk makes such, one whose name goes with it."""
+    if hasattr(os, "O_TMPFILE") and Path(_OPEN_FILES).is_dir():
+        # Not by tempfile: its files can be given no name, which SQLite needs.
+        with suppress(OSError):
+            flags = os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC
+            return os.fdopen(os.open(tempfile.gettempdir(), flags, 0o600), "w+b")
+    return cast("BinaryIO", tempfile.NamedTemporaryFile(prefix="terrain-est-"))
+
+
+def _write(label: str, blocks: Iterable[bytes], file: BinaryIO, most: int, stated: int) -> None:
+    """Write what must not be larger than `most`, and leave some of the disk free."""
+    size = 0
+    blocks = iter(blocks)
+    while block := next(blocks, b""):
+        size += len(block)
+        if size > most:
+            raise too_large(label, most)
+        try:
+            needed = max(stated - size, 0) + len(block) + SPARE_BYTES
+            if shutil.disk_usage(file.fileno()).free < needed:
+                raise OSError(errno.ENOSPC, f"less than {SPARE_BYTES >> 20} MiB would be left free")
+            file.write(block)
+            file.flush()
+        except OSError as error:
+            raise _no_room(label, error) from error
+
+
+def too_large(label: str, most: int) -> CannotWriteError:
+    """Say that something is larger than what is copied.
+
+    Parameters
+    ----------
+    label : str
+    most : int
+        Bytes.
+
+    Returns
+    -------
+    CannotWriteError
+    """
+    return CannotWriteError(
+        label, f"is larger than the {most / 1e9:g} GB that are copied", hint="raise --largest"
+    )
+
+
+def _no_room(label: str, error: OSError) -> CannotWriteError:
+    message = f"no room for a copy of {label}: {error.strerror or error}"
+    return CannotWriteError(tempfile.gettempdir(), message, hint="set TMPDIR to a larger disk")
