@@ -206,6 +206,8 @@ def _request(
 ) -> Request:
     """Decide what is to be read."""
     layout = plan(source, rover)
+    if layout.no_time:
+        raise layout.no_time
     extras, names = _condition_columns(layout, where) if where else ([], set())
     wanted = {*complete.SOURCES, *names}
     if effects is not None:
@@ -235,9 +237,7 @@ def _whole(request: Request, begin: list[Batch] | None, check: Callable[[list[Ra
     check(raws)
     result = []
     while raws:
-        result.append(
-            assemble(layout.source, raws.pop(0), rover, request.where, request.effects, layout.extras)
-        )
+        result.append(assemble(layout, raws.pop(0), rover, request.where, request.effects, layout.extras))
     return result
 
 

@@ -231,13 +231,14 @@ def check_unit_of_time(
     radius : float
         Wheel radius in m.
     stated : bool
-        The header says that they are seconds.
+        The header says what they are in.
 
     Raises
     ------
     InputError
-        The times lie thousands of years away, or, where no unit is stated, they are whole numbers
-        so far apart that the wheel would travel three radii between two samples.
+        The times lie thousands of years away, or less than a microsecond apart, or, where no unit is
+        stated, they are whole numbers so far apart that the wheel would travel three radii between
+        two samples.
     """
     # The beginning of a clock shows what it counts.
     time, speed = time[:_BEGINNING], None if speed is None else speed[:_BEGINNING]
@@ -250,15 +251,19 @@ def check_unit_of_time(
     travel = step * float(np.median(known)) if len(known) else 0.0
     unit = next((unit for limit, unit in ((1e17, "ns"), (1e14, "us"), (1e11, "ms")) if size > limit), "")
     what = f"{finite[0]:.10g} is no time in seconds"
+    if 0.0 < step < RESOLUTION:
+        # No bus of a rover carries so many samples.
+        unit, what = "…", f"samples are {step:.3g} s apart, which no log has"
     whole = np.abs(finite - np.round(finite)).max() < RESOLUTION
     if not unit and not stated and step >= 2.0 and whole:
         # At 10 to 1000 Hz a clock in ms has steps of 1 to 100, one in µs up to 1e5, one in ns more.
         unit = "ns" if step > 1e5 else "us" if step > 1e3 else "ms" if travel > 3.0 * radius else ""
         what = f"samples are {step:.10g} apart, which can hardly be seconds"
     if unit:
+        header = "" if unit == "…" else f"the header ({column}_{unit}), or in "
         raise InputError(
             f"{path}: column {column!r}: {what}",
-            hint=f"say the unit in the header ({column}_{unit}), or in rover.toml:\n"
+            hint=f"say the unit in {header}rover.toml:\n"
             f'[channels]\ntime = {{ column = "{column}", unit = "{unit}" }}',
         )
 

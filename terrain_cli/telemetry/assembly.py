@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli import units
-from terrain_cli.channels import stated_unit
-from terrain_cli.telemetry import align, complete, derive, health, needs
+from terrain_cli.channels import CHANNELS, stated_unit
+from terrain_cli.telemetry import align, complete, derive, health, needs, plausibility
 from terrain_cli.telemetry.columns import as_numbers
+from terrain_cli.telemetry.evidence import Evidence
 from terrain_cli.telemetry.names import match_name
 from terrain_cli.telemetry.samples import Geometry, Raw, Samples
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from formats import Source
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover, Wheel
+    from terrain_cli.telemetry.feeds import Plan
     from terrain_cli.telemetry.where import Condition
 
     Array = NDArray[np.float64]
@@ -47,7 +49,7 @@ def wheel_of(raw: Raw, rover: Rover) -> Wheel:
 
 
 def assemble(
-    source: Source,
+    layout: Plan,
     raw: Raw,
     rover: Rover,
     where: Condition | None = None,
@@ -60,7 +62,7 @@ def assemble(
 
     Parameters
     ----------
-    source : Source
+    layout : Plan
     raw : Raw
         Consumed: its channels become those of the result. Nothing may be `lacking`.
     rover : Rover
@@ -70,7 +72,7 @@ def assemble(
     columns : collection of str
         Further numeric columns that are kept, where they were read.
     checked : bool
-        The unit of its clock, and what is hardly true of it, were looked at before.
+        It is a later part of a log, whose units were looked at.
 
     Returns
     -------
@@ -80,8 +82,10 @@ def assemble(
     ------
     InputError
         Its times are not in seconds.
+    ImplausibleError
+        It cannot be true.
     """
-    wheel = wheel_of(raw, rover)
+    source, wheel = layout.source, wheel_of(raw, rover)
     radius, width = rover.geometry(wheel)
     geometry = Geometry(
         radius,
@@ -109,7 +113,7 @@ def assemble(
     for name, values in drivers.items():
         reasons = health.also_aside(reasons, f"no {name}", ~np.isfinite(values))
     further = {name: as_numbers(column) for name, column in raw.extras.items() if name in columns}
-    return Samples(
+    samples = Samples(
         source.path,
         raw.wheel,
         geometry,
@@ -121,10 +125,15 @@ def assemble(
         _distance(raw, gap),
         reasons,
         origins,
-        [*source.remarks, *raw.remarks, *([] if checked else health.doubts(raw.channels, reasons, radius))],
+        [*source.remarks, *raw.remarks],
         {**further, **drivers},
         rover.noise,
     )
+    if not checked:
+        evidence = Evidence(geometry, raw.feeds)
+        evidence.add(samples)
+        samples.remarks += plausibility.found(layout, raw.wheel, evidence)
+    return samples
 
 
 def _check_clock(source: Source, raw: Raw, radius: float) -> None:
@@ -134,6 +143,9 @@ def _check_clock(source: Source, raw: Raw, radius: float) -> None:
     speed = raw.channels.get("velocity")
     if speed is None and "angular_velocity" in raw.channels:
         speed = radius * raw.channels["angular_velocity"]
+    if speed is not None and _agrees(raw, speed):
+        # However far apart the samples are.
+        speed = None
     header = feed.fields[0]
     align.check_unit_of_time(
         source.path,
@@ -141,8 +153,17 @@ def _check_clock(source: Source, raw: Raw, radius: float) -> None:
         raw.time + raw.origin,
         speed=speed,
         radius=radius,
-        stated=stated_unit(header, "time") is not None,
+        stated=feed.unit is not CHANNELS["time"].unit or stated_unit(header, "time") is not None,
     )
+
+
+def _agrees(raw: Raw, speed: Array) -> bool:
+    """Tell whether time and velocity make the length of the track, if there is one."""
+    if raw.time is None or not {"x", "y"} <= raw.channels.keys():
+        return False
+    driven = derive.distance_from_velocity(raw.time, speed)[-1:]
+    track = derive.distance_from_track(raw.channels["x"], raw.channels["y"])[-1:]
+    return bool((driven < plausibility.MOST_DISTANCE * track).all())
 
 
 def _keep(raw: Raw, where: Condition) -> None:

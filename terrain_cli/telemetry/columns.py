@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from formats import LOG_TIME, STAMP, Labels
+from terrain_cli.errors import InputError
+from terrain_cli.memory import most_held
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -152,11 +154,27 @@ def read_topics(source: Source, fields: Mapping[str, Sequence[str]]) -> dict[str
     -------
     dict of str to dict
         topic → what `read_whole` returns.
+
+    Raises
+    ------
+    InputError
+        They are more than can be held.
     """
     batches: dict[str, list[Batch]] = {topic: [] for topic in fields}
+    size, most = 0, most_held()
     for topic, batch in source.read_together(fields):
         batches[topic].append(batch)
+        size += sum(map(_bytes, batch.values()))
+        if size > most:
+            raise InputError(
+                f"{source.path}: too long to be read whole: there is memory for {most:,} bytes of columns",
+                hint='split it, or leave out what needs every sample ("Long logs" in docs/conventions.md)',
+            )
     return {topic: whole(found) if found else _empty(fields[topic]) for topic, found in batches.items()}
+
+
+def _bytes(column: Column) -> int:
+    return column.codes.nbytes if isinstance(column, Labels) else column.nbytes
 
 
 def _empty(fields: Sequence[str]) -> dict[str, Column]:

@@ -201,7 +201,8 @@ def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, 
             **asdict(wheel.motor),
         )
     if "sinkage" in derived:
-        angle = channels["entry_angle"]
+        # Beyond half a turn the cosine would make any depth of it.
+        angle = np.clip(channels["entry_angle"], -np.pi, np.pi)
         channels["sinkage"] = np.sign(angle) * linear.sinkage_of(angle, radius)
     if "slip" in derived:
         channels["slip"] = derive.slip(channels["angular_velocity"], channels["velocity"], radius)

@@ -11,6 +11,7 @@ import numpy as np
 from formats import Labels
 from formats.salvage import told
 from terrain_cli.telemetry.columns import join
+from terrain_cli.telemetry.samples import Notice
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -153,7 +154,7 @@ def excerpted(samples: Sequence[Samples]) -> list[str]:
 
 
 def notes(samples: Sequence[Samples]) -> list[str]:
-    """Say what was not read of some inputs: what is lost of damaged ones, and what of long ones.
+    """Say what was not read of some inputs, lost or left out, and what every command says of them.
 
     Parameters
     ----------
@@ -163,5 +164,9 @@ def notes(samples: Sequence[Samples]) -> list[str]:
     -------
     list of str
     """
-    saved = [f"{one.source}: {remark}" for one in samples for remark in told(one.remarks)]
+    saved = [
+        f"{one.source}: {remark}"
+        for one in samples
+        for remark in [*told(one.remarks), *(r for r in one.remarks if isinstance(r, Notice))]
+    ]
     return [*dict.fromkeys(saved), *excerpted(samples)]

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from formats import Source
+    from terrain_cli.errors import InputError
     from terrain_cli.units import Unit
 
     Array = NDArray[np.float64]
@@ -48,6 +49,8 @@ class Feed:
         Of the origin of the body, not of each wheel.
     asked : bool
         rover.toml asks for it.
+    stated : bool
+        rover.toml or the header states its unit.
     """
 
     channel: str
@@ -62,6 +65,7 @@ class Feed:
     rank: int = 0
     of_body: bool = False
     asked: bool = False
+    stated: bool = False
 
     def si(self, raw: Sequence[Array]) -> Array:
         """Return the channel in SI units from its raw fields.
@@ -112,7 +116,8 @@ class Feed:
     def place(self) -> str:
         """The column, or the topic and its field; empty for a constant."""
         # Of a quaternion what its fields belong to says enough.
-        names = self.fields if len(self.fields) < 2 else (self.fields[0].rpartition(".")[0],)
+        several = self.fields[0].rpartition(".")[0] if self.topic and self.fields else " + ".join(self.fields)
+        names = self.fields if len(self.fields) < 2 else (several,)
         return " ".join(filter(None, (self.topic, *names)))
 
     def __str__(self) -> str:
@@ -143,6 +148,8 @@ class Plan:
         Further numeric columns of a table.
     doubtful : dict of str to dict
         wheel ("" for any) → channel → feeds none of which may be preferred.
+    no_time : InputError or None
+        Why the rows of a table without time can hardly be steady test points.
     """
 
     source: Source
@@ -151,6 +158,7 @@ class Plan:
     labels: dict[str, str] = field(default_factory=dict)
     extras: tuple[str, ...] = ()
     doubtful: dict[str, dict[str, list[Feed]]] = field(default_factory=dict)
+    no_time: InputError | None = None
 
     def feeds(self, wheel: str) -> dict[str, Feed]:
         """Return the feeds of one wheel.

@@ -18,9 +18,11 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+#: The densest soils bear 0.6 MPa with a safety of 3 (BS 8004, presumed bearing values); Pa.
+MOST_PRESSURE = 2e6
+#: No vehicle on soil is faster; m/s.
+MOST_SPEED = 100.0
 BACKWARDS = "time runs backwards"
-#: Torque over load and radius, as a friction coefficient is: soil and grousers together stay below 1 or 2.
-_MOST_TORQUE = 10.0
 STANDS = "wheel stands (ω = 0, slip undefined)"
 
 
@@ -100,6 +102,23 @@ def _unusable(
         yield "sinkage not positive", channels["sinkage"] <= 0.0
         yield "sinkage beyond the wheel radius", channels["sinkage"] >= radius
     yield "load not positive", load <= 0.0
+    yield from _beyond(channels, radius)
+
+
+def _beyond(channels: Mapping[str, Array], radius: float) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Yield what no single sample can be, and where it is."""
+    # The whole wheel pressed into the densest soil, were it as wide as it is high.
+    force = MOST_PRESSURE * (2.0 * radius) ** 2
+    limits = {
+        "load": (force, "load beyond what soil bears"),
+        "torque": (force * radius, "torque beyond what soil takes"),
+        "drawbar_pull": (force, "drawbar_pull beyond what soil takes"),
+        "velocity": (MOST_SPEED, "velocity beyond that of any vehicle"),
+        "angular_velocity": (MOST_SPEED / radius, "angular_velocity beyond that of any vehicle"),
+    }
+    for name, (limit, reason) in limits.items():
+        if name in channels:
+            yield reason, np.abs(channels[name]) > limit
 
 
 def also_aside(reasons: Labels, reason: str, where: NDArray[np.bool_]) -> Labels:
@@ -122,40 +141,6 @@ def also_aside(reasons: Labels, reason: str, where: NDArray[np.bool_]) -> Labels
         return reasons
     codes = np.where(new, np.int32(len(reasons.names)), reasons.codes)
     return Labels(codes, (*reasons.names, reason))
-
-
-def doubts(channels: Mapping[str, Array], reasons: Labels, radius: float) -> list[str]:
-    """Say what is hardly true of the samples that can be used.
-
-    Parameters
-    ----------
-    channels : mapping of str to ndarray, shape (n,)
-    reasons : Labels, shape (n,)
-        From `set_aside`.
-    radius : float
-        Wheel radius in m.
-
-    Returns
-    -------
-    list of str
-    """
-    used = reasons.codes < 0
-    if "torque" not in channels or not used.any():
-        return []
-    torque = channels["torque"][used]
-    found = []
-    if np.median(torque) < 0.0:
-        found.append(
-            "torque is negative although the wheel drives: if the sensor's sign is the other way round, "
-            "torque = { …, scale = -1 } in rover.toml"
-        )
-    times = float(np.median(np.abs(torque) / (radius * channels["load"][used])))
-    if times > _MOST_TORQUE:
-        found.append(
-            f"torque is {times:.0f} times load times wheel radius, which no soil takes: if it is in N mm, "
-            'torque = { …, unit = "N mm" } in rover.toml'
-        )
-    return found
 
 
 def stretches(

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli import units
+from terrain_cli import time_names, units
 from terrain_cli.channels import CHANNELS, identify, resolve, stated_unit, unit_hint
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry import discovery, messages
+from terrain_cli.telemetry import discovery, messages, table_clock
 from terrain_cli.telemetry.columns import as_numbers
 from terrain_cli.telemetry.feeds import CLOCKS, Feed, Plan
 from terrain_cli.telemetry.names import match_name
@@ -65,7 +65,7 @@ def plan(source: Source, rover: Rover) -> Plan:
     result = Plan(source)
     asked = _asked(rover, streams, table=is_table(source), labels=result.labels)
     if is_table(source):
-        _plan_table(result, streams[""], asked)
+        _plan_table(result, streams[""], asked, steady=rover.steady)
     else:
         _plan_bag(result, streams, asked, rover)
     return result
@@ -94,22 +94,33 @@ def _given(asked: Mapping[str, Mapping[str, Feed]]) -> set[str]:
     return set.intersection(*(set(feeds) for feeds in asked.values()))
 
 
-def _plan_table(result: Plan, stream: Stream, asked: dict[str, dict[str, Feed]]) -> None:
+def _plan_table(result: Plan, stream: Stream, asked: dict[str, dict[str, Feed]], *, steady: bool) -> None:
     chosen = _given(asked) | ({"wheel"} if "" in result.labels else set())
+    headers = [f.name for f in stream.fields]
+    settled = steady or "time" in headers or any("time" in feeds for feeds in asked.values())
+    pairs = [] if settled else time_names.pairs(headers)
+    halves = {header for pair in pairs for header in pair.headers}
     try:
-        resolution = resolve([f.name for f in stream.fields], chosen=chosen)
+        resolution = resolve(
+            [header for header in headers if header not in halves],
+            chosen=chosen | ({"time"} if steady else set()),
+        )
     except InputError as error:
         raise InputError(f"{result.source.path}: {error}", hint=error.hint) from None
     for channel, (header, match) in resolution.channels.items():
         if channel == "wheel":
             result.labels[""] = header
         elif match.unit != CHANNELS[channel].unit:
-            result.shared[channel] = Feed(channel, "", (header,), match.unit, note="converted")
+            result.shared[channel] = Feed(
+                channel, "", (header,), match.unit, note="converted", stated=match.stated
+            )
         else:
             note = "" if match.exact or match.stated else "recognised by its name"
-            result.shared[channel] = Feed(channel, "", (header,), match.unit, note=note)
+            result.shared[channel] = Feed(channel, "", (header,), match.unit, note=note, stated=match.stated)
     result.shared |= asked.pop("", {})
     result.wheels = asked
+    if not settled:
+        table_clock.settle(result, pairs)
     feeds = [*result.shared.values(), *(feed for its in asked.values() for feed in its.values())]
     used = {name for feed in feeds for name in feed.fields} | set(result.labels.values())
     kinds = {f.name: f.kind for f in stream.fields}
@@ -205,7 +216,14 @@ def only_wheel(rover: Rover, there: Sequence[str] = ()) -> str:
 def _feed(entry: Entry, streams: Mapping[str, Stream], wheel: str) -> Feed:
     """Turn an entry of rover.toml into a feed, checked against what the file holds."""
     own = CHANNELS[entry.channel].unit
-    base = Feed(entry.channel, unit=entry.unit or own, scale=entry.scale, offset=entry.offset, asked=True)
+    base = Feed(
+        entry.channel,
+        unit=entry.unit or own,
+        scale=entry.scale,
+        offset=entry.offset,
+        asked=True,
+        stated=entry.unit is not None,
+    )
     if entry.constant is not None:
         return replace(base, constant=entry.constant)
     topic = entry.topic or ""
@@ -217,7 +235,9 @@ def _feed(entry: Entry, streams: Mapping[str, Stream], wheel: str) -> Feed:
     stream = streams[topic]
     if topic and entry.field is None and (meant := _meant(entry, stream, wheel)):
         unit = entry.unit or meant.unit
-        return replace(meant, unit=unit, scale=entry.scale, offset=entry.offset, asked=True)
+        return replace(
+            meant, unit=unit, scale=entry.scale, offset=entry.offset, asked=True, stated=base.stated
+        )
     fields = {f.name: f for f in stream.fields}
     name = (entry.field if topic else entry.column) or (next(iter(fields)) if len(fields) == 1 else "")
     if name not in fields:
@@ -290,7 +310,7 @@ def _element(entry: Entry, target: Field, wheel: str) -> str:
         name = target.elements[0]
     if name is None:
         raise ConfigurationError(
-            f"{entry.place}: {target.name} is a list",
-            hint=f"add name = … or index = …; it has {', '.join(target.elements[:20])}",
+            f"{entry.place}: {target.name} is a list" + " with nothing in it" * (not target.elements),
+            hint=f"add name = … or index = …; it has {', '.join(target.elements[:20]) or 'no element'}",
         )
     return f"{target.name}[{name}]"

@@ -9,8 +9,10 @@ import numpy as np
 
 from formats import Labels
 from terrain_cli.memory import keep_freed
-from terrain_cli.telemetry import align, columns, health, tables
+from terrain_cli.telemetry import align, columns, health, own_clocks, plausibility, tables
 from terrain_cli.telemetry.assembly import assemble
+from terrain_cli.telemetry.doubts import Doubt
+from terrain_cli.telemetry.evidence import Evidence
 from terrain_cli.telemetry.names import match_name
 from terrain_cli.telemetry.needs import ANGLE
 from terrain_cli.telemetry.reading import choose_wheels, labels_there
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry.feeds import Plan
+    from terrain_cli.telemetry.own_clocks import OwnClocks
     from terrain_cli.telemetry.samples import Raw, Samples
     from terrain_cli.telemetry.where import Condition
 
@@ -116,14 +119,12 @@ def in_parts(
         for raw in raws:
             # The first part shows whether its columns have clocks of their own, or one was out for a while.
             if raw.wheel not in ends:
-                ends[raw.wheel] = _End(tables.has_own_clocks(raw))
+                ends[raw.wheel] = _End(own_clocks.find(raw))
             end = ends[raw.wheel]
-            if end.own_clocks:
-                tables.on_one_clock(raw, rover.max_gap)
-                raw.remarks.append(tables.own_clocks(raw, "the rows"))
+            end.bring(raw, first, last, rover.max_gap)
             end.count_on(raw)
             samples = assemble(
-                source,
+                layout,
                 raw,
                 rover,
                 request.where,
@@ -132,14 +133,21 @@ def in_parts(
                 checked=end.begun,
             )
             if not end.begun:
-                end.remarks = samples.remarks[len(source.remarks) :]
-            yield end.go_on(samples, first, last, rover.max_gap)
+                told = samples.remarks[len(source.remarks) :]
+                end.remarks = [remark for remark in told if not isinstance(remark, Doubt)]
+                end.evidence = Evidence(samples.geometry, raw.feeds)
+            part = end.go_on(samples, first, last, rover.max_gap)
+            end.evidence.add(part)
+            yield part
     if "" in layout.labels:
         every = Labels(np.arange(len(seen), dtype=np.int32), tuple(sorted(seen)))
         choose_wheels(layout, rover, every, request.wheels)
-    for end in ends.values():
+    for wheel, end in ends.items():
+        if end.clocks:
+            end.remarks.insert(0, end.clocks.told(wheel, end.samples, end.interpolated))
         end.remarks[:0] = source.remarks
         end.remarks += tables.passed_over(layout, nameless)
+        end.remarks += plausibility.found(layout, wheel, end.evidence)
 
 
 def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[str, Column], int, int]]:
@@ -183,7 +191,10 @@ def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[st
 class _End:
     """How far a wheel has come."""
 
-    own_clocks: bool
+    clocks: OwnClocks | None
+    #: Of columns on clocks of their own: rows that are left, and those of them with interpolated values.
+    samples: int = 0
+    interpolated: int = 0
     origin: float | None = None
     begun: bool = False
     used: bool = False
@@ -194,6 +205,16 @@ class _End:
     #: Driving time since the last usable sample, where that is out of sight of the next part.
     lost: float = 0.0
     remarks: list[str] = field(default_factory=list)
+    evidence: Evidence = field(init=False)
+
+    def bring(self, raw: Raw, first: int, last: int, max_gap: float | None) -> None:
+        """Bring columns on clocks of their own to one, and count the part's own rows."""
+        if self.clocks:
+            interpolated = self.clocks.bring(raw, max_gap)
+            row = columns.as_numbers(raw.extras[_ROW])
+            own = (row >= first) & (row < last)
+            self.samples += int(own.sum())
+            self.interpolated += int((interpolated & own).sum())
 
     def count_on(self, raw: Raw) -> None:
         """Count the time from the origin of the first part."""

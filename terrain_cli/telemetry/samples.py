@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 NEEDED = ("load", "torque", "sinkage", "slip")
 
 
+class Notice(str):
+    """A remark that every command says on stderr, whatever else it shows."""
+
+    __slots__ = ()
+
+
 class Line(TypedDict):
     """Geometry and shear modulus, in m, by the names that the equations of the line have."""
 

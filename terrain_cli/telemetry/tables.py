@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,8 +9,7 @@ import numpy as np
 from formats import LOG_TIME, Labels
 from terrain_cli.channels import CHANNELS, LABEL
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import align, columns
-from terrain_cli.telemetry.feeds import CLOCKS
+from terrain_cli.telemetry import align, columns, own_clocks
 from terrain_cli.telemetry.names import match_name
 from terrain_cli.telemetry.samples import Raw
 
@@ -24,10 +22,6 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry.feeds import Feed, Plan
 
     Array = NDArray[np.float64]
-
-#: A column filled in fewer of the torque's rows than this share was sampled on a clock of its own:
-#: of two regular clocks that meet, the slower fills every second row at the most.
-OWN_CLOCK = 0.6
 
 
 def fields(plan: Plan, wanted: Collection[str], extras: Sequence[str]) -> list[str]:
@@ -88,9 +82,10 @@ def read(
         table = columns.read_whole(plan.source, "", names)
     raws = wheels(plan, table, wanted, extras, choose)
     for raw in raws:
-        if has_own_clocks(raw):
-            on_one_clock(raw, max_gap)
-            raw.remarks.append(own_clocks(raw, f"the {len(raw)} rows"))
+        clocks = own_clocks.find(raw)
+        if clocks:
+            interpolated = clocks.bring(raw, max_gap)
+            raw.remarks.append(clocks.told(raw.wheel, len(raw), int(interpolated.sum())))
         raw.remarks += passed_over(plan, nameless(plan, table))
     return raws
 
@@ -182,7 +177,7 @@ def _wheel(
     raw = Raw(name, 0.0, None, {}, {}, {extra: column(extra) for extra in extras}, feeds)
     for channel, feed in feeds.items():
         if channel == "time":
-            raw.origin, raw.time = _time(path, feed, column(feed.fields[0]))
+            raw.origin, raw.time = _time(path, feed, [column(f) for f in feed.fields])
         elif CHANNELS[channel].dimension == LABEL:
             raw.labels[channel] = (
                 columns.as_labels(column(feed.fields[0])) if feed.constant is None else feed.labels(n)
@@ -194,8 +189,9 @@ def _wheel(
     return raw
 
 
-def _time(path: str, feed: Feed, column: Column) -> tuple[float, Array]:
+def _time(path: str, feed: Feed, several: list[Column]) -> tuple[float, Array]:
     """Return the origin of a clock and the seconds since."""
+    column = several[0]
     if isinstance(column, Labels):
         raise InputError(
             f"{path}: column {feed.fields[0]!r} holds texts that are no times, such as {column.names[0]!r}",
@@ -208,98 +204,6 @@ def _time(path: str, feed: Feed, column: Column) -> tuple[float, Array]:
         known = column[~np.isnat(column)]
         origin = float(known[0].astype("datetime64[s]").astype(np.int64)) if len(known) else 0.0
         return origin, align.seconds(column, origin)
-    values = feed.si([column])
+    values = feed.si([columns.as_numbers(one) for one in several])
     origin = align.origin_of(values)
     return origin, np.round(values - origin, 6) if origin else values
-
-
-def has_own_clocks(raw: Raw) -> bool:
-    """Tell whether the columns of a wheel were sampled on clocks of their own.
-
-    Such a table has a row for every time at which anything was measured, and most cells empty.
-
-    Parameters
-    ----------
-    raw : Raw
-
-    Returns
-    -------
-    bool
-    """
-    clock = _clock(raw)
-    if clock is None:
-        return False
-    base = ~np.isnan(raw.channels[clock])
-    count = np.count_nonzero(base)
-    least = OWN_CLOCK * count
-    known = (~np.isnan(values) for values in raw.channels.values())
-    sparse = any(np.any(there) and np.count_nonzero(there & base) < least for there in known)
-    return bool(count and (sparse or count < OWN_CLOCK * len(raw)))
-
-
-def _clock(raw: Raw) -> str | None:
-    return None if raw.time is None else next((c for c in CLOCKS if c in raw.channels), None)
-
-
-def on_one_clock(raw: Raw, max_gap: float | None) -> None:
-    """Bring columns sampled on clocks of their own to the rows of the torque, in place.
-
-    Parameters
-    ----------
-    raw : Raw
-        One that `has_own_clocks`, or a part of it.
-    max_gap : float or None
-        As for `align.resample`.
-    """
-    clock = _clock(raw)
-    if clock is None or raw.time is None:
-        return
-    known = {name: ~np.isnan(values) for name, values in raw.channels.items()}
-    base = np.flatnonzero(known[clock])
-    time, channels, bounds = raw.time, raw.channels, _pieces(raw)
-    raw.select(base)
-    for channel, there in known.items():
-        if not there[base].all():
-            # Not across the bounds: in the next piece the clock may begin anew.
-            raw.channels[channel] = np.concatenate(
-                [
-                    align.resample(
-                        time[(rows := slice(a, b))][known[clock][rows]],
-                        time[rows][there[rows]],
-                        channels[channel][rows][there[rows]],
-                        max_gap,
-                    )
-                    for a, b in pairwise(bounds)
-                ]
-            )
-
-
-def own_clocks(raw: Raw, rows: str) -> str:
-    """Say that the columns of a wheel had clocks of their own.
-
-    Parameters
-    ----------
-    raw : Raw
-    rows : str
-        Those that are left, in words.
-
-    Returns
-    -------
-    str
-    """
-    return (
-        f"wheel {raw.wheel}: columns are filled on clocks of their own; "
-        f"brought to {rows} that have {_clock(raw)}"
-    )
-
-
-def _pieces(raw: Raw) -> list[int]:
-    """Return where runs and restarts of the clock bound the rows."""
-    assert raw.time is not None  # noqa: S101 - only called where there is a clock
-    restarts = align.split_clock(raw.time)[0]
-    bounds = {0, len(raw.time), *restarts.tolist()}
-    if "run" in raw.labels:
-        codes = raw.labels["run"].codes
-        known = np.flatnonzero(codes >= 0)
-        bounds.update(known[1:][np.diff(codes[known]) != 0].tolist())
-    return sorted(bounds)

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "formats"))
 
 
 class Streams(Source):
-    """A source of which only what is inside is known."""
+    """A source of which only what is inside is known: a bag that is not read, or a table of no rows."""
 
     def __init__(self, *streams):
         super().__init__("run", "csv" if streams[0].topic == "" else "mcap")
@@ -25,7 +25,9 @@ class Streams(Source):
         return self._streams
 
     def read(self, topic, fields, batch_rows=0):
-        raise AssertionError(topic, fields, batch_rows)
+        if topic:
+            raise AssertionError(topic, fields, batch_rows)
+        yield from ()
 
 
 @pytest.fixture

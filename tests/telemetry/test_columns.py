@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from formats import LOG_TIME, STAMP, Labels
+from formats import LOG_TIME, STAMP, Labels, open_source
+from terrain_cli.errors import InputError
 from terrain_cli.telemetry import columns
 
 texts = st.lists(st.sampled_from(["sand", "loam", "3", None]), min_size=1, max_size=12)
@@ -96,3 +97,14 @@ def test_a_clock_may_begin_at_zero_but_a_stamp_of_zero_is_none(stamps, believed)
     table = {STAMP: np.array([np.datetime64(stamp, "ns") for stamp in stamps])}
     found = columns.header_stamps(table)
     assert (None if found is None else found.astype(np.int64).tolist()) == believed
+
+
+def test_no_more_is_held_than_there_is_memory_for(tmp_path, monkeypatch):
+    path = tmp_path / "log.csv"
+    path.write_text("time,load\n" + "0.5,81\n" * 1_000)
+    assert len(columns.read_whole(open_source(str(path)), "", ["time"])["time"]) == 1_000
+    monkeypatch.setattr(columns, "most_held", lambda: 8_191)
+    assert len(columns.read_whole(open_source(str(path)), "", ["time"])["time"]) == 1_000
+    with pytest.raises(InputError, match=r"too long to be read whole: .* 8,191 bytes") as caught:
+        columns.read_whole(open_source(str(path)), "", ["time", "load"])
+    assert "Long logs" in caught.value.hint

@@ -158,11 +158,3 @@ def test_without_a_clock_there_are_no_gaps():
     stretch = health.stretches(None, judged(4, lost=[1]), max_gap=0.0)
     np.testing.assert_array_equal(stretch, [0, 0, 0, 0])
     assert len(health.stretches(np.empty(0), judged(0), max_gap=1.0)) == 0
-
-
-def test_a_torque_that_brakes_a_driving_wheel_is_doubted():
-    channels = {"torque": np.array([-3.0, -2.0, 1.0]), "load": np.full(3, 80.0)}
-    usable = Labels(np.full(3, -1, dtype=np.int32), ())
-    (doubt,) = health.doubts(channels, usable, 0.125)
-    assert "scale = -1" in doubt
-    assert health.doubts({**channels, "torque": -channels["torque"]}, usable, 0.125) == []

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from terrain_cli.errors import ConfigurationError
@@ -133,7 +133,6 @@ angles = st.floats(-0.5, 0.5)
 offsets = st.floats(-0.1, 0.1)
 
 
-@settings(deadline=None)
 @given(
     angles,
     angles,

@@ -214,3 +214,23 @@ def test_what_was_kept_whole_is_no_excerpt(tmp_path, rover):
     (found,) = Excerpt(10 * N, whole).samples()
     assert excerpted([found]) == []
     assert len(found) == len(whole[0].usable)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.1])
+def test_columns_on_clocks_of_their_own_in_parts(small, tmp_path, rover, lost):
+    table, rng = log(), np.random.default_rng(0)
+    fast = table[["time", "load", "torque", "angular_velocity", "velocity"]]
+    slow = table.loc[table.index % 5 == 0, ["time", "sinkage"]].copy()
+    slow["time"] += 0.011
+    slow.loc[rng.random(len(slow)) < lost, "sinkage"] = np.nan
+    merged = pd.concat([fast, slow]).sort_values("time", kind="stable")
+    path = tmp_path / "run.parquet"
+    merged.to_parquet(path, row_group_size=90)
+    found = in_parts(str(path), rover)
+    (whole,) = telemetry.read(str(path), rover, effects=(), compared=True)
+    assert_same(joined(found), whole)
+    assert len(whole) == len(slow)
+    assert len(whole.usable) == slow["sinkage"].notna().sum()
+    # Counted over all parts, once.
+    assert found[0].remarks == whole.remarks
+    assert f"its {len(slow)} rows are the samples; in {slow['sinkage'].notna().sum()} of" in whole.remarks[-1]

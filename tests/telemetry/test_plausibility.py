@@ -1,0 +1,409 @@
+"""Wrong units are told or refused, with the line that mends them; right ones raise no doubt."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from wheel_bags import GEOMETRY
+
+from formats import Labels, open_source
+from terrain_cli import rover as rovers
+from terrain_cli import telemetry
+from terrain_cli.app import main
+from terrain_cli.channels import CHANNELS
+from terrain_cli.errors import InputError
+from terrain_cli.simulation.drives import PRESETS
+from terrain_cli.simulation.soils import SOILS
+from terrain_cli.telemetry import mapping, parts, tables
+from terrain_cli.telemetry.doubts import Doubt, ImplausibleError
+
+ROOT = Path(__file__).resolve().parents[2]
+RADIUS = 0.125
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """Return some seconds of one wheel of the sample drive, with its slip and entry angle."""
+    table = pd.read_csv(ROOT / "sample_data" / "run.csv")
+    table = table[(table["wheel"] == "front-left") & (table["angular_velocity"] > 0.0)]
+    # On whole milliseconds, and not since 1970.
+    table = table.assign(time=(table["time"] - table["time"].iloc[0]).round(3))
+    return table.drop(columns="wheel").iloc[:500].reset_index(drop=True)
+
+
+@pytest.fixture
+def judged(tmp_path):
+    """Return a function that reads a table and returns the doubts; errors pass."""
+
+    def judged(table, rover=GEOMETRY, **options):
+        table.to_csv(tmp_path / "run.csv", index=False)
+        (tmp_path / "rover.toml").write_text(rover, encoding="utf-8")
+        wheels = telemetry.read(str(tmp_path / "run.csv"), rovers.load(tmp_path / "rover.toml"), **options)
+        return [remark for one in wheels for remark in one.remarks if isinstance(remark, Doubt)]
+
+    return judged
+
+
+def slip_of(table):
+    return 1.0 - table["velocity"] / (RADIUS * table["angular_velocity"])
+
+
+def angle_of(table):
+    return np.arccos(1.0 - table["sinkage"] / RADIUS)
+
+
+def without(table, *names):
+    return table.drop(columns=[name for name in names if name in table])
+
+
+SLOPE = 8.0 * np.sin(np.arange(500) / 50.0)
+#: What is wrong: what is done to a good drive, what is said, and the unit that mends it.
+WRONG = {
+    "time ms": (lambda d: d.assign(time=d["time"] * 1e3 + 0.25), "of a track of", "error", "ms"),
+    "time µs": (lambda d: d.assign(time=d["time"] * 1e6 + 0.25), "of a track of", "error", "µs"),
+    "time ns": (lambda d: d.assign(time=d["time"] * 1e9 + 0.25), "of a track of", "error", "ns"),
+    "time min": (lambda d: d.assign(time=d["time"] / 60.0), "of a track of", "error", "min"),
+    "time h": (lambda d: d.assign(time=d["time"] / 3600.0), "of a track of", "error", "h"),
+    "time ms, by longitude": (
+        lambda d: without(
+            d.assign(time=d["time"] * 1e3 + 0.25, longitude=d["x"] / 111e3, latitude=d["y"] / 111e3), "x", "y"
+        ),
+        "of a track of",
+        "error",
+        "ms",
+    ),
+    "time ms, no track": (
+        lambda d: without(d.assign(time=(d["time"] * 1e3).round()), "x", "y"),
+        "can hardly be seconds",
+        "error",
+        "ms",
+    ),
+    "time ms, no track, not whole": (
+        lambda d: without(d.assign(time=d["time"] * 1e3 + 0.25), "x", "y"),
+        "s apart, in which the wheel drives",
+        "doubt",
+        "ms",
+    ),
+    "x, y mm": (lambda d: d.assign(x=d["x"] * 1e3, y=d["y"] * 1e3), "of a track of", "error", "mm"),
+    "x, y cm": (lambda d: d.assign(x=d["x"] * 1e2, y=d["y"] * 1e2), "of a track of", "error", "cm"),
+    "ω deg/s": (
+        lambda d: d.assign(angular_velocity=np.degrees(d["angular_velocity"])), "times V", "error", "deg/s"
+    ),
+    "ω rpm": (
+        lambda d: d.assign(angular_velocity=d["angular_velocity"] * 30.0 / np.pi), "times V", "doubt", "rpm"
+    ),
+    "ω rev/s": (
+        lambda d: d.assign(angular_velocity=d["angular_velocity"] / (2.0 * np.pi)),
+        "as if the wheel skidded",
+        "doubt",
+        "rev/s",
+    ),
+    "ω rpm, slip measured": (
+        lambda d: d.assign(slip=slip_of(d), angular_velocity=d["angular_velocity"] * 30.0 / np.pi),
+        "but by ω, V and the wheel's radius",
+        "error",
+        "rpm",
+    ),
+    "V cm/s": (
+        lambda d: without(d, "x", "y").assign(velocity=d["velocity"] * 1e2), "skidded", "error", "cm/s"
+    ),
+    "V mm/s": (
+        lambda d: without(d, "x", "y").assign(velocity=d["velocity"] * 1e3), "skidded", "error", "mm/s"
+    ),
+    "V km/h": (lambda d: d.assign(velocity=d["velocity"] * 3.6), "skidded", "doubt", "km/h"),
+    "slip %": (
+        lambda d: without(d.assign(slip=1e2 * slip_of(d)), "angular_velocity", "velocity"),
+        "slip is beyond ±1 in 100% of the samples",
+        "error",
+        "%",
+    ),
+    "load kN": (lambda d: d.assign(load=d["load"] / 1e3), "no soil takes", "error", "kN"),
+    "load mN": (lambda d: d.assign(load=d["load"] * 1e3), "times load times wheel radius", "error", "mN"),
+    "load kg": (lambda d: d.assign(load=d["load"] / 9.80665), "no soil takes", "doubt", "kgf"),
+    "load g": (lambda d: d.assign(load=d["load"] / 9.80665e-3), "wheel radius at a slip", "doubt", "kgf"),
+    "torque N mm": (lambda d: d.assign(torque=d["torque"] * 1e3), "no soil takes", "error", "N mm"),
+    "torque N cm": (lambda d: d.assign(torque=d["torque"] * 1e2), "no soil takes", "error", "N cm"),
+    "torque kN m": (lambda d: d.assign(torque=d["torque"] / 1e3), "radius at a slip", "error", "kN m"),
+    "torque, other sign": (lambda d: d.assign(torque=-d["torque"]), "negative", "doubt", "N m"),
+    "sinkage mm": (lambda d: d.assign(sinkage=d["sinkage"] * 1e3), "beyond the radius", "error", "mm"),
+    "sinkage cm": (lambda d: d.assign(sinkage=d["sinkage"] * 1e2), "beyond the radius", "error", "cm"),
+    "sinkage in": (lambda d: d.assign(sinkage=d["sinkage"] / 0.0254), "beyond the radius", "error", "in"),
+    "sinkage km": (lambda d: d.assign(sinkage=d["sinkage"] / 1e3), "less than a sensor", "doubt", ""),
+    "entry angle deg": (
+        lambda d: without(d.assign(entry_angle=np.degrees(angle_of(d))), "sinkage"),
+        "entry_angle is beyond a right angle",
+        "error",
+        "deg",
+    ),
+    "pitch deg": (lambda d: d.assign(pitch=SLOPE), "pitch reaches", "doubt", "deg"),
+    "roll deg": (lambda d: d.assign(roll=SLOPE), "roll reaches", "doubt", "deg"),
+    "torque stuck": (lambda d: d.assign(torque=3.107), "torque is 3.107 in every sample", "doubt", ""),
+    "sinkage stuck": (lambda d: d.assign(sinkage=0.0207), "sinkage is 0.0207 in every", "doubt", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_unit_is_told_with_the_line_that_mends_it(name, drive, judged):
+    spoil, says, kind, unit = WRONG[name]
+    table = spoil(drive)
+    if kind == "error":
+        with pytest.raises(InputError, match=re.escape(says)) as error:
+            judged(table)
+        *_, line = error.value.hint.splitlines()
+    else:
+        (line,) = judged(table)
+        assert says in line
+        assert "\n" not in line
+        line = line.partition(", ")[2] if unit else ""
+    if not unit:
+        return
+    written = {"µs": "us"}.get(unit, unit) if "no track" in name else unit
+    entry = re.search(r'\w+ = \{ column = "(\w+)", unit = "([^"]*)".*? \}', line)
+    assert (entry[1] in table.columns, entry[2]) == (True, written)
+    # The line is enough.
+    lines = [] if kind == "doubt" else error.value.hint.partition("[channels]\n")[2].splitlines()
+    mended = judged(table, f"{GEOMETRY}[channels]\n" + "\n".join(lines or [entry[0]]))
+    assert mended == []
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, wrong in WRONG.items() if wrong[2] == "error" and "hardly" not in wrong[1]]
+)
+def test_what_rover_toml_states_is_believed_and_doubted(name, drive, judged):
+    spoil, says, _, _ = WRONG[name]
+    table = spoil(drive)
+    with pytest.raises(ImplausibleError) as error:
+        judged(table)
+    lines = error.value.hint.partition("[channels]\n")[2]
+    channel = CHANNELS[error.value.channel]
+    stated = re.sub(r'unit = "[^"]*"', f'unit = "{channel.unit.symbol}"', lines)
+    assert any(says in doubt for doubt in judged(table, f"{GEOMETRY}[channels]\n{stated}"))
+
+
+def test_a_header_states_a_unit_too(drive, judged):
+    (doubt,) = judged(drive.assign(torque=1e3 * drive["torque"]).rename(columns={"torque": "torque_Nm"}))
+    assert 'if it is in N mm, torque = { column = "torque_Nm", unit = "N mm" }' in doubt
+    # Metres under a header that says millimetres.
+    (doubt,) = judged(drive.assign(load=drive["load"]).rename(columns={"torque": "torque [kN m]"}))
+    assert 'if it is in N m, torque = { column = "torque [kN m]", unit = "N m" }' in doubt
+
+
+def test_a_constant_of_rover_toml_is_mended_there(drive, judged):
+    given = f'{GEOMETRY}[channels]\nload = {{ constant = 8.3, unit = "N" }}\n'
+    (doubt,) = judged(without(drive, "load"), given)
+    assert 'if it is in kg, load = { constant = 8.3, unit = "kgf" } under [channels]' in doubt
+
+
+@pytest.mark.parametrize(
+    ("soil", "preset"),
+    [
+        *(("dry-sand", preset) for preset in PRESETS),
+        *((soil, "mixed") for soil in SOILS),
+        ("snow", "slip-sweep"),
+    ],
+)
+@pytest.mark.parametrize("noise", ["0%", "5%"])
+def test_no_drive_of_any_soil_is_doubted(soil, preset, noise, tmp_path):
+    given = ("--soil", soil, "--drive", preset, "--noise", noise, "--duration", "20", "--rate", "5")
+    with pytest.raises(SystemExit) as end:
+        main(["simulate", "-q", "-o", str(tmp_path / "run.csv"), *given])
+    assert not end.value.code
+    rover = rovers.load(tmp_path / "rover.toml")
+    for wheels in (
+        telemetry.read(str(tmp_path / "run.csv"), rover),
+        telemetry.read(str(tmp_path / "run.csv"), rover, effects=(), compared=True),
+    ):
+        assert [r for one in wheels for r in one.remarks if isinstance(r, Doubt)] == []
+
+
+def steady(**columns):
+    """Return a drive of 100 s at 10 Hz that is right, but for what is given."""
+    time = np.arange(1000) / 10.0
+    rng = np.random.default_rng(0)
+    noisy = 1.0 + 0.02 * rng.standard_normal((4, 1000))
+    table = {
+        "time": time,
+        "load": 80.0 * noisy[0],
+        "torque": 3.0 * noisy[1],
+        "sinkage": 0.02 * noisy[2],
+        "angular_velocity": np.ones(1000),
+        "velocity": 0.7 * RADIUS * noisy[3],
+    }
+    return pd.DataFrame({name: column for name, column in {**table, **columns}.items() if column is not None})
+
+
+NOISE = np.random.default_rng(1).standard_normal(1000)
+TIMES = np.arange(1000) / 10.0
+#: Odd drives whose units are right.
+RIGHT = {
+    "one load, one speed": steady(load=np.full(1000, 81.4), velocity=np.full(1000, 0.09)),
+    "a slip of 0.9 all the time": steady(
+        velocity=0.1 * RADIUS * (1.0 + 0.05 * NOISE), torque=5.0 + 0.1 * NOISE
+    ),
+    "stuck, spinning on the spot": steady(velocity=2e-4 * NOISE, torque=5.0 + 0.1 * NOISE),
+    "dragged with its brake on": steady(angular_velocity=np.full(1000, 0.05), torque=-4.0 + 0.1 * NOISE),
+    "towed": steady(velocity=RADIUS * 1.1 * (1.0 + 0.01 * NOISE), torque=0.2 * NOISE),
+    "backwards": steady(
+        angular_velocity=-np.ones(1000), velocity=np.full(1000, -0.09), torque=-3.0 + 0.1 * NOISE
+    ),
+    "firm ground": steady(load=500.0 + NOISE, torque=12.0 + NOISE / 10.0, sinkage=0.001 + 1e-5 * NOISE),
+    "a sample every 20 s": steady(
+        time=TIMES * 201.0, velocity=np.full(1000, 0.09), x=0.09 * TIMES * 201.0, y=0.0 * TIMES
+    ),
+    "standing for the most part": steady(
+        angular_velocity=np.where(TIMES > 60.0, 1.0, 0.0), velocity=np.where(TIMES > 60.0, 0.09, 0.0)
+    ),
+    "turning on the spot": steady(x=2e-3 * NOISE, y=2e-3 * np.cos(TIMES), yaw_rate=np.full(1000, 0.3)),
+    "a receiver that wanders": steady(
+        longitude=8.0 + 4.0 * np.cumsum(NOISE) / 111_195.0 / 30.0, latitude=47.0 + 2.0 * NOISE / 111_195.0
+    ),
+    "metres of a map": steady(
+        x=465_000.0 + 0.0875 * TIMES + 0.05 * NOISE, y=5_400_000.0 + np.cumsum(NOISE) / 30.0
+    ),
+    "an attitude from 0 to 2π": steady(pitch=(0.1 * np.sin(TIMES)) % (2.0 * np.pi)),
+    "a few wild slips at standstill": steady(slip=np.where(TIMES < 5.0, 40.0, 0.3)),
+    "a sinkage of whole millimetres": steady(sinkage=np.full(1000, 0.02), load=80.0 + 8.0 * NOISE),
+    "grousers outside the radius": steady(slip=np.full(1000, 0.2), velocity=np.full(1000, RADIUS * 0.95)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", RIGHT)
+@pytest.mark.parametrize("whole", [False, True], ids=["line", "model"])
+def test_an_odd_drive_is_not_doubted(name, whole, judged):
+    options = {"effects": (), "compared": True} if whole else {}
+    assert judged(RIGHT[name], **options) == []
+
+
+def test_a_rover_of_one_kilogram_on_the_moon_is_not_doubted(judged):
+    light = steady(
+        load=0.4 + 0.01 * NOISE,
+        torque=0.004 + 1e-4 * NOISE,
+        sinkage=0.003 + 1e-5 * NOISE,
+        velocity=np.full(1000, 0.7 * 0.03),
+    )
+    assert judged(light, "[wheel]\nradius = 0.03\nwidth = 0.03\n[soil]\nshear_modulus = 0.018\n") == []
+
+
+def test_test_points_are_not_doubted(judged):
+    slip = np.linspace(0.0, 0.9, 10)
+    points = pd.DataFrame({"slip": slip, "load": 60.0, "torque": 0.2 + 4.0 * slip**0.5, "sinkage": 0.01})
+    assert judged(points) == []
+
+
+def test_an_entry_angle_beyond_half_a_turn_is_no_depth(drive, judged, tmp_path):
+    angle = angle_of(drive).to_numpy().copy()
+    # Its cosine is that of 0.5.
+    angle[40] = 4.0 * np.pi + 0.5
+    assert judged(without(drive.assign(entry_angle=angle), "sinkage")) == []
+    (wheel,) = telemetry.read(str(tmp_path / "run.csv"), rovers.load(tmp_path / "rover.toml"))
+    assert wheel.reasons() == {"sinkage beyond the wheel radius": 1}
+
+
+def in_parts(path, rover):
+    source = open_source(path)
+    layout = mapping.plan(source, rover)
+    request = parts.Request(layout, rover, frozenset(CHANNELS), layout.extras, (), None, None)
+    batches = source.read("", tables.fields(layout, CHANNELS, layout.extras), 50)
+    return list(parts.in_parts(request, [next(batches)], batches, lambda _: None))
+
+
+def test_a_long_log_is_doubted_as_a_whole(drive, judged, monkeypatch, tmp_path):
+    monkeypatch.setattr(parts, "ROWS", 120)
+    monkeypatch.setattr(parts, "BESIDE", 40)
+    path, rover = str(tmp_path / "run.csv"), tmp_path / "rover.toml"
+
+    def told():
+        found = in_parts(path, rovers.load(rover))
+        assert len(found) > 2
+        return [remark for remark in found[0].remarks if isinstance(remark, Doubt)]
+
+    whole = judged(drive.assign(torque=3.107, pitch=SLOPE))
+    assert [doubt.partition(" in every sample")[0] for doubt in whole] == [
+        doubt.partition(" in every sample")[0] for doubt in told()
+    ]
+    # It is not stuck: it moves in the last part alone.
+    torque = np.where(np.arange(500) < 450, 3.107, 3.2)
+    assert judged(drive.assign(torque=torque)) == told() == []
+    with pytest.raises(ImplausibleError):
+        judged(drive.assign(torque=1e3 * drive["torque"]))
+    with pytest.raises(ImplausibleError, match="which no soil takes"):
+        told()
+
+
+def test_the_samples_that_are_looked_at_are_bounded(monkeypatch):
+    from terrain_cli.telemetry import evidence
+
+    monkeypatch.setattr(evidence, "MOST", 64)
+    drive = steady()
+    channels = {name: drive[name].to_numpy() for name in drive if name != "time"}
+    gathered = evidence.Evidence(telemetry.Geometry(RADIUS, 0.1, 0.018), {})
+    for begin in range(0, 1000, 90):
+        rows = slice(begin, begin + 90)
+        part = telemetry.Samples(
+            "run",
+            "w",
+            gathered.geometry,
+            0.0,
+            TIMES[rows],
+            {name: column[rows] for name, column in channels.items()},
+            {},
+            np.zeros(len(TIMES[rows]), dtype=np.intp),
+            None,
+            Labels(np.full(len(TIMES[rows]), -1, dtype=np.int32), ()),
+        )
+        gathered.add(part)
+    (kept,) = gathered.columns("load")
+    assert 32 <= len(kept) <= 64
+    # Evenly spread: each is so many rows behind the one before.
+    places = np.searchsorted(np.sort(channels["load"]), kept)
+    assert len(np.unique(places)) == len(kept)
+    assert gathered.count == 1000
+    assert gathered.ends["load"] == (channels["load"].min(), channels["load"].max())
+
+
+def test_a_bag_is_mended_by_topic_and_field(tmp_path):
+    text = (ROOT / "sample_data" / "rover.toml").read_text("utf-8")
+    (tmp_path / "rover.toml").write_text(text.replace('unit = "N m"', 'unit = "kN m"', 1), encoding="utf-8")
+    left, right = telemetry.read(str(ROOT / "sample_data" / "run.bag"), rovers.load(tmp_path / "rover.toml"))
+    (doubt,) = (remark for remark in left.remarks if isinstance(remark, Doubt))
+    assert doubt.startswith("wheel front-left: torque is ")
+    assert doubt.endswith(
+        'if it is in N m, torque = { topic = "/joint_states", field = "effort", name = "front_left_wheel", '
+        'unit = "N m" } under [wheels.front-left.channels] of rover.toml'
+    )
+    assert not [remark for remark in right.remarks if isinstance(remark, Doubt)]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("estimate", "run.csv"),
+        ("inspect", "run.csv"),
+        ("compare", "run.csv", "--model", "linear"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_a_command_tells_a_doubt_and_an_error(command, drive, tmp_path, monkeypatch, capfd):
+    # diagnose, report and model add read as compare does, batch as estimate does.
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rover.toml").write_text(GEOMETRY, encoding="utf-8")
+
+    def run(table):
+        table.to_csv("run.csv", index=False)
+        with pytest.raises(SystemExit) as end:
+            main(list(command))
+        out, err = capfd.readouterr()
+        return end.value.code, out, err
+
+    told = " rad: if it is in deg, pitch = { column = "
+    code, out, err = run(drive.iloc[:60].assign(pitch=SLOPE[90:150]))
+    assert not code
+    assert told in (out if command[0] == "inspect" else err)
+    code, out, err = run(drive.iloc[:60].assign(torque=1e3 * drive["torque"]))
+    assert code == (0 if command[0] == "inspect" else 65)
+    assert "times load times wheel radius, which no soil takes" in out + err
+    assert 'torque = { column = "torque", unit = "N mm" }' in out + err
