@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from terrain_cli.diagnosis.sentences import sizes_text
+from terrain_cli.terminal import aligned
 
 if TYPE_CHECKING:
     from terrain_cli.diagnosis.parts import Candidate, Diagnosis
@@ -179,12 +180,7 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
         for one in shown
     ]
     table = [head, ["  " + base[0], *base[1:]], *rows]
-    widths = [max(len(row[column]) for row in table) for column in range(len(head))]
-    lines = [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in table
-    ]
-    return ["held-out error with each (* = cannot be told from the best):", *lines]
+    return ["held-out error with each (* = cannot be told from the best):", *aligned(table)]
 
 
 def _short(value: float) -> str:

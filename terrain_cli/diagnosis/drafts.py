@@ -18,10 +18,10 @@ from terrain_cli.comparison.parts import UNITS
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.screening import DRIVEN_BEFORE
 from terrain_cli.effects import grammar, user_file
-from terrain_cli.effects.effect import QUANTITIES
 from terrain_cli.effects.user_keys import LONGEST_NAME
 from terrain_cli.effects.vocabulary import ON_DEMAND
 from terrain_cli.errors import TerrainError
+from terrain_cli.mechanics.effect import QUANTITIES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison import Comparison
     from terrain_cli.effects import Effect
-    from terrain_cli.effects.effect import Parameter
     from terrain_cli.estimation.wheel_fit import Prior
+    from terrain_cli.mechanics.effect import Parameter
     from terrain_cli.mechanics.model import Model
 
 Verdict = Literal["none", "effect", "family", "unknown"]

@@ -137,7 +137,7 @@ def _noise(wheel: Wheel, data: Data, solution: Solution) -> whitening.Whitening:
             levels[name] = float(np.fmax(levels[name], np.sqrt(variance)))
     else:
         levels = {name: level.deviation for name, level in wheel.noise.items()}
-    return whitening.of_residuals(wheel, errors, levels)
+    return whitening.of_residuals(errors, levels, wheel.record.group, wheel.memory)
 
 
 def with_noise_of(data: Ground, best: Refit) -> Ground:

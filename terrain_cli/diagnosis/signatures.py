@@ -124,7 +124,7 @@ def evidence(wheel: Wheel, rows: Index) -> Evidence:
     """
     channels, _ = wheel.smoothed(wheel.memory, rows)
     levels = {name: level.deviation for name, level in wheel.noise.items()}
-    white = whitening.of_residuals(wheel, wheel.residuals, levels)
+    white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
     use = np.ones(len(rows), dtype=bool)
     for name in NOISY:
         if name in channels:

@@ -20,7 +20,7 @@ from terrain_cli.diagnosis import joining, manoeuvres, next_drive, refits, scree
 from terrain_cli.diagnosis.next_drive import LEAST, MOST, suggest
 from terrain_cli.diagnosis.parts import Hypothesis
 from terrain_cli.effects import catalogue
-from terrain_cli.effects.effect import Effect, Parameter
+from terrain_cli.mechanics.effect import Effect, Parameter
 from terrain_cli.mechanics.model import Model
 from terrain_cli.models import ModelFile
 from terrain_cli.windows import cut

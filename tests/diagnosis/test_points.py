@@ -64,13 +64,13 @@ def table(effect, loads, repeats, seed=1):
 
 
 @pytest.fixture
-def asked(terrain_est, tmp_path, monkeypatch):
+def asked(terrain_est_here, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rover.toml").write_text(ROVER, "utf-8")
 
     def ask(command, *args, **kwargs):
         table(*args, **kwargs).to_csv(tmp_path / "rig.csv", index=False)
-        done = terrain_est(command, "rig.csv", "--json", "-q")
+        done = terrain_est_here(command, "rig.csv", "--json", "-q")
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)
 

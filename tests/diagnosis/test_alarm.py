@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from terrain_cli.comparison.noise import between
-from terrain_cli.diagnosis.chance import of_gain, of_points
+from terrain_cli.diagnosis.alarm import of_gain, of_points
 
 
 def along(n, loads=1):

@@ -1,0 +1,288 @@
+"""The steps of a diagnosis from the alarm on, as docs/diagnose.md numbers them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from terrain_cli import models, parallel
+from terrain_cli.diagnosis import (
+    alarm,
+    leftover,
+    merits,
+    next_drive,
+    pairs,
+    refits,
+    rivals,
+    screening,
+    unknowns,
+)
+from terrain_cli.diagnosis.alarm import ENOUGH_BLOCKS, LEVEL
+from terrain_cli.diagnosis.parts import Alarm
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.diagnosis.log import Case, Log
+    from terrain_cli.diagnosis.parts import Hypothesis, NextDrive, Unknown
+    from terrain_cli.diagnosis.refits import Ground, Refit
+
+    Fitted = tuple[Hypothesis, Refit]
+
+#: Candidates that are weighed against one another.
+_RIVALS = 8
+#: A candidate that takes less than this part of what the best takes off the loss is no rival.
+_WORTH = 0.3
+#: Part of what an effect explains that may be left to follow the drive.
+_SMALL = 0.05
+#: Part of the best one's gain with which an effect within its bounds comes before it.
+_CREDIBLE = 0.7
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ranked:
+    """Every hypothesis and drafted law fitted, weighed by the noise that the best of them leaves.
+
+    Parameters
+    ----------
+    log : Log
+    base : Refit
+        The model as it is.
+    several : list of (Hypothesis, Refit)
+        The best first.
+    drafts : list of Tried
+        Laws of one driver, the best first.
+    """
+
+    log: Log
+    base: Refit
+    several: list[Fitted]
+    drafts: list[unknowns.Tried]
+
+    @property
+    def data(self) -> Ground:
+        """The data, with the noise that the best of them leaves."""
+        return self.log.data
+
+    @property
+    def best(self) -> Refit:
+        """The best effect, or the model as it is where none was fitted."""
+        return self.several[0][1] if self.several else self.base
+
+    @property
+    def taken(self) -> float:
+        """What the best effect takes off the held-out loss."""
+        return float((self.base.loss - self.best.loss).sum())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Family:
+    """The effects that cannot be told from the best one.
+
+    Parameters
+    ----------
+    members : list of (Hypothesis, Refit)
+        The best first.
+    earned : bool
+        The best one has earned a single name.
+    clear : bool
+        It leaves little, if anything.
+    whole : bool
+        It leaves nothing.
+    """
+
+    members: list[Fitted] = field(default_factory=list)
+    earned: bool = False
+    clear: bool = False
+    whole: bool = False
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Their ids."""
+        return tuple(one.id for one, _ in self.members)
+
+    @property
+    def name(self) -> str:
+        """The best one where it is clear, else nothing."""
+        return self.ids[0] if self.clear else ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Law:
+    """A drafted law that predicts better than every effect, and whether it stands alone."""
+
+    unknown: Unknown | None
+    alone: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Two:
+    """Two effects that belong together, and all pairs that were fitted, the best first."""
+
+    ids: tuple[str, ...] = ()
+    is_best: bool = False
+    fitted: list[Fitted] = field(default_factory=list)
+
+
+def alarm_of_scores(case: Case, log: Log, base: Refit) -> Alarm:
+    """Tell how often chance gives scores as strong; of too few blocks nothing is told."""
+    p_value = min([1.0, *log.found.p_values.values(), *(one.p_value for one in log.failures)])
+    assumed = [one for one in log.hypotheses if not one.effects]
+    # What the base assumes has no signature to score: how often chance gives the gain of lifting it.
+    gains = [base.loss - refits.refit(log.data, form).loss for one in assumed for form in one.forms]
+    lifted = min((len(gains) * alarm.of_gain(gain) for gain in gains), default=1.0)
+    p_value = min(p_value, lifted, alarm.of_order(log.data, case.seed))
+    if log.data.blocks < screening.FEWEST_BLOCKS:
+        return Alarm(False, 1.0, LEVEL, 0.0, 0.0)
+    return Alarm(p_value < LEVEL, p_value, LEVEL, 0.0, 0.0)
+
+
+def refitted(case: Case, log: Log) -> list[Fitted]:
+    """Fit every testable hypothesis in the form of its law that predicts best, the best first."""
+    testable = [one for one in log.hypotheses if one.id in log.found.p_values]
+
+    def before(one: Hypothesis) -> None:
+        case.progress(f"fitting with {one.id} ({testable.index(one) + 1} of {len(testable)})")
+
+    several = parallel.each(partial(_best_form, log.data), testable, before)
+    return sorted(several, key=lambda pair: float(pair[1].loss.sum()))
+
+
+def ranking(case: Case, log: Log, base: Refit) -> Ranked:
+    """Fit every effect and draft laws, and weigh them anew by the noise that the best of them leaves.
+
+    From neighbouring samples alone, noise that lasts would be taken for too small.
+    """
+    several = refitted(case, log)
+    drafts = unknowns.best(log.data, base, case.progress)
+    leaders = [one for _, one in several[:1]] + [one.refit for one in drafts[:1]]
+    if not leaders:
+        return Ranked(log=log, base=base, several=several, drafts=drafts)
+    data = refits.with_noise_of(log.data, min(leaders, key=lambda one: float(one.loss.sum())))
+    base = refits.refit(data, None)
+    again = parallel.each(partial(_again, data), several[: _RIVALS + 2])
+    again = sorted(again, key=lambda pair: float(pair[1].loss.sum()))
+    again = _plainest_first(_credible_first(data, base, again))
+    rest = [(one, refits.weighed(data, refit)) for one, refit in several[_RIVALS + 2 :]]
+    drafts = [
+        replace(one, refit=refits.refit(data, one.hypothesis, one.extra, one.refit.solutions))
+        for one in drafts[:2]
+    ]
+    return Ranked(log=replace(log, data=data), base=base, several=again + rest, drafts=drafts)
+
+
+def alarm_of_gain(ranked: Ranked, before: Alarm) -> Alarm:
+    """Hold the alarm against the gain of the best explanation on held-out blocks."""
+    gains = [ranked.base.loss - one.loss for one in (ranked.best, *(d.refit for d in ranked.drafts[:1]))]
+    gain = max(gains, key=lambda g: float(g.sum()))
+    rare = alarm.GAINED if any(wheel.ordered for wheel in ranked.data.wheels) else alarm.GAINED_STEADY
+    p_value = max(before.p_value, alarm.of_gain(gain) * LEVEL / rare)
+    return Alarm(p_value < LEVEL, p_value, LEVEL, float(gain.sum()), merits.error(gain))
+
+
+def family(case: Case, ranked: Ranked) -> Family:
+    """Find those that cannot be told from the best, and whether this has earned a single name."""
+    near = [
+        pair
+        for pair in ranked.several[:_RIVALS]
+        if float((ranked.base.loss - pair[1].loss).sum()) > _WORTH * ranked.taken
+    ]
+    if ranked.taken <= 0.0 or not near:
+        return Family()
+    case.progress("telling the best ones apart")
+    judged = rivals.judge(ranked.data, [one for _, one in near], [one for one, _ in near], case.seed)
+    # A name that leaves something unexplained is not the whole story, and perhaps none of it.
+    of_rest, left = leftover.follows(ranked.data, near[0][1], case.seed)
+    clear = (of_rest >= LEVEL and left < ranked.taken) or left < _SMALL * ranked.taken
+    # Nor is it where a law that nobody thought of predicts better.
+    clear = clear and not unknowns.beats(ranked.drafts, near[0][1])
+    # Nor where it stands for something that nature does not have.
+    clear = clear and not merits.imitates(ranked.data, *near[0])
+    return Family(
+        members=[near[place] for place in judged.family],
+        earned=judged.earned and clear and ranked.data.blocks >= ENOUGH_BLOCKS,
+        clear=clear,
+        whole=clear and of_rest >= LEVEL,
+    )
+
+
+def outside_the_catalogue(ranked: Ranked, found: Family) -> Law:
+    """Tell whether a drafted law explains what no effect does."""
+    unknown, alone = unknowns.verdict(ranked.base, ranked.best, ranked.drafts, found.ids)
+    return Law(unknown=unknown, alone=alone)
+
+
+def two_at_once(case: Case, ranked: Ranked, found: Family) -> Two:
+    """Find two effects that explain more together than anything else does."""
+    if found.whole:
+        return Two()
+    fitted = pairs.best(ranked.data, ranked.log.found, ranked.several, case.progress, found.name)
+    others = [ranked.best, *(one.refit for one in ranked.drafts[:1])]
+    ids, is_best = pairs.told(fitted, others, found.name)
+    return Two(ids=ids, is_best=is_best, fitted=fitted)
+
+
+def on_full_stresses(case: Case, ranked: Ranked, two: Two) -> list[Fitted]:
+    """Return the effects that go with the stresses of the full model, the best first.
+
+    Together they predict better than any effect alone, and as well as all else: that the stresses of
+    the base linear are not those under a wheel is known.
+    """
+    several = ranked.several
+    stresses = next((refit for one, refit in several if one.id == models.STRESSES), None)
+    if stresses is None or several[0][0].id == models.STRESSES:
+        return []
+    tried = pairs.on_full_stresses(ranked.data, case.file, case.effects, stresses, case.progress)
+    if not tried:
+        return []
+    first = tried[0][1]
+    further = [*(one.refit for one in ranked.drafts[:1]), *(one for _, one in two.fitted[:1])]
+    better = all(merits.beats(first, one) for one in (several[0][1], stresses))
+    if not better or not all(merits.as_good(first, one) for one in further):
+        return []
+    return [(one, refit) for one, refit in tried if merits.as_good(refit, first)]
+
+
+def next_drives(case: Case, ranked: Ranked, members: Sequence[Fitted]) -> list[NextDrive]:
+    """Find the drive that tells the members of a family apart."""
+    if len(members) < 2:
+        return []
+    case.progress("looking for the drive that would settle it")
+    return next_drive.suggest(ranked.data, members)
+
+
+def _best_form(data: Ground, one: Hypothesis) -> Fitted:
+    """Fit a hypothesis in the form of its law that predicts best."""
+    plain, *others = [(form, refits.refit(data, form)) for form in one.forms]
+    # Another form stands for the effect only where it fits by what the effect can be.
+    forms = [plain, *(pair for pair in others if not merits.incredible(data, *pair))]
+    return min(forms, key=lambda pair: float(pair[1].loss.sum()))
+
+
+def _again(data: Ground, pair: Fitted) -> Fitted:
+    """Fit a hypothesis from where it was fitted."""
+    one, before = pair
+    return one, refits.over_shapes(data, one, refits.refit(data, one, begun=before.solutions))
+
+
+def _credible_first(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
+    """Put an effect that ran to what cannot be behind those that explain nearly as much without."""
+    if not ranked:
+        return ranked
+    least = _CREDIBLE * float((base.loss - ranked[0][1].loss).sum())
+    good = [
+        pair
+        for pair in ranked
+        if not merits.incredible(data, *pair) and float((base.loss - pair[1].loss).sum()) >= least
+    ]
+    return good + [pair for pair in ranked if pair not in good]
+
+
+def _plainest_first(ranked: list[Fitted]) -> list[Fitted]:
+    """Put in front, of those that predict as well as the first, the one with fewest parameters."""
+    if not ranked:
+        return ranked
+    good = [pair for pair in ranked if merits.as_good(pair[1], ranked[0][1])]
+    first = min(good, key=lambda pair: pair[0].free)
+    return [first, *(pair for pair in ranked if pair is not first)]
