@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import os
 import sys
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from terrain_cli import __version__
+from terrain_cli import ForeignFormatsError, __version__, check_formats, signals, terminal
 from terrain_cli.commands.group import Group
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def cli() -> None:
 
 def fail(message: str, hint: str, code: int) -> NoReturn:
     """Say what went wrong in one line, what to do in the next, and end."""
-    click.echo(f"terrain-est: {message}", err=True)
+    click.echo(f"terrain-est: {terminal.in_line(message)}", err=True)
     if hint:
         click.echo(f"  {hint}".replace("\n", "\n  "), err=True)
     sys.exit(code)
@@ -111,17 +112,24 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
     args : sequence of str, optional
         ``sys.argv[1:]`` if not given.
     """
+    with terminal.prepared():
+        _run(args)
+
+
+def _run(args: Sequence[str] | None) -> NoReturn:
     try:
-        code: Any = cli.main(args=args, prog_name="terrain-est", standalone_mode=False)
-        sys.stdout.flush()
+        check_formats()
+        with signals.heeded():
+            code: Any = cli.main(args=args, prog_name="terrain-est", standalone_mode=False)
+            sys.stdout.flush()
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         fail("interrupted; nothing was written", "", 130)
+    except signals.EndedError as end:
+        fail(f"ended by {end.name}; nothing is left half-written", "", end.code)
     except (ReaderGoneError, BrokenPipeError):
-        # Python would complain again when it closes stdout.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except Exception as error:  # noqa: BLE001 - the last place where an error can become one clear line
         _fail_with(error)
@@ -129,6 +137,8 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
 
 
 def _fail_with(error: Exception) -> NoReturn:
+    if isinstance(error, ForeignFormatsError):
+        fail(str(error), "rename it, or work in another folder", 2)
     from formats.errors import FormatError
     from terrain_cli.errors import TerrainError
 
@@ -140,7 +150,8 @@ def _fail_with(error: Exception) -> NoReturn:
         fail("out of memory", "cut the input into smaller files", 1)
     if isinstance(error, OSError) and error.filename is None:
         # Only the standard output has no name of its own.
-        fail(f"standard output: {error.strerror or error}", "", 73)
+        closed = error.errno == errno.EBADF
+        fail(f"standard output: {'is closed' if closed else error.strerror or error}", "", 73)
     fail(
         f"unexpected {type(error).__name__}: {error}",
         "this is a fault of the program: please report it; TERRAIN_EST_TRACEBACK=1 shows where",

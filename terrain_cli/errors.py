@@ -4,6 +4,7 @@ TerrainError             1
 ├── InputError          65   the data cannot give what was asked
 ├── ConfigurationError  78   rover.toml, a model or an effect file is wrong
 ├── UsageError           2   options that contradict each other
+├── SchedulerError      66   no cluster there, or none that can be used (batch/cluster.py)
 └── InterruptedBatchError  130  Ctrl-C, or the system's wish to end
 
 `formats.errors` draws the tree of what can go wrong with a file (66, 65, 73).

@@ -7,16 +7,19 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from terrain_cli.commands import options
+from terrain_cli import terminal
+from terrain_cli.commands import options, paths
+from terrain_cli.signals import ENDINGS, EndedError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from terrain_cli.batch.configuration import Configuration
-    from terrain_cli.batch.inputs import Input
+    from terrain_cli.batch.input import Input
     from terrain_cli.batch.keeper import Tally
     from terrain_cli.batch.manifest import Entry
     from terrain_cli.batch.run import Order
+    from terrain_cli.errors import InterruptedBatchError
 
 #: Of a batch that has finished, with failures.
 FAILURES = 75
@@ -25,6 +28,7 @@ _GIGA = 1e9
 
 @click.command(
     "batch",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Estimate many files into one folder, resumable.",
     epilog="""\b
@@ -41,7 +45,7 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=options.FILE,
+    type=paths.BATCH,
     required=True,
     metavar="DIR",
     help="The folder of the batch: results, manifest.jsonl, segments.parquet and summary.json.",
@@ -64,7 +68,7 @@ Examples:
 @options.estimation
 @click.option(
     "--jobs",
-    type=click.IntRange(min=1),
+    type=options.JOBS,
     metavar="N",
     help="Worker processes.  [one for each core]",
 )
@@ -75,23 +79,15 @@ Examples:
 )
 @click.option(
     "--timeout",
-    type=click.FloatRange(min=0, min_open=True),
+    type=options.Amount(0, 1e9, min_open=True),
     metavar="S",
     help="Give up an input after so many seconds.  [never]",
 )
 @click.option(
     "--memory",
-    type=click.FloatRange(min=0, min_open=True),
+    type=options.GIGABYTES,
     metavar="GB",
     help="Give up an input whose worker needs more address space than this.  [no limit]",
-)
-@click.option(
-    "--largest",
-    type=click.FloatRange(min=0, min_open=True),
-    default=16.0,
-    show_default=True,
-    metavar="GB",
-    help="Copy nothing larger from a store.",
 )
 @click.option("--force", is_flag=True, help="Do again what is done.")
 @click.option("--retry-failed", is_flag=True, help="Do again what failed, although nothing has changed.")
@@ -100,7 +96,7 @@ Examples:
 @click.option("--watch", is_flag=True, help="Go on taking what arrives, until interrupted.")
 @click.option(
     "--settle",
-    type=click.FloatRange(min=0),
+    type=options.SECONDS,
     default=5.0,
     show_default=True,
     metavar="S",
@@ -119,6 +115,7 @@ def command(context: click.Context, /, **_: Any) -> int:
 
     However it ends, nothing that was done is lost: the same command goes on from there.
     """
+    from formats.limits import largest_copy
     from terrain_cli.batch import configuration, inputs, run
     from terrain_cli.beside import cores
 
@@ -136,7 +133,7 @@ def command(context: click.Context, /, **_: Any) -> int:
         scheduler=given["scheduler"],
         timeout=given["timeout"],
         memory=int(given["memory"] * _GIGA) if given["memory"] else None,
-        largest=int(given["largest"] * _GIGA),
+        largest=largest_copy(),
         force=given["force"],
         retry_failed=given["retry_failed"],
         fail_fast=given["fail_fast"],
@@ -144,7 +141,7 @@ def command(context: click.Context, /, **_: Any) -> int:
     )
     if given["dry_run"]:
         for why, item in run.preview(found, given["output"], gathered, order):
-            click.echo(f"{why}\t{item.path}")
+            terminal.say(f"{why}\t{terminal.in_line(item.path)}")
         return 0
     return _run(found, gathered, order, given)
 
@@ -168,21 +165,23 @@ def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: d
     progress = Rate(enabled=not given["quiet"])
     try:
         tally = run.run(given["inputs"], found, given["output"], gathered, order, progress.show)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, EndedError) as end:
         # A second one is for the same.
-        for name in (signal.SIGINT, signal.SIGTERM):
+        for name in (signal.SIGINT, *ENDINGS):
             signal.signal(name, signal.SIG_IGN)
         progress.close()
-        _interrupted(progress.tally, given["output"])
+        error = _interrupted(progress.tally, given["output"])
+        error.exit_code = end.code if isinstance(end, EndedError) else error.exit_code
+        raise error from None
     finally:
         signal.signal(signal.SIGTERM, before)
         progress.close()
     if not given["quiet"]:
         click.echo(_told(tally, progress.seconds), err=True)
         for entry in tally.salvaged:
-            click.echo(_saved(entry), err=True)
+            click.echo(terminal.in_line(_saved(entry)), err=True)
     for entry in tally.failures.values():
-        click.echo(_line(entry), err=True)
+        click.echo(terminal.in_line(_line(entry)), err=True)
     if not tally.failures:
         return 0
     if any(not entry.passing for entry in tally.failures.values()) and not given["quiet"]:
@@ -220,11 +219,11 @@ def _saved(entry: Entry) -> str:
     return f"salvaged ({percent}{entry.recovered_of}): {entry.path}"
 
 
-def _interrupted(tally: Tally | None, folder: str) -> NoReturn:
+def _interrupted(tally: Tally | None, folder: str) -> InterruptedBatchError:
     from terrain_cli.errors import InterruptedBatchError
 
     done = f"{tally.done} of {tally.total} inputs done" if tally else "no input done"
-    raise InterruptedBatchError(
+    return InterruptedBatchError(
         f"{folder}: interrupted; {done}, and kept",
         hint="run the same command again to go on; the mission table is written at the end",
-    ) from None
+    )

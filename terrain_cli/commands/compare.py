@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparing, options
+from terrain_cli.commands import comparing, options, paths
+from terrain_cli.terminal import say
 
 if TYPE_CHECKING:
     from terrain_cli.comparison import Comparison
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 @click.command(
     "compare",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Compare a model with measurements, and see where it fails.",
     epilog="""\b
@@ -32,7 +34,7 @@ Examples:
     "--model",
     "models",
     multiple=True,
-    type=options.FILE,
+    type=paths.MODEL,
     envvar="TERRAIN_EST_MODEL",
     default=("wong-reece",),
     metavar="FILE|linear|wong-reece",
@@ -44,7 +46,7 @@ Examples:
 @options.as_json
 @click.option(
     "--plot",
-    type=options.FILE,
+    type=paths.PICTURES,
     metavar="DIR",
     help="Write pictures into this folder, as PNG and SVG, of the last model (extra: plot).",
 )
@@ -86,9 +88,9 @@ def command(context: click.Context, /, **_: Any) -> None:
         content = document.document(first, second, differences)
         click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))
     else:
-        click.echo("\n\n".join(document.text(outcome) for outcome in outcomes))
+        say("\n\n".join(document.text(outcome) for outcome in outcomes))
         if second:
-            click.echo("\n" + document.text_of_two(first, second, differences))
+            say("\n" + document.text_of_two(first, second, differences))
     if context.params["plot"]:
         from terrain_cli.views import plots
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from terrain_cli.choices import CUT_SAMPLES
 from terrain_cli.commands import options
-from terrain_cli.settings import CUT_SAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ _CUTTING = (
     options.segments,
     click.option(
         "--min-samples",
-        type=click.IntRange(min=3),
+        type=click.IntRange(3, options.MOST_SAMPLES),
         metavar="N",
         help=f"Fewest samples of a window that auto cuts.  [{CUT_SAMPLES}]",
     ),
@@ -31,9 +31,10 @@ _CUTTING = (
     options.window_samples,
     options.where,
     options.salvage,
+    options.largest,
     click.option(
         "--seed",
-        type=int,
+        type=click.IntRange(0),
         default=0,
         show_default=True,
         metavar="N",
@@ -102,6 +103,7 @@ def _cut(
 ) -> list[Windows]:
     import formats
     from terrain_cli import telemetry, windows
+    from terrain_cli.telemetry.samples import Notice
 
     where = telemetry.Condition(given["where"]) if given["where"] else None
     source = formats.open_source(path, salvage=given.get("salvage", False))
@@ -110,6 +112,8 @@ def _cut(
     )
     for sentence in source.recovery.sentences() if source.recovery else ():
         progress.tell(f"{path}: {sentence}")
+    for remark in dict.fromkeys(r for samples in wheels for r in samples.remarks if isinstance(r, Notice)):
+        progress.tell(f"{path}: {remark}")
     for samples in wheels if given["verbose"] else ():
         used = f"{len(samples.usable)} of {len(samples)} samples used"
         told = [f"{name}: {how}" for name, how in samples.origins.items()]

@@ -5,9 +5,12 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
+from terrain_cli.commands import paths
+
 
 @click.command(
     "completion",
+    cls=paths.Verb,
     short_help="Print the completion script of a shell.",
     epilog="""\b
 Examples:
@@ -17,11 +20,10 @@ Examples:
 """,
 )
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def command(shell: str) -> None:
+@click.pass_context
+def command(context: click.Context, /, shell: str) -> None:
     """Print the script that lets SHELL complete verbs, options, files and choices."""
-    from terrain_cli.app import cli
-
     kind = get_completion_class(shell)
     if kind is None:
         raise click.UsageError(f"no completion for {shell}")
-    click.echo(kind(cli, {}, "terrain-est", "_TERRAIN_EST_COMPLETE").source())
+    click.echo(kind(context.find_root().command, {}, "terrain-est", "_TERRAIN_EST_COMPLETE").source())

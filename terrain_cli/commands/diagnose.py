@@ -10,11 +10,13 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparing, options
+from terrain_cli.commands import comparing, options, paths
+from terrain_cli.terminal import say
 
 
 @click.command(
     "diagnose",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Name the physical effect that a model lacks.",
     epilog="""\b
@@ -29,7 +31,7 @@ Examples:
 @options.rover
 @click.option(
     "--model",
-    type=options.FILE,
+    type=paths.MODEL,
     envvar="TERRAIN_EST_MODEL",
     default="wong-reece",
     metavar="FILE|linear|wong-reece",
@@ -39,14 +41,14 @@ Examples:
     "--effect",
     "further",
     multiple=True,
-    type=options.FILE,
+    type=paths.EFFECT_FILE,
     envvar="TERRAIN_EST_EFFECT",
     metavar="FILE.toml",
     help="An effect of your own that may be missing, beside those of the catalogue (repeatable).",
 )
 @click.option(
     "--draft",
-    type=options.FILE,
+    type=paths.OUTPUT,
     metavar="FILE.toml",
     help="Write a law here if no effect of the catalogue explains what is missing.",
 )
@@ -96,7 +98,7 @@ def command(context: click.Context, /, **_: Any) -> None:
         content = document.document(found)
         click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))
     else:
-        click.echo(document.text(found))
+        say(document.text(found))
     if given["draft"] and found.unknown is None:
         click.echo(f"{given['draft']}: not written: nothing needs a law of its own", err=True)
     elif given["draft"] and not given["quiet"]:

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options
+from terrain_cli.commands import options, paths
 from terrain_cli.commands.group import Group
-from terrain_cli.effects.effect import KINDS
+from terrain_cli.mechanics.effect import KINDS
+from terrain_cli.terminal import say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.effects.effect import Effect
+    from terrain_cli.mechanics.effect import Effect
     from terrain_cli.models import Assumption
 
 
@@ -42,6 +43,7 @@ def command() -> None:
 
 @command.command(
     "list",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="List the effects of the catalogue.",
     epilog="""\b
@@ -71,13 +73,14 @@ def list_effects(kind: str | None, as_json: bool) -> None:
     if as_json:
         _write(_listed(chosen, assumptions))
         return
-    click.echo(describe.overview(chosen))
+    say(describe.overview(chosen))
     if assumptions:
-        click.echo(f"\n{describe.overview_of_assumptions(assumptions)}")
+        say(f"\n{describe.overview_of_assumptions(assumptions)}")
 
 
 @command.command(
     "show",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Tell all about effects: law, parameters, signature, source.",
     epilog="""\b
@@ -86,7 +89,7 @@ Examples:
   terrain-est effects show max-stress-angle cable-drag.toml --json
 """,
 )
-@click.argument("names", nargs=-1, required=True, type=options.FILE, metavar="EFFECT…")
+@click.argument("names", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…")
 @options.as_json
 def show(names: tuple[str, ...], as_json: bool) -> None:
     """Tell all about each EFFECT: an id of the catalogue, a file of your own, or an assumption of a base.
@@ -104,13 +107,12 @@ def show(names: tuple[str, ...], as_json: bool) -> None:
         _write(_listed(list(effects.values()), assumptions))
         return
     told = {name: describe.text(effect) for name, effect in effects.items()}
-    click.echo(
-        "\n\n".join(told.get(name) or describe.text_of_assumption(ASSUMPTIONS[name]) for name in names)
-    )
+    say("\n\n".join(told.get(name) or describe.text_of_assumption(ASSUMPTIONS[name]) for name in names))
 
 
 @command.command(
     "check",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Check effects of your own.",
     epilog="""\b
@@ -119,7 +121,7 @@ Examples:
   terrain-est effects check my-effects/*.toml --json
 """,
 )
-@click.argument("files", nargs=-1, required=True, type=options.FILE, metavar="FILE…")
+@click.argument("files", nargs=-1, required=True, type=paths.EFFECT_FILE, metavar="FILE…")
 @options.as_json
 @options.quiet
 @click.pass_context
@@ -155,7 +157,7 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
         for warning in [] if quiet else understood.warnings:
             click.echo(f"{file}: warning: {warning}", err=True)
         if not as_json:
-            click.echo("\n" * (len(documents) > 1) + describe.checked_text(file, understood))
+            say("\n" * (len(documents) > 1) + describe.checked_text(file, understood))
     if as_json:
         _write({"format": describe.CHECK_FORMAT, "files": documents})
     # A file that is wrong outweighs one that is not there.

@@ -9,18 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options
+from terrain_cli.commands import options, paths
+from terrain_cli.terminal import in_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from terrain_cli.pipeline import Outcome
     from terrain_cli.rover import Rover
-    from terrain_cli.settings import Settings
+    from terrain_cli.run.settings import Settings
 
 
 @click.command(
     "estimate",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Estimate cohesion and friction angle, segment by segment.",
     epilog="""\b
@@ -43,35 +45,35 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=options.FILE,
+    type=paths.SEGMENTS,
     metavar="FILE",
     help="Write the table here, by its ending: .csv .parquet .json .geojson .geojsonl .geojsons .gpkg .mcap. "
     "Otherwise CSV on stdout.",
 )
-@click.option("--summary", type=options.FILE, metavar="FILE", help="Write the summary here, as JSON.")
+@click.option("--summary", type=paths.OUTPUT, metavar="FILE", help="Write the summary here, as JSON.")
 @options.estimation
 @click.option(
     "--samples",
-    type=options.FILE,
+    type=paths.SAMPLES,
     metavar="FILE",
     help="Write the samples of every segment here, as points; into the .gpkg of -o, if it is the same file, "
     "as its second layer.",
 )
 @click.option(
     "--rejects",
-    type=options.FILE,
+    type=paths.OUTPUT,
     metavar="FILE",
     help="Write the samples set aside here, each with its reason.",
 )
 @click.option(
     "--trace",
-    type=options.FILE,
+    type=paths.OUTPUT,
     metavar="FILE",
     help="With --method recursive: write the estimate after each sample here.",
 )
 @click.option(
     "--plot",
-    type=options.FILE,
+    type=paths.PICTURES,
     metavar="DIR",
     help="Write pictures into this folder, as PNG and SVG (extra: plot). With --method recursive also "
     "how it converges.",
@@ -94,8 +96,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli import outputs
     from terrain_cli.errors import UsageError
 
-    paths = formats.expand(context.params["inputs"])
-    rover = options.load_rover(context.params["rover"], paths)
+    logs = formats.expand(context.params["inputs"])
+    rover = options.load_rover(context.params["rover"], logs)
     options.with_defaults(context, rover.estimate)
     given = context.params
     if given["trace"] and given["method"] != "recursive":
@@ -110,7 +112,7 @@ def command(context: click.Context, /, **_: Any) -> None:
             formats.output_kind(given[name])
     outputs.check(given["output"], given["samples"], given["crs"])
     settings = options.settings(given)
-    outcomes = list(_outcomes(paths, rover, settings, jobs=given["jobs"], quiet=given["quiet"]))
+    outcomes = list(_outcomes(logs, rover, settings, jobs=given["jobs"], quiet=given["quiet"]))
     _write(outcomes, settings, given)
 
 
@@ -139,8 +141,11 @@ def _write(  # noqa: C901 - one branch for each thing asked for
         plots.write(outcomes, given["plot"])
     if given["summary"]:
         text = json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False)
-        with formats.replacing(given["summary"]) as temporary:
-            Path(temporary).write_text(text + "\n", encoding="utf-8")
+        if given["summary"] == "-":
+            click.echo(text)
+        else:
+            with formats.replacing(given["summary"]) as temporary:
+                Path(temporary).write_text(text + "\n", encoding="utf-8")
     crs = results.reference_system(table, given["crs"])
     points = None
     if given["samples"]:
@@ -152,20 +157,20 @@ def _write(  # noqa: C901 - one branch for each thing asked for
         click.echo(f"positions are x and y of a site frame: --crs {given['crs']} does not apply", err=True)
     if remark := outputs.remark(given["output"], crs):
         click.echo(remark, err=True)
-    click.echo(summary.text(document, table, verbose=given["verbose"]), err=True)
+    click.echo(summary.text(in_lines(document), table, verbose=given["verbose"]), err=True)
 
 
 def _outcomes(
-    paths: Sequence[str], rover: Rover, settings: Settings, *, jobs: int, quiet: bool
+    logs: Sequence[str], rover: Rover, settings: Settings, *, jobs: int, quiet: bool
 ) -> Iterable[Outcome]:
     """Run every input, in order, with a progress bar once it has taken a second."""
     from terrain_cli import pipeline
     from terrain_cli.beside import cores
     from terrain_cli.commands.progress import Progress
 
-    with Progress(len(paths), enabled=not quiet) as progress:
-        if jobs == 1 or len(paths) == 1:
-            for path in paths:
+    with Progress(len(logs), enabled=not quiet) as progress:
+        if jobs == 1 or len(logs) == 1:
+            for path in logs:
                 yield pipeline.run(
                     path, rover, settings, progress=partial(progress.say, path), beside=cores() > 1
                 )
@@ -173,10 +178,10 @@ def _outcomes(
             return
         from concurrent.futures import ProcessPoolExecutor
 
-        with ProcessPoolExecutor(min(jobs, len(paths))) as pool:
-            futures = [pool.submit(pipeline.run, path, rover, settings) for path in paths]
+        with ProcessPoolExecutor(min(jobs, len(logs))) as pool:
+            futures = [pool.submit(pipeline.run, path, rover, settings) for path in logs]
             try:
-                for path, future in zip(paths, futures, strict=True):
+                for path, future in zip(logs, futures, strict=True):
                     progress.say(path, "")
                     yield future.result()
                     progress.advance()

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options
+from terrain_cli.commands import options, paths
+from terrain_cli.terminal import in_lines, say
 
 if TYPE_CHECKING:
     from formats import FormatError
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 @click.command(
     "inspect",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Say what a log holds, and what would be used of it.",
     epilog="""\b
@@ -28,6 +30,7 @@ Examples:
 @options.rover
 @options.wheel
 @options.salvage
+@options.largest
 @options.as_json
 @options.quiet
 @options.verbose
@@ -44,33 +47,47 @@ def command(
 
     Where something is missing it gives the lines of rover.toml that would supply it. Rates, gaps
     and the samples that would be set aside are counted by reading the file. A file that cannot be
-    read is named with what is wrong with it; the others are shown.
+    opened is named with what is wrong with it; the others are shown. Where a rover file does not fit
+    a log, or its columns contradict each other, what there is comes first, then the problem.
     """
     import formats
     from terrain_cli import inspection
     from terrain_cli.commands.progress import Progress
+    from terrain_cli.telemetry.samples import Notice
 
-    paths = formats.expand(inputs)
-    rovers = options.load_rover(rover, paths)
+    logs = formats.expand(inputs)
+    rovers = options.load_rover(rover, logs)
     documents: list[dict[str, Any]] = []
     failed: list[FormatError] = []
-    with Progress(len(paths), enabled=not quiet) as progress:
-        for path in paths:
+    with Progress(len(logs), enabled=not quiet) as progress:
+        for path in logs:
             progress.say(path, "")
             try:
                 documents.append(inspection.inspect(path, rovers, wheels=wheels, salvage=salvage))
             except formats.FormatError as error:
-                if len(paths) == 1:
+                if len(logs) == 1:
                     raise
                 failed.append(error)
             progress.advance()
+    problems: list[dict[str, Any]] = [
+        {"source": one.path, "error": str(one), "hint": one.hint, "exit_code": one.exit_code}
+        for one in failed
+    ]
+    problems += [{"source": one["source"], **one["problem"]} for one in documents if one["problem"]]
     if as_json:
         content: dict[str, Any] = {"format": inspection.FORMAT, "inputs": documents}
-        if failed:
-            content["failed"] = [{"source": one.path, "error": str(one), "hint": one.hint} for one in failed]
+        if problems:
+            content["failed"] = problems
         click.echo(json.dumps(content, ensure_ascii=False, indent=2))
     elif documents:
-        click.echo("\n\n".join(inspection.text(document, verbose=verbose) for document in documents))
-    for one in failed:
-        click.echo(f"terrain-est: {one}" + f"\n  {one.hint}" * bool(one.hint), err=True)
-    return failed[0].exit_code if failed else 0
+        # The lines for rover.toml are lines of a file.
+        shown = [in_lines(one) | {"rover_toml": one["rover_toml"]} for one in documents]
+        say("\n\n".join(inspection.text(one, verbose=verbose) for one in shown))
+    for document in () if quiet else documents:
+        for remark in (remark for remark in document["remarks"] if isinstance(remark, Notice)):
+            click.echo(f"{document['source']}: {remark}", err=True)
+    for one in problems:
+        where = "" if one["source"] in one["error"] else f"{one['source']}: "
+        hint = f"\n{one['hint']}".replace("\n", "\n  ") * bool(one["hint"])
+        click.echo(f"terrain-est: {where}{one['error']}{hint}", err=True)
+    return problems[0]["exit_code"] if problems else 0

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import os
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from terrain_cli.settings import CUT_SAMPLES, FIT_SAMPLES, METHODS, MIN_DISTANCE, SEGMENTS, Settings
+from terrain_cli.choices import CUT_SAMPLES, FIT_SAMPLES, METHODS, MIN_DISTANCE, SEGMENTS
+from terrain_cli.commands import paths
+from terrain_cli.run.settings import Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -18,19 +22,46 @@ F = TypeVar("F", bound="Callable[..., Any]")
 #: TERRAIN_EST_METHOD=ridge stands for --method ridge, in every verb that has the option.
 CONTEXT = {"auto_envvar_prefix": "TERRAIN_EST"}
 
-#: Lets shells complete names of files; what is wrong with one is told by whoever opens it.
-FILE = click.Path(readable=False, allow_dash=True)
+#: More than any log has, and no more than a sum of it can count.
+MOST_SAMPLES = 10**12
+_MOST_FOLDS = 10**6
 
-inputs = click.argument("inputs", nargs=-1, required=True, type=FILE, metavar="INPUT…")
+
+class Amount(click.FloatRange):
+    """A finite number: for click even nan lies within any range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Read a number."""
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
+#: A billion of either is beyond any machine, and any life.
+GIGABYTES = Amount(0, 1e9, min_open=True)
+SECONDS = Amount(0, 1e9)
+JOBS = click.IntRange(1, 10_000)
+
+
+def _bound_copies(_context: click.Context, _option: click.Parameter, gigabytes: float | None) -> None:
+    """Note in the environment what may be copied, where second processes find it too."""
+    if gigabytes is not None:
+        from formats.limits import COPY_VARIABLE
+
+        os.environ[COPY_VARIABLE] = str(gigabytes)
+
+
+inputs = click.argument("inputs", nargs=-1, required=True, type=paths.INPUT, metavar="INPUT…")
 rover = click.option(
     "--rover",
-    type=FILE,
+    type=paths.ROVER,
     metavar="FILE",
     help="Rover file. Otherwise rover.toml beside the first input, or in the current folder.",
 )
 model = click.option(
     "--model",
-    type=FILE,
+    type=paths.MODEL,
     metavar="FILE|linear|wong-reece",
     help="Model of wheel and soil: a base, or a model file that adds effects to one.  [linear]",
 )
@@ -51,12 +82,15 @@ segments = click.option(
 )
 window_distance = click.option(
     "--window-distance",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Amount(min=0, min_open=True),
     metavar="M",
     help=f"Length of a window in metres: exact for fixed, the least for auto.  [auto: {MIN_DISTANCE:.2f}]",
 )
 window_samples = click.option(
-    "--window-samples", type=click.IntRange(min=3), metavar="N", help="Length of a fixed window in samples."
+    "--window-samples",
+    type=click.IntRange(3, MOST_SAMPLES),
+    metavar="N",
+    help="Length of a fixed window in samples.",
 )
 where = click.option(
     "--where",
@@ -73,13 +107,13 @@ method = click.option(
 )
 min_samples = click.option(
     "--min-samples",
-    type=click.IntRange(min=3),
+    type=click.IntRange(3, MOST_SAMPLES),
     metavar="N",
     help=f"Fewest samples of a window.  [{CUT_SAMPLES} to cut, {FIT_SAMPLES} to estimate]",
 )
 folds = click.option(
     "--folds",
-    type=click.IntRange(min=2),
+    type=click.IntRange(2, _MOST_FOLDS),
     metavar="N",
     help="Choose the ridge's δ over N contiguous blocks.  [leave-one-out]",
 )
@@ -94,7 +128,7 @@ crs = click.option(
 )
 places = click.option(
     "--places",
-    type=FILE,
+    type=paths.PLACES,
     metavar="FILE",
     help="Localisation table (CSV, Parquet): gives samples longitude and latitude, or x and y, by its "
     "columns site, drive and pose, or by time.",
@@ -103,6 +137,14 @@ salvage = click.option(
     "--salvage",
     is_flag=True,
     help="Read what is left of files that are cut off, damaged or without index, and say how much that is.",
+)
+largest = click.option(
+    "--largest",
+    type=GIGABYTES,
+    metavar="GB",
+    expose_value=False,
+    callback=_bound_copies,
+    help="Copy nothing larger to the disk: of a pipe, standard input, a packed recording or a store.  [16]",
 )
 as_json = click.option(
     "--json", "as_json", is_flag=True, envvar="TERRAIN_EST_JSON", help="Write JSON instead of tables."
@@ -123,15 +165,13 @@ def jobs(told: str) -> Callable[[F], F]:
     function
         A decorator.
     """
-    return click.option(
-        "--jobs", type=click.IntRange(min=1), default=1, show_default=True, metavar="N", help=told
-    )
+    return click.option("--jobs", type=JOBS, default=1, show_default=True, metavar="N", help=told)
 
 
 #: What decides on the numbers of an estimate, in the order of the help.
 _ESTIMATION = (
     *(rover, model, wheel, method, segments, min_samples, window_distance, window_samples),
-    *(folds, robust, where, crs, places, salvage),
+    *(folds, robust, where, crs, places, salvage, largest),
 )
 
 
@@ -234,7 +274,10 @@ def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
     ------
     click.BadParameter
         A value that the option does not take.
+    UsageError
+        A file that it names is one to be written.
     """
+    named = False
     parameters = {option.lstrip("-"): p for p in context.command.params for option in p.opts}
     for name, value in settings.items():
         parameter = parameters[name]
@@ -245,3 +288,6 @@ def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
             continue
         given = [value] if parameter.multiple and not isinstance(value, list) else value
         context.params[parameter.name] = parameter.type_cast_value(context, given)
+        named = named or isinstance(parameter.type, paths.Named)
+    if named:
+        paths.check(context)

@@ -8,7 +8,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Self
 
-import click
+from terrain_cli.terminal import escaped, in_line
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -56,8 +56,7 @@ class Progress:
         if self._thread:
             self._thread.join()
         if self._drawn:
-            draw("")
-            click.echo("\r", err=True, nl=False)
+            wipe()
 
     def say(self, path: str, step: str) -> None:
         """Set what is being done.
@@ -82,7 +81,7 @@ class Progress:
         """
         if self._enabled:
             # In one call, or the bar could be drawn between wiping it and the text.
-            click.echo(("\r" + over("") + "\r" if self._drawn else "") + text, err=True)
+            _write(("\r" + over("") + "\r" if self._drawn else "") + escaped(text) + "\n")
 
     def _run(self) -> None:
         if self._stop.wait(PATIENCE):
@@ -103,7 +102,18 @@ def draw(line: str) -> None:
     ----------
     line : str
     """
-    click.echo("\r" + over(line), err=True, nl=False)
+    _write("\r" + over(in_line(line)))
+
+
+def _write(text: str) -> None:
+    """Write to stderr text that may go back to the start of its line."""
+    getattr(sys.stderr, "draw", sys.stderr.write)(text)
+    sys.stderr.flush()
+
+
+def wipe() -> None:
+    """Leave an empty line, for what is written next."""
+    _write("\r" + over("") + "\r")
 
 
 def over(line: str) -> str:

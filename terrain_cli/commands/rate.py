@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from terrain_cli.commands.progress import PATIENCE, draw
+from terrain_cli.commands.progress import PATIENCE, draw, wipe
 
 if TYPE_CHECKING:
     from terrain_cli.batch.keeper import Tally
@@ -59,8 +59,7 @@ class Rate:
     def close(self) -> None:
         """Wipe the line on the terminal."""
         if self._drawn:
-            draw("")
-            click.echo("\r", err=True, nl=False)
+            wipe()
             self._drawn = False
 
 

@@ -7,11 +7,12 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparing, options
+from terrain_cli.commands import comparing, options, paths
 
 
 @click.command(
     "report",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Write one page on soil, model and misfit.",
     epilog="""\b
@@ -25,7 +26,7 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=options.FILE,
+    type=paths.RESULT,
     required=True,
     metavar="FILE.html",
     help="Write the page here; - is the standard output.",
@@ -33,7 +34,7 @@ Examples:
 @options.rover
 @click.option(
     "--model",
-    type=options.FILE,
+    type=paths.MODEL,
     default="wong-reece",
     show_default=True,
     metavar="FILE|linear|wong-reece",

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options
+from terrain_cli.commands import options, paths
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from terrain_cli.simulation import Log
 
@@ -21,6 +21,7 @@ _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
 
 @click.command(
     "simulate",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Make telemetry of which the truth is known.",
     epilog="""\b
@@ -34,11 +35,11 @@ Examples:
   terrain-est simulate -q --drive passes --rate 1 | head
 """,
 )
-@click.argument("drive_file", required=False, type=options.FILE, metavar="[DRIVE.toml]")
+@click.argument("drive_file", required=False, type=paths.DRIVE, metavar="[DRIVE.toml]")
 @click.option(
     "-o",
     "--output",
-    type=options.FILE,
+    type=paths.RESULT,
     default="-",
     metavar="FILE",
     help="Write the log here, by its ending: .csv (.gz .bz2 .zst) .parquet .bag .mcap .db3. Otherwise CSV on "
@@ -79,12 +80,14 @@ Examples:
 )
 @click.option(
     "--model",
+    type=paths.MODEL,
     metavar="MODEL",
     help="Where the truth is from: wong-reece, linear, or a model file with its effects.  [wong-reece]",
 )
 @click.option(
     "--effect",
     multiple=True,
+    type=paths.EFFECT,
     metavar="EFFECT",
     help="Add an effect (repeatable): ID, ID:NAME=VALUE,… or FILE.toml. What is not said has its "
     "typical size.",
@@ -96,13 +99,13 @@ Examples:
 )
 @click.option(
     "--truth",
-    type=options.FILE,
+    type=paths.OUTPUT,
     metavar="FILE",
     help="Write the truth here: .json, or a table as .csv.  [none; with --hide OUTPUT.sealed.json]",
 )
 @click.option(
     "--rover",
-    type=options.FILE,
+    type=paths.OUTPUT,
     # The environment names the rover file to read.
     allow_from_autoenv=False,
     metavar="FILE",
@@ -117,13 +120,16 @@ Examples:
     metavar="N",
     help="The same seed gives the same file, byte for byte.  [0; with --hide a new one]",
 )
+@click.option("--force", is_flag=True, help="Replace the files of -o, --truth and --rover if they are there.")
 @options.quiet
-def command(drive_file: str | None, **given: Any) -> None:
+@click.pass_context
+def command(context: click.Context, /, **_: Any) -> None:
     """Make telemetry of a drive whose soils, effects and noise are known.
 
     A drive is said on the command line, or as a whole in DRIVE.toml; options stand above the file. The
     truth goes to a file of its own, and never into the log. A rover file that fits is written
-    beside it, so that `terrain-est estimate` works at once.
+    beside it, so that `terrain-est estimate` works at once. No file that is there is replaced, unless
+    --force is given; but for such a rover file that nobody has changed.
     """
     import secrets
 
@@ -131,31 +137,45 @@ def command(drive_file: str | None, **given: Any) -> None:
     from terrain_cli.errors import ConfigurationError, UsageError
     from terrain_cli.simulation import output
 
+    given = context.params
     kind = output.kind_of(given["output"])
-    truth = given["truth"]
-    if given["hide"] and not truth:
-        if given["output"] == "-":
-            raise UsageError(
-                "--hide needs a file for what it hides", hint="add --truth FILE.json, or -o FILE"
-            )
-        truth = f"{given['output'].rstrip('/')}.sealed.json"
-    if truth == "-" or (truth and truth == given["output"]):
-        raise UsageError("--truth: the truth goes to a file of its own")
+    _name_outputs(context)
+    truth, rover = given["truth"], given["rover"]
     try:
         # A riddle that comes again is none.
         seed = secrets.randbits(31) if given["hide"] else 0
-        scenario = simulation.read(drive_file, _settings(given), seed=seed)
+        scenario = simulation.read(given["drive_file"], _settings(given), seed=seed)
     except ConfigurationError as error:
         if str(error).startswith(simulation.COMMAND_LINE):
             raise UsageError(str(error), hint=error.hint) from None
         raise
     if given["hide"]:
         scenario = simulation.draw(scenario)
-    rover = _rover_file(given)
     log = simulation.simulate(scenario, bag=kind in output.BAGS)
     output.write(log, given["output"], truth=truth, rover=rover)
     if not given["quiet"]:
         _tell(log, given, truth, rover)
+
+
+def _name_outputs(context: click.Context) -> None:
+    """Name what goes beside the log, and make sure that no file is lost where all of it goes."""
+    import formats
+    from terrain_cli.errors import UsageError
+
+    given = context.params
+    if given["hide"] and not given["truth"]:
+        if given["output"] == "-":
+            raise UsageError(
+                "--hide needs a file for what it hides", hint="add --truth FILE.json, or -o FILE"
+            )
+        given["truth"] = f"{given['output'].rstrip('/')}.sealed.json"
+    if given["truth"] == "-":
+        raise UsageError("--truth: the truth goes to a file of its own")
+    named = [given[name] for name in ("output", "truth", "rover") if given[name]]
+    given["rover"] = given["rover"] or _rover_beside(given)
+    paths.check(context)
+    for name in named:
+        formats.check_free(name, replace=given["force"])
 
 
 def _settings(given: dict[str, Any]) -> dict[str, Any]:
@@ -223,29 +243,22 @@ def _effect(text: str) -> tuple[str, dict[str, float]]:
     return (match["name"] if match else text), values
 
 
-def _rover_file(given: dict[str, Any]) -> Path | None:
-    """Return where the rover file is to be written; nowhere if a user's own is there."""
-    import formats
+def _rover_beside(given: Mapping[str, Any]) -> str | None:
+    """Return the rover file beside the log; none if a user's own is there."""
     from terrain_cli.rover.parts import FILE_NAME
     from terrain_cli.simulation import output
 
-    if given["rover"]:
-        if output.rover_is_in_the_way(Path(given["rover"])):
-            raise formats.CannotWriteError(
-                given["rover"], "is there already", hint="name another, or remove it"
-            )
-        return Path(given["rover"])
     if given["output"] == "-":
         return None
     beside = Path(given["output"].rstrip("/")).parent / FILE_NAME
     if not output.rover_is_in_the_way(beside):
-        return beside
+        return str(beside)
     if not given["quiet"]:
         click.echo(f"{beside} is yours and was left as it is: --rover FILE writes one that fits", err=True)
     return None
 
 
-def _tell(log: Log, given: dict[str, Any], truth: str | None, rover: Path | None) -> None:
+def _tell(log: Log, given: dict[str, Any], truth: str | None, rover: str | None) -> None:
     """Say what was written; of a hidden effect only where it stands."""
     scenario = log.scenario
     soils = ", ".join(dict.fromkeys(soil.name for soil in scenario.soils))

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import options
+from terrain_cli.commands import options, paths
 from terrain_cli.commands.model import trying
 
 
@@ -25,8 +25,8 @@ Examples:
   terrain-est model add model.toml hardpan
 """,
 )
-@click.argument("file", type=options.FILE, metavar="FILE")
-@click.argument("effects", nargs=-1, type=options.FILE, metavar="[EFFECT…]")
+@click.argument("file", type=paths.CHANGED, metavar="FILE")
+@click.argument("effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]")
 @click.option("--keep", is_flag=True, help="Add it even if the held-out error does not fall.")
 @click.option(
     "--until-quiet",
@@ -36,7 +36,7 @@ Examples:
 )
 @click.option(
     "--draft",
-    type=options.FILE,
+    type=paths.OUTPUT,
     metavar="FILE.toml|DIR",
     help="With --until-quiet: where to write an effect of your own for what no candidate explains.  "
     "[stop there]",

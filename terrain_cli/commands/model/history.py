@@ -6,14 +6,16 @@ import json
 
 import click
 
-from terrain_cli.commands import options
+from terrain_cli.commands import options, paths
 from terrain_cli.english import counted
+from terrain_cli.terminal import aligned, say
 
 FORMAT = "terrain-est/model-history/1"
 
 
 @click.command(
     "history",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Show what each change did to the held-out error.",
     epilog="""\b
@@ -23,11 +25,11 @@ Examples:
   terrain-est model history model.toml --plot pictures
 """,
 )
-@click.argument("file", type=options.FILE, metavar="FILE")
+@click.argument("file", type=paths.MODEL, metavar="FILE")
 @options.as_json
 @click.option(
     "--plot",
-    type=options.FILE,
+    type=paths.PICTURES,
     metavar="DIR",
     help="Write a picture of the errors into this folder, as PNG and SVG (extra: plot).",
 )
@@ -39,7 +41,7 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     noise that no model could predict. A step may have been tried on other data than the one before.
     """
     from terrain_cli.commands.model import trying
-    from terrain_cli.improvement import document, ladder
+    from terrain_cli.improvement import ladder
     from terrain_cli.views import ladder as views
 
     if plot:
@@ -59,10 +61,10 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
         click.echo(json.dumps(content, ensure_ascii=False, indent=2, default=str))
     else:
         name = " + ".join([model.model.base, *(effect.id for effect in model.model.effects)])
-        click.echo(f"{file}: {name}, after {counted(len(rungs), 'change')} on record")
+        say(f"{file}: {name}, after {counted(len(rungs), 'change')} on record")
         if rungs:
             head, rows = views.table(rungs)
-            click.echo("\n".join(["", *document.aligned([head, *rows]), "", *views.remarks(rungs)]))
+            say("\n".join(["", *aligned([head, *rows]), "", *views.remarks(rungs)]))
     if plot:
         from terrain_cli.views import plots
 

@@ -8,13 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from terrain_cli.commands import comparing
 from terrain_cli.commands.model import trying
+from terrain_cli.terminal import say
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    import click
 
     from terrain_cli.diagnosis.parts import Unknown
     from terrain_cli.improvement import Step, Stopped
@@ -40,7 +41,7 @@ def run(context: click.Context) -> None:
                 continue
             steps.append(event)
             if not given["as_json"]:
-                click.echo(f"{len(steps)}. {sentences.tried(event)}")
+                say(f"{len(steps)}. {sentences.tried(event)}")
     finally:
         if drafts:
             drafts.tidy(end.file.effects if end else ())
@@ -53,7 +54,7 @@ def run(context: click.Context) -> None:
         ]
         trying.write(given["file"], end.file, *entries)
     if steps and not given["as_json"]:
-        click.echo()
+        say()
     trying.tell(context, document.loop_text(steps, end), document.loop(steps, end))
 
 

@@ -8,12 +8,13 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import options
-from terrain_cli.settings import BASES
+from terrain_cli.choices import BASES
+from terrain_cli.commands import options, paths
 
 
 @click.command(
     "new",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Write a new model file.",
     epilog="""\b
@@ -23,7 +24,7 @@ Examples:
   terrain-est model new model.toml --effect cable-drag.toml --fix shear_modulus=0.018
 """,
 )
-@click.argument("file", type=options.FILE, metavar="FILE")
+@click.argument("file", type=paths.RESULT, metavar="FILE")
 @click.option(
     "--base",
     type=click.Choice(BASES),
@@ -35,6 +36,7 @@ Examples:
     "--effect",
     "effects",
     multiple=True,
+    type=paths.EFFECT,
     envvar="TERRAIN_EST_EFFECT",
     metavar="EFFECT",
     help="An id of the catalogue, or the TOML file of an effect (repeatable).",
@@ -52,8 +54,8 @@ Examples:
 def new(file: str, base: str, effects: tuple[str, ...], fixed: tuple[str, ...], force: bool) -> None:
     """Write a model file: plain text, to be edited.
 
-    FILE must not exist. Parameters are named as in the file: cohesion, tan_phi, shear_modulus,
-    stiffness, sinkage_exponent, and those of effects slip-sinkage.n1 and so on.
+    FILE must not exist, unless --force is given. Parameters are named as in the file: cohesion,
+    tan_phi, shear_modulus, stiffness, sinkage_exponent, and those of effects slip-sinkage.n1 and so on.
     """
     import formats
     from terrain_cli import models

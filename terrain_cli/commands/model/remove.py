@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import options
+from terrain_cli.commands import options, paths
 from terrain_cli.commands.model import trying
 
 
@@ -22,8 +22,8 @@ Examples:
   terrain-est model remove model.toml load-bias --data day1/*.mcap
 """,
 )
-@click.argument("file", type=options.FILE, metavar="FILE")
-@click.argument("effects", nargs=-1, required=True, type=options.FILE, metavar="EFFECT…")
+@click.argument("file", type=paths.CHANGED, metavar="FILE")
+@click.argument("effects", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…")
 @trying.with_options
 @click.pass_context
 def remove(context: click.Context, /, **_: Any) -> None:

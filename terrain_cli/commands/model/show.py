@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options
+from terrain_cli.commands import options, paths
+from terrain_cli.terminal import aligned, say
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from terrain_cli.models import ModelFile
 
 FORMAT = "terrain-est/model-description/1"
@@ -19,6 +18,7 @@ FORMAT = "terrain-est/model-description/1"
 
 @click.command(
     "show",
+    cls=paths.Verb,
     context_settings=options.CONTEXT,
     short_help="Say what a model file holds.",
     epilog="""\b
@@ -27,7 +27,7 @@ Examples:
   terrain-est model show wong-reece --json
 """,
 )
-@click.argument("file", type=options.FILE, metavar="FILE")
+@click.argument("file", type=paths.MODEL, metavar="FILE")
 @options.as_json
 def show(file: str, as_json: bool) -> None:
     """Say what a model is made of: its base, its effects, their parameters, and the channels it needs.
@@ -40,7 +40,7 @@ def show(file: str, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(document, ensure_ascii=False, indent=2, default=str))
     else:
-        click.echo("\n".join(_text(document)))
+        say("\n".join(_text(document)))
 
 
 def _description(name: str, file: ModelFile) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def _text(document: dict[str, Any]) -> list[str]:
         elif entry["prior"]:
             state += f", known as {entry['prior']['mean']:g} ± {entry['prior']['sd']:g}"
         rows.append((name, entry["unit"], state, entry["meaning"]))
-    lines += _aligned(rows)
+    lines += aligned(rows, "  ")
     if document["uses"]:
         names = (name if name in document["needs"] else f"{name} (if there)" for name in document["uses"])
         lines.append(f"channels that the effects use: {', '.join(names)}")
@@ -106,8 +106,3 @@ def _text(document: dict[str, Any]) -> list[str]:
             for rung in rungs(document["history"])
         ]
     return lines
-
-
-def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return ["  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparing, options
-from terrain_cli.settings import BASES
+from terrain_cli.choices import BASES
+from terrain_cli.commands import comparing, options, paths
+from terrain_cli.terminal import say
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from terrain_cli.models import Changed, ModelFile
 
 
-class TakesInputs(click.Command):
+class TakesInputs(paths.Verb):
     """A command whose --data takes all that follows, up to the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -43,7 +44,7 @@ _OPTIONS = (
         "--data",
         "inputs",
         multiple=True,
-        type=options.FILE,
+        type=paths.INPUT,
         envvar="TERRAIN_EST_DATA",
         metavar="INPUT…",
         help="Try it on these: files (CSV, Parquet, ROS 1 or ROS 2 bag), folders, patterns, or - for the "
@@ -204,7 +205,7 @@ def tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
     if context.params["as_json"]:
         click.echo(json.dumps({**content, "file": file}, ensure_ascii=False, indent=2, allow_nan=False))
     else:
-        click.echo(f"{file}: {text}")
+        say(f"{file}: {text}")
 
 
 def write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:

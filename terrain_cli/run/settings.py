@@ -1,29 +1,14 @@
-"""What `terrain-est estimate` can be asked for: one place for the choices and their defaults."""
+"""What one command asks for of every log."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from terrain_cli.choices import Method, Segments
     from terrain_cli.models import ModelFile
     from terrain_cli.places import Places
-
-#: Estimators of the line y = c + x tan φ.
-LineMethod = Literal["auto", "least-squares", "ridge", "recursive"]
-Method = Literal[LineMethod, "wong-reece"]
-METHODS: tuple[Method, ...] = get_args(Method)
-Segments = Literal["auto", "fixed", "terrain", "none"]
-SEGMENTS: tuple[Segments, ...] = get_args(Segments)
-#: Models that need no file.
-Base = Literal["linear", "wong-reece"]
-BASES: tuple[Base, ...] = get_args(Base)
-#: Fewest samples of a window that is cut where the soil's line changes.
-CUT_SAMPLES = 10
-#: Fewest samples that say something of a line and of the scatter about it.
-FIT_SAMPLES = 5
-#: In m. A window of soil shorter than this is no terrain of its own (Iagnemma et al. 2004, section II).
-MIN_DISTANCE = 0.10
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,400 @@
+"""What a command reads and what it writes, as its options say; nothing is written onto what is read.
+
+Every option that names a file has one of the types below. `Verb` compares what they name before the
+work begins: by what the files are, not by their names, so that a link to an input is that input.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from terrain_cli.choices import BASES
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable, Iterator, Mapping, Sequence
+
+#: Names of the standard output, of which there is one for all that is written.
+_STANDARD_OUTPUT = frozenset({"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"})
+_STREAM = "standard output"
+
+
+class Read(NamedTuple):
+    """A file that a command reads."""
+
+    what: str
+    path: str
+
+    def __str__(self) -> str:
+        return "standard input" if self.path == "-" else f"{self.what} {_text(self.path)}"
+
+
+class Named(click.Path):
+    """The name of a file or folder. What is wrong with one is told by whoever opens it."""
+
+    def __init__(self) -> None:
+        super().__init__(readable=False, allow_dash=True)
+
+    def reads(self, name: str) -> Iterator[Read]:  # noqa: ARG002 - some names stand for nothing that is read
+        """Yield the files that are read because of a name."""
+        yield from ()
+
+
+class Reads(Named):
+    """A file that is read."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__()
+        self.what = what
+
+    def reads(self, name: str) -> Iterator[Read]:
+        """Yield the file itself."""
+        yield Read(self.what, name)
+
+
+class _Logs(Reads):
+    """Logs, or a table that is read as one: files, folders and patterns."""
+
+    def reads(self, name: str) -> Iterator[Read]:
+        """Yield every file of the logs; none where the name is wrong, which is told when it is opened."""
+        from formats.inputs import parts
+
+        for log in _logs(name):
+            yield from (Read(self.what, part) for part in parts(log))
+
+
+class _Effect(Reads):
+    """An effect: an id, or a file; `simulate` lets its values follow."""
+
+    # In the environment a space stands between two: there may be a colon in one.
+    envvar_list_splitter = None  # type: ignore[assignment]
+
+    def reads(self, name: str) -> Iterator[Read]:
+        """Yield the file, if it is one."""
+        from terrain_cli import models
+
+        names = dict.fromkeys((name, name.rpartition(":")[0]))
+        yield from (Read(self.what, one) for one in names if models.is_path(one))
+
+
+class _Model(Reads):
+    """A base, or a model file and the effect files that it names."""
+
+    def reads(self, name: str) -> Iterator[Read]:
+        """Yield the files, if it is none of the bases."""
+        if name in BASES:
+            return
+        yield Read(self.what, name)
+        yield from _effects_of(name)
+
+
+class _Drive(Reads):
+    """The file of a drive to simulate, with the model and the effects that it names."""
+
+    def reads(self, name: str) -> Iterator[Read]:
+        """Yield the files."""
+        yield Read(self.what, name)
+        yield from _effects_of(name)
+        model = _content(name).get("model")
+        if isinstance(model, str) and model not in BASES:
+            yield from MODEL.reads(str(Path(name).parent / model))
+
+
+class Writes(Named):
+    """A file that is written.
+
+    A result takes what else goes to the standard output, a layer may share a file with another layer, and a
+    model file that is changed is read and written back where it lies.
+    """
+
+    def __init__(self, *, result: bool = False, layer: bool = False, changed: bool = False) -> None:
+        super().__init__()
+        self.result, self.layer, self.changed = result, layer, changed
+
+    def reads(self, name: str) -> Iterator[Read]:
+        """Yield the effects of a model file that is changed."""
+        if self.changed:
+            yield from _effects_of(name)
+
+    def replaced(self, name: str) -> Iterator[str]:
+        """Yield the files that are there no more, or are others, once it is written."""
+        yield name
+
+    def holds(self, name: str, file: str) -> bool:  # noqa: ARG002 - a file holds no other
+        """Tell whether another file has a name that may be written."""
+        return False
+
+    def skips(self, name: str, read: Read) -> bool:  # noqa: ARG002 - as above
+        """Tell whether what was found is not read, since this command wrote it before."""
+        return False
+
+
+class _Folder(Writes):
+    """A folder in which files are written under names that nobody gives."""
+
+
+class _Pictures(_Folder):
+    """A folder of pictures."""
+
+    _ENDINGS = (".png", ".svg")
+
+    def replaced(self, name: str) -> Iterator[str]:
+        """Yield the folder, and the pictures in it: any of them may be drawn again."""
+        yield name
+        with suppress(OSError):
+            yield from (str(entry) for entry in Path(name).iterdir() if entry.suffix in self._ENDINGS)
+
+    def holds(self, name: str, file: str) -> bool:
+        """Tell whether a file has the name of a picture in the folder."""
+        path = _resolved(file)
+        return path.suffix in self._ENDINGS and _identity(str(path.parent)) == _identity(name)
+
+
+class _Batch(_Folder):
+    """The folder of a batch."""
+
+    def replaced(self, name: str) -> Iterator[str]:
+        """Yield the folder, and what a batch adds to: all else it replaces by name, links and all."""
+        from terrain_cli.batch.folder import GROWING
+
+        yield from (name, *(str(Path(name, file)) for file in GROWING))
+
+    def holds(self, name: str, file: str) -> bool:
+        """Tell whether a batch writes a file of this name."""
+        from terrain_cli.batch.folder import belongs
+
+        return belongs(_resolved(name), file)
+
+    def skips(self, name: str, read: Read) -> bool:
+        """Tell whether an input is a result of an earlier run into the folder."""
+        from terrain_cli.batch.folder import is_batch
+
+        return read.what == INPUT.what and is_batch(name) and self.holds(name, read.path)
+
+
+class _Write(NamedTuple):
+    """An output of a command: the option, its type, and what it names."""
+
+    option: str
+    kind: Writes
+    path: str
+
+    def __str__(self) -> str:
+        return _STREAM if self.path == "-" else f"{self.option} {_text(self.path)}"
+
+    @property
+    def standard(self) -> bool:
+        """Whether it is the standard output."""
+        return self.path in _STANDARD_OUTPUT and not isinstance(self.kind, _Folder)
+
+    @property
+    def identities(self) -> set[Hashable]:
+        """What is replaced."""
+        names = ["/dev/fd/1"] if self.standard else self.kind.replaced(self.path)
+        return {_identity(name) for name in names} - {None}
+
+    @property
+    def places(self) -> set[Hashable]:
+        """Where no other output may go; other streams than this one may well be one."""
+        from formats.output.atomic import is_stream
+
+        if self.standard:
+            return {_STREAM, *self.identities}
+        return set() if is_stream(self.path) else self.identities
+
+
+INPUT = _Logs("the input")
+ROVER = Reads("the rover file")
+PLACES = _Logs("the localisation table")
+MODEL = _Model("the model file")
+EFFECT = _Effect("the effect file")
+EFFECT_FILE = Reads("the effect file")
+DRIVE = _Drive("the file of the drive")
+OUTPUT = Writes()
+RESULT = Writes(result=True)
+SEGMENTS = Writes(result=True, layer=True)
+SAMPLES = Writes(layer=True)
+CHANGED = Writes(changed=True)
+PICTURES = _Pictures()
+BATCH = _Batch(result=True)
+
+
+class Verb(click.Command):
+    """A command that does not begin where an output is one of its inputs, or another output."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Compare what it reads and writes, then run it."""
+        check(ctx)
+        return super().invoke(ctx)
+
+
+def check(context: click.Context) -> None:
+    """Refuse to write onto what is read, and to write two outputs into one file.
+
+    A command that fills in names which nobody gave calls this again.
+
+    Parameters
+    ----------
+    context : click.Context
+
+    Raises
+    ------
+    UsageError
+    """
+    writes = list(_writes(context))
+    # No file has a NUL in its name; what a model file names may.
+    reads = [(read, _identity(read.path)) for read in _reads(context) if "\0" not in read.path]
+    several = [n for _, kind, n in _named(context) if isinstance(kind, _Logs) and not os.path.isfile(n)]  # noqa: PTH113
+    for write in writes:
+        _check_reads(write, reads)
+        if not write.standard and not write.kind.changed:
+            _check_folders(write, several)
+    for number, second in enumerate(writes):
+        for first in writes[:number]:
+            _check_pair(first, second)
+
+
+def _named(context: click.Context) -> Iterator[tuple[str, Any, str]]:
+    """Yield each name of a file that a command was given, with its option and the type of that."""
+    for parameter in context.command.params:
+        if isinstance(parameter.type, Named):
+            value = context.params.get(parameter.name or "")
+            option = parameter.opts[0] if isinstance(parameter, click.Option) else parameter.metavar
+            for name in value if isinstance(value, tuple) else (value,):
+                if name:
+                    yield option or "", parameter.type, name
+
+
+def _reads(context: click.Context) -> Iterator[Read]:
+    named = list(_named(context))
+    for _, kind, name in named:
+        yield from kind.reads(name)
+    takes_rover = any(parameter.type is ROVER for parameter in context.command.params)
+    if takes_rover and not any(kind is ROVER for _, kind, _ in named):
+        from terrain_cli import rover
+
+        first = next((log for _, kind, name in named if kind is INPUT for log in _logs(name)), None)
+        if found := rover.find(None, first):
+            yield from ROVER.reads(str(found))
+
+
+def _writes(context: click.Context) -> Iterator[_Write]:
+    given = [_Write(*named) for named in _named(context) if isinstance(named[1], Writes)]
+    if not any(write.kind.result for write in given):
+        yield _Write("the result", RESULT, "-")
+    yield from given
+
+
+def _check_reads(write: _Write, reads: Sequence[tuple[Read, Hashable]]) -> None:
+    from terrain_cli.errors import UsageError
+
+    replaced, kind = write.identities, write.kind
+    for read, known in reads:
+        onto = known in replaced or kind.holds(write.path, read.path)
+        if onto and not kind.skips(write.path, read):
+            raise UsageError(
+                f"{write} would be written onto {read}",
+                hint="a command never writes onto what it reads: name another file",
+            )
+
+
+def _check_folders(write: _Write, names: Sequence[str]) -> None:
+    """Refuse what would become part of a log, or a log of its own when the command is run again."""
+    from formats.inputs import parts, takes
+    from terrain_cli.errors import UsageError
+
+    place = _resolved(write.path)
+    above = {_identity(str(folder)) for folder in (place, *place.parents)}
+    for name in names:
+        logs = _logs(name)
+        for log in filter(os.path.isdir, logs):
+            folders = {log, *map(os.path.dirname, parts(log))}
+            within = not above.isdisjoint(map(_identity, folders))
+            if within and not write.kind.skips(write.path, Read(INPUT.what, log)):
+                raise UsageError(
+                    f"{write} lies in {_text(log)}, a folder that is one log",
+                    hint="nothing is written into a log: name a place outside",
+                )
+        if logs and not isinstance(write.kind, _Folder) and takes(name, write.path):
+            raise UsageError(
+                f"{write} would be an input when the same is run again: {_text(name)} stands for it too",
+                hint="name a file in another folder",
+            )
+
+
+def _check_pair(first: _Write, second: _Write) -> None:
+    from terrain_cli import outputs
+    from terrain_cli.errors import UsageError
+
+    one = first.places & second.places
+    if not (one or first.kind.holds(first.path, second.path) or second.kind.holds(second.path, first.path)):
+        return
+    layers = first.kind.layer and second.kind.layer
+    if layers and outputs.together(first.path, second.path):
+        return
+    where = "standard output" if _STREAM in one else _text(second.path)
+    raise UsageError(
+        f"{first.option} and {second.option} both go to {where}",
+        hint="only a .gpkg holds both, as two layers" if layers else "give each a file of its own",
+    )
+
+
+def _identity(path: str) -> Hashable:
+    """Return what tells a file from others, also one that is not there yet; None for pipes and devices."""
+    try:
+        status, rest = os.fstat(0) if path == "-" else os.stat(path), ""  # noqa: PTH116 - also /dev/fd/63
+    except OSError:
+        place = _resolved(path)
+        folder = next(folder for folder in place.parents if os.path.isdir(folder))  # noqa: PTH112 - never raises
+        status, rest = folder.stat(), str(place.relative_to(folder))
+    known = stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)
+    return (status.st_dev, status.st_ino, rest) if known else None
+
+
+def _resolved(path: str) -> Path:
+    try:
+        return Path(os.path.realpath(path))
+    except OSError:
+        # The working folder is gone, and with it all that a relative path may name.
+        return Path(os.sep, path)
+
+
+def _logs(name: str) -> list[str]:
+    import formats
+
+    try:
+        return formats.expand([name])
+    except formats.FormatError:
+        return []
+
+
+def _effects_of(name: str) -> Iterator[Read]:
+    """Yield the effect files that a model, or a drive, names."""
+    from terrain_cli import models
+
+    for effect in _content(name).get("effects") or ():
+        if isinstance(effect, str) and models.is_path(effect):
+            yield Read(EFFECT.what, str(Path(name).parent / effect))
+
+
+def _content(name: str) -> Mapping[str, Any]:
+    """Return what a file says in TOML, nothing where it is wrong: whoever reads it will tell."""
+    from terrain_cli import strict
+    from terrain_cli.errors import ConfigurationError
+
+    try:
+        # A pipe can be read only once.
+        return strict.parse(strict.read_text(name), name) if os.path.isfile(name) else {}  # noqa: PTH113
+    except ConfigurationError:
+        return {}
+
+
+def _text(path: str) -> str:
+    from formats.errors import shown
+
+    return shown(path)

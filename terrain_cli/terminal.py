@@ -1,0 +1,170 @@
+"""The terminal: no name can do anything on it, and whatever is wrong with it ends no work."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import sys
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any, cast
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+#: What moves the cursor, changes colours, turns the direction of writing or ends a line: C0, DEL, C1, the
+#: marks for bidirectional text and for lines, and halves of characters, which no file of text can hold.
+_CONTROLS = r"\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff"
+_IN_LINE = re.compile(f"[{_CONTROLS}]")
+_IN_TEXT = re.compile(rf"(?![\n\t])[{_CONTROLS}]")
+
+
+def _named(match: re.Match[str]) -> str:
+    return match[0].encode("unicode_escape").decode("ascii")
+
+
+def escaped(text: str) -> str:
+    r"""Return text as a terminal can show it: control characters as ``\x1b``; lines and tabs are left.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+    """
+    return _IN_TEXT.sub(_named, text)
+
+
+def in_line(text: str) -> str:
+    """Return text that stands in one line, such as a name.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+    """
+    return _IN_LINE.sub(_named, text)
+
+
+def in_lines(value: Any) -> Any:
+    """Return a document with each of its texts in one line.
+
+    Parameters
+    ----------
+    value : dict, list, tuple, str or any other value
+
+    Returns
+    -------
+    value
+    """
+    if isinstance(value, str):
+        return in_line(value)
+    if isinstance(value, dict):
+        return {in_lines(key): in_lines(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(in_lines(item) for item in value)
+    return value
+
+
+def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
+    """Set rows in columns.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of str
+    indent : str
+        Before each line.
+
+    Returns
+    -------
+    list of str
+    """
+    cells = [[in_line(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    return [
+        f"{indent}{'  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))}".rstrip()
+        for row in cells
+    ]
+
+
+def say(text: str = "", *, nl: bool = True) -> None:
+    """Write what people read to the standard output.
+
+    Parameters
+    ----------
+    text : str
+    nl : bool
+        End the line.
+    """
+    click.echo(escaped(text), nl=nl)
+
+
+class Screen(io.TextIOWrapper):
+    """The standard error: what is written to it is for people, and lost where nobody can read it."""
+
+    def write(self, text: str, /) -> int:
+        """Write text in which no control character is left."""
+        return self.draw(escaped(text))
+
+    def draw(self, text: str) -> int:
+        """Write text as it is, and at once."""
+        try:
+            super().write(text)
+            super().flush()
+        except OSError:
+            # Closed, or full: a second attempt, at the latest as Python ends, would fail again.
+            _discard(self.fileno())
+        return len(text)
+
+
+@contextmanager
+def prepared() -> Iterator[None]:
+    """Make the best of the standard streams while a command runs.
+
+    Data are UTF-8 whatever the locale. Where one was closed by who started the command, no other file takes
+    its place.
+
+    Yields
+    ------
+    None
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            # The lowest that is free; to write to it fails.
+            os.open(os.devnull, os.O_RDONLY)
+    before = sys.stdout, sys.stderr
+    # Python has nothing where there was nothing to open.
+    stdout, stderr = cast("tuple[io.TextIOWrapper | None, io.TextIOWrapper | None]", before)
+    if stdout is None:
+        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    elif hasattr(stdout, "reconfigure"):
+        stdout.reconfigure(encoding="utf-8")
+    buffer = getattr(stderr, "buffer", None) or open(2, "wb", buffering=0, closefd=False)  # noqa: SIM115
+    encoding = getattr(stderr, "encoding", None) or "utf-8"
+    # Of ASCII alone click would make a stream of its own.
+    encoding = "utf-8" if encoding.lower() in {"ascii", "ansi_x3.4-1968", "us-ascii"} else encoding
+    sys.stderr = screen = Screen(buffer, encoding, "backslashreplace")
+    try:
+        yield
+    finally:
+        try:
+            sys.stdout.flush()
+        except OSError:
+            _discard(1)
+        with suppress(OSError):
+            screen.detach()
+        sys.stdout, sys.stderr = before
+
+
+def _discard(descriptor: int) -> None:
+    """Let all that is still written there go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
