@@ -6,6 +6,8 @@ The steps of the command line are here for a notebook: `read`, `from_frame`, `se
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 #: The one place where the version stands: packaging and `--version` read it here.
@@ -41,9 +43,28 @@ __all__ = [
 ]
 
 
+class ForeignFormatsError(ImportError):
+    """Another module is called `formats`, and stands where Python looks first."""
+
+
+def check_formats() -> None:
+    """Make sure that `formats` is the one that comes with this package.
+
+    Raises
+    ------
+    ForeignFormatsError
+        It is a file of the working folder, for instance.
+    """
+    found = find_spec("formats")
+    place = found.origin if found else None
+    if place and Path(place).resolve() != Path(__file__).resolve().parent.parent / "formats" / "__init__.py":
+        raise ForeignFormatsError(f"{place}: stands in the way of the package formats of terrain-est")
+
+
 def __getattr__(name: str) -> Any:
     # pandas takes half a second to import, which `terrain-est --help` must not wait for.
     if name in __all__:
+        check_formats()
         from terrain_cli import api
 
         return getattr(api, name)

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from formats import Batch, Column, Field, Stream
+    from terrain_cli.choices import Method
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
-    from terrain_cli.settings import Method
 
 __all__ = [
     "ModelFile",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
     from terrain_cli.reaches import Wheel
-    from terrain_cli.settings import Settings
+    from terrain_cli.run.settings import Settings
     from terrain_cli.telemetry import Samples
 
 #: Parts that may wait for the other process: as many as make a reach, and one that is being read. What

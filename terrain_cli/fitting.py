@@ -10,9 +10,10 @@ import numpy as np
 
 from terrain_cli import results
 from terrain_cli.channels import CHANNELS
+from terrain_cli.choices import FIT_SAMPLES
 from terrain_cli.errors import InputError, UsageError
+from terrain_cli.models.assumptions import K_FACTOR
 from terrain_cli.rover import NOISY
-from terrain_cli.settings import FIT_SAMPLES
 from terrain_cli.telemetry.needs import CONSTANTS
 
 if TYPE_CHECKING:
@@ -20,19 +21,17 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from terrain_cli.choices import LineMethod, Method
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Noise as SensorNoise
-    from terrain_cli.settings import LineMethod, Method
     from terrain_cli.telemetry import Samples
     from terrain_cli.telemetry.samples import Geometry
     from terrain_cli.windows import Windows
 
     Array = NDArray[np.float64]
 
-#: The k of rover.toml is expected to be right within this factor (one standard deviation).
-K_FACTOR = 2.0
 #: Parameters of the soil that the summary shows by segment: key, unit in it, and that unit in SI.
 SHOWN = (
     ("shear_modulus", "k", "_mm", 1e3),

@@ -11,8 +11,8 @@ import formats
 from terrain_cli import telemetry
 from terrain_cli.channels import CHANNELS
 from terrain_cli.english import counted
-from terrain_cli.errors import InputError
-from terrain_cli.telemetry import advice, bags, complete
+from terrain_cli.errors import InputError, TerrainError
+from terrain_cli.telemetry import advice, bags, complete, messages
 from terrain_cli.telemetry.align import seconds
 from terrain_cli.telemetry.columns import read_topics, stamps
 from terrain_cli.telemetry.mapping import is_table
@@ -60,37 +60,56 @@ def inspect(
         Ready for JSON: the streams (topic, type, records, rate, largest gap, fields), and for each
         wheel its channels (from what, in which unit, range, how many are missing), what could be
         any of several, what is missing, and how many samples can be used; last the lines of
-        rover.toml that would supply what is missing.
+        rover.toml that would supply what is missing. Where that cannot be told, the streams and the
+        problem: its text, hint and exit code.
 
     Raises
     ------
-    formats.errors.FormatError, TerrainError
-        The file cannot be read, or two of its columns contradict each other.
+    formats.errors.FormatError
+        The file cannot be opened.
     """
     source = formats.open_source(path, salvage=salvage)
+    document: dict[str, Any] = {
+        "source": source.path,
+        "kind": source.kind,
+        "rover": formats.shown(str(rover.path)) if rover.path else None,
+        "streams": [_stream(stream, None) for stream in source.streams()],
+        "wheels": [],
+        "extras": [],
+        "rover_toml": "",
+        "problem": None,
+    }
+    try:
+        document |= _understood(source, rover, wheels)
+    except (formats.FormatError, TerrainError) as error:
+        document["problem"] = {"error": str(error), "hint": error.hint, "exit_code": error.exit_code}
+    return document | {
+        "rows_skipped": getattr(source, "skipped", 0),
+        "salvage": source.recovery.document() if source.recovery else None,
+        "remarks": source.remarks,
+    }
+
+
+def _understood(source: Source, rover: Rover, wheels: Collection[str]) -> dict[str, Any]:
     layout = telemetry.plan(source, rover)
     tables = None if is_table(source) else read_topics(source, bags.fields(layout, CHANNELS))
     raws = read_raw(layout, rover, CHANNELS, wheels=wheels, topics=tables)
     used = {feed.topic for raw in raws for feed in raw.feeds.values() if feed.topic}
-    lacks = {raw.wheel: telemetry.lacking(raw, rover) for raw in raws}
+    clock = layout.no_time
+    doubts = [complete.Lack("time", str(clock), lines=tuple(clock.hint.splitlines()[1:]))] if clock else []
+    lacks = {raw.wheel: [*doubts, *telemetry.lacking(raw, rover)] for raw in raws}
     found = [_wheel(source, layout, raw, rover, lacks[raw.wheel]) for raw in raws]
-    clock = {wheel.pop("rover_toml", "") for wheel in found} - {""}
+    other = {wheel.pop("rover_toml", "") for wheel in found} - {""}
     clocks = {topic: stamps(table)[0] for topic, table in (tables or {}).items() if topic in used}
     streams = [_stream(stream, clocks.get(stream.topic)) for stream in source.streams()]
     if is_table(source) and streams[0]["records"] is None:
         first = streams[0]["fields"][0]["name"]
         streams[0]["records"] = sum(len(batch[first]) for batch in source.read("", [first]))
     return {
-        "source": source.path,
-        "kind": source.kind,
-        "rover": formats.shown(str(rover.path)) if rover.path else None,
         "streams": streams,
         "wheels": found,
         "extras": list(layout.extras),
-        "rover_toml": "\n".join(clock) or advice.lines(layout, lacks),
-        "rows_skipped": getattr(source, "skipped", 0),
-        "salvage": source.recovery.document() if source.recovery else None,
-        "remarks": source.remarks,
+        "rover_toml": "\n".join(other) or advice.lines(layout, lacks),
     }
 
 
@@ -140,10 +159,10 @@ def _wheel(
     if lacks:
         return entry
     try:
-        judged = telemetry.assemble(source, raw, rover)
+        judged = telemetry.assemble(layout, raw, rover)
     except InputError as error:
-        # Its clock is not in seconds.
-        entry["missing"] = [{"what": "time", "because": str(error)}]
+        # A unit is wrong: that of the clock, unless it says of which channel.
+        entry["missing"] = [{"what": getattr(error, "channel", "time"), "because": str(error)}]
         entry["rover_toml"] = error.hint.partition("\n")[2]
         return entry
     # What is doubtful shows only once it was judged.
@@ -181,7 +200,7 @@ def text(document: dict[str, Any], *, verbose: bool = False) -> str:
     document : dict
         From `inspect`.
     verbose : bool
-        Also list every field of every stream.
+        Also list every field of the messages that come with ROS.
 
     Returns
     -------
@@ -196,7 +215,8 @@ def text(document: dict[str, Any], *, verbose: bool = False) -> str:
         header = ("topic", "type", "messages", "rate", "largest gap")
         lines += ["", *_aligned([header, *map(_topic, topics)])]
     for stream in document["streams"]:
-        if verbose or not stream["topic"]:
+        known = stream["topic"] and messages.is_standard(stream["type"]) and not document["problem"]
+        if verbose or not known:
             lines += ["", *_fields(stream)]
     for wheel in document["wheels"]:
         lines += ["", *_wheel_text(wheel)]
@@ -212,8 +232,10 @@ def _size(document: dict[str, Any]) -> str:
         return ", no topics"
     if any(stream["topic"] for stream in streams):
         return f", {counted(len(streams), 'topic')}"
-    skipped = document["rows_skipped"]
-    return f", {streams[0]['records']} rows" + f" and {skipped} that do not fit its header" * bool(skipped)
+    skipped, rows = document["rows_skipped"], streams[0]["records"]
+    if rows is None:
+        return ""
+    return f", {rows} rows" + f" and {skipped} that do not fit its header" * bool(skipped)
 
 
 def _topic(stream: dict[str, Any]) -> tuple[str, ...]:

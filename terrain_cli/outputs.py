@@ -36,13 +36,9 @@ def check(output: str | None, samples: str | None = None, crs: str | None = None
     formats.CannotWriteError
         An ending that is not known.
     UsageError
-        A reference system that is not known, or two tables for one file that holds one.
+        A reference system that is not known.
     """
     kinds = {_kind(path) for path in (output, samples) if path}
-    if output and samples and _same(output, samples) and _kind(output) != "gpkg":
-        raise UsageError(
-            f"segments and samples cannot both be in {output}", hint="only a .gpkg holds both, as two layers"
-        )
     if not crs:
         return
     try:
@@ -78,14 +74,28 @@ def write(
     InputError
         Segments without time cannot be messages.
     """
-    together = samples is not None and output is not None and _same(output, samples[1])
-    if samples and not together:
+    both = samples is not None and output is not None and together(output, samples[1])
+    if samples and not both:
         formats.write_table(samples[0], samples[1], crs=crs, layer="samples", graduated=STYLES)
     if output and _kind(output) == "mcap":
         topics.write(table, output, crs)
         return
-    layers = {"samples": samples[0]} if samples and together else None
+    layers = {"samples": samples[0]} if samples and both else None
     formats.write_table(table, output or "-", crs=crs, layers=layers, graduated=STYLES)
+
+
+def together(output: str, samples: str) -> bool:
+    """Tell whether segments and samples go into one file, as two layers.
+
+    Parameters
+    ----------
+    output, samples : str
+
+    Returns
+    -------
+    bool
+    """
+    return Path(output).resolve() == Path(samples).resolve() and _kind(output) == "gpkg"
 
 
 def remark(output: str | None, crs: str | None) -> str:
@@ -114,7 +124,3 @@ def remark(output: str | None, crs: str | None) -> str:
 
 def _kind(path: str) -> str:
     return "mcap" if Path(path).suffix.lower() == _MCAP else formats.output_kind(path)
-
-
-def _same(a: str, b: str) -> bool:
-    return Path(a).resolve() == Path(b).resolve()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import formats
 from terrain_cli import fitting, places, reaches, results, telemetry, windows
 from terrain_cli.errors import InputError
+from terrain_cli.telemetry.doubts import Doubt
 from terrain_cli.telemetry.mapping import is_table
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.rover import Rover
-    from terrain_cli.settings import Settings
+    from terrain_cli.run.settings import Settings
     from terrain_cli.telemetry import Samples
 
 
@@ -97,6 +98,7 @@ def run(
             wheels[0].remarks.append(f"a long log, read whole: {hindrance}")
     outcome = Outcome({}, _of_source(source) | {"wheels": []})
     tables = []
+    count = 0
     for samples in wheels:
         progress(f"wheel {samples.wheel}")
         placed = places.locate(samples, settings.places) if settings.places else None
@@ -111,6 +113,8 @@ def run(
             window_samples=settings.window_samples,
             window_distance=settings.window_distance,
         )
+        count += len(cut)
+        windows.check_number(source.path, count)
         fitted = fitting.estimate(
             cut,
             settings.method,
@@ -198,4 +202,7 @@ def _nothing_usable(path: str, wheels: Sequence[dict[str, Any]]) -> InputError:
             hint = (
                 f"if the sensor's sign is the other way round: {channel} = {{ …, scale = -1 }} in rover.toml"
             )
+    # A wrong unit is the likelier reason.
+    doubts = [remark for remark in fullest["remarks"] if isinstance(remark, Doubt)]
+    hint = "\n".join(doubts) or hint
     return InputError(f"{path}: none of {fullest['samples']} samples can be used ({shown})", hint=hint)

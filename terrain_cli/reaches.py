@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.models import ModelFile
-    from terrain_cli.settings import Settings
+    from terrain_cli.run.settings import Settings
     from terrain_cli.telemetry import Samples
     from terrain_cli.windows import Windows
 
@@ -92,10 +92,14 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, Wheel]:
         By their names.
     """
     wheels: dict[str, Wheel] = {}
+    source = ""
     for part in parts:
+        source = part.source
         wheels.setdefault(part.wheel, Wheel(settings)).take(part)
+        windows.check_number(source, sum(wheel.windows for wheel in wheels.values()))
     for wheel in wheels.values():
         wheel.end()
+    windows.check_number(source, sum(wheel.windows for wheel in wheels.values()))
     return wheels
 
 
@@ -115,6 +119,8 @@ class Wheel:
         self._waiting = self._carried = self._before = self._cut = self._ahead = 0
         self._rows = self._used = 0
         self._reasons: Counter[str] = Counter()
+        #: How many windows there are.
+        self.windows = 0
         self._tables: list[results.Table] = []
         self._estimates: list[WindowEstimates] = []
 
@@ -201,19 +207,23 @@ class Wheel:
         behind[0] += self._before
         self._before = 0
         table["n_rejected"] = behind
-        table["segment"] = table["segment"] + sum(len(part) for part in self._estimates)
+        table["segment"] = table["segment"] + self.windows
+        self.windows += len(cut)
         self._tables.append(table)
         self._estimates.append(fitted.estimates)
 
     @property
     def table(self) -> results.Table | None:
         """Its rows; None without usable samples."""
-        return results.join(self._tables) if self._tables else None
+        # What was joined is not held in parts too.
+        self._tables = [results.join(self._tables)] if self._tables else []
+        return self._tables[0] if self._tables else None
 
     @property
     def estimates(self) -> WindowEstimates:
         """Behind the rows."""
-        return estimation.join(self._estimates)
+        self._estimates = [estimation.join(self._estimates)]
+        return self._estimates[0]
 
     def account(self, remarks: Sequence[str]) -> dict[str, Any]:
         """Say what became of its samples, as the summary shows it.

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from itertools import chain
+from sys import intern
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from terrain_cli import estimation
-from terrain_cli.settings import FIT_SAMPLES
+from terrain_cli.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
+    from terrain_cli.choices import LineMethod
     from terrain_cli.estimation import WindowEstimates
-    from terrain_cli.settings import LineMethod
     from terrain_cli.telemetry.samples import Samples
     from terrain_cli.windows import Windows
 
@@ -130,8 +131,8 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
         "distance_m": nothing if distance is None else distance[last] - distance[first],
         "n_samples": np.diff(bounds),
         "n_rejected": _rejected(windows),
-        "method": list(estimates.method),
-        "status": list(estimates.status),
+        "method": _texts(estimates.method),
+        "status": _texts(estimates.status),
         "c_kPa": estimates.c / 1e3,
         "c_se_kPa": estimates.c_se / 1e3,
         "phi_deg": np.degrees(estimates.phi),
@@ -155,6 +156,11 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
         "WKT": _tracks(windows),
     }
     return {name: values[name] for name in COLUMNS}
+
+
+def _texts(values: NDArray[np.str_]) -> list[str]:
+    """Return texts of which each is held once: an object for each window takes more than its numbers."""
+    return list(map(intern, values.tolist()))
 
 
 def _terrain(windows: Windows) -> list[str]:
@@ -270,6 +276,9 @@ def join(tables: Sequence[Table]) -> Table:
         One reference system holds for all geometry: where some have longitudes and latitudes, tracks
         in x and y of a site frame are left out.
     """
+    if len(tables) == 1:
+        # The rows of a long log with short windows take gigabytes.
+        return tables[0]
     if "WKT" in tables[0]:
         known = [bool(np.isfinite(t["longitude_deg"]).any()) for t in tables]
         if any(known):

@@ -5,14 +5,17 @@ A rule takes a value and its place in the file, and returns the value as the pro
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from terrain_cli.errors import ConfigurationError, nearest
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 Rule = Callable[[Any, str], Any]
 
@@ -42,10 +45,15 @@ def read_text(path: str | Path) -> str:
     ConfigurationError
         It cannot be read, is not UTF-8, or too long for what a person writes.
     """
+    from formats.copies import read_short
+    from formats.errors import FormatError
+
     try:
-        with Path(path).open(encoding="utf-8-sig") as file:
-            # What is read may be a device without end.
-            text = file.read(_LONGEST + 1)
+        # A character of UTF-8 has four bytes at the most.
+        data = read_short(str(path), 4 * (_LONGEST + 1))
+        text = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig").read(_LONGEST + 1)
+    except FormatError as error:
+        raise ConfigurationError(str(error)) from error
     except OSError as error:
         raise ConfigurationError(f"{path}: {(error.strerror or str(error)).lower()}") from error
     except UnicodeDecodeError as error:
@@ -176,7 +184,7 @@ def vector(size: int, axes: str) -> Rule:
 
 
 def text(value: Any, place: str) -> Any:
-    """Accept a text that is not empty.
+    """Accept a text that is not empty, and has no NUL: no name of a file has one.
 
     Parameters
     ----------
@@ -187,7 +195,7 @@ def text(value: Any, place: str) -> Any:
     -------
     str
     """
-    if not isinstance(value, str) or not value.strip():
+    if not isinstance(value, str) or not value.strip() or "\0" in value:
         raise ConfigurationError(f"{place}: must be text, not {shown(value)}")
     return value
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.english import counted
+from terrain_cli.terminal import aligned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.results import Table
-    from terrain_cli.settings import Settings
+    from terrain_cli.run.settings import Settings
 
 FORMAT = "terrain-est/summary/1"
 #: Of a table, what `document` looks at.
@@ -178,10 +179,7 @@ def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str
         lines += [f"  {remark}" for remark in dict.fromkeys(r for w in entry["wheels"] for r in w["remarks"])]
     unnamed = summary["settings"]["segments"] == "auto" and not any(table["terrain"])
     rows = _segment_rows(table) if unnamed else _terrain_rows(summary["terrains"])
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines += [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]
+    lines += aligned(rows)
     if unnamed and len(table["wheel"]) > LISTED:
         lines.append(f"… and {len(table['wheel']) - LISTED} more segments")
     others = sorted({name for entry in summary["terrains"] for name in entry["status"]} - {"ok"})

@@ -134,9 +134,9 @@ _TABLE: dict[str, dict[str, tuple[float, str]]] = {
     "temperature": {"°C": (1.0, "degC deg_C C celsius"), "K": (1.0, "kelvin")},
     "time": {
         "s": (1.0, "sec secs second seconds"),
-        "ms": (1e-3, "msec millisecond milliseconds"),
-        "µs": (1e-6, "us usec microsecond microseconds"),
-        "ns": (1e-9, "nsec nanosecond nanoseconds"),
+        "ms": (1e-3, "msec msecs millis millisecond milliseconds"),
+        "µs": (1e-6, "us usec usecs micros microsecond microseconds"),
+        "ns": (1e-9, "nsec nsecs nanosec nanosecs nanos nanosecond nanoseconds"),
         "min": (60.0, "minute minutes"),
         "h": (3600.0, "hr hour hours"),
     },

@@ -8,20 +8,24 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import numpy as np
 
 from terrain_cli import segmentation
+from terrain_cli.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.mechanics import linear
-from terrain_cli.settings import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.telemetry.samples import NEEDED
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.settings import Segments
+    from terrain_cli.choices import Segments
     from terrain_cli.telemetry.samples import Samples
 
 #: Samples of an unbroken piece where windows are thinned, the fewest pieces of a window, and what is
 #: kept of one at least.
 _PIECE, _FEWEST, _LEAST_KEPT = 1000, 4, 200
+
+
+#: Windows of one input, some 1.5 kB each with their rows; judged: more than anyone reads, in 3 GB.
+MOST = 2_000_000
 
 
 class Measured(TypedDict):
@@ -258,6 +262,27 @@ def cut(
     else:
         bounds = segmentation.whole_windows(len(rows), breaks=breaks)
     return Windows(samples, rows, bounds, x, y)
+
+
+def check_number(source: str, count: int) -> None:
+    """Refuse more windows than can be held.
+
+    Parameters
+    ----------
+    source : str
+        The input.
+    count : int
+        Windows of all its wheels so far.
+
+    Raises
+    ------
+    InputError
+    """
+    if count > MOST:
+        raise InputError(
+            f"{source}: more than {MOST:,} segments",
+            hint="make them longer (--window-samples, --window-distance, --min-samples), or split the log",
+        )
 
 
 def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, NDArray[np.intp]] | None:

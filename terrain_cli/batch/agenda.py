@@ -10,7 +10,7 @@ from terrain_cli.batch.folder import result_name
 
 if TYPE_CHECKING:
     from terrain_cli.batch.folder import Folder
-    from terrain_cli.batch.inputs import Input
+    from terrain_cli.batch.input import Input
     from terrain_cli.batch.manifest import Entry
 
 

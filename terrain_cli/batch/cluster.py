@@ -27,7 +27,14 @@ if TYPE_CHECKING:
 #: Seconds to reach the scheduler, and for a first worker to be there.
 _PATIENCE = 10.0
 _SCHEMES = ("tcp://", "tls://", "ws://", "wss://", "ucx://")
+_ENCRYPTED = ("tls://", "wss://")
 _of_thread = threading.local()
+
+
+class SchedulerError(TerrainError):
+    """The cluster cannot be used."""
+
+    exit_code = 66
 
 
 class Cluster:
@@ -44,7 +51,7 @@ class Cluster:
     ------
     ConfigurationError
         The extra is not installed.
-    TerrainError
+    SchedulerError
         The scheduler cannot be reached, has no workers, or versions differ.
     """
 
@@ -56,10 +63,7 @@ class Cluster:
                 "--scheduler needs Dask distributed, which is not installed",
                 hint="pip install 'terrain-est[distributed]'",
             ) from None
-        if not address.startswith(_SCHEMES):
-            raise UsageError(
-                f"--scheduler {address}: no address of a scheduler", hint="such as tcp://host:8786"
-            )
+        _check_address(address)
         # It tells of each connection that ends; what matters is told below.
         logging.disable(logging.CRITICAL)
         self._address, self._limits = address, (timeout, memory)
@@ -70,8 +74,8 @@ class Cluster:
         try:
             make: Any = distributed.Client
             self._client = make(address, timeout=_PATIENCE, set_as_default=False)
-        except (OSError, TimeoutError, ValueError) as error:
-            raise TerrainError(
+        except Exception as error:  # each kind of connection has errors of its own
+            raise SchedulerError(
                 f"{address}: no scheduler answers: {' '.join(str(error).split())}",
                 hint="start one with: dask scheduler",
             ) from error
@@ -80,7 +84,7 @@ class Cluster:
             _check_versions(address, self._client)
         except TimeoutError:
             self.close()
-            raise TerrainError(
+            raise SchedulerError(
                 f"{address}: the scheduler has no workers", hint=f"start some with: dask worker {address}"
             ) from None
         except BaseException:
@@ -123,7 +127,7 @@ class Cluster:
 
         Raises
         ------
-        TerrainError
+        SchedulerError
             The scheduler has gone.
         """
         done = []
@@ -147,8 +151,8 @@ class Cluster:
         with contextlib.suppress(Exception):
             self._client.close(timeout=0.5)
 
-    def _gone(self) -> TerrainError:
-        return TerrainError(
+    def _gone(self) -> SchedulerError:
+        return SchedulerError(
             f"{self._address}: the scheduler has gone",
             hint="run the same command again when it is back: what is done is kept",
         )
@@ -162,6 +166,28 @@ class Cluster:
         error = future.exception()
         text = f"the cluster could not do it: {' '.join(str(error).split())[:300]}"
         return Reply(failure=Failure("WorkerLostError", text, "run again", passing=True))
+
+
+def _check_address(address: str) -> None:
+    """Refuse what cannot be connected to: a client that is made for it takes long to end."""
+    from distributed.comm.addressing import get_address_host_port
+    from distributed.security import Security
+
+    try:
+        if not address.startswith(_SCHEMES):
+            raise ValueError
+        get_address_host_port(address, strict=True)
+    except ValueError:
+        raise UsageError(
+            f"--scheduler {address}: no address of a scheduler", hint="such as tcp://host:8786"
+        ) from None
+    of_client = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
+    certified = of_client["ssl_context"] is not None
+    if address.startswith(_ENCRYPTED) and not certified:
+        raise UsageError(
+            f"--scheduler {address}: no certificates for it",
+            hint="distributed.comm.tls in Dask's configuration",
+        )
 
 
 def tell_versions() -> dict[str, str]:
@@ -197,7 +223,7 @@ def _check_versions(address: str, client: Any) -> None:
                 for n, name in enumerate(name for name in own if theirs.get(name) != own[name])
             )
         if what:
-            raise TerrainError(
+            raise SchedulerError(
                 f"{address}: {place} {what}",
                 hint=f"install terrain-est {own['terrain-est']} and the same "
                 "versions of Python and its packages everywhere",

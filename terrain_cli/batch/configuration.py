@@ -15,7 +15,7 @@ from terrain_cli import __version__, effects, fitting, models, strict
 if TYPE_CHECKING:
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Rover
-    from terrain_cli.settings import Settings
+    from terrain_cli.run.settings import Settings
 
 FORMAT = "terrain-est/batch-configuration/1"
 _LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "rosbags")

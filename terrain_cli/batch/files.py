@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from formats.output.atomic import explained
+from terrain_cli.signals import ENDINGS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Have Ctrl-C and SIGTERM wait until what belongs together is done.
+    """Have Ctrl-C, SIGTERM and SIGHUP wait until what belongs together is done.
 
     Their handlers run in the main thread alone, whichever thread the system gives them to: a mask would
     keep them from one thread only.
@@ -28,8 +29,9 @@ def uninterrupted() -> Iterator[None]:
     waiting: list[int] = []
     before: dict[int, Any] = {}
     try:
-        for name in (signal.SIGINT, signal.SIGTERM):
-            before[name] = signal.signal(name, lambda number, _: waiting.append(number))
+        for name in (signal.SIGINT, *ENDINGS):
+            if signal.getsignal(name) is not signal.SIG_IGN:
+                before[name] = signal.signal(name, lambda number, _: waiting.append(number))
         yield
     finally:
         for number, handler in before.items():

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 MANIFEST, RESULTS, CONFIGURATIONS, STATE = "manifest.jsonl", "results", "configurations", ".state"
 _LOCK, _RECORDS, _NEW, _ASSEMBLED = "lock", "records", "new", "assembled"
+#: What is written to where it lies; all else is made anew and put in its place.
+GROWING = (MANIFEST, f"{STATE}/{_LOCK}", f"{STATE}/{_RECORDS}")
 #: Bytes of an input's own name in that of its result, of the 255 that file systems take.
 _STEM_BYTES = 120
 
@@ -63,6 +65,7 @@ class Folder:
 
     def __init__(self, path: str, *, writable: bool = True) -> None:
         self.path = Path(path)
+        self._root = Path(os.path.realpath(path))
         self.state = self.path / STATE
         self._lock = -1
         self.records: Records | None = None
@@ -252,14 +255,48 @@ class Folder:
         -------
         bool
         """
-        try:
-            parts = Path(location).relative_to(self.path.absolute()).parts
-        except ValueError:
-            return False
-        if not parts:
-            return False
-        written = len(parts) == 1 and parts[0].startswith(("segments.", "manifest.", "summary."))
-        return written or parts[0] in {RESULTS, CONFIGURATIONS, STATE}
+        return belongs(self._root, location)
+
+
+def belongs(root: Path, file: str) -> bool:
+    """Tell whether a file has a name that a batch into a folder writes.
+
+    Parameters
+    ----------
+    root : Path
+        The folder, without links.
+    file : str
+        Links in its name are followed; what is at the end of one may belong there, or the link itself.
+
+    Returns
+    -------
+    bool
+    """
+    above, own = os.path.split(file)
+    itself = Path(os.path.realpath(above), own)
+    for place in (itself, Path(os.path.realpath(itself))) if itself.is_symlink() else (itself,):
+        if not place.is_relative_to(root):
+            continue
+        parts = place.relative_to(root).parts
+        if parts[:1] and parts[0] in {RESULTS, CONFIGURATIONS, STATE}:
+            return True
+        if len(parts) == 1 and parts[0].startswith(("segments.", "manifest.", "summary.")):
+            return True
+    return False
+
+
+def is_batch(path: str) -> bool:
+    """Tell whether a batch has written into a folder.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    bool
+    """
+    return os.path.isfile(Path(path, STATE, _RECORDS))  # noqa: PTH113 - Path may raise
 
 
 def result_name(location: str, kind: str) -> str:

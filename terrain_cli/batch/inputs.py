@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import stat
-from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,37 +12,13 @@ import formats
 from formats.errors import FormatError, NotFoundError, shown
 from formats.streams import failure
 from terrain_cli.batch import remote
+from terrain_cli.batch.input import Input
 from terrain_cli.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 _BLOCK = 1 << 20
-
-
-@dataclass(frozen=True)
-class Input:
-    """One input, as it was found.
-
-    Parameters
-    ----------
-    path : str
-        As it was named, for people and for the column `source`.
-    location : str
-        Its absolute path, or its address: what makes it the same input next time.
-    size : int or None
-        Bytes; of a folder, of all its files.
-    stamp : str or None
-        Changes when the input is written; None where nothing tells.
-    problem : FormatError or None
-        Why it cannot be read.
-    """
-
-    path: str
-    location: str
-    size: int | None
-    stamp: str | None
-    problem: FormatError | None = None
 
 
 def discover(names: Sequence[str]) -> list[Input]:

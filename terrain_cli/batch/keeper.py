@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.batch.agenda import Wish
     from terrain_cli.batch.folder import Folder
-    from terrain_cli.batch.inputs import Input
+    from terrain_cli.batch.input import Input
     from terrain_cli.batch.pool import Pool
     from terrain_cli.batch.tasks import Job, Task
 

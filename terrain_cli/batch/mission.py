@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from terrain_cli.batch.records import Pointer, Records
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.results import Table
-    from terrain_cli.settings import Settings
+    from terrain_cli.run.settings import Settings
 
 TABLE, SUMMARY = "segments", "summary.json"
 #: Inputs whose rows are held at a time.

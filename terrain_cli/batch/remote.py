@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import tempfile
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from formats.errors import CannotWriteError, FormatError, NotFoundError
+from formats.copies import kept, too_large
+from formats.errors import FormatError, NotFoundError
 from formats.inputs import natural, promised_kind
+from terrain_cli.batch.input import Input
 from terrain_cli.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from terrain_cli.batch.inputs import Input
 
 _ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
 #: What a store may say of the version of an object, in the words of the stores.
 _VERSION = ("ETag", "etag", "VersionId", "generation", "md5Hash", "Content-MD5", "Digest", "content_hash")
 _TIME = ("LastModified", "Last-Modified", "last_modified", "updated", "mtime", "created")
 _BLOCK = 1 << 20
-#: Left free on the disk that holds the copy.
-_SPARE = 64 << 20
 
 
 def is_address(name: str) -> bool:
@@ -60,8 +55,6 @@ def discover(name: str) -> list[Input]:
     ConfigurationError
         fsspec, or what it needs for this kind of store, is not installed.
     """
-    from terrain_cli.batch.inputs import Input
-
     store, path = _open(name)
     try:
         if "*" in path or "[" in path or ("?" in path and not name.startswith("http")):
@@ -97,8 +90,6 @@ def look(address: str) -> Input:
 
 
 def _look(store: Any, address: str) -> Input:
-    from terrain_cli.batch.inputs import Input
-
     try:
         info = store.info(store._strip_protocol(address))  # noqa: SLF001 - fsspec's own name for it
     except Exception as error:  # noqa: BLE001
@@ -121,7 +112,7 @@ def copied(item: Input, largest: int) -> Iterator[str]:
     Yields
     ------
     str
-        The copy, of the same name.
+        Leads to the copy.
 
     Raises
     ------
@@ -131,52 +122,26 @@ def copied(item: Input, largest: int) -> Iterator[str]:
         It is larger than allowed, or there is no room for it.
     """
     store, path = _open(item.location)
-    with tempfile.TemporaryDirectory(prefix="terrain-est-") as folder:
-        room = min(largest, shutil.disk_usage(folder).free - _SPARE)
-        if item.size is not None and item.size > largest:
-            raise _too_large(item, largest)
-        if item.size is not None and item.size > room:
-            raise CannotWriteError(
-                folder, f"no room for a copy of {item.path} ({item.size} bytes)", hint=_HINT
-            )
-        copy = Path(folder, os.path.basename(path.split("?")[0]) or "input")  # noqa: PTH119
+    if item.size is not None and item.size > largest:
+        raise too_large(item.path, largest)
+    with ExitStack() as stack:
         try:
-            with store.open(path, "rb", block_size=_BLOCK * 4, cache_type="readahead") as source:
-                _copy(source, copy, item, largest)
+            source = stack.enter_context(
+                store.open(path, "rb", block_size=_BLOCK * 4, cache_type="readahead")
+            )
+            blocks = iter(partial(source.read, _BLOCK), b"")
+            copy, name = kept(item.path, blocks, most=largest, stated=item.size)
+            stack.enter_context(copy)
         except (FormatError, MemoryError):
             raise
         except Exception as error:
             raise _failure(item.path, error) from error
+        size = copy.tell()
+        if item.size is not None and size != item.size:
+            raise NotFoundError(item.path, f"gave {size} of {item.size} bytes", hint="run again")
         if look(item.location).stamp != item.stamp:
             raise NotFoundError(item.path, "was written to while it was read", hint="run again")
-        yield str(copy)
-
-
-_HINT = "set TMPDIR to a larger disk"
-
-
-def _copy(source: Any, copy: Path, item: Input, largest: int) -> None:
-    size = 0
-    with copy.open("wb") as target:
-        while block := source.read(_BLOCK):
-            size += len(block)
-            if size > largest:
-                raise _too_large(item, largest)
-            try:
-                target.write(block)
-            except OSError as error:
-                message = f"no room for a copy of {item.path}: {error.strerror}"
-                raise CannotWriteError(str(copy.parent), message, hint=_HINT) from error
-    if item.size is not None and size != item.size:
-        raise NotFoundError(item.path, f"gave {size} of {item.size} bytes", hint="run again")
-
-
-def _too_large(item: Input, largest: int) -> CannotWriteError:
-    return CannotWriteError(
-        item.path,
-        f"is larger than the {largest / 1e9:g} GB that are copied from a store",
-        hint="raise --largest",
-    )
+        yield name
 
 
 def _open(address: str) -> tuple[Any, str]:

@@ -9,6 +9,7 @@ from dataclasses import astuple, dataclass
 from hashlib import sha256
 from typing import TYPE_CHECKING
 
+from formats.limits import COPY_GB
 from terrain_cli.batch import agenda, inputs, mission
 from terrain_cli.batch.arrivals import Arrivals
 from terrain_cli.batch.configuration import versions
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from terrain_cli.batch.configuration import Configuration
-    from terrain_cli.batch.inputs import Input
+    from terrain_cli.batch.input import Input
     from terrain_cli.batch.keeper import Tally
     from terrain_cli.batch.pool import Pool
     from terrain_cli.batch.tasks import Reply
@@ -63,7 +64,7 @@ class Order:
     scheduler: str | None = None
     timeout: float | None = None
     memory: int | None = None
-    largest: int = 16_000_000_000
+    largest: int = int(COPY_GB * 1e9)
     force: bool = False
     retry_failed: bool = False
     fail_fast: bool = False

@@ -17,10 +17,10 @@ from terrain_cli.errors import TerrainError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from terrain_cli.batch.inputs import Input
+    from terrain_cli.batch.input import Input
     from terrain_cli.results import Table
     from terrain_cli.rover import Rover
-    from terrain_cli.settings import Settings
+    from terrain_cli.run.settings import Settings
 
 
 @dataclass(frozen=True)

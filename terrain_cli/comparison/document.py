@@ -9,6 +9,7 @@ import numpy as np
 
 from terrain_cli.comparison import sentences
 from terrain_cli.english import counted
+from terrain_cli.terminal import aligned, in_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -204,7 +205,7 @@ def text(comparison: Comparison) -> str:
         ]
         for name, errors in comparison.channels.items()
     ]
-    lines += [*_table([head, *rows]), ""]
+    lines += [*aligned([head, *rows]), ""]
     if comparison.failures:
         lines.append("where it fails, the strongest first:")
         lines += [_told(finding, comparison) for finding in comparison.failures]
@@ -219,7 +220,7 @@ def _told(finding: Finding, comparison: Comparison) -> str:
     several = sum(len(wheel.windows) for wheel in comparison.wheels) > 1
     named = len({wheel.windows.samples.wheel for wheel in comparison.wheels}) > 1
     worst = ", ".join(
-        f"{wheel} segment {segment}" if named else f"segment {segment}"
+        f"{in_line(wheel)} segment {segment}" if named else f"segment {segment}"
         for _, wheel, segment in finding.worst_segments[:_WORST]
     )
     chance = f"p {finding.p_value:.3f}" if finding.p_value >= 0.001 else "p < 0.001"
@@ -256,7 +257,7 @@ def text_of_two(first: Comparison, second: Comparison, differences: Sequence[Dif
         ]
         for one in errors
     ]
-    lines += [*_table([head, *rows]), ""]
+    lines += [*aligned([head, *rows]), ""]
     soil = [one for one in differences if one.where is not None]
     moved = [one for one in soil if one.moved]
     if moved:
@@ -266,7 +267,7 @@ def text_of_two(first: Comparison, second: Comparison, differences: Sequence[Dif
             name, unit, factor = shown[one.name]
             _, wheel, segment = one.where or ("", "", 0)
             lines.append(
-                f"  wheel {wheel} segment {segment}: {name} "
+                f"  wheel {in_line(wheel)} segment {segment}: {name} "
                 f"{one.first * factor:.2f} → {one.second * factor:.2f} {unit}"
             )
     else:
@@ -278,10 +279,3 @@ def text_of_two(first: Comparison, second: Comparison, differences: Sequence[Dif
 
 def _short(value: float) -> str:
     return f"{value:.3g}" if math.isfinite(value) else "–"
-
-
-def _table(rows: list[list[str]]) -> list[str]:
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]

@@ -17,7 +17,7 @@ from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.windows import at_rows, by_terrain
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Collection, Mapping
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -43,8 +43,6 @@ _MISFIT = 1.5
 _NOTICED = 1.1
 #: Share of the measurements for which a fit has no prediction that is too large.
 _MISSING = 0.02
-#: Differences of load or sinkage, as a multiple of their size, that are large.
-_SCATTER = 1.5
 #: Times that test points are weighed anew by what the model leaves of them, and how many tell that.
 _WEIGHED, _FEWEST = 3, 10
 #: Prior standard deviations within which a search begins.
@@ -217,7 +215,9 @@ class Wheel:
         -------
         quiet.Data
         """
-        known, use = inputs.of_wheel(self)
+        known, use = inputs.without_noise(
+            self.record, self.quiet(inputs.GAP), load_tells_sinkage=self.model.base == "wong-reece"
+        )
         blocks = max(len(self) // _LEAST_BLOCK, 1) if self.ordered else len(self)
         return quiet.Data(
             self.geometry,
@@ -275,6 +275,11 @@ class Wheel:
         """Number of the part within which samples are neighbours: of one stretch and one segment."""
         change = np.concatenate([[False], (np.diff(self.series) != 0) | (np.diff(self.segment) != 0)])
         return np.cumsum(change[: len(self)]).astype(np.intp)
+
+    @cached_property
+    def record(self) -> inputs.Record:
+        """What was measured, without the model."""
+        return inputs.Record(self.channels, self.window, self.group if self.ordered else None)
 
     @cached_property
     def one_soil(self) -> tuple[Wheel, Index] | None:
@@ -358,21 +363,8 @@ class Wheel:
 
     @cached_property
     def run_under(self) -> Array:
-        """Slip and load of steady test points, or sinkage where no load was measured, as `conditions`."""
-        return self.conditions(("slip", "load") if "load" in self.channels else ("slip", "sinkage"))
-
-    def conditions(self, names: Sequence[str]) -> Array:
-        """Return under what conditions test points were run, each in the unit of a large difference."""
-        columns = []
-        for name in names:
-            if name in self.channels:
-                column = self.channels[name]
-                # A load or sinkage scatters by some percent where it was meant to be the same.
-                size = float(np.nanmax(np.abs(column))) * _SCATTER
-                span = float(np.nanmax(column) - np.nanmin(column))
-                span = span if name == "slip" else max(span, size)
-                columns.append(column / span if span > 0.0 else np.zeros(len(self)))
-        return np.stack(columns, axis=1) if columns else np.zeros((len(self), 1))
+        """Slip and load of steady test points, else slip and sinkage, as `Record.conditions`."""
+        return self.record.conditions(("slip", "load") if "load" in self.channels else ("slip", "sinkage"))
 
     @property
     def memory(self) -> int:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.wheel import Wheel
-
     Index = NDArray[np.intp]
 
     Array = NDArray[np.float64]
@@ -91,20 +89,21 @@ class Whitening:
         return result
 
 
-def of_residuals(wheel: Wheel, errors: Mapping[str, Array], levels: Mapping[str, float]) -> Whitening:
+def of_residuals(
+    errors: Mapping[str, Array], levels: Mapping[str, float], group: Index | None, memory: int
+) -> Whitening:
     """Estimate the covariance of residuals from what changes within a few samples.
 
     Parameters
     ----------
-    wheel : Wheel
     errors : mapping of str to ndarray, shape (n,)
-        Its residuals by channel.
+        Residuals by channel.
     levels : mapping of str to float
         Channel → standard deviation of its noise; NaN where the data do not tell.
-
-    Returns
-    -------
-    Whitening
+    group : ndarray of int, shape (n,), or None
+        Samples of different groups are no neighbours; None for test points, which have none.
+    memory : int
+        Samples after which the noise is another one.
     """
     names = tuple(errors)
     residuals = np.stack([errors[name] for name in names], axis=1)
@@ -114,7 +113,7 @@ def of_residuals(wheel: Wheel, errors: Mapping[str, Array], levels: Mapping[str,
     deviation = np.array([levels[name] if np.isfinite(levels[name]) else np.inf for name in names])
     deviation = np.where(np.isfinite(deviation), np.maximum(deviation, _LEAST * rms), rms)
     correlation = np.eye(len(names))
-    change = _changes(wheel, residuals)
+    change = _changes(residuals, group, max(1, memory))
     for a in range(len(names)):
         for b in range(a):
             both = np.isfinite(change[:, a]) & np.isfinite(change[:, b])
@@ -153,11 +152,10 @@ def of_channels(measured: Mapping[str, Array], group: Index) -> Whitening:
     return Whitening(tuple(measured), np.diag(np.square(deviation)))
 
 
-def _changes(wheel: Wheel, residuals: Array) -> Array:
-    lag = max(1, wheel.memory)
-    if not wheel.ordered or len(residuals) <= lag:
+def _changes(residuals: Array, group: Index | None, lag: int) -> Array:
+    if group is None or len(residuals) <= lag:
         return np.zeros((0, residuals.shape[1]))
-    same = wheel.group[lag:] == wheel.group[:-lag]
+    same = group[lag:] == group[:-lag]
     return np.asarray((residuals[lag:] - residuals[:-lag])[same])
 
 

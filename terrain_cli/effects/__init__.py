@@ -6,8 +6,8 @@ from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, NoReturn
 
-from terrain_cli.effects.effect import Effect, Parameter
 from terrain_cli.errors import ConfigurationError, UsageError, nearest
+from terrain_cli.mechanics.effect import Effect, Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Collection

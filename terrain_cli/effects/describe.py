@@ -6,13 +6,14 @@ import math
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.effects.effect import QUANTITIES
+from terrain_cli.mechanics.effect import QUANTITIES
+from terrain_cli.terminal import aligned
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
-    from terrain_cli.effects.effect import Effect, Parameter
     from terrain_cli.effects.user_file import Understood
+    from terrain_cli.mechanics.effect import Effect, Parameter
     from terrain_cli.models import Assumption
 
 LIST_FORMAT = "terrain-est/effects/1"
@@ -119,7 +120,7 @@ def overview(effects: Iterable[Effect]) -> str:
     rows = [
         (effect.id, effect.kind, ", ".join(effect.laws), _needed(effect), effect.title) for effect in effects
     ]
-    return "\n".join(_aligned([("id", "kind", "changes", "needs", "title"), *rows]))
+    return "\n".join(aligned([("id", "kind", "changes", "needs", "title"), *rows]))
 
 
 def text(effect: Effect) -> str:
@@ -158,7 +159,7 @@ def overview_of_assumptions(assumptions: Iterable[Assumption]) -> str:
     str
     """
     rows = [(one.id, one.title) for one in assumptions]
-    return "\n".join(["assumptions of a base, which model add lifts:", *_aligned(rows)])
+    return "\n".join(["assumptions of a base, which model add lifts:", *aligned(rows)])
 
 
 def text_of_assumption(assumption: Assumption) -> str:
@@ -240,7 +241,7 @@ def _parameters(effect: Effect) -> list[str]:
             "shows on a skidding wheel alone" * parameter.skids,
         ]
         rows.append((parameter.name, parameter.unit, *numbers, "; ".join(filter(None, remarks))))
-    lines = _aligned([header, *rows])
+    lines = aligned([header, *rows])
     # The last column is prose.
     hang = " " * lines[0].index(header[-1])
     return [
@@ -254,8 +255,3 @@ def _field(name: str, words: str) -> list[str]:
     return textwrap.wrap(
         words, _WIDTH, initial_indent=f"  {name:<10}  ", subsequent_indent=" " * 14, break_long_words=False
     )
-
-
-def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows]

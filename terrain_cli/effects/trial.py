@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.effects.effect import Effect, Law
+    from terrain_cli.mechanics.effect import Effect, Law
 
     Array = NDArray[np.float64]
 

@@ -5,20 +5,22 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from formats.copies import read_short
+from formats.errors import FormatError
 from formats.streams import failure
 from terrain_cli import strict, toml_text
 from terrain_cli.effects import dimensions, expression, grammar, trial, unit_check, vocabulary
-from terrain_cli.effects.effect import Effect, Kind, Parameter
 from terrain_cli.effects.grammar import LawError
 from terrain_cli.effects.law import Law
 from terrain_cli.effects.user_keys import FILE, LONGEST_NAME, NAME_FORM
 from terrain_cli.errors import ConfigurationError, nearest
+from terrain_cli.mechanics.effect import Effect, Kind, Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from terrain_cli.effects.dimensions import Dimension
     from terrain_cli.effects.trial import Trial
@@ -122,8 +124,9 @@ def read(path: str | Path) -> Understood:
 
 def _text(path: str) -> str:
     try:
-        with Path(path).open("rb") as stream:
-            data = stream.read(LARGEST_FILE + 1)
+        data = read_short(path, LARGEST_FILE + 1)
+    except FormatError as error:
+        raise ConfigurationError(str(error)) from error
     except (FileNotFoundError, PermissionError, NotADirectoryError) as error:
         raise failure(path, error) from error
     except (OSError, ValueError) as error:

@@ -7,8 +7,8 @@ import re
 from typing import Any
 
 from terrain_cli import strict
-from terrain_cli.effects.effect import KINDS, QUANTITIES
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.mechanics.effect import KINDS, QUANTITIES
 
 _MOST_PARAMETERS = 20
 _MOST_NEEDS = 20

@@ -6,10 +6,10 @@ import json
 from typing import TYPE_CHECKING
 
 from terrain_cli.channels import CHANNELS, LABEL
-from terrain_cli.effects.effect import QUANTITIES
 from terrain_cli.effects.expression import FUNCTIONS
 from terrain_cli.effects.grammar import RESERVED
 from terrain_cli.errors import nearest
+from terrain_cli.mechanics.effect import QUANTITIES
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping

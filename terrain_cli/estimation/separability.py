@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.choices import LARGEST_PHI
 from terrain_cli.estimation.moments import CHANNELS, LOAD, SINKAGE, SLIP, TORQUE, X, Y
 
 if TYPE_CHECKING:
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
     from terrain_cli.estimation.moments import Moments
 
     Array = NDArray[np.float64]
-
-#: φ of any soil, rad.
-LARGEST_PHI = float(np.radians(60.0))
 
 #: Sign of ∂g/∂q.
 _SIGN = {LOAD: -1.0, TORQUE: 1.0, SINKAGE: -1.0, SLIP: -1.0}

@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
+from terrain_cli.choices import FIT_SAMPLES, LARGEST_PHI, LineMethod
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation import moments as moments_of
 from terrain_cli.estimation import ridge
 from terrain_cli.estimation.least_squares import fit_line
 from terrain_cli.estimation.moments import X, Y, of_windows, segment_sum
-from terrain_cli.estimation.separability import LARGEST_PHI
 from terrain_cli.estimation.uncertainty import uncertainty
 from terrain_cli.mechanics import linear
-from terrain_cli.settings import FIT_SAMPLES, LineMethod
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -239,6 +238,8 @@ def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
     -------
     WindowEstimates
     """
+    if len(parts) == 1:
+        return parts[0]
     return WindowEstimates(
         **{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(parts[0])}
     )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from terrain_cli.english import counted, listed
 from terrain_cli.improvement import record, sentences
+from terrain_cli.terminal import aligned
 from terrain_cli.views import words
 
 if TYPE_CHECKING:
@@ -275,18 +276,3 @@ def _idle(step: Step) -> Iterator[str]:
     for one in step.idle if step.kept else ():
         ask = "`terrain-est model remove` tells whether it still pays"
         yield f"{one.effect} may as well be null now (p {one.p_value:.2g}): {ask}"
-
-
-def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Set rows in columns.
-
-    Parameters
-    ----------
-    rows : sequence of sequence of str
-
-    Returns
-    -------
-    list of str
-    """
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows]

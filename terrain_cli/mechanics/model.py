@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from terrain_cli.effects.effect import KINDS
+from terrain_cli.choices import BASES, Base
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import contact, rim, roots, triangular
 from terrain_cli.mechanics.dual import Dual, chain, seed, slopes, value
+from terrain_cli.mechanics.effect import KINDS
 from terrain_cli.mechanics.quadrature import ORDER, order_for
 from terrain_cli.memory import keep_freed
-from terrain_cli.settings import BASES, Base
 from terrain_cli.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.effects.effect import Effect, Parameter
+    from terrain_cli.mechanics.effect import Effect, Parameter
 
     Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from terrain_cli.effects.effect import Effect
+from terrain_cli.mechanics.effect import Effect
 from terrain_cli.mechanics.model import Model, predict
 
 if TYPE_CHECKING:

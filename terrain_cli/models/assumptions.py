@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 STRESSES, MODULUS = "linearised-stresses", "assumed-shear-modulus"
+#: The k of rover.toml is expected to be right within this factor (one standard deviation).
+K_FACTOR = 2.0
 _K = "shear_modulus"
 
 
@@ -123,8 +125,6 @@ def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
     if name == STRESSES and file.model.base == "linear":
         return replace(file, model=Model("wong-reece", file.model.effects))
     if name == MODULUS and held is not None:
-        from terrain_cli.fitting import K_FACTOR
-
         expected = Prior.factor(held, K_FACTOR)
         prior = Prior(_short(expected.mean), _short(expected.sd))
         return replace(file, fixed=_without_k(file.fixed), priors={**file.priors, _K: prior})

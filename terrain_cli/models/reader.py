@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from formats.errors import FormatError
 from terrain_cli import effects, strict
+from terrain_cli.choices import BASES, EFFECT_SCALES, PRIOR_SHARES, SOIL_BOUNDS
 from terrain_cli.effects import user_file
 from terrain_cli.errors import ConfigurationError, TerrainError, nearest
 from terrain_cli.mechanics.model import Model
-from terrain_cli.models.parts import FORMAT, ModelFile, Prior
-from terrain_cli.settings import BASES
+from terrain_cli.models.parts import FORMAT, SOIL_UNITS, ModelFile, Prior
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from terrain_cli.effects.effect import Effect
-
-#: Bounds of the soil's parameters, in SI units.
-_SOIL_BOUNDS = {
-    "cohesion": (-math.inf, math.inf),
-    "tan_phi": (0.0, math.inf),
-    "shear_modulus": (strict.ABOVE_ZERO, 1.0),
-    "stiffness": (strict.ABOVE_ZERO, math.inf),
-    "sinkage_exponent": (strict.ABOVE_ZERO, 5.0),
-}
+    from terrain_cli.mechanics.effect import Effect
 
 
 def resolve(name: str) -> ModelFile:
@@ -238,16 +228,27 @@ def parameter(model: Model, name: str, value: Any, place: str = "") -> float:
     """
     place = place or name
     _known(name, (*model.soil, *model.parameters), place)
+    low, high = _bounds(model, name)
+    return _within(model, name, value, place, "a number", low, high)
+
+
+def _bounds(model: Model, name: str) -> tuple[float, float]:
+    """Return the least and the greatest value that a parameter may have, in SI units."""
+    own = model.parameters.get(name)
+    if own is None:
+        return SOIL_BOUNDS[name]
+    farthest = EFFECT_SCALES * own.scale
+    return max(own.lower, own.null - farthest), min(own.upper, own.null + farthest)
+
+
+def _within(model: Model, name: str, value: Any, place: str, what: str, low: float, high: float) -> float:
+    """Check a value in a parameter's own unit against bounds in SI units, and return it in SI units."""
     own = model.parameters.get(name)
     factor = own.factor if own else 1.0
-    low, high = (own.lower / factor, own.upper / factor) if own else _SOIL_BOUNDS[name]
-    what = "a number"
-    if low == strict.ABOVE_ZERO:
-        what = "a positive number" + f", at most {high:g}" * math.isfinite(high)
-    elif math.isfinite(low) or math.isfinite(high):
-        ends = [f"at least {low:g}"] * math.isfinite(low) + [f"at most {high:g}"] * math.isfinite(high)
-        what = f"a number, {' and '.join(ends)}"
-    checked: float = strict.number(what, low, high)(value, place)
+    unit = own.unit if own else SOIL_UNITS[name]
+    in_unit = "" if unit == "1" else f" in {unit}"
+    what = f"{what}{in_unit} from {low / factor:g} to {high / factor:g}"
+    checked: float = strict.number(what, low / factor, high / factor)(value, place)
     return checked * factor
 
 
@@ -263,14 +264,15 @@ def _prior(model: Model, name: str, value: Any, place: str) -> Prior:
     _known(name, (*model.soil, *model.parameters), place)
     values = _PRIOR(value, place)
     strict.require(values, place, "mean", "sd")
-    own = model.parameters.get(name)
-    deviation = values["sd"] * (own.factor if own else 1.0)
-    return Prior(parameter(model, name, values["mean"], f"{place}.mean"), deviation)
+    low, high = _bounds(model, name)
+    least, most = (share * (high - low) for share in PRIOR_SHARES)
+    return Prior(
+        _within(model, name, values["mean"], f"{place}.mean", "a number", low, high),
+        _within(model, name, values["sd"], f"{place}.sd", "a standard deviation", least, most),
+    )
 
 
-_PRIOR = strict.table(
-    {"mean": strict.number("a number"), "sd": strict.number("a positive number", strict.ABOVE_ZERO)}
-)
+_PRIOR = strict.table({"mean": strict.number("a number"), "sd": strict.number("a number")})
 _FILE = strict.table(
     {
         "format": strict.text,

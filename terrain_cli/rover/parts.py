@@ -170,6 +170,8 @@ class Rover:
     vehicle : Vehicle or None
     max_gap : float or None
         [sampling]: longest time in s over which a channel is interpolated.
+    steady : bool
+        [sampling]: the rows of tables are steady test points, whatever columns they have.
     noise : mapping of str to Noise
         [noise]: what is known of the sensors, by channel.
     estimate : mapping
@@ -182,6 +184,7 @@ class Rover:
     shear_modulus: float | None = None
     vehicle: Vehicle | None = None
     max_gap: float | None = None
+    steady: bool = False
     noise: Mapping[str, Noise] = field(default_factory=dict)
     estimate: Mapping[str, str | int | float] = field(default_factory=dict)
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from terrain_cli import strict, units
 from terrain_cli.channels import CHANNELS, LABEL, unit_hint
+from terrain_cli.choices import BASES, METHODS, SEGMENTS
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.rover.parts import FILE_NAME, NOISY, Entry, Motor, Noise, Rover, Vehicle, Wheel
-from terrain_cli.settings import BASES, METHODS, SEGMENTS
 from terrain_cli.strict import ABOVE_ZERO, choice, flag, number, require, table, tables, text, vector
 
 if TYPE_CHECKING:
@@ -87,6 +87,7 @@ def _rover(path: Path, content: dict[str, Any]) -> Rover:
         shear_modulus=content.get("soil", {}).get("shear_modulus"),
         vehicle=content.get("vehicle"),
         max_gap=content.get("sampling", {}).get("max_gap"),
+        steady=content.get("sampling", {}).get("steady", False),
         noise=content.get("noise", {}),
         estimate=_beside(path, content.get("estimate", {})),
     )
@@ -253,7 +254,7 @@ _FILE = table(
         "motor": _MOTOR,
         "vehicle": _vehicle,
         "noise": table({name: _noise(name) for name in NOISY}),
-        "sampling": table({"max_gap": number("a positive number of seconds", ABOVE_ZERO)}),
+        "sampling": table({"max_gap": number("a positive number of seconds", ABOVE_ZERO), "steady": flag}),
         "estimate": table(
             {
                 "method": choice(*METHODS),

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.memory import keep_freed
 from terrain_cli.segmentation.merge import Criteria, Criterion, Refinement
 from terrain_cli.segmentation.moments import LONG, Moments
 from terrain_cli.segmentation.samples import Samples
 from terrain_cli.segmentation.search import Limits, candidates
 from terrain_cli.segmentation.windows import checked_distance, distinct, whole_windows
-from terrain_cli.settings import CUT_SAMPLES, MIN_DISTANCE
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

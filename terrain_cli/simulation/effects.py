@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from terrain_cli.effects.effect import Effect, Parameter
+    from terrain_cli.mechanics.effect import Effect, Parameter
 
 #: Where the values of parameters lie that are not just one typical size above their null.
 PLAUSIBLE = {

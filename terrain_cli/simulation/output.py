@@ -81,7 +81,7 @@ def write_log(log: Log, destination: str) -> None:
         formats.write_table(logs.table(log), destination, kind=kind)
 
 
-def write(log: Log, destination: str, *, truth: str | None = None, rover: Path | None = None) -> None:
+def write(log: Log, destination: str, *, truth: str | None = None, rover: str | None = None) -> None:
     """Write the log, and what belongs to it: all of them, or none.
 
     Parameters
@@ -91,20 +91,18 @@ def write(log: Log, destination: str, *, truth: str | None = None, rover: Path |
     destination : str
     truth : str, optional
         Takes a table where it ends in .csv or .parquet, else everything as JSON.
-    rover : Path, optional
+    rover : str, optional
 
     Raises
     ------
     CannotWriteError
         No space, no permission, no such folder.
     """
-    if destination != "-" and not Path(destination.rstrip("/")).parent.is_dir():
-        raise formats.CannotWriteError(destination, "no such folder")
     with ExitStack() as stack:
         if truth:
             _write_truth(log, stack.enter_context(formats.replacing(truth)))
         if rover:
-            temporary = stack.enter_context(formats.replacing(str(rover)))
+            temporary = stack.enter_context(formats.replacing(rover))
             Path(temporary).write_text(rover_file.text(log.scenario), encoding="utf-8")
         write_log(log, destination)
 

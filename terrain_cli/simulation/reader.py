@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from terrain_cli import models, strict
+from terrain_cli.choices import BASES
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.model import WheelGeometry
-from terrain_cli.settings import BASES
 from terrain_cli.simulation import physics
 from terrain_cli.simulation.drives import CALM, DURATION, PRESETS, WHEELS
 from terrain_cli.simulation.effects import Chosen, choose, effects_rule, settle
@@ -22,7 +22,7 @@ from terrain_cli.units import STANDARD_GRAVITY
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from terrain_cli.settings import Base
+    from terrain_cli.choices import Base
 
 #: s; the fine time base of a longer drive would fill the memory.
 _LONGEST = 36_000.0

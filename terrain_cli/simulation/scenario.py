@@ -11,7 +11,7 @@ from terrain_cli.mechanics.model import Model, WheelGeometry
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from terrain_cli.settings import Base
+    from terrain_cli.choices import Base
     from terrain_cli.simulation.effects import Chosen
     from terrain_cli.simulation.profiles import Profile
     from terrain_cli.simulation.sensors import Sensor

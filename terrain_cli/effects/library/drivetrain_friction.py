@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.effects.effect import Effect, Parameter
+from terrain_cli.mechanics.effect import Effect, Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

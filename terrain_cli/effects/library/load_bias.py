@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.effects.effect import Effect, Parameter
+from terrain_cli.mechanics.effect import Effect, Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -75,9 +75,10 @@ def truncate(t: Array, own: Array, beyond: Array, local: tuple[Unknown, ...]) ->
         for j in np.argsort(-beyond[w]):
             # An unknown that moved along with another may be beyond its bound now.
             outside = max(low[j] - t[w, j], t[w, j] - high[j], beyond[w, j])
-            if outside < 0.0:
-                continue
             variance = own[w, j, j]
+            # Rounding leaves nothing of a variance that is all but none, and there is nothing to cut off.
+            if outside < 0.0 or variance <= 0.0:
+                continue
             deviation = math.sqrt(variance)
             mean, share = _half(min(outside / deviation, _FARTHEST))
             lower = t[w, j] - low[j] < high[j] - t[w, j]
@@ -85,6 +86,8 @@ def truncate(t: Array, own: Array, beyond: Array, local: tuple[Unknown, ...]) ->
             along = own[w, :, j] / variance
             t[w] += along * (to - t[w, j])
             own[w] -= np.outer(along, along) * variance * (1.0 - share)
+            # What is left of a variance that goes along all the way may be rounded below none.
+            np.fill_diagonal(own[w], np.maximum(np.diagonal(own[w]), 0.0))
     return np.clip(t, low, high), own
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from terrain_cli.choices import FIT_SAMPLES
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.correlation import student
 from terrain_cli.estimation.moments import segment_sum
@@ -21,7 +22,6 @@ from terrain_cli.estimation.wheel_fit.result import Fit, parameters
 from terrain_cli.estimation.wheel_fit.solve import accumulate, eliminate, initial, solve
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.mechanics.dual import value
-from terrain_cli.settings import FIT_SAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping

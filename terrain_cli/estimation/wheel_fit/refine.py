@@ -26,7 +26,16 @@ from terrain_cli.estimation.wheel_fit.bounded import overshoot, truncate
 from terrain_cli.estimation.wheel_fit.data import BALANCE
 from terrain_cli.estimation.wheel_fit.linearise import Equations, equations, solve_lower
 from terrain_cli.estimation.wheel_fit.misfit import excess, memory
-from terrain_cli.estimation.wheel_fit.solve import Normal, accumulate, eliminate, inverse, limits, newton
+from terrain_cli.estimation.wheel_fit.solve import (
+    Normal,
+    accumulate,
+    eliminate,
+    inverse,
+    limits,
+    newton,
+    posterior_covariance,
+    square_root,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -119,7 +128,7 @@ def posterior(
     few = _Few(problem, data, state)
     at_mode, noise = few.at_mode()
     own, gain, shared = eliminate(at_mode, local)
-    held = inverse(shared)
+    held = posterior_covariance(shared)
     move, move_shared = _to_mean(few, at_mode, own, gain, held)
     # Where little is known the posterior is far from normal, and the way to its mean is not told.
     missed = data.excess > 1.0
@@ -133,7 +142,7 @@ def posterior(
 
     honest, sure = _honest(normal, noise)
     own, gain, shared = eliminate(honest, local)
-    held = inverse(shared)
+    held = posterior_covariance(shared)
     # A step of the search from there leads back to the mode, and tells how far away it still was.
     step, shift, _ = newton(honest, problem.unknowns, t, common)
     t = t + _bounded(step + move, own)
@@ -148,20 +157,23 @@ def posterior(
         # Their noise is that of their long run already.
         lasting = np.where(missed, 1.0, lasting)
     inner = honest.information[:, :local, :local]
-    more = _lengthen(scatter * inner, last.axes, lasting.T) - inner
+    lengthened = _lengthen(scatter * inner, last.axes, lasting.T)
     along = np.concatenate([gain, np.broadcast_to(np.eye(len(shared)), (len(gain), *shared.shape))], axis=1)
     plain, larger = (
         np.asarray(np.einsum("wax,wab,wby->xy", along, factor * honest.information, along), dtype=float)
         for factor in (1.0, scatter)
     )
-    more_shared = _lengthen(larger, last.axes_shared, lasting_shared[:, 0]) - plain
+    lengthened_shared = _lengthen(larger, last.axes_shared, lasting_shared[:, 0])
+    priors = np.eye(len(shared)) + np.einsum("wpx,wpy->xy", gain, gain)
     sure = replace(sure, information=sure.information / scatter)
-    t, covariance = truncate(t, own + own @ more @ own, beyond, problem.unknowns.local)
+    t, covariance = truncate(
+        t, _sandwich(own, inner, lengthened, np.eye(local)), beyond, problem.unknowns.local
+    )
     return Posterior(
         t=t,
         common=common,
         own=covariance,
-        shared=held + held @ more_shared @ held,
+        shared=_sandwich(held, plain, lengthened_shared, priors),
         # What is at its bound stays there.
         gain=np.where(beyond[:, :, None] >= 0.0, 0.0, gain),
         sure=_width(sure, local, prior=1.0),
@@ -205,10 +217,22 @@ def _lengthen(scores: Array, axes: Array, lasting: Array) -> Array:
     return np.asarray(np.swapaxes(back, -1, -2) @ (root[..., :, None] * inside * root[..., None, :]) @ back)
 
 
+def _sandwich(own: Array, information: Array, scores: Array, priors: Array) -> Array:
+    """Return the covariance where the variance of the scores is not the information that `own` stands for.
+
+    `priors` is what `own` knows beside the data: own⁻¹ less the information.
+    """
+    found = own + own @ (scores - information) @ own
+    if (np.diagonal(found, axis1=-2, axis2=-1) > 0.0).all():
+        return np.asarray(found)
+    # The same without a difference, of which rounding leaves nothing where there is hardly any noise.
+    return np.asarray(own @ (priors + scores) @ own)
+
+
 def _width(normal: Normal, local: int, *, prior: float) -> Array:
     """Return standard deviations of all unknowns under priors of some information."""
     own, gain, shared = eliminate(normal, local, prior=prior)
-    held = inverse(shared)
+    held = posterior_covariance(shared, prior)
     inside = np.einsum("waa->wa", own + gain @ held @ np.swapaxes(gain, 1, 2))
     outside = np.broadcast_to(np.diagonal(held), (len(own), len(held)))
     return np.asarray(np.sqrt(np.concatenate([inside, outside], axis=1)))
@@ -219,8 +243,8 @@ class _Last:
 
     def __init__(self, data: Data, own: Array, gain: Array, held: Array) -> None:
         self.bounds, self.gain = data.bounds, gain
-        self.axes: Array = np.asarray(np.linalg.cholesky(own), dtype=float)
-        self.axes_shared: Array = np.asarray(np.linalg.cholesky(held), dtype=float)
+        self.axes: Array = square_root(own)
+        self.axes_shared: Array = square_root(held)
         self.residual = np.zeros_like(data.measured)
         self.score = np.zeros((own.shape[1], data.measured.shape[1]))
         self.score_shared = np.zeros((len(held), data.measured.shape[1]))
@@ -248,14 +272,14 @@ def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -
         return np.linalg.slogdet(inner)[1], float(np.linalg.slogdet(eliminate(normal, local)[2])[1])
 
     base, base_shared = volume(at_mode)
-    axes = np.linalg.cholesky(own)
+    axes = square_root(own)
     move = np.zeros(own.shape[:2])
     for axis in np.moveaxis(axes, 2, 0):
         change = volume(few.normal(_STEP * axis, 0.0))[0] - base
         move -= 0.5 * axis * (change / _STEP)[:, None]
     move = _bounded(move, own)
     move_shared = np.zeros(len(held))
-    for axis in np.linalg.cholesky(held).T if len(held) else held:
+    for axis in square_root(held).T if len(held) else held:
         there, there_shared = volume(few.normal(_STEP * gain @ axis, _STEP * axis))
         move_shared -= 0.5 * axis * (float(np.sum(there - base)) + there_shared - base_shared) / _STEP
     if np.any(np.abs(move_shared) > _SMALL * np.sqrt(np.diagonal(held))):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from terrain_cli.estimation.separability import LARGEST_PHI
+from terrain_cli.choices import LARGEST_PHI
 from terrain_cli.estimation.windows import LARGEST_CONDITION, LARGEST_PHI_OPEN
 
 if TYPE_CHECKING:

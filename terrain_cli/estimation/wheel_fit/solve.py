@@ -31,6 +31,8 @@ ITERATIONS = 40
 TOLERANCE = 0.1
 #: Iterations after which steps that turn back without shrinking to half are shortened, and how far.
 _PATIENCE, _SHORTEST = 5, 0.1
+#: How far rounding may take a variance above that of the prior, as a share.
+_ROUNDING = 1e-6
 #: What holds an unknown at its bound.
 _STIFF = 1e12
 
@@ -212,7 +214,7 @@ def eliminate(normal: Normal, local: int, *, prior: float = 1.0) -> tuple[Array,
     shared : ndarray, shape (q, q)
         Information on the shared unknowns, priors included.
     """
-    own = inverse(normal.information[:, :local, :local] + prior * np.eye(local))
+    own = posterior_covariance(normal.information[:, :local, :local] + prior * np.eye(local), prior)
     cross = normal.information[:, :local, local:]
     gain = -own @ cross
     q = cross.shape[2]
@@ -236,6 +238,50 @@ def inverse(matrix: Array) -> Array:
     except np.linalg.LinAlgError:
         # Samples that differ in weight by all digits there are.
         return np.asarray(np.linalg.pinv(matrix), dtype=float)
+
+
+def posterior_covariance(information: Array, least: float = 1.0) -> Array:
+    """Invert information matrices that hold what the priors know.
+
+    Parameters
+    ----------
+    information : ndarray, shape (…, p, p)
+    least : float
+        Information of the priors: no eigenvalue is below it.
+
+    Returns
+    -------
+    ndarray, shape (…, p, p)
+    """
+    found = inverse(information)
+    variances = np.diagonal(found, axis1=-2, axis2=-1)
+    possible = (variances > 0.0) & (least * variances <= 1.0 + _ROUNDING)
+    wrong = np.isfinite(information).all(axis=(-2, -1)) & ~possible.all(axis=-1)
+    if wrong.any():
+        # Data without noise outweigh the priors by all digits there are: rounding has taken the latter away.
+        size, axes = np.linalg.eigh(information[wrong])
+        found[wrong] = (axes / np.maximum(size, least)[..., None, :]) @ np.swapaxes(axes, -1, -2)
+    return found
+
+
+def square_root(matrix: Array) -> Array:
+    """Return factors L with L Lᵀ the covariance matrices, triangular where rounding leaves them definite.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (…, p, p)
+
+    Returns
+    -------
+    ndarray, shape (…, p, p)
+    """
+    try:
+        return np.asarray(np.linalg.cholesky(matrix), dtype=float)
+    except np.linalg.LinAlgError:
+        if matrix.ndim > 2:
+            return np.array([square_root(one) for one in matrix])
+    size, axes = np.linalg.eigh(matrix)
+    return np.asarray(axes * np.sqrt(np.maximum(size, np.finfo(float).eps * size[-1])))
 
 
 def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[Array, Array, Array]:

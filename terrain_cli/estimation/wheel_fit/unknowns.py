@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.choices import SOIL_BOUNDS
 from terrain_cli.errors import ConfigurationError, UsageError
-from terrain_cli.estimation.separability import LARGEST_PHI
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -103,14 +103,13 @@ DEFAULT: dict[str, Prior] = {
     "stiffness": Prior.factor(1.4e6, 3.0),
     "sinkage_exponent": Prior(0.9, 0.3),
 }
-#: Widest meaningful range and largest step of one iteration, in the unit sought (a logarithm of k, keq).
-#: φ is that of any soil; a c below 0 may be noise about it, or shows that the model is wrong.
-_RANGE = {
-    "cohesion": (-1e6, 1e6, 1e4),
-    "tan_phi": (0.0, float(np.tan(LARGEST_PHI)), 0.5),
-    "shear_modulus": (np.log(1e-4), np.log(1.0), 1.0),
-    "stiffness": (np.log(1e3), np.log(1e10), 2.0),
-    "sinkage_exponent": (0.1, 3.0, 0.3),
+#: Largest step of one iteration, in the unit sought (a logarithm of k, keq).
+_STEPS = {
+    "cohesion": 1e4,
+    "tan_phi": 0.5,
+    "shear_modulus": 1.0,
+    "stiffness": 2.0,
+    "sinkage_exponent": 0.3,
 }
 
 
@@ -238,9 +237,9 @@ def unknowns(
     Raises
     ------
     ConfigurationError
-        A name that the model does not have.
+        A name that the model does not have, or a prior without width.
     UsageError
-        A prior without width, or a fixed value that is not finite or of the wrong number.
+        A fixed value that is not finite or of the wrong number.
     """
     known = (*model.soil, *model.parameters)
     for name in (*fixed, *priors, *shared):
@@ -262,16 +261,18 @@ def unknowns(
 
 
 def _unknown(model: Model, name: str, prior: Prior | None) -> Unknown:
+    logarithm = name in POSITIVE
     if name in model.parameters:
         parameter = model.parameters[name]
         prior = prior or Prior(parameter.null, _EFFECT_SCALES * parameter.scale)
         lower, upper, step = parameter.lower, parameter.upper, 2.0 * parameter.scale
     else:
         prior = prior or DEFAULT[name]
-        lower, upper, step = _RANGE[name]
-    logarithm = name in POSITIVE
+        ends = SOIL_BOUNDS[name]
+        lower, upper = (float(np.log(end)) for end in ends) if logarithm else ends
+        step = _STEPS[name]
     if not (0.0 < prior.sd < np.inf and np.isfinite(prior.mean)) or (logarithm and prior.mean <= 0.0):
-        raise UsageError(
+        raise ConfigurationError(
             f"prior of {name}: mean {prior.mean:g}, standard deviation {prior.sd:g}",
             hint="the deviation is positive; a value known exactly is fixed instead",
         )
