@@ -12,7 +12,6 @@ import argparse
 import sys
 import textwrap
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,181 +20,46 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "tests"), str(HERE)]
 
 import wheel_truth as truth  # noqa: E402 - found through the path above
+from accuracy_cells import (  # noqa: E402 - as above
+    LARGEST_SLIP,
+    MEAN_STRESS,
+    NOISES,
+    NORMAL_95,
+    POINTS,
+    SLIPS,
+    bound_of,
+    drive,
+    line_errors,
+    measure,
+    prior_columns,
+    rms,
+    wheel_errors,
+)
+from simulator import paper  # noqa: E402 - as above
 
-from terrain_cli.estimation import estimate_windows  # noqa: E402 - as above
-from terrain_cli.estimation.wheel_fit import Noise, Prior, fit  # noqa: E402 - as above
-from terrain_cli.mechanics.linear import line_coordinates  # noqa: E402 - as above
-from terrain_cli.mechanics.model import Model, WheelGeometry  # noqa: E402 - as above
+from terrain_cli.estimation.wheel_fit import DEFAULT, Prior  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "accuracy_study.txt"
-SLIPS = (0.1, 0.3, 0.5, 0.7, 0.9)
-POINTS = (5, 10, 30)
-NOISES = (0.0, 0.01, 0.03, 0.10)
-VARIATION = 0.15
-LARGEST_SLIP = 0.99
-#: Claims of the paper's section III, kPa and degrees: without noise and with 10 %.
-CLAIMS = {0.0: (0.21, 1.62), 0.10: (0.63, 2.11)}
+POSITIVE = {"shear_modulus", "stiffness"}
+#: The paper's estimators with the true k and with that which it assumes.
+LINES = ("LS, k", "LS, 1.5 k", "ridge, k", "ridge, 1.5 k")
 #: Above this share of the prior's deviation the bound says that the data tell nothing.
 MEANINGLESS = 0.9
-NORMAL_95 = 1.959964
-#: Pa, where the strength is compared if no bound says where.
-MEAN_STRESS = 5e3
-
-
-@dataclass(frozen=True)
-class Windows:
-    """One window of samples for each soil, shape (sets, points): the truth and what is measured."""
-
-    soils: truth.Soils
-    channels: dict
-    measured: dict
-    noise: float
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Errors of estimates, one entry a set: c in kPa, φ in degrees, strength in kPa, and what was said of them."""
-
-    cohesion: np.ndarray
-    phi: np.ndarray
-    strength: np.ndarray | None = None
-    covered: np.ndarray | None = None
-
-
-@dataclass(frozen=True)
-class Bound:
-    """Cramér–Rao bound with the grid's priors, one entry a set: kPa and degrees."""
-
-    cohesion: np.ndarray
-    phi: np.ndarray
-    strength: np.ndarray
-    pivot: np.ndarray
-
-
-def prior_columns(grid):
-    """Return the parameters as they are sought: c, tan φ, log k, log keq, n."""
-    return np.array(
-        [
-            grid.cohesion,
-            grid.tan_phi,
-            np.log(grid.shear_modulus),
-            np.log(grid.stiffness),
-            grid.sinkage_exponent,
-        ]
-    )
-
-
-def drive(soils, slip, rng):
-    """Return the true channels of windows of the most points: load and slip vary at random."""
-    shape = (len(soils.cohesion), max(POINTS))
-    load = truth.MEAN_LOAD * (1.0 + VARIATION * rng.uniform(-1.0, 1.0, shape))
-    slips = np.minimum(slip * (1.0 + VARIATION * rng.uniform(-1.0, 1.0, shape)), LARGEST_SLIP)
-    each = soils.take(np.repeat(np.arange(shape[0]), shape[1]))
-    depth = truth.sinkage(each, load.ravel(), slips.ravel())
-    torque = truth.forces(each, depth, slips.ravel())[1]
-    slopes = truth.slopes(each, depth, slips.ravel()).reshape(7, 2, *shape)
-    return {
-        "load": load,
-        "torque": torque.reshape(shape),
-        "sinkage": depth.reshape(shape),
-        "slip": slips,
-    }, slopes
-
-
-def measure(channels, soils, points, noise, rng):
-    """Return the first points of every window with noise, a share of W, T, z and i."""
-    cut = {name: column[:, :points] for name, column in channels.items()}
-    shown = {name: column * (1.0 + noise * rng.standard_normal(column.shape)) for name, column in cut.items()}
-    return Windows(soils, cut, shown, noise)
-
-
-def bound_of(windows, slopes, spread):
-    """Return the bound: priors of the deviations `spread`, and per sample R + J Ru Jᵀ for W and T."""
-    channels, noise, points = windows.channels, windows.noise, windows.channels["load"].shape[1]
-    by, across = slopes[:5, :, :, :points], slopes[5:, :, :, :points]
-    outputs = np.array([channels["load"], channels["torque"]])
-    inputs = np.array([channels["sinkage"], channels["slip"]])
-    covariance = np.einsum("uawn,ubwn,uwn->wnab", across, across, (noise * inputs) ** 2)
-    for a in (0, 1):
-        covariance[:, :, a, a] += (noise * outputs[a]) ** 2
-    information = np.einsum("pawn,wnab,qbwn->wpq", by, np.linalg.inv(covariance), by)
-    information += np.diag(1.0 / spread**2)
-    posterior = np.linalg.inv(information)
-    variance_c, between, variance_t = posterior[:, 0, 0], posterior[:, 0, 1], posterior[:, 1, 1]
-    pivot = -between / variance_t
-    tan_phi = windows.soils.tan_phi
-    return Bound(
-        np.sqrt(variance_c) / 1e3,
-        np.degrees(np.sqrt(variance_t) / (1.0 + tan_phi**2)),
-        np.sqrt(variance_c - between**2 / variance_t) / 1e3,
-        pivot,
-    )
-
-
-def line_errors(windows, share, method):
-    """Return the errors of the linearised estimator with k wrong by a share."""
-    sets, points = windows.measured["load"].shape
-    cohesion, phi = np.empty(sets), np.empty(sets)
-    for k in np.unique(windows.soils.shear_modulus):
-        here = np.flatnonzero(windows.soils.shear_modulus == k)
-        channels = {name: column[here].ravel() for name, column in windows.measured.items()}
-        geometry = {"radius": truth.RADIUS, "width": truth.WIDTH, "shear_modulus": k * share}
-        with np.errstate(invalid="ignore"):
-            x, y = line_coordinates(**channels, **geometry)
-            found = estimate_windows(
-                x,
-                y,
-                np.arange(len(here) + 1) * points,
-                **channels,
-                **geometry,
-                method=method,
-                correlated=False,
-                min_samples=3,
-            )
-        cohesion[here], phi[here] = found.c, found.phi
-    return Errors(
-        (cohesion - windows.soils.cohesion) / 1e3, np.degrees(phi - np.arctan(windows.soils.tan_phi))
-    )
-
-
-def rms(values):
-    known = np.asarray(values)[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if len(known) else np.nan
-
-
-def wheel_errors(windows, priors, pivot, *, learn):
-    """Return the errors of wong-reece, which is told the noise or learns it, and what its intervals cover.
-
-    The strength is that at `pivot`, the bound's σ*, but its intervals are judged at the estimate's own.
-    """
-    sets, points = windows.measured["load"].shape
-    found = fit(
-        Model(),
-        WheelGeometry(truth.RADIUS, truth.WIDTH),
-        {name: column.ravel() for name, column in windows.measured.items()},
-        np.arange(sets + 1) * points,
-        priors=priors,
-        noise=None if learn else Noise.equal(windows.noise),
-        correlated=False,
-        min_samples=3,
-    )
-    soils = windows.soils
-    cohesion = found.values["cohesion"] - soils.cohesion
-    tan_phi = found.values["tan_phi"] - soils.tan_phi
-    phi = found.phi - np.arctan(soils.tan_phi)
-    strength = found.strength - (soils.cohesion + found.sigma_star * soils.tan_phi)
-    off = np.abs([cohesion, phi, strength])
-    said = np.array([found.errors["cohesion"], found.phi_se, found.strength_se])
-    return Errors(
-        cohesion / 1e3, np.degrees(phi), (cohesion + pivot * tan_phi) / 1e3, off <= NORMAL_95 * said
-    )
-
-
-# The report
 
 
 def pair(errors, digits=3):
     return f"{rms(errors.cohesion):8.{digits}f} {rms(errors.phi):6.{digits - 1}f}"
+
+
+def range_95(prior, logarithm):
+    """Return the ends between which a parameter lies with 95 %, shape (2,)."""
+    mean, deviation = prior.of_logarithm() if logarithm else (prior.mean, prior.sd)
+    ends = mean + NORMAL_95 * deviation * np.array([-1.0, 1.0])
+    return np.exp(ends) if logarithm else ends
+
+
+def between(ends):
+    return " – ".join(f"{end:,.0f}" if abs(end) >= 100 else f"{end:.3g}" for end in ends)
 
 
 def heading(names, width=16):
@@ -209,18 +73,17 @@ class Study:
         self.grid = truth.table()
         self.spread = prior_columns(self.grid).std(axis=1)
         self.priors = {
-            name: Prior.of(getattr(self.grid, name), positive=name in {"shear_modulus", "stiffness"})
-            for name in truth.PARAMETERS
+            name: Prior.of(getattr(self.grid, name), positive=name in POSITIVE) for name in truth.PARAMETERS
         }
         self.total, self.seed = len(self.grid.cohesion), seed
-        lightest = min(SLIPS) * (1.0 - VARIATION)
-        carried = truth.carry(self.grid, truth.MEAN_LOAD * (1.0 + VARIATION), lightest)
+        lightest = min(SLIPS) * (1.0 - paper.VARIATION)
+        carried = truth.carry(self.grid, paper.LOAD * (1.0 + paper.VARIATION), lightest)
         self.left_out = int(np.count_nonzero(~carried))
         rows = np.flatnonzero(carried)
         if sets < len(rows):
             rows = np.sort(np.random.default_rng(seed).choice(rows, sets, replace=False))
         self.soils = self.grid.take(rows)
-        self.cells = {}
+        self.cells, self.claims = {}, {}
         self.checked = np.zeros(4)
 
     def run(self):
@@ -233,6 +96,12 @@ class Study:
                 for noise in NOISES:
                     windows = measure(channels, self.soils, points, noise, rng)
                     self.cells[slip, points, noise] = self.cell(windows, slopes)
+            for claim in paper.CLAIMS:
+                windows = measure(channels, self.soils, claim.points, claim.noise, rng, of_maximum=True)
+                self.claims[slip, claim] = self.line(windows)
+                self.claims[slip, claim]["noise learnt"] = wheel_errors(
+                    windows, self.priors, MEAN_STRESS, learn=True
+                )
 
     def check(self, channels, rng):
         """Compare some samples with adaptive integration."""
@@ -244,23 +113,30 @@ class Study:
 
     def cell(self, windows, slopes):
         bound = bound_of(windows, slopes, self.spread) if windows.noise else None
-        found = {
-            f"{method}, {label}": line_errors(windows, share, method)
-            for method in ("least-squares", "ridge")
-            for label, share in (("k", 1.0), ("1.5 k", 1.5))
-        }
+        found = self.line(windows)
         pivot = bound.pivot if bound else MEAN_STRESS
         found["wong-reece"] = wheel_errors(windows, self.priors, pivot, learn=False)
         found["noise learnt"] = wheel_errors(windows, self.priors, pivot, learn=True)
         return found, bound
 
+    @staticmethod
+    def line(windows):
+        """Return the errors of the paper's estimators."""
+        return {
+            f"{method}, {label}": line_errors(windows, share, method)
+            for method in ("least-squares", "ridge")
+            for label, share in (("k", 1.0), ("1.5 k", paper.ASSUMED_K))
+        }
+
     def report(self):
         """Yield the lines of the result."""
         yield from self.header()
-        yield from self.errors("1. Without noise, k unknown", 0.0)
-        for number, noise in enumerate(NOISES[1:], 2):
-            yield from self.errors(f"{number}. {100 * noise:g} % noise on W, T, z and i", noise)
-        number = len(NOISES) + 1
+        yield from self.shipped_priors()
+        yield from self.claimed()
+        for number, noise in enumerate(NOISES, 2):
+            what = f"{100 * noise:g} % noise on W, T, z and i" if noise else "Without noise, k unknown"
+            yield from self.errors(f"{number}. {what}", noise)
+        number = len(NOISES) + 2
         yield from self.against_bound(number, "wong-reece", "wong-reece, told the noise")
         yield from self.against_bound(number + 1, "noise learnt", "wong-reece, noise learnt from the data")
 
@@ -271,13 +147,12 @@ class Study:
         yield "c and φ from one window: errors, what the data allow, and what the intervals cover"
         for paragraph in (
             (
-                f"{len(self.soils.cohesion)} of the {self.total} sets of soil parameters, seed {self.seed}. The ranges of "
-                "the paper's Table II are not at hand: five values each of n 0.5–1.2, kc 0.9–15 kN/m^(n+1), kφ "
-                "500–1600 kN/m^(n+2), c 0.5–10 kPa, φ 15–40° and k 10–30 mm enclose the soils of its Table I. "
-                f"{self.left_out} of all sets do not carry {100 * (1 + VARIATION):.0f} % of the mean load before θ1 = 80° and "
-                f"are left out. Wheel r = b = 0.1 m, mean load {truth.MEAN_LOAD} N; load and slip vary by "
-                f"±{100 * VARIATION:.0f} %, uniform, slip up to {LARGEST_SLIP}. Noise is normal, a share of each of W, T, z "
-                "and i; wong-reece is told it, or learns it from the scatter of all windows together."
+                f"{len(self.soils.cohesion)} of the {self.total} sets of soil parameters, seed {self.seed}: five values each of "
+                "the six parameters of Table II of Iagnemma et al. 2004, of which the ranges stand below. "
+                f"{self.left_out} of all sets do not carry {100 * (1 + paper.VARIATION):.0f} % of the mean load before θ1 = 80° "
+                f"and are left out. Wheel r = b = {truth.RADIUS} m, mean load {paper.LOAD} N; load and slip vary by "
+                f"±{100 * paper.VARIATION:.0f} %, uniform, slip up to {LARGEST_SLIP}. Noise is normal, from section 3 on a share of "
+                "each of W, T, z and i; wong-reece is told it, or learns it from the scatter of all windows together."
             ),
             (
                 "The truth is the full model with θm = θ1/2 and θ2 = 0, integrated by a composite Gauss–Legendre rule "
@@ -298,18 +173,53 @@ class Study:
         ):
             yield from ("", *textwrap.wrap(paragraph, 104))
 
+    def shipped_priors(self):
+        """Yield the ranges of Table II beside the priors of the program, of which the study makes no use."""
+        ends = {name: np.array(pair) for name, pair in paper.TABLE_II.items()}
+        priors = {name: range_95(prior, name in POSITIVE) for name, prior in DEFAULT.items()}
+        stiffness = ends["cohesive_modulus"] / truth.WIDTH + ends["frictional_modulus"]
+        rows = (
+            ("c", "kPa", ends["cohesion"] / 1e3, priors["cohesion"] / 1e3),
+            ("φ", "degrees", np.degrees(ends["friction_angle"]), np.degrees(np.arctan(priors["tan_phi"]))),
+            ("k", "mm", ends["shear_modulus"] * 1e3, priors["shear_modulus"] * 1e3),
+            ("n", "", ends["exponent"], priors["sinkage_exponent"]),
+            ("kc", "kPa/m^(n-1)", ends["cohesive_modulus"] / 1e3, None),
+            ("kφ", "kPa/m^n", ends["frictional_modulus"] / 1e3, None),
+            ("keq", "kPa/m^n", stiffness / 1e3, priors["stiffness"] / 1e3),
+        )
+        yield from (
+            "",
+            "Table II, and what the program takes for likely of any soil (not used in this study)",
+        )
+        yield f"{'':<4} {'unit':<12}{'Table II':>16}{'prior, 95 %':>20}"
+        for name, unit, grid, prior in rows:
+            yield f"{name:<4} {unit:<12}{between(grid):>16}{between(prior) if prior is not None else '-':>20}"
+        yield from textwrap.wrap(
+            "keq = kc/b + kφ is what the program knows of kc and kφ. c is normal, and tan φ, kept within 0 to "
+            "60°; k and keq are log-normal. The k expected is that of rover.toml, of which 18 mm is an example.",
+            104,
+        )
+
+    def claimed(self):
+        """Yield the paper's claims beside what its estimators, and the full model, reach in the same cells."""
+        yield from (
+            "",
+            "1. What the paper claims; noise, where there is any, is a share of each channel's maximum",
+        )
+        yield f"{'slip':>4} {'points':>6} {'noise':>5}" + heading(["paper says", *LINES, "noise learnt"])
+        for (slip, claim), found in self.claims.items():
+            cells = [f"{claim.cohesion:8.3f} {claim.phi:6.2f}", *map(pair, found.values())]
+            yield f"{slip:>4} {claim.points:>6} {100 * claim.noise:>4g}%" + heading(cells)
+
     def errors(self, title, noise):
-        names = ["LS, k", "LS, 1.5 k", "ridge, k", "ridge, 1.5 k", "wong-reece", "noise learnt"]
-        claim = CLAIMS.get(noise)
         yield from ("", title)
         yield f"{'slip':>4} {'points':>6}" + heading(
-            [*(["paper says"] if claim else []), *names, *(["bound"] if noise else [])]
+            [*LINES, "wong-reece", "noise learnt", *(["bound"] if noise else [])]
         )
         for slip in SLIPS:
             for points in POINTS:
                 found, bound = self.cells[slip, points, noise]
-                cells = [f"{claim[0]:8.3f} {claim[1]:6.2f}"] if claim else []
-                cells += [pair(errors, 3 if noise else 4) for errors in found.values()]
+                cells = [pair(errors, 3 if noise else 4) for errors in found.values()]
                 cells += [pair(bound)] if bound else []
                 yield f"{slip:>4} {points:>6}" + heading(cells)
 

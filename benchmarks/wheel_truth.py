@@ -12,11 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from simulator import Soil, Wheel, sinkage_under
+from simulator import Soil, paper, sinkage_under
 from simulator import forces as exact_forces
 
-RADIUS = WIDTH = 0.1
-MEAN_LOAD = 98.1
+RADIUS, WIDTH = paper.WHEEL.radius, paper.WHEEL.width
 #: A wheel deeper than this is stuck.
 DEEPEST = math.radians(80.0)
 PARAMETERS = ("cohesion", "tan_phi", "shear_modulus", "stiffness", "sinkage_exponent")
@@ -49,20 +48,16 @@ class Soils(NamedTuple):
 
 
 def table():
-    """Return the grid of soils: five values of n, kc, kφ, c, φ and k each, 15,625 sets.
-
-    The ranges enclose the soils of Table I of the paper; those of its Table II are not at hand.
-    """
-    n, kc, kphi, c, phi, k = np.meshgrid(
-        np.linspace(0.5, 1.2, 5),
-        np.linspace(0.9e3, 15e3, 5),
-        np.linspace(500e3, 1600e3, 5),
-        np.linspace(0.5e3, 10e3, 5),
-        np.radians(np.linspace(15.0, 40.0, 5)),
-        np.linspace(0.010, 0.030, 5),
-        indexing="ij",
+    """Return the soils of Table II of the paper."""
+    levels = {name: np.linspace(*ends, paper.LEVELS) for name, ends in paper.TABLE_II.items()}
+    soil = dict(zip(levels, np.meshgrid(*levels.values(), indexing="ij"), strict=True))
+    columns = (
+        soil["cohesion"],
+        np.tan(soil["friction_angle"]),
+        soil["shear_modulus"],
+        soil["cohesive_modulus"] / WIDTH + soil["frictional_modulus"],
+        soil["exponent"],
     )
-    columns = (c, np.tan(phi), k, kc / WIDTH + kphi, n)
     return Soils(*(column.ravel() for column in columns))
 
 
@@ -158,14 +153,13 @@ def slopes(soils, depth, slip):
 
 def error_of_sample(soils, depth, slip, rows):
     """Return the largest relative errors of W, T and DP (as a share of W) and of z by adaptive integration."""
-    wheel = Wheel(RADIUS, WIDTH)
     found = forces(soils.take(rows), depth[rows], slip[rows])
     worst = np.zeros(4)
     for column, row in enumerate(rows):
         c, tan_phi, k, keq, n = (float(value[row]) for value in soils)
         soil = Soil("drawn", c, math.atan(tan_phi), k, 0.0, keq, n, c1=0.5, c2=0.0)
-        truth = exact_forces(soil, wheel, float(depth[row]), float(slip[row]))
-        z = sinkage_under(soil, wheel, float(found[0, column]), float(slip[row]))
+        truth = exact_forces(soil, paper.WHEEL, float(depth[row]), float(slip[row]))
+        z = sinkage_under(soil, paper.WHEEL, float(found[0, column]), float(slip[row]))
         errors = (
             found[0, column] / truth.load - 1.0,
             found[1, column] / truth.torque - 1.0,
