@@ -121,7 +121,7 @@ def write_tutorial(folder: Path) -> None:
         # At 10 Hz, and with 3 % of noise, a log stays small enough to be kept here.
         words = options.format(tutorial=HERE / "tutorial").split()
         command = [sys.executable, "-m", "terrain_cli", "simulate", *words]
-        command += ["--rate", "10", "--noise", "3%", "-q", "-o", str(folder / name)]
+        command += ["--rate", "10", "--noise", "3%", "-q", "--force", "-o", str(folder / name)]
         subprocess.run(command, cwd=HERE.parent, check=True)  # noqa: S603 - this program
 
 

@@ -8,23 +8,29 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack, chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING
 
-import hypothesis
+import profiles
 import pytest
+
+from terrain_cli.app import main
 
 if TYPE_CHECKING:
     from collections.abc import Generator
+
+# Before numpy is imported: threads of BLAS that wait for each other take the cores from the other
+# workers of pytest-xdist, and their number must not decide on the last digit of a sum.
+os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 ROOT = Path(__file__).resolve().parent.parent
 
 # A shell that starts this in the background lets it ignore Ctrl-C, and so all that it starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# How long an example takes says how busy the machine is.
-hypothesis.settings.register_profile("untimed", deadline=None)
-hypothesis.settings.load_profile("untimed")
+profiles.settings.load_profile("default")
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -68,5 +74,29 @@ def terrain_est(bin_folder):
         options = {"capture_output": True, "text": True, **options}
         command = [bin_folder / "terrain-est", *map(str, args)]
         return subprocess.run(command, env={**os.environ, **(env or {})}, check=False, **options)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def terrain_est_here():
+    """Return a function that runs the command in this process, and returns what another one would."""
+
+    def run(*args, cwd=None, env=None):
+        with ExitStack() as stack:
+            out, err = (stack.enter_context(TemporaryFile("w+", encoding="utf-8")) for _ in range(2))
+            stack.enter_context(redirect_stdout(out))
+            stack.enter_context(redirect_stderr(err))
+            stack.enter_context(chdir(cwd or Path.cwd()))
+            patch = stack.enter_context(pytest.MonkeyPatch.context())
+            for name, value in (env or {}).items():
+                patch.setenv(name, value)
+            with pytest.raises(SystemExit) as end:
+                main([str(arg) for arg in args])
+            texts = []
+            for stream in (out, err):
+                stream.seek(0)
+                texts.append(stream.read())
+        return subprocess.CompletedProcess(args, end.value.code or 0, *texts)
 
     return run

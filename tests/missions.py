@@ -10,7 +10,7 @@ from wheel_table import ROVER, good, text
 
 from terrain_cli import rover as rovers
 from terrain_cli.batch import configuration, inputs, run
-from terrain_cli.settings import Settings
+from terrain_cli.run.settings import Settings
 
 
 def drive(shift=0.0, rows=60):

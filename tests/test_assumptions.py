@@ -107,15 +107,15 @@ def test_no_effect_has_their_names():
     assert isinstance(LINEAR, ModelFile)
 
 
-def test_they_are_listed_and_shown_with_the_effects(terrain_est):
-    told = terrain_est("effects", "list").stdout
+def test_they_are_listed_and_shown_with_the_effects(terrain_est_here):
+    told = terrain_est_here("effects", "list").stdout
     assert "assumptions of a base, which model add lifts:\nlinearised-stresses" in told
-    assert "assumptions" not in terrain_est("effects", "list", "--kind", "sensor").stdout
-    shown = terrain_est("effects", "show", MODULUS, "slip-sinkage")
+    assert "assumptions" not in terrain_est_here("effects", "list", "--kind", "sensor").stdout
+    shown = terrain_est_here("effects", "show", MODULUS, "slip-sinkage")
     assert shown.returncode == 0
     assert shown.stdout.startswith(f"{MODULUS}: {ASSUMPTIONS[MODULUS].title}\n")
     assert "\n\nslip-sinkage: " in shown.stdout
-    found = json.loads(terrain_est("effects", "show", MODULUS, "slip-sinkage", "--json").stdout)
+    found = json.loads(terrain_est_here("effects", "show", MODULUS, "slip-sinkage", "--json").stdout)
     assert [one["id"] for one in found["effects"]] == ["slip-sinkage"]
     assert [one["id"] for one in found["assumptions"]] == [MODULUS]
     text = (Path(__file__).resolve().parent.parent / "docs" / "effects.md").read_text("utf-8")

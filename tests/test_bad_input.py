@@ -171,6 +171,9 @@ def changed(**cells):
         ({"sinkage": ([9, 10], "0.125")}, "sinkage beyond the wheel radius"),
         ({"sinkage": ([9, 10], "13.1")}, "sinkage beyond the wheel radius"),
         ({"load": ([1], "-80")}, "load not positive"),
+        ({"load": ([1, 60], "1e90")}, "load beyond what soil bears"),
+        ({"torque": ([1], "-1e90")}, "torque beyond what soil takes"),
+        ({"angular_velocity": ([1], "1e90")}, "angular_velocity beyond that of any vehicle"),
         ({"angular_velocity": (range(50, 90), "0")}, "wheel stands (ω = 0, slip undefined)"),
         ({"velocity": (range(40, 45), "0.2")}, "wheel skids (slip < 0)"),
         ({"velocity": ([40], "-0.1")}, "wheel rolls against its drive (slip > 1)"),
@@ -229,6 +232,12 @@ def test_nothing_that_can_be_used(folder, refused):
     backwards = write("run.csv", text(changed(velocity=(range(N), "-0.1"))))
     err = refused(backwards, 65, "against its drive", kept=["rejects.csv"])
     assert "angular_velocity = { …, scale = -1 }" in err
+
+
+def test_a_unit_by_which_nothing_can_be_used_is_told(folder, refused):
+    rows = [[*row[:5], f"{3.6 * float(row[5]):.6g}"] for row in good()]
+    err = refused(write("run.csv", text(rows)), 65, "wheel skids", kept=["rejects.csv"])
+    assert 'if it is in km/h, velocity = { column = "velocity", unit = "km/h" }' in err
 
 
 def test_a_log_written_backwards(set_aside):

@@ -115,7 +115,8 @@ def test_defaults_of_the_rover_file(run):
         (("none*.bag", "-o", "out"), 66, "none*.bag: matches no file"),
         (("in", "-o", "out", "--rover", "none.toml"), 78, "none.toml: no such file"),
         (("in", "-o", "out", "--model", "none.toml"), 78, "none.toml: no such model file"),
-        (("in", "-o", "in/a.csv"), 73, "in/a.csv: "),
+        (("in", "-o", "in/a.csv"), 2, "-o in/a.csv would be written onto the input in/a.csv"),
+        (("in/a.csv", "-o", "in/b.csv"), 73, "in/b.csv: "),
         (("in", "-o", "/proc/out"), 73, "/proc/out: no such folder"),
     ],
 )
@@ -124,6 +125,31 @@ def test_what_cannot_be(run, args, code, says):
     assert (end, out) == (code, "")
     assert says in err
     assert not Path("out").exists()
+
+
+def test_its_own_folder_of_inputs_by_whatever_name(run):
+    Path("link").symlink_to("in")
+    assert run("in", "-o", "in")[0] == 75
+    written = Path("in/segments.parquet").read_bytes()
+    for names in (("in", "link"), ("link", "in"), ("in", "link/../in"), ("link", "link")):
+        code, out, err = run(names[0], "-o", names[1], "--dry-run", "--force")
+        assert code == 0, err
+        assert [line.rpartition("/")[2] for line in out.splitlines()] == ["a.csv", "b.csv", "empty.csv"]
+    Path("results").symlink_to("in/results")
+    assert run("in", "results", "-o", "in", "--dry-run")[:2] == (0, "")
+    assert run("in", "-o", "link")[0] == 75
+    assert Path("in/segments.parquet").read_bytes() == written
+
+
+@pytest.mark.parametrize("name", ["segments.csv", "segments.parquet", "results/run.parquet"])
+def test_logs_with_the_names_of_results_are_not_replaced(run, name):
+    Path("in", name).parent.mkdir(exist_ok=True)
+    Path("in/a.csv").rename(Path("in", name))
+    before = sorted(Path("in").rglob("*"))
+    code, out, err = run("in", "-o", "in")
+    assert (code, out) == (2, "")
+    assert err.startswith(f"terrain-est: -o in would be written onto the input in/{name}\n")
+    assert sorted(Path("in").rglob("*")) == before
 
 
 def test_two_batches_in_one_folder(run):

@@ -17,7 +17,7 @@ from test_reaches import LENGTHS, ROVER, SHORT, assert_same, dirty, drive
 from formats import DamagedError, Labels
 from terrain_cli import beside, pipeline, reaches, rover
 from terrain_cli.errors import InputError, TerrainError
-from terrain_cli.settings import Settings
+from terrain_cli.run.settings import Settings
 from terrain_cli.telemetry import parts
 from terrain_cli.telemetry.samples import Geometry, Samples
 

@@ -52,9 +52,9 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def compare(terrain_est):
+def compare(terrain_est_here):
     def run(*args):
-        done = terrain_est("compare", *args, "--json", "-q")
+        done = terrain_est_here("compare", *args, "--json", "-q")
         assert (done.returncode, done.stderr) == (0, "")
         return json.loads(done.stdout)
 
@@ -83,7 +83,7 @@ def test_clean_log_has_no_finding_and_errors_of_the_size_of_the_noise(folder, co
     assert segment.keys() >= NAMES
 
 
-def test_missing_effect_is_seen_where_it_acts(folder, compare, terrain_est):
+def test_missing_effect_is_seen_where_it_acts(folder, compare, terrain_est_here):
     found = compare(folder / "sinks.parquet", "--segments", "none")
     first = found["failures"][0]
     assert first.keys() >= {"channel", "driver", "shape", "p_value", "share"}
@@ -92,12 +92,12 @@ def test_missing_effect_is_seen_where_it_acts(folder, compare, terrain_est):
     assert "sinkage" in {failure["channel"] for failure in found["failures"]}
     assert first["p_value"] < 0.05
     assert found["channels"]["sinkage"]["rmse"] > 1.5 * found["channels"]["sinkage"]["noise"]
-    told = terrain_est("compare", folder / "sinks.parquet", "--segments", "none", "-q").stdout
+    told = terrain_est_here("compare", folder / "sinks.parquet", "--segments", "none", "-q").stdout
     assert "held-out rmse" in told
     assert first["sentence"] in told
 
 
-def test_two_models_side_by_side(folder, compare, terrain_est):
+def test_two_models_side_by_side(folder, compare, terrain_est_here):
     models = ["--model", "wong-reece", "--model", folder / "model.toml"]
     found = compare(folder / "sinks.parquet", "--segments", "none", *models)
     assert found["against"]["model"] == {"base": "wong-reece", "effects": ["slip-sinkage"]}
@@ -108,7 +108,7 @@ def test_two_models_side_by_side(folder, compare, terrain_est):
     assert sinkage["moved"]
     assert sinkage["second"] < sinkage["first"] / 1.5
     assert sinkage["interval"][1] < 0.0
-    told = terrain_est("compare", folder / "sinks.parquet", "--segments", "none", *models, "-q").stdout
+    told = terrain_est_here("compare", folder / "sinks.parquet", "--segments", "none", *models, "-q").stdout
     assert "B  wong-reece + slip-sinkage" in told
     # A second model may need fewer words than the first, never another table.
     assert told.count("held-out rmse") == 3
@@ -167,26 +167,26 @@ def test_same_seed_same_answer(folder, terrain_est):
     assert run[0] == run[1]
 
 
-def test_three_models_are_refused(folder, terrain_est):
-    done = terrain_est("compare", folder / "clean.csv", *["--model", "linear"] * 3)
+def test_three_models_are_refused(folder, terrain_est_here):
+    done = terrain_est_here("compare", folder / "clean.csv", *["--model", "linear"] * 3)
     assert done.returncode == 2
     assert "--model is given 3 times" in done.stderr
 
 
-def test_one_channel_at_least_is_asked_for(folder, tmp_path, terrain_est):
+def test_one_channel_at_least_is_asked_for(folder, tmp_path, terrain_est_here):
     table = pd.read_csv(folder / "clean.csv")
     table.drop(columns=["sinkage", "torque", "drawbar_pull"]).to_csv(tmp_path / "run.csv", index=False)
     (tmp_path / "rover.toml").write_text(ROVER)
-    done = terrain_est("compare", tmp_path / "run.csv")
+    done = terrain_est_here("compare", tmp_path / "run.csv")
     assert (done.returncode, done.stdout) == (65, "")
     assert "sinkage" in done.stderr
     assert "torque" in done.stderr
 
 
-def test_the_line_needs_sinkage(folder, tmp_path, terrain_est):
+def test_the_line_needs_sinkage(folder, tmp_path, terrain_est_here):
     pd.read_csv(folder / "clean.csv").drop(columns=["sinkage"]).to_csv(tmp_path / "run.csv", index=False)
     (tmp_path / "rover.toml").write_text(ROVER)
-    done = terrain_est("compare", tmp_path / "run.csv", "--model", "linear")
+    done = terrain_est_here("compare", tmp_path / "run.csv", "--model", "linear")
     assert (done.returncode, done.stdout) == (65, "")
     assert "sinkage" in done.stderr
 
@@ -208,13 +208,13 @@ def test_keys_are_documented(folder, compare):
     assert not {key for key in keys - {"channels", "failures"} if f"`{key}`" not in text}
 
 
-def test_where_each_channel_comes_from(folder, terrain_est):
-    loud = terrain_est("compare", folder / "clean.csv", "--verbose", "--json")
-    plain = terrain_est("compare", folder / "clean.csv", "--json")
+def test_where_each_channel_comes_from(folder, terrain_est_here):
+    loud = terrain_est_here("compare", folder / "clean.csv", "--verbose", "--json")
+    plain = terrain_est_here("compare", folder / "clean.csv", "--json")
     assert (loud.returncode, loud.stdout) == (0, plain.stdout)
     first, *channels = loud.stderr.splitlines()
     assert first.startswith(f"{folder / 'clean.csv'}  wheel: ")
     assert first.endswith(" samples used")
     assert "  load: load in N" in channels
     assert plain.stderr == ""
-    assert terrain_est("compare", folder / "clean.csv", "--verbose", "--quiet").stderr == ""
+    assert terrain_est_here("compare", folder / "clean.csv", "--verbose", "--quiet").stderr == ""

@@ -121,13 +121,13 @@ def test_every_status_is_explained():
 
 
 @pytest.mark.parametrize("model", [None, "model.toml"])
-def test_summary_is_described(model, terrain_est, tmp_path, monkeypatch):
+def test_summary_is_described(model, terrain_est_here, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     sample = ROOT / "sample_data" / "run.csv"
     if model:
-        assert terrain_est("model", "new", model, "--effect", "drivetrain-friction").returncode == 0
+        assert terrain_est_here("model", "new", model, "--effect", "drivetrain-friction").returncode == 0
     options = ("--summary", "s.json", "--quiet", *(["--model", model] if model else []))
-    done = terrain_est("estimate", sample, *options)
+    done = terrain_est_here("estimate", sample, *options)
     assert done.returncode == 0, done.stderr
     described = PAGE.partition("## Summary")[2]
 

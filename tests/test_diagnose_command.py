@@ -57,13 +57,11 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def done(folder, bin_folder):
+def done(folder, terrain_est_here):
     """Return the answers to the three logs, as the command gives them."""
-    import subprocess
 
     def run(name, *args):
-        command = [bin_folder / "terrain-est", "diagnose", name, "-q", *WHOLE, *args]
-        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        return terrain_est_here("diagnose", name, "-q", *WHOLE, *args, cwd=folder)
 
     return {
         "clean": run("clean.csv", "--json", "--draft", "needless.toml"),
@@ -112,13 +110,13 @@ def test_missing_effect_is_named(found):
     assert after < before / 3.0
 
 
-def test_what_is_in_no_catalogue_gets_a_law(found, folder, terrain_est):
+def test_what_is_in_no_catalogue_gets_a_law(found, folder, terrain_est_here):
     heated = found["heated"]
     assert (heated["verdict"], heated["effect"], heated["family"]) == ("unknown", None, [])
     unknown = heated["unknown"]
     assert (unknown["channel"], unknown["driver"]) == ("torque", HEATER)
     assert unknown["explained"] > 0.7
-    checked = terrain_est("effects", "check", folder / "law.toml")
+    checked = terrain_est_here("effects", "check", folder / "law.toml")
     assert checked.returncode == 0, checked.stderr
     law = (folder / "law.toml").read_text("utf-8")
     assert 'changes = "torque"' in law
@@ -128,19 +126,21 @@ def test_what_is_in_no_catalogue_gets_a_law(found, folder, terrain_est):
 
 
 @pytest.mark.parametrize(
-    ("draft", "said"),
+    ("draft", "code", "said"),
     [
-        ("rover.toml", "rover.toml: is there already\n  --force replaces it"),
-        ("nowhere/law.toml", "nowhere/law.toml: no such folder"),
-        (".", "is a folder"),
+        ("digs.toml", 73, "digs.toml: is there already\n  --force replaces it"),
+        ("rover.toml", 2, "--draft rover.toml would be written onto the rover file rover.toml"),
+        ("nowhere/law.toml", 73, "nowhere/law.toml: no such folder"),
+        (".", 73, "is a folder"),
     ],
 )
-def test_draft_that_cannot_be_written_is_told_before_the_work(draft, said, folder, terrain_est):
+def test_draft_that_cannot_be_written_is_told_before_the_work(draft, code, said, folder, terrain_est_here):
     # Not even the input is looked for.
-    done = terrain_est("diagnose", "nowhere.csv", "--draft", draft, cwd=folder)
-    assert (done.returncode, done.stdout) == (73, "")
+    done = terrain_est_here("diagnose", "nowhere.csv", "--draft", draft, cwd=folder)
+    assert (done.returncode, done.stdout) == (code, "")
     assert said in done.stderr
     assert (folder / "rover.toml").read_text("utf-8") == ROVER
+    assert (folder / "digs.toml").read_text("utf-8") == DIGS
 
 
 def test_draft_replaces_a_file_when_told_to(folder, tmp_path, terrain_est):
@@ -185,8 +185,8 @@ def test_begins_with_the_sentence(found, done):
     assert "not testable on these data:" in told
 
 
-def test_first_scores_are_told_before_the_refits_and_leave_stdout_as_it_is(done, folder, terrain_est):
-    loud = terrain_est("diagnose", folder / "sinks.csv", *WHOLE)
+def test_first_scores_are_told_before_the_refits_and_leave_stdout_as_it_is(done, folder, terrain_est_here):
+    loud = terrain_est_here("diagnose", folder / "sinks.csv", *WHOLE)
     assert loud.stdout == done["sinks, for a person"].stdout
     assert done["sinks, for a person"].stderr == ""
     head, *scores = loud.stderr.splitlines()
@@ -216,19 +216,19 @@ def test_first_scores_come_before_any_effect_is_fitted(folder):
     assert any(str(event).startswith("fitting with") for event in events[at:])
 
 
-def test_own_effect_stands_beside_those_of_the_catalogue(folder, terrain_est):
+def test_own_effect_stands_beside_those_of_the_catalogue(folder, terrain_est_here):
     args = ("--effect", folder / "digs.toml", *WHOLE, "--json", "-q")
-    done = terrain_est("diagnose", folder / "clean.csv", *args)
+    done = terrain_est_here("diagnose", folder / "clean.csv", *args)
     assert (done.returncode, done.stderr) == (0, "")
     (own,) = (one for one in json.loads(done.stdout)["candidates"] if one["effect"] == "digs-itself-in")
     dig = own["parameters"]["dig"]
     assert abs(dig["value"]) < 4.0 * dig["se"] < 0.2
 
 
-def test_what_a_model_has_is_no_candidate(folder, tmp_path, terrain_est):
+def test_what_a_model_has_is_no_candidate(folder, tmp_path, terrain_est_here):
     model = tmp_path / "model.toml"
     model.write_text('format = "terrain-est/model/1"\nbase = "wong-reece"\neffects = ["slip-sinkage"]\n')
-    done = terrain_est("diagnose", folder / "sinks.csv", "--model", model, *WHOLE, "--json", "-q")
+    done = terrain_est_here("diagnose", folder / "sinks.csv", "--model", model, *WHOLE, "--json", "-q")
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
     assert answer["model"]["effects"] == ["slip-sinkage"]
@@ -248,8 +248,8 @@ def sinking_points(folder, slip):
     return folder / "points.csv"
 
 
-def test_few_test_points_are_not_said_to_miss_nothing(tmp_path, terrain_est):
-    done = terrain_est("diagnose", sinking_points(tmp_path, [0.05, 0.1, 0.3, 0.45, 0.6]), "-q")
+def test_few_test_points_are_not_said_to_miss_nothing(tmp_path, terrain_est_here):
+    done = terrain_est_here("diagnose", sinking_points(tmp_path, [0.05, 0.1, 0.3, 0.45, 0.6]), "-q")
     assert done.returncode == 0, done.stderr
     sentence = done.stdout.splitlines()[0]
     assert sentence.startswith("The model misses ")
@@ -257,8 +257,8 @@ def test_few_test_points_are_not_said_to_miss_nothing(tmp_path, terrain_est):
     assert "Nothing is missing" not in done.stdout
 
 
-def test_six_points_that_sink_the_deeper_the_more_they_slip(tmp_path, terrain_est):
-    done = terrain_est("diagnose", sinking_points(tmp_path, [0.05, 0.1, 0.2, 0.3, 0.45, 0.6]), "--json")
+def test_six_points_that_sink_the_deeper_the_more_they_slip(tmp_path, terrain_est_here):
+    done = terrain_est_here("diagnose", sinking_points(tmp_path, [0.05, 0.1, 0.2, 0.3, 0.45, 0.6]), "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert (found["verdict"], found["effect"]) == ("family", None)
@@ -278,12 +278,12 @@ def test_six_points_that_sink_the_deeper_the_more_they_slip(tmp_path, terrain_es
         ([], 2, "INPUT"),
     ],
 )
-def test_errors(args, code, said, folder, terrain_est):
+def test_errors(args, code, said, folder, terrain_est_here):
     (folder / "bad.toml").write_text(DIGS.replace("abs(slip)", "abs(yaw_rat)"), "utf-8")
     pd.read_csv(folder / "clean.csv").drop(columns=["sinkage", "torque", "drawbar_pull"]).to_csv(
         folder / "few.csv", index=False
     )
-    done = terrain_est("diagnose", *args, cwd=folder)
+    done = terrain_est_here("diagnose", *args, cwd=folder)
     assert (done.returncode, done.stdout) == (code, ""), done.stderr
     assert said in done.stderr
     assert "Traceback" not in done.stderr

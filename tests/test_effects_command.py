@@ -11,7 +11,7 @@ import pytest
 
 from terrain_cli import effects
 from terrain_cli.effects import expression, grammar, user_file, vocabulary
-from terrain_cli.effects.effect import KINDS, QUANTITIES, Effect
+from terrain_cli.mechanics.effect import KINDS, QUANTITIES, Effect
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "effects.md").read_text("utf-8")
@@ -26,16 +26,16 @@ def good(tmp_path):
 
 
 class TestList:
-    def test_has_every_effect(self, terrain_est):
-        done = terrain_est("effects", "list")
+    def test_has_every_effect(self, terrain_est_here):
+        done = terrain_est_here("effects", "list")
         assert (done.returncode, done.stderr) == (0, "")
         header, *rows = done.stdout.splitlines()
         assert header.split() == ["id", "kind", "changes", "needs", "title"]
         # Then come the assumptions.
         assert [row.split()[0] for row in rows[: rows.index("")]] == list(effects.catalogue())
 
-    def test_of_one_kind(self, terrain_est):
-        done = terrain_est("effects", "list", "--kind", "sensor", "--json")
+    def test_of_one_kind(self, terrain_est_here):
+        done = terrain_est_here("effects", "list", "--kind", "sensor", "--json")
         shown = json.loads(done.stdout)
         assert shown["format"] == "terrain-est/effects/1"
         assert [effect["id"] for effect in shown["effects"]] == [
@@ -44,9 +44,9 @@ class TestList:
 
 
 class TestShow:
-    def test_tells_all(self, terrain_est):
+    def test_tells_all(self, terrain_est_here):
         known = effects.find("grousers")
-        done = terrain_est("effects", "show", "grousers")
+        done = terrain_est_here("effects", "show", "grousers")
         assert (done.returncode, done.stderr) == (0, "")
         shown = " ".join(done.stdout.split())
         for words in (
@@ -62,14 +62,14 @@ class TestShow:
             assert f"{parameter.name} {parameter.unit} {parameter.null:g} {parameter.scale:g}" in shown
         assert max(map(len, done.stdout.splitlines())) <= 110
 
-    def test_file_of_ones_own(self, good, terrain_est):
-        done = terrain_est("effects", "show", good)
+    def test_file_of_ones_own(self, good, terrain_est_here):
+        done = terrain_est_here("effects", "show", good)
         assert done.returncode == 0
         assert re.search(r"^cd +N s/rad +0 +10 +0 +drag per yaw rate$", done.stdout, re.MULTILINE)
 
-    def test_numbers_are_in_their_unit(self, good, terrain_est):
+    def test_numbers_are_in_their_unit(self, good, terrain_est_here):
         good.write_text(EXAMPLE.replace("N s/rad", "N s/deg"), "utf-8")
-        done = terrain_est("effects", "show", good, "--json")
+        done = terrain_est_here("effects", "show", good, "--json")
         (effect,) = json.loads(done.stdout)["effects"]
         (cd,) = effect["parameters"]
         assert (cd["unit"], cd["null"], cd["scale"], cd["lower"], cd["upper"]) == (
@@ -80,51 +80,54 @@ class TestShow:
             None,
         )
 
-    def test_unknown_effect_names_the_nearest(self, terrain_est):
-        done = terrain_est("effects", "show", "slip-sinkag")
+    def test_unknown_effect_names_the_nearest(self, terrain_est_here):
+        done = terrain_est_here("effects", "show", "slip-sinkag")
         assert (done.returncode, done.stdout) == (2, "")
         assert "did you mean slip-sinkage?" in done.stderr
 
-    def test_missing_file(self, terrain_est):
-        done = terrain_est("effects", "show", "none.toml")
+    def test_missing_file(self, terrain_est_here):
+        done = terrain_est_here("effects", "show", "none.toml")
         assert (done.returncode, done.stdout) == (66, "")
         assert done.stderr == "terrain-est: none.toml: no such file or folder\n"
 
 
 class TestCheck:
-    def test_good_file(self, good, terrain_est):
-        done = terrain_est("effects", "check", good)
+    def test_good_file(self, good, terrain_est_here):
+        done = terrain_est_here("effects", "check", good)
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.startswith(f"{good}: nothing is wrong\n")
         assert "the law gives drawbar_pull in N; it reads drawbar_pull [N], yaw_rate [rad/s]" in done.stdout
         assert "the law gives back drawbar_pull, exactly" in done.stdout
 
-    def test_warnings_go_to_stderr(self, good, terrain_est):
+    def test_warnings_go_to_stderr(self, good, terrain_est_here):
         good.write_text(EXAMPLE.replace('["yaw_rate"]', '["yaw_rate", "pitch"]'), "utf-8")
-        done = terrain_est("effects", "check", good)
+        done = terrain_est_here("effects", "check", good)
         assert done.returncode == 0
         assert done.stderr == f"{good}: warning: needs pitch, which no law reads\n"
-        assert terrain_est("effects", "check", good, "--quiet").stderr == ""
+        assert terrain_est_here("effects", "check", good, "--quiet").stderr == ""
 
-    def test_id_of_the_catalogue(self, good, terrain_est):
+    def test_id_of_the_catalogue(self, good, terrain_est_here):
         good.write_text(EXAMPLE.replace("cable-drag", "slip-sinkage"), "utf-8")
-        assert "the catalogue has an effect slip-sinkage too" in terrain_est("effects", "check", good).stderr
+        assert (
+            "the catalogue has an effect slip-sinkage too"
+            in terrain_est_here("effects", "check", good).stderr
+        )
 
-    def test_every_file_is_looked_at(self, good, tmp_path, terrain_est):
+    def test_every_file_is_looked_at(self, good, tmp_path, terrain_est_here):
         wrong = tmp_path / "wrong.toml"
         wrong.write_text(EXAMPLE.replace("abs(yaw_rate)", "abs(yaw_rat)"), "utf-8")
-        done = terrain_est("effects", "check", wrong, tmp_path / "none.toml", good)
+        done = terrain_est_here("effects", "check", wrong, tmp_path / "none.toml", good)
         assert done.returncode == 78
         assert f"{good}: nothing is wrong" in done.stdout
         assert f"terrain-est: {wrong}: law: line 4, column 32: there is no yaw_rat; did you" in done.stderr
         assert "\n  drawbar_pull - cd * abs(yaw_rat)\n                          ^^^^^^^\n" in done.stderr
         assert "none.toml: no such file" in done.stderr
-        assert terrain_est("effects", "check", tmp_path / "none.toml").returncode == 66
+        assert terrain_est_here("effects", "check", tmp_path / "none.toml").returncode == 66
 
-    def test_json(self, good, tmp_path, terrain_est):
+    def test_json(self, good, tmp_path, terrain_est_here):
         wrong = tmp_path / "wrong.toml"
         wrong.write_text(EXAMPLE.replace("null = 0.0", "null = -1.0"), "utf-8")
-        done = terrain_est("effects", "check", good, wrong, "--json")
+        done = terrain_est_here("effects", "check", good, wrong, "--json")
         assert done.returncode == 78
         shown = json.loads(done.stdout)
         assert shown["format"] == "terrain-est/effects-check/1"
@@ -256,24 +259,24 @@ class TestDocumentation:
         for kind in KINDS:
             assert kind in PAGE
 
-    def test_error_is_as_shown(self, good, terrain_est):
+    def test_error_is_as_shown(self, good, terrain_est_here):
         shown = re.search(r"```\n(terrain-est: cable-drag.toml.*?)```", PAGE, re.DOTALL)[1]
         law = shown.splitlines()[1].strip()
         good.write_text(EXAMPLE.replace("drawbar_pull - cd * abs(yaw_rate)", law), "utf-8")
-        done = terrain_est("effects", "check", good.name, cwd=good.parent)
+        done = terrain_est_here("effects", "check", good.name, cwd=good.parent)
         assert done.stderr.startswith(shown)
 
-    def test_names_every_key(self, good, terrain_est):
+    def test_names_every_key(self, good, terrain_est_here):
         good.write_text("no_such_key = 1", "utf-8")
-        hint = terrain_est("effects", "check", good).stderr.partition("known here: ")[2]
+        hint = terrain_est_here("effects", "check", good).stderr.partition("known here: ")[2]
         for key in hint.strip().split(", "):
             assert f"`{key}" in PAGE
         good.write_text(EXAMPLE + "no_such_key = 1", "utf-8")
-        hint = terrain_est("effects", "check", good).stderr.partition("known here: ")[2]
+        hint = terrain_est_here("effects", "check", good).stderr.partition("known here: ")[2]
         for key in hint.strip().split(", "):
             assert f"`{key}`" in PAGE
 
-    def test_names_every_key_of_json(self, good, terrain_est):
+    def test_names_every_key_of_json(self, good, terrain_est_here):
         part = PAGE.partition("## JSON")[2].partition("## An effect in Python")[0]
 
         def check(value):
@@ -286,4 +289,4 @@ class TestDocumentation:
                         check(inner)
 
         for verb in (["list"], ["check", good], ["check", "none.toml"]):
-            check(json.loads(terrain_est("effects", *verb, "--json").stdout))
+            check(json.loads(terrain_est_here("effects", *verb, "--json").stdout))

@@ -98,10 +98,10 @@ def by_wheel(document):
     return document["inputs"][0]["wheels"][0]["model"]
 
 
-def test_the_full_model_is_closer_to_the_truth_than_the_line(terrain_est, here, plain):
+def test_the_full_model_is_closer_to_the_truth_than_the_line(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv", terrain=True)
     options = ("--segments", "terrain", "--method", "wong-reece", "--summary", "s.json")
-    rows = table(terrain_est("estimate", "run.csv", *options))
+    rows = table(terrain_est_here("estimate", "run.csv", *options))
     assert rows["method"].tolist() == ["wong-reece"] * 2
     assert rows["status"].tolist() == ["ok"] * 2
     for row, soil in zip(rows.itertuples(), SOILS, strict=True):
@@ -127,12 +127,12 @@ def test_the_full_model_is_closer_to_the_truth_than_the_line(terrain_est, here, 
         assert entry["keq_kPa_per_m_n"]["mean"] == pytest.approx(soil.stiffness(0.1) / 1e3, rel=0.5)
 
 
-def test_parameters_of_effects_are_recovered(terrain_est, here, affected):
+def test_parameters_of_effects_are_recovered(terrain_est_here, here, affected):
     write_csv(affected, here / "run.csv", terrain=True)
     new = ("--effect", "slip-sinkage", "--effect", "drivetrain-friction")
-    assert terrain_est("model", "new", "model.toml", *new).returncode == 0
+    assert terrain_est_here("model", "new", "model.toml", *new).returncode == 0
     options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
-    done = terrain_est("estimate", "run.csv", *options)
+    done = terrain_est_here("estimate", "run.csv", *options)
     rows = table(done)
     model = by_wheel(summary())
     assert model["effects"] == ["slip-sinkage", "drivetrain-friction"]
@@ -152,7 +152,7 @@ def test_parameters_of_effects_are_recovered(terrain_est, here, affected):
         assert abs(row.phi_deg - math.degrees(soil.friction_angle)) < 3.0 * row.phi_se_deg
 
 
-def test_held_parameters_are_as_they_were_given(terrain_est, here, affected):
+def test_held_parameters_are_as_they_were_given(terrain_est_here, here, affected):
     write_csv(affected, here / "run.csv", terrain=True)
     (here / "model.toml").write_text(
         MODEL + 'effects = ["slip-sinkage", "drivetrain-friction"]\nshared = ["sinkage_exponent"]\n'
@@ -160,7 +160,7 @@ def test_held_parameters_are_as_they_were_given(terrain_est, here, affected):
         "utf-8",
     )
     options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
-    rows = table(terrain_est("estimate", "run.csv", *options))
+    rows = table(terrain_est_here("estimate", "run.csv", *options))
     np.testing.assert_allclose(rows["k_mm"], 18.0)
     parameters = by_wheel(summary())["parameters"]
     assert parameters["slip-sinkage.n1"] == {
@@ -172,13 +172,13 @@ def test_held_parameters_are_as_they_were_given(terrain_est, here, affected):
 FORMATS = [(write_csv, "r.csv"), (write_parquet, "r.parquet"), (write_ros1, "r.bag"), (write_ros2, "r.mcap")]
 
 
-def test_every_format_gives_one_answer(terrain_est, here, affected):
+def test_every_format_gives_one_answer(terrain_est_here, here, affected):
     (here / "model.toml").write_text(MODEL + 'effects = ["drivetrain-friction"]\n', "utf-8")
     answers = []
     for write, name in FORMATS:
         write(affected, here / name)
         options = ("--model", "model.toml", "--segments", "none", "--where", "time < 15", "--quiet")
-        answers.append(table(terrain_est("estimate", name, *options)))
+        answers.append(table(terrain_est_here("estimate", name, *options)))
     csv, parquet, ros1, ros2 = answers
     # Bags have no channel for the slip, and derive it.
     for one, other in ((csv, parquet), (ros1, ros2)):
@@ -187,7 +187,7 @@ def test_every_format_gives_one_answer(terrain_est, here, affected):
     assert abs(csv["strength_kPa"] - ros1["strength_kPa"])[0] < csv["strength_se_kPa"][0]
 
 
-def test_an_effect_of_the_user(terrain_est, here, affected):
+def test_an_effect_of_the_user(terrain_est_here, here, affected):
     write_csv(affected, here / "run.csv", terrain=True)
     (here / "drag.toml").write_text(
         """
@@ -212,20 +212,20 @@ def test_an_effect_of_the_user(terrain_est, here, affected):
         MODEL + 'effects = ["slip-sinkage", "drag.toml"]\n[fixed]\nconstant-drag.w0 = 0.01\n', "utf-8"
     )
     options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
-    table(terrain_est("estimate", "run.csv", *options))
+    table(terrain_est_here("estimate", "run.csv", *options))
     drag = by_wheel(summary())["parameters"]["constant-drag.drag"]
     assert drag["unit"] == "N cm"
     assert abs(drag["value"] - 50.0) < 3.0 * drag["se"] < 75.0
 
 
-def test_what_a_parameter_needs_may_be_missing(terrain_est, here):
+def test_what_a_parameter_needs_may_be_missing(terrain_est_here, here):
     # Steady test points, whose slip is known and whose speed is not.
     channels = ("load", "torque", "sinkage", "slip")
     columns = simulate(replace(drive(EFFECTS), channels=channels)).columns(terrain=True)
     pd.DataFrame(columns).drop(columns=["time", "wheel"]).to_csv(here / "bench.csv", index=False)
     new = ("--effect", "slip-sinkage", "--effect", "drivetrain-friction")
-    assert terrain_est("model", "new", "model.toml", *new).returncode == 0
-    done = terrain_est("estimate", "bench.csv", "--model", "model.toml", "--summary", "s.json")
+    assert terrain_est_here("model", "new", "model.toml", *new).returncode == 0
+    done = terrain_est_here("estimate", "bench.csv", "--model", "model.toml", "--summary", "s.json")
     rows = table(done)
     assert rows["terrain"].tolist() == sorted(soil.name for soil in SOILS)
     parameters = by_wheel(summary())["parameters"]
@@ -255,13 +255,13 @@ def test_each_wheel_and_input_is_fitted_on_its_own(terrain_est, here, plain, aff
     assert [m["parameters"]["slip-sinkage.n1"]["value"] for m in models] == pytest.approx([0.0, 0.4], abs=0.1)
 
 
-def test_effects_on_the_linear_base(terrain_est, here, affected):
+def test_effects_on_the_linear_base(terrain_est_here, here, affected):
     write_csv(affected, here / "run.csv", terrain=True)
     (here / "model.toml").write_text(
         MODEL.replace("wong-reece", "linear") + 'effects = ["drivetrain-friction"]\n', "utf-8"
     )
     options = ("--segments", "terrain", "--model", "model.toml", "--summary", "s.json")
-    rows = table(terrain_est("estimate", "run.csv", *options))
+    rows = table(terrain_est_here("estimate", "run.csv", *options))
     assert rows["method"].tolist() == ["linear"] * 2
     # k is assumed, as the other estimators of the linear model do.
     np.testing.assert_allclose(rows["k_mm"], 25.0)
@@ -277,16 +277,16 @@ def test_the_linear_model_is_the_default(terrain_est, here, plain):
     assert terrain_est("estimate", "run.csv", "--quiet", "--model", "line.toml").stdout == default.stdout
 
 
-def test_model_and_method_say_the_same(terrain_est, here, plain):
+def test_model_and_method_say_the_same(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv")
     options = ("estimate", "run.csv", "--quiet", "--segments", "none")
-    method = terrain_est(*options, "--method", "wong-reece")
+    method = terrain_est_here(*options, "--method", "wong-reece")
     assert method.returncode == 0, method.stderr
-    assert terrain_est(*options, "--model", "wong-reece").stdout == method.stdout
+    assert terrain_est_here(*options, "--model", "wong-reece").stdout == method.stdout
     (here / "rover.toml").write_text(ROVER + '[estimate]\nmodel = "full.toml"\n', "utf-8")
     (here / "full.toml").write_text(MODEL, "utf-8")
-    assert terrain_est(*options).stdout == method.stdout
-    assert terrain_est(*options, env={"TERRAIN_EST_MODEL": "linear"}).stdout != method.stdout
+    assert terrain_est_here(*options).stdout == method.stdout
+    assert terrain_est_here(*options, env={"TERRAIN_EST_MODEL": "linear"}).stdout != method.stdout
 
 
 @pytest.mark.parametrize(
@@ -310,24 +310,24 @@ def test_model_and_method_say_the_same(terrain_est, here, plain):
         (["--model", "grousers.toml"], 78, "effect grousers needs grouser_height of rover.toml"),
     ],
 )
-def test_what_does_not_go_together(terrain_est, here, plain, options, code, message):
+def test_what_does_not_go_together(terrain_est_here, here, plain, options, code, message):
     write_csv(plain, here / "run.csv")
     (here / "bad.toml").write_text('base = "linear"\n', "utf-8")
     (here / "lateral.toml").write_text(MODEL + 'effects = ["side-slip"]\n', "utf-8")
     (here / "grousers.toml").write_text(MODEL + 'effects = ["grousers"]\n', "utf-8")
-    done = terrain_est("estimate", "run.csv", *options)
+    done = terrain_est_here("estimate", "run.csv", *options)
     assert (done.returncode, done.stdout) == (code, "")
     assert message in done.stderr.splitlines()[0]
 
 
-def test_the_hint_says_how_to_supply_a_channel(terrain_est, here, plain):
+def test_the_hint_says_how_to_supply_a_channel(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv")
     (here / "lateral.toml").write_text(MODEL + 'effects = ["side-slip"]\n', "utf-8")
-    done = terrain_est("estimate", "run.csv", "--model", "lateral.toml")
+    done = terrain_est_here("estimate", "run.csv", "--model", "lateral.toml")
     assert 'slip_angle = { column = "…", unit = "rad" }' in done.stderr
 
 
-def test_known_noise_is_used(terrain_est, here, plain):
+def test_known_noise_is_used(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv", terrain=True)
     given = "".join(f"{name} = {{ relative = 0.01 }}\n" for name in ("load", "torque", "sinkage", "slip"))
     (here / "rover.toml").write_text(ROVER + f"[noise]\n{given}", "utf-8")
@@ -341,30 +341,30 @@ def test_known_noise_is_used(terrain_est, here, plain):
         "--summary",
         "s.json",
     )
-    table(terrain_est(*options))
+    table(terrain_est_here(*options))
     noise = by_wheel(summary())["noise"]
     assert noise["torque"] == {"relative": 0.01, "absolute": 0.0, "unit": "N m", "given": True}
     assert not noise["drawbar_pull"]["given"]
     (here / "rover.toml").write_text(ROVER, "utf-8")
-    table(terrain_est(*options))
+    table(terrain_est_here(*options))
     noise = by_wheel(summary())["noise"]
     assert not noise["torque"]["given"]
     assert noise["torque"]["relative"] == pytest.approx(NOISE, rel=0.5)
 
 
-def test_wild_samples_need_robustness(terrain_est, here):
+def test_wild_samples_need_robustness(terrain_est_here, here):
     sensors = {**drive().sensors, "torque": Sensor(relative=NOISE, outliers=0.05, outlier_size=3.0)}
     write_csv(simulate(replace(drive(), sensors=sensors)), here / "run.csv", terrain=True)
     options = ("estimate", "run.csv", "--segments", "terrain", "--method", "wong-reece", "--quiet")
     errors = {}
     for robust in (False, True):
-        rows = table(terrain_est(*options, *["--robust"] * robust))
+        rows = table(terrain_est_here(*options, *["--robust"] * robust))
         truth = [math.degrees(soil.friction_angle) for soil in SOILS]
         errors[robust] = np.abs(rows["phi_deg"] - truth).max()
     assert errors[True] < errors[False]
 
 
-def test_few_samples_are_told(terrain_est, here, plain):
+def test_few_samples_are_told(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv")
     options = (
         "--method",
@@ -376,7 +376,7 @@ def test_few_samples_are_told(terrain_est, here, plain):
         "--where",
         "time < 2",
     )
-    rows = table(terrain_est("estimate", "run.csv", *options))
+    rows = table(terrain_est_here("estimate", "run.csv", *options))
     assert set(rows["status"]) == {"too-few-samples"}
 
 

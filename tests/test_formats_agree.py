@@ -9,7 +9,7 @@ import pytest
 
 from terrain_cli import pipeline, rover
 from terrain_cli.results import COLUMNS
-from terrain_cli.settings import Settings
+from terrain_cli.run.settings import Settings
 
 SAMPLE = Path(__file__).parent.parent / "sample_data"
 

@@ -42,9 +42,9 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def run(terrain_est):
+def run(terrain_est_here):
     def call(*args):
-        done = terrain_est("estimate", *args)
+        done = terrain_est_here("estimate", *args)
         assert done.returncode == 0, done.stderr
         return done
 
@@ -200,14 +200,18 @@ def test_a_sequence_says_how_gdal_is_to_read_it(folder, run):
         (("--places", "places.csv"), 2, "places.csv has planetocentric_latitude, and without --crs"),
         (("--places", "missing.csv"), 66, "missing.csv"),
         (("--places", "run.csv", "-o", "soil.shp"), 73, "the ending '.shp' is not known"),
-        (("-o", "soil.csv", "--samples", "soil.csv"), 2, "segments and samples cannot both be in soil.csv"),
+        (
+            ("-o", "soil.csv", "--samples", "soil.csv"),
+            2,
+            "-o and --samples both go to soil.csv\n  only a .gpkg holds both",
+        ),
         (("--samples", "samples.mcap"), 73, "the ending '.mcap' is not known"),
         (("--crs", "Mars", "-o", "soil.parquet"), 2, "GDAL knows no such reference system"),
     ],
 )
-def test_refused_before_the_work(folder, terrain_est, args, code, message):
+def test_refused_before_the_work(folder, terrain_est_here, args, code, message):
     before = sorted(folder.iterdir())
-    done = terrain_est("estimate", "run.bag", *args)
+    done = terrain_est_here("estimate", "run.bag", *args)
     assert done.returncode == code, done.stderr
     assert message in done.stderr
     assert "Traceback" not in done.stderr

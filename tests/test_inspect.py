@@ -15,7 +15,6 @@ from simulator.logs import write_ros1
 from formats.rosbag import BagSource
 from terrain_cli import rover as rovers
 from terrain_cli.app import main
-from terrain_cli.errors import InputError
 from terrain_cli.inspection import inspect, text
 from terrain_cli.telemetry import read
 
@@ -172,8 +171,11 @@ def test_sources_none_of_which_can_be_preferred(tmp_path, rover_file):
     columns = "load,torque,sinkage,slip,time,omega,angular_speed\n"
     path = tmp_path / "run.csv"
     path.write_text(columns + "80,3,0.01,0.2,0,1,1\n")
-    with pytest.raises(InputError, match="columns 'omega' and 'angular_speed' can all be angular_velocity"):
-        inspect(str(path), rover_file)
+    document = inspect(str(path), rover_file)
+    assert "columns 'omega' and 'angular_speed' can all be angular_velocity" in document["problem"]["error"]
+    assert document["problem"]["exit_code"] == 65
+    # What there is comes first.
+    assert "columns: load, torque, sinkage, slip, time, omega, angular_speed" in text(document)
 
 
 @pytest.fixture
@@ -325,8 +327,9 @@ def test_a_torque_that_no_soil_takes_is_doubted(run, tmp_path):
     (tmp_path / "run.csv").write_text("\n".join(rows), "utf-8")
     (tmp_path / "rover.toml").write_text(GEOMETRY, "utf-8")
     _, out, _ = run(tmp_path / "run.csv")
-    # 3700 / (0.125 · 80)
-    assert "torque is 370 times load times wheel radius, which no soil takes: if it is in N mm" in out
+    # 3700 / (0.125 · 80); the lines to add are those of the error that an estimate ends with.
+    assert "torque is 370 times load times wheel radius, which no soil takes" in out
+    assert '    torque = { column = "torque", unit = "N mm" }' in out
     (tmp_path / "run.csv").write_text("\n".join(rows).replace("torque", "torque [N mm]"), "utf-8")
     assert "which no soil takes" not in run(tmp_path / "run.csv")[1]
 

@@ -33,3 +33,23 @@ def test_pages_are_asked_for_once():
     )
     # In each of 20 cycles, or in the first alone.
     assert kept < every / 4
+
+
+HELD = """
+import resource, sys
+limit = int(sys.argv[1])
+if limit:
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+from terrain_cli.memory import most_held
+print(most_held())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems limit memory in other ways")
+def test_what_may_be_held_follows_the_limit_of_the_shell():
+    free, limited = (
+        int(subprocess.run([sys.executable, "-c", HELD, limit], capture_output=True, check=True).stdout)
+        for limit in ("0", str(2 << 30))
+    )
+    assert limited == (2 << 30) // 8
+    assert free >= limited

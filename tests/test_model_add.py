@@ -47,9 +47,9 @@ def here(logs, tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def model(terrain_est):
+def model(terrain_est_here):
     def run(*args):
-        done = terrain_est("model", *args)
+        done = terrain_est_here("model", *args)
         assert (done.returncode, done.stderr) == (0, "")
         return done.stdout
 
@@ -172,7 +172,7 @@ def test_an_effect_of_ones_own_lies_beside_the_model(here, model):
     assert models.load("models/model.toml").effects == ()
 
 
-def test_parameters_are_in_the_unit_of_the_effect(here, model, terrain_est):
+def test_parameters_are_in_the_unit_of_the_effect(here, model, terrain_est_here):
     """And the same ones in `compare`."""
     (here / "slack.toml").write_text(SLACK, "utf-8")
     found = change(model, "add", "model.toml", "slack.toml", "--keep", "--data", "clean.csv")
@@ -180,7 +180,7 @@ def test_parameters_are_in_the_unit_of_the_effect(here, model, terrain_est):
     assert slack["unit"] == "mN m"
     # Some hundredths of a N m.
     assert 1.0 < slack["se"] < 500.0
-    told = terrain_est("compare", "clean.csv", "--model", "model.toml", "--json", *CUT)
+    told = terrain_est_here("compare", "clean.csv", "--model", "model.toml", "--json", *CUT)
     (compared,) = json.loads(told.stdout)["parameters"]
     assert compared["slack.most"]["unit"] == "mN m"
     assert compared["slack.most"]["value"] == pytest.approx(slack["value"], rel=1e-4, abs=1e-3)
@@ -238,12 +238,12 @@ def test_without_data_it_is_added_and_said_to_be_untested(here, model):
     assert (found["tested"], found["pays"], found["kept"]) == (False, None, True)
 
 
-def test_another_base_is_weighed_with_the_noise_that_reaches_the_first(here, model, terrain_est):
+def test_another_base_is_weighed_with_the_noise_that_reaches_the_first(here, model, terrain_est_here):
     """The full model predicts torque from the sinkage alone, with its noise; the line has the load too."""
     (here / "line.toml").write_text('format = "terrain-est/model/1"\nbase = "linear"\n')
     (here / "full").mkdir()
     drive = ("--seed", "5", "--duration", "120", "--noise", "2%")
-    assert terrain_est("simulate", "-o", "full/drive.csv", *drive).returncode == 0
+    assert terrain_est_here("simulate", "-o", "full/drive.csv", *drive).returncode == 0
     found = change(model, "add", "line.toml", "linearised-stresses", "--data", "full/drive.csv")
     assert found["pays"]
     for name in ("torque", "drawbar_pull"):
@@ -305,11 +305,11 @@ def test_words_behind_data(words, inputs, effects):
         (["remove", "model.toml"], 2, "EFFECT"),
     ],
 )
-def test_what_is_wrong_changes_nothing(terrain_est, here, args, code, message):
+def test_what_is_wrong_changes_nothing(terrain_est_here, here, args, code, message):
     (here / "line.toml").write_text('format = "terrain-est/model/1"\nbase = "linear"\n')
     (here / "bad.toml").write_text(DIGS.replace("abs(slip)", "abs(slop)"))
     before = {path.name: path.read_bytes() for path in here.iterdir()}
-    done = terrain_est("model", *args)
+    done = terrain_est_here("model", *args)
     assert (done.returncode, done.stdout) == (code, "")
     assert message in done.stderr
     assert {path.name: path.read_bytes() for path in here.iterdir()} == before

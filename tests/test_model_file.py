@@ -10,8 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from terrain_cli import effects, models
-from terrain_cli import settings as choices
+from terrain_cli import choices, effects, models
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics import model as mechanics
 from terrain_cli.models import ModelFile, Prior
@@ -165,14 +164,62 @@ WR = HEAD + 'base = "wong-reece"\n'
         (WR + "[fixed]\nslip-sinkage.n1 = 0.4", "fixed.slip-sinkage.n1: the model has no parameter"),
         (
             WR + "[fixed]\nshear_modulus = 18",
-            "fixed.shear_modulus: must be a positive number, at most 1, not 18",
+            "fixed.shear_modulus: must be a number in m from 0.0001 to 1, not 18",
         ),
-        (WR + "[fixed]\nstiffness = 0", "fixed.stiffness: must be a positive number, not 0"),
-        (WR + '[fixed]\ncohesion = "1 kPa"', "fixed.cohesion: must be a number, not '1 kPa'"),
-        (WR + "[fixed]\ncohesion = nan", "fixed.cohesion: must be a number, not nan"),
+        (
+            WR + "[fixed]\nstiffness = 0",
+            "fixed.stiffness: must be a number in Pa/m^n from 1000 to 1e+10, not 0",
+        ),
+        (
+            WR + '[fixed]\ncohesion = "1 kPa"',
+            "fixed.cohesion: must be a number in Pa from -1e+06 to 1e+06, not '1 kPa'",
+        ),
+        (WR + "[fixed]\ncohesion = nan", "fixed.cohesion: must be a number in Pa from -1e+06"),
+        (
+            WR + "[fixed]\ntan_phi = 1e9",
+            "fixed.tan_phi: must be a number from 0 to 1.73205, not 1000000000.0",
+        ),
+        (
+            WR + "[fixed]\nsinkage_exponent = 5",
+            "fixed.sinkage_exponent: must be a number from 0.1 to 3, not 5",
+        ),
+        (
+            WR + 'effects = ["slip-sinkage"]\n[fixed]\nslip-sinkage.n1 = 1e9',
+            "fixed.slip-sinkage.n1: must be a number from ",
+        ),
+        (WR + "priors = 3", "priors: must be a table, not 3"),
+        (WR + "[priors]\nphi = { mean = 3, sd = 1 }", "priors.phi: the model has no parameter 'phi'"),
+        (
+            WR + "[priors]\nshear_modulus = { mean = 18, sd = 5 }",
+            "priors.shear_modulus.mean: must be a number in m from 0.0001 to 1, not 18.0",
+        ),
+        (
+            WR + '[priors]\nshear_modulus = { mean = 18, sd = 5, unit = "mm" }',
+            "priors.shear_modulus.unit: unknown key",
+        ),
+        (
+            WR + "[priors]\ntan_phi = { mean = inf, sd = 1 }",
+            "priors.tan_phi.mean: must be a number, not inf",
+        ),
+        (
+            WR + "[priors]\ntan_phi = { mean = 0.5, sd = -1 }",
+            "priors.tan_phi.sd: must be a standard deviation from ",
+        ),
+        (WR + "[priors]\ntan_phi = { mean = 0.5, sd = nan }", "priors.tan_phi.sd: must be a number"),
+        (
+            WR + "[priors]\ntan_phi = { mean = 0.5, sd = 1e-300 }",
+            "priors.tan_phi.sd: must be a standard deviation from ",
+        ),
+        (
+            WR + "[priors]\nstiffness = { mean = 1e6, sd = 1e300 }",
+            "priors.stiffness.sd: must be a standard deviation in Pa/m^n from 10 to 1e+13, not 1e+300",
+        ),
         (WR + "[priors]\ncohesion = 3", "priors.cohesion: must be a table, not 3"),
         (WR + "[priors]\ncohesion = { mean = 3 }", "priors.cohesion: sd is missing"),
-        (WR + "[priors]\ncohesion = { mean = 3, sd = 0 }", "priors.cohesion.sd: must be a positive number"),
+        (
+            WR + "[priors]\ncohesion = { mean = 3, sd = 0 }",
+            "priors.cohesion.sd: must be a standard deviation",
+        ),
         (
             WR + "[priors]\ncohesion = { mean = 3, std = 1 }",
             "priors.cohesion.std: unknown key; did you mean sd?",
@@ -224,11 +271,18 @@ def files(draw):
     names = draw(st.lists(st.sampled_from(list(effects.NAMES)), unique=True, max_size=4))
     file = models.build("wong-reece", names)
     known = list(file.units)
-    bounds = {name: (p.lower, p.upper) for name, p in file.model.parameters.items()}
+    far = {name: choices.EFFECT_SCALES * p.scale for name, p in file.model.parameters.items()}
+    bounds = choices.SOIL_BOUNDS | {
+        name: (max(p.lower, p.null - far[name]), min(p.upper, p.null + far[name]))
+        for name, p in file.model.parameters.items()
+    }
 
     def value(name):
-        low, high = bounds.get(name, (1e-3, 1.0))
-        return draw(st.floats(max(low, -1e3), min(high, 1e3)))
+        return draw(st.floats(*bounds[name]))
+
+    def deviation(name):
+        low, high = bounds[name]
+        return (high - low) * draw(numbers)
 
     held = draw(st.lists(st.sampled_from(known), unique=True, max_size=4))
     known = [name for name in known if name not in held]
@@ -237,7 +291,7 @@ def files(draw):
     return replace(
         file,
         fixed={name: value(name) for name in held},
-        priors={name: Prior(value(name), draw(numbers)) for name in prior},
+        priors={name: Prior(value(name), deviation(name)) for name in prior},
         shared=tuple(draw(st.lists(st.sampled_from(file.model.soil), unique=True, max_size=2))),
         history=tuple(draw(st.lists(entry, max_size=3))),
     )

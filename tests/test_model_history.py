@@ -63,8 +63,8 @@ def here(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("here")
 class TestTable:
-    def test_rows(self, terrain_est):
-        done = terrain_est("model", "history", "model.toml")
+    def test_rows(self, terrain_est_here):
+        done = terrain_est_here("model", "history", "model.toml")
         assert (done.returncode, done.stderr) == (0, "")
         lines = [re.split(r"\s{2,}", line.strip()) for line in done.stdout.splitlines()]
         assert lines[0] == ["model.toml: wong-reece, after 4 changes on record"]
@@ -96,15 +96,15 @@ class TestTable:
         assert "800 samples of a.csv, b.csv and 1 more; the held-out error fell" in done.stdout
         assert "3  + hardpan and load-bias: not tested; no data were given" in done.stdout
 
-    def test_json_has_the_entries_as_they_are(self, terrain_est):
-        found = json.loads(terrain_est("model", "history", "model.toml", "--json").stdout)
+    def test_json_has_the_entries_as_they_are(self, terrain_est_here):
+        found = json.loads(terrain_est_here("model", "history", "model.toml", "--json").stdout)
         assert found["format"] == "terrain-est/model-history/1"
         assert (found["base"], found["effects"]) == ("wong-reece", [])
         assert [step.get("action") for step in found["steps"]] == ["add", None, "add", "remove"]
         assert found["steps"][0]["channels"]["torque"]["heldout_before_interval"] == [0.37, 0.48]
 
-    def test_picture(self, here, terrain_est):
-        done = terrain_est("model", "history", "model.toml", "--plot", "made/here")
+    def test_picture(self, here, terrain_est_here):
+        done = terrain_est_here("model", "history", "model.toml", "--plot", "made/here")
         assert (done.returncode, done.stderr) == (0, "2 pictures in made/here\n")
         assert {path.name for path in (here / "made" / "here").iterdir()} == {"ladder.png", "ladder.svg"}
         text = (here / "made" / "here" / "ladder.svg").read_text("utf-8")
@@ -113,20 +113,20 @@ class TestTable:
         # What was not tested has no place in it.
         assert "load-bias" not in text
 
-    def test_show_tells_it_in_short(self, terrain_est):
-        told = terrain_est("model", "show", "model.toml").stdout
+    def test_show_tells_it_in_short(self, terrain_est_here):
+        told = terrain_est_here("model", "show", "model.toml").stdout
         assert "  1. + slip-sinkage: the held-out error fell in sinkage from 6.36 to 0.792 mm" in told
         assert "  2. added a note by hand" in told
 
 
-def test_a_file_without_history(here, terrain_est):
+def test_a_file_without_history(here, terrain_est_here):
     (here / "model.toml").write_text(MODEL, "utf-8")
-    done = terrain_est("model", "history", "model.toml", "--plot", "pictures")
+    done = terrain_est_here("model", "history", "model.toml", "--plot", "pictures")
     assert done.returncode == 0
     assert done.stdout == "model.toml: wong-reece, after 0 changes on record\n"
     assert done.stderr == "no step was tried on data: no picture\n"
-    assert terrain_est("model", "history", "gone.toml").returncode == 78
-    assert terrain_est("model", "history", "wong-reece").returncode == 2
+    assert terrain_est_here("model", "history", "gone.toml").returncode == 78
+    assert terrain_est_here("model", "history", "wong-reece").returncode == 2
 
 
 @pytest.mark.parametrize(
@@ -142,21 +142,21 @@ def test_a_file_without_history(here, terrain_est):
         "action = 3",
     ],
 )
-def test_what_another_hand_wrote_is_shown_as_far_as_it_is_known(here, terrain_est, entry):
+def test_what_another_hand_wrote_is_shown_as_far_as_it_is_known(here, terrain_est_here, entry):
     (here / "model.toml").write_text(f"{MODEL}\n[[history]]\n{entry}\n", "utf-8")
     for args in (["history"], ["history", "--json"], ["show"]):
-        done = terrain_est("model", *args[:1], "model.toml", *args[1:])
+        done = terrain_est_here("model", *args[:1], "model.toml", *args[1:])
         assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_ladder_that_was_climbed(logs, here, terrain_est):
+def test_a_ladder_that_was_climbed(logs, here, terrain_est_here):
     """Added, removed and added again: each step begins where the one before ended."""
     shutil.copytree(logs, here, dirs_exist_ok=True)
     (here / "model.toml").write_text(MODEL, "utf-8")
     for verb in ("add", "remove", "add"):
-        done = terrain_est("model", verb, "model.toml", "slip-sinkage", "--data", "sinks.csv", *CUT)
+        done = terrain_est_here("model", verb, "model.toml", "slip-sinkage", "--data", "sinks.csv", *CUT)
         assert done.returncode == 0
-    steps = json.loads(terrain_est("model", "history", "model.toml", "--json").stdout)["steps"]
+    steps = json.loads(terrain_est_here("model", "history", "model.toml", "--json").stdout)["steps"]
     assert [step["action"] for step in steps] == ["add", "remove", "add"]
     errors = [
         (step["channels"]["sinkage"]["heldout_before"], step["channels"]["sinkage"]["heldout_after"])
@@ -164,7 +164,7 @@ def test_a_ladder_that_was_climbed(logs, here, terrain_est):
     ]
     assert errors[0] == errors[2]
     assert errors[0] == pytest.approx(errors[1][::-1], rel=0.05)
-    page = terrain_est("report", "sinks.csv", "--model", "model.toml", "-o", "page.html", *CUT)
+    page = terrain_est_here("report", "sinks.csv", "--model", "model.toml", "-o", "page.html", *CUT)
     assert page.returncode == 0
     text = (here / "page.html").read_text("utf-8")
     for said in (
@@ -174,6 +174,6 @@ def test_a_ladder_that_was_climbed(logs, here, terrain_est):
         "1 + slip-sinkage",
     ):
         assert said in text
-    without = terrain_est("report", "sinks.csv", "-o", "page.html", *CUT)
+    without = terrain_est_here("report", "sinks.csv", "-o", "page.html", *CUT)
     assert without.returncode == 0
     assert "How the model came about" not in (here / "page.html").read_text("utf-8")

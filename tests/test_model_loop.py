@@ -32,8 +32,10 @@ def here(logs, tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_a_wheel_that_sinks_as_it_slips(terrain_est, here):
-    done = terrain_est("model", "add", "model.toml", "--until-quiet", "--json", *CUT, "--data", "sinks.csv")
+def test_a_wheel_that_sinks_as_it_slips(terrain_est_here, here):
+    done = terrain_est_here(
+        "model", "add", "model.toml", "--until-quiet", "--json", *CUT, "--data", "sinks.csv"
+    )
     assert done.returncode == 0
     found = json.loads(done.stdout)
     assert found["format"] == "terrain-est/model-loop/1"
@@ -60,9 +62,9 @@ def test_a_clean_log_leaves_the_file_as_it_is(terrain_est, here):
     assert (here / "model.toml").read_text("utf-8") == MODEL
 
 
-def test_one_kept_of_a_family_is_said_to_be_in_doubt(terrain_est, here):
+def test_one_kept_of_a_family_is_said_to_be_in_doubt(terrain_est_here, here):
     doubt = Path(__file__).resolve().parent.parent / "sample_data" / "tutorial" / "doubt.csv"
-    done = terrain_est("model", "add", "model.toml", "--until-quiet", "-q", "--data", doubt)
+    done = terrain_est_here("model", "add", "model.toml", "--until-quiet", "-q", "--data", doubt)
     assert done.returncode == 0
     (kept,) = models.load("model.toml").effects
     (line,) = (line for line in done.stdout.splitlines() if line.startswith(f"kept {kept}; "))

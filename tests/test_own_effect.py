@@ -22,9 +22,9 @@ SIZE = 60.0
 
 
 @pytest.fixture
-def run(terrain_est):
+def run(terrain_est_here):
     def succeed(*args):
-        done = terrain_est(*args)
+        done = terrain_est_here(*args)
         assert done.returncode == 0, done.stderr
         return done.stdout
 

@@ -38,33 +38,35 @@ def points(tmp_path, monkeypatch):
     return write
 
 
-def asked(terrain_est, *args):
-    done = terrain_est(*args, "--json", "-q")
+def asked(terrain_est_here, *args):
+    done = terrain_est_here(*args, "--json", "-q")
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
-def test_the_wheel_of_ding_sinks_as_it_slips(points, terrain_est):
+def test_the_wheel_of_ding_sinks_as_it_slips(points, terrain_est_here):
     """From 5 mm at rest to 17.5 mm at a slip of 0.6: no noise, though there are six points only."""
     points("ding2011")
-    found = asked(terrain_est, "diagnose", "points.csv")
+    found = asked(terrain_est_here, "diagnose", "points.csv")
     assert found["alarm"]["raised"]
     # Six points do not earn a name.
     assert (found["verdict"], found["family"]) == ("family", ["slip-sinkage"])
     best = found["candidates"][0]["heldout_rmse"]["sinkage"]
     assert best < found["channels"]["sinkage"]["heldout_rmse"] / 5.0
-    terrain_est("model", "new", "model.toml")
-    wrong = asked(terrain_est, "model", "add", "model.toml", "drivetrain-friction", "--data", "points.csv")
+    terrain_est_here("model", "new", "model.toml")
+    wrong = asked(
+        terrain_est_here, "model", "add", "model.toml", "drivetrain-friction", "--data", "points.csv"
+    )
     assert not wrong["pays"]
-    right = asked(terrain_est, "model", "add", "model.toml", "slip-sinkage", "--data", "points.csv")
+    right = asked(terrain_est_here, "model", "add", "model.toml", "slip-sinkage", "--data", "points.csv")
     assert right["pays"]
     assert right["channels"]["sinkage"]["heldout_after"] < 0.001
 
 
-def test_the_wheel_of_wang_and_han_has_a_parasitic_torque(points, terrain_est):
+def test_the_wheel_of_wang_and_han_has_a_parasitic_torque(points, terrain_est_here):
     """T/r less the pull is 8 to 11 N more than the soil takes, at every slip."""
     points("wang_han")
-    found = asked(terrain_est, "diagnose", "points.csv")
+    found = asked(terrain_est_here, "diagnose", "points.csv")
     assert (found["verdict"], found["family"]) == ("family", ["drivetrain-friction"])
     first = found["candidates"][0]["parameters"]["Tc"]
     # 8 to 11 N at a radius of 85 mm.

@@ -13,11 +13,11 @@ import pytest
 from click.testing import CliRunner
 from processes import children, peak
 
-from terrain_cli import pipeline, reaches, rover
+from terrain_cli import pipeline, reaches, rover, windows
 from terrain_cli.app import cli
 from terrain_cli.errors import InputError
 from terrain_cli.mechanics import linear
-from terrain_cli.settings import Settings
+from terrain_cli.run.settings import Settings
 from terrain_cli.telemetry import parts
 
 GEOMETRY = {"radius": 0.125, "width": 0.1, "shear_modulus": 0.018}
@@ -122,6 +122,33 @@ def test_fixed_windows_and_conditions(both):
         {"method": "recursive", "folds": 5},
     ):
         assert_same(*both(table, **settings))
+
+
+def test_short_windows_share_what_is_the_same(both):
+    """A text of its own for each of a million windows takes more than its numbers."""
+    for outcome in both(drive(LENGTHS), segments="fixed", window_samples=3):
+        assert len(outcome.table["status"]) > 4_000
+        for name in ("source", "wheel", "method", "status"):
+            assert len(set(map(id, outcome.table[name]))) == len(set(outcome.table[name]))
+
+
+@pytest.mark.parametrize("rows", [1000, 10**9])
+def test_more_windows_than_can_be_held(small, monkeypatch, tmp_path, rows):
+    """In reaches and whole, of all wheels together."""
+    (tmp_path / "rover.toml").write_text(ROVER)
+    table = pd.concat([drive(LENGTHS[:3], seed).assign(wheel=name) for seed, name in enumerate("ab")])
+    table.sort_index(kind="stable").to_csv(path := tmp_path / "run.csv", index=False)
+    monkeypatch.setattr(reaches, "MOST_ROWS", rows)
+    given = Settings(segments="fixed", window_samples=10)
+    found = pipeline.run(str(path), rover.load(tmp_path / "rover.toml"), given)
+    monkeypatch.setattr(windows, "MOST", len(found.table["wheel"]))
+    assert (
+        pipeline.run(str(path), rover.load(tmp_path / "rover.toml"), given).table.keys() == found.table.keys()
+    )
+    monkeypatch.setattr(windows, "MOST", len(found.table["wheel"]) * 3 // 4)
+    with pytest.raises(InputError, match=r"more than [\d,]+ segments") as caught:
+        pipeline.run(str(path), rover.load(tmp_path / "rover.toml"), given)
+    assert "--window-samples" in caught.value.hint
 
 
 def test_wheels_are_worked_through_side_by_side(both):

@@ -27,11 +27,11 @@ def read(folder, name):
 
 
 @pytest.fixture
-def simulate(terrain_est, tmp_path):
+def simulate(terrain_est_here, tmp_path):
     """Return a function that simulates into a folder, and fails where the command does."""
 
     def run(*args, folder=tmp_path, output="run.csv"):
-        done = terrain_est("simulate", "-o", f"{folder}/{output}", *args)
+        done = terrain_est_here("simulate", "-o", f"{folder}/{output}", *args)
         assert (done.returncode, done.stdout) == (0, ""), done.stderr
         return done.stderr
 
@@ -68,9 +68,9 @@ def test_other_seed_other_noise(simulate, tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_estimate_reads_it_at_once(kind, simulate, terrain_est, tmp_path):
+def test_estimate_reads_it_at_once(kind, simulate, terrain_est_here, tmp_path):
     simulate("--drive", "load-steps", "--wheels", "2", "--noise", "1%", output=f"run.{kind}")
-    done = terrain_est("estimate", tmp_path / f"run.{kind}", "--segments", "none")
+    done = terrain_est_here("estimate", tmp_path / f"run.{kind}", "--segments", "none")
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader(io.StringIO(done.stdout)))
     assert [row["wheel"] for row in rows] == ["front-left", "front-right"]
@@ -78,9 +78,9 @@ def test_estimate_reads_it_at_once(kind, simulate, terrain_est, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
-def test_inspect_uses_every_topic(kind, simulate, terrain_est, tmp_path):
+def test_inspect_uses_every_topic(kind, simulate, terrain_est_here, tmp_path):
     simulate(*SHORT, "--wheels", "4", output=f"run.{kind}")
-    done = terrain_est("inspect", tmp_path / f"run.{kind}", "--json")
+    done = terrain_est_here("inspect", tmp_path / f"run.{kind}", "--json")
     (found,) = json.loads(done.stdout)["inputs"]
     assert found["rover_toml"] == ""
     assert len(found["wheels"]) == 4
@@ -146,9 +146,11 @@ def test_drives_one_after_another(simulate, tmp_path):
 
 
 @pytest.mark.parametrize(("soil", "c", "phi"), [("dry-sand", 1.04, 28.0), ("sandy-loam", 1.72, 29.0)])
-def test_linear_model_gives_the_soil_back(soil, c, phi, simulate, terrain_est, tmp_path):
+def test_linear_model_gives_the_soil_back(soil, c, phi, simulate, terrain_est_here, tmp_path):
     simulate("--model", "linear", "--soil", soil, "--drive", "load-steps", "--drive", "slip-sweep")
-    done = terrain_est("estimate", "--method", "least-squares", "--segments", "none", tmp_path / "run.csv")
+    done = terrain_est_here(
+        "estimate", "--method", "least-squares", "--segments", "none", tmp_path / "run.csv"
+    )
     (row,) = csv.DictReader(io.StringIO(done.stdout))
     # What is left is that the line drops κ3 of the paper.
     assert float(row["c_kPa"]) == pytest.approx(c, abs=0.06)
@@ -204,7 +206,8 @@ class TestHide:
     def riddle(self, simulate, tmp_path):
         def make(seed, output="run.csv"):
             told = simulate(
-                "--drive", "mixed", *SHORT, "--noise", "3%", "--hide", "--seed", seed, output=output
+                *("--drive", "mixed", *SHORT, "--noise", "3%", "--hide", "--seed", seed, "--force"),
+                output=output,
             )
             sealed = json.loads((tmp_path / f"{output.rstrip('/')}.sealed.json").read_text("utf-8"))
             (effect,) = sealed["model"]["effects"]
@@ -242,7 +245,7 @@ class TestHide:
     def test_without_a_seed_each_is_another(self, simulate, tmp_path):
         seeds = set()
         for _ in range(2):
-            simulate(*SHORT, "--hide", "--truth", tmp_path / "sealed.json")
+            simulate(*SHORT, "--hide", "--truth", tmp_path / "sealed.json", "--force")
             seeds.add(json.loads((tmp_path / "sealed.json").read_text("utf-8"))["seed"])
         assert len(seeds) == 2
 
@@ -251,8 +254,8 @@ class TestHide:
         simulate(tmp_path / "drive.toml", "--hide", "--truth", tmp_path / "sealed.json")
         assert json.loads((tmp_path / "sealed.json").read_text("utf-8"))["seed"] == 11
 
-    def test_needs_a_file(self, terrain_est):
-        done = terrain_est("simulate", "--hide")
+    def test_needs_a_file(self, terrain_est_here):
+        done = terrain_est_here("simulate", "--hide")
         assert (done.returncode, done.stdout) == (2, "")
         assert "--truth" in done.stderr
 
@@ -273,15 +276,15 @@ class TestRoverFile:
 
     def test_own_is_replaced(self, simulate, tmp_path):
         simulate(*SHORT, "--wheels", "2")
-        simulate(*SHORT, "--wheels", "4")
+        simulate(*SHORT, "--wheels", "4", output="other.csv")
         assert len(rovers.load(tmp_path / "rover.toml").wheels) == 4
 
-    def test_elsewhere(self, simulate, tmp_path, terrain_est):
+    def test_elsewhere(self, simulate, tmp_path, terrain_est_here):
         simulate(*SHORT, "--rover", tmp_path / "other.toml")
         assert not (tmp_path / "rover.toml").exists()
         assert rovers.load(tmp_path / "other.toml").wheels
         (tmp_path / "mine.toml").write_text("[wheel]\n")
-        done = terrain_est("simulate", "-o", tmp_path / "x.csv", "--rover", tmp_path / "mine.toml")
+        done = terrain_est_here("simulate", "-o", tmp_path / "x.csv", "--rover", tmp_path / "mine.toml")
         assert done.returncode == 73
         assert not (tmp_path / "x.csv").exists()
 
@@ -345,8 +348,8 @@ def test_noise_of_the_command_line(simulate, tmp_path):
         (["-o", "run.csv", "--truth", "no/t.json"], 73, "no/t.json: no such folder"),
     ],
 )
-def test_refused_in_one_line(args, code, message, terrain_est, tmp_path):
-    done = terrain_est("simulate", *args, cwd=tmp_path)
+def test_refused_in_one_line(args, code, message, terrain_est_here, tmp_path):
+    done = terrain_est_here("simulate", *args, cwd=tmp_path)
     assert done.returncode == code, done.stderr
     assert message in done.stderr.splitlines()[0]
     assert done.stdout == ""

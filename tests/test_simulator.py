@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import simulator
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 from pyarrow import parquet
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
@@ -102,7 +103,7 @@ def fixed_order(soil: Soil, sinkage: float, slip: float) -> tuple[float, float, 
     return load, r * r * b * weights @ tau, pull
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(soils, sinkages, slips)
 def test_wong_reece_agrees_with_a_fixed_order_quadrature(soil: Soil, sinkage: float, slip: float) -> None:
     found = forces(soil, WHEEL, sinkage, slip)
@@ -143,7 +144,7 @@ def paper_line(load: float, torque: float, sinkage: float, slip: float, soil: So
     return x, y
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(soils, sinkages, slips)
 def test_linear_wheel_lies_on_the_line_of_the_paper(soil: Soil, sinkage: float, slip: float) -> None:
     # κ3, which the line drops, is of the cohesion alone: without cohesion the line is exact, and with it
@@ -155,7 +156,7 @@ def test_linear_wheel_lies_on_the_line_of_the_paper(soil: Soil, sinkage: float, 
         assert y == pytest.approx(cohesion + x * kind.tan_phi, rel=allowed, abs=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(soils, sinkages, slips)
 def test_linear_torque_is_that_of_two_triangles(soil: Soil, sinkage: float, slip: float) -> None:
     under = contact(soil, WHEEL, sinkage, slip, "linear")
@@ -168,7 +169,7 @@ def test_linear_torque_is_that_of_two_triangles(soil: Soil, sinkage: float, slip
     assert forces(soil, WHEEL, sinkage, slip, "linear").torque == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(soils, sinkages, slips)
 def test_linear_balance_of_torque_and_pull(soil: Soil, sinkage: float, slip: float) -> None:
     # Triangles symmetric about θ1/2: their resultants act there, shortened by sinc²(θ1/4).

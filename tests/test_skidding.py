@@ -49,16 +49,16 @@ def count(folder, keep):
         return sum(keep(float(row["slip"])) for row in csv.DictReader(stream))
 
 
-def test_the_line_leaves_them_out_with_the_reason(folder, terrain_est):
-    done = terrain_est("estimate", folder / "run.csv")
+def test_the_line_leaves_them_out_with_the_reason(folder, terrain_est_here):
+    done = terrain_est_here("estimate", folder / "run.csv")
     skids = count(folder, lambda slip: slip < 0.0)
     assert skids > 100
     assert f"{skids} · wheel skids (slip < 0)" in done.stderr
     assert sum(int(row["n_samples"]) for row in rows(done)) == count(folder, lambda slip: slip >= 0.0)
 
 
-def test_the_whole_model_uses_them_and_cuts_by_the_line_of_the_others(folder, terrain_est):
-    done = terrain_est("estimate", folder / "run.csv", "--model", "wong-reece")
+def test_the_whole_model_uses_them_and_cuts_by_the_line_of_the_others(folder, terrain_est_here):
+    done = terrain_est_here("estimate", folder / "run.csv", "--model", "wong-reece")
     assert "skids" not in done.stderr
     first, second = rows(done)
     assert int(first["n_samples"]) + int(second["n_samples"]) == count(folder, math.isfinite)
@@ -69,13 +69,13 @@ def test_the_whole_model_uses_them_and_cuts_by_the_line_of_the_others(folder, te
         assert row["phi_ls_deg"]
 
 
-def test_compare_predicts_them(folder, terrain_est):
+def test_compare_predicts_them(folder, terrain_est_here):
     for base in ("wong-reece", "linear"):
-        done = terrain_est("compare", folder / "run.csv", "--model", base, "--json", "-q")
+        done = terrain_est_here("compare", folder / "run.csv", "--model", base, "--json", "-q")
         assert (done.returncode, done.stderr) == (0, "")
         found = json.loads(done.stdout)
         assert found["data"]["samples"] == count(folder, math.isfinite)
-    found = json.loads(terrain_est("compare", folder / "run.csv", "--json", "-q").stdout)
+    found = json.loads(terrain_est_here("compare", folder / "run.csv", "--json", "-q").stdout)
     for errors in found["channels"].values():
         assert errors["samples"] == found["data"]["samples"]
         assert errors["rmse"] == pytest.approx(errors["noise"], rel=0.2)

@@ -33,8 +33,8 @@ def folder(tmp_path_factory):
     return path
 
 
-def diagnosed(terrain_est, folder, name):
-    done = terrain_est("diagnose", f"{name}.csv", "--segments", "none", "--json", "-q", cwd=folder)
+def diagnosed(terrain_est_here, folder, name):
+    done = terrain_est_here("diagnose", f"{name}.csv", "--segments", "none", "--json", "-q", cwd=folder)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
@@ -45,24 +45,24 @@ def steps(warnings):
     return [float(match[1]) for match in found if match]
 
 
-def test_another_soil_is_no_missing_effect(terrain_est, folder):
-    answer = diagnosed(terrain_est, folder, "clean")
+def test_another_soil_is_no_missing_effect(terrain_est_here, folder):
+    answer = diagnosed(terrain_est_here, folder, "clean")
     assert answer["verdict"] == "none"
     assert not answer["alarm"]["raised"]
     assert steps(answer["warnings"]) == [pytest.approx(SECONDS / 2.0, abs=2.0)]
 
 
 @pytest.mark.parametrize(("name", "effect"), [("sinks", "slip-sinkage"), ("rubs", "drivetrain-friction")])
-def test_an_effect_is_found_across_both(terrain_est, folder, tmp_path, name, effect):
-    answer = diagnosed(terrain_est, folder, name)
+def test_an_effect_is_found_across_both(terrain_est_here, folder, tmp_path, name, effect):
+    answer = diagnosed(terrain_est_here, folder, name)
     assert answer["family"][0] == effect
     assert answer["effect"] in {effect, None}
     assert steps(answer["warnings"]) == [pytest.approx(SECONDS / 2.0, abs=2.0)]
 
     model = tmp_path / "model.toml"
-    assert terrain_est("model", "new", model).returncode == 0
+    assert terrain_est_here("model", "new", model).returncode == 0
     data = ("--data", f"{name}.csv", "--segments", "none", "--json", "-q")
-    done = terrain_est("model", "add", model, effect, *data, cwd=folder)
+    done = terrain_est_here("model", "add", model, effect, *data, cwd=folder)
     assert done.returncode == 0, done.stderr
     added = json.loads(done.stdout)
     assert added["pays"]

@@ -18,7 +18,7 @@ import pytest
 from terrain_cli.batch import inputs
 from terrain_cli.batch.tasks import Estimate, Job
 from terrain_cli.rover import Rover
-from terrain_cli.settings import Settings
+from terrain_cli.run.settings import Settings
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 #: Workers tell which input they have begun, and are as slow as a file says.
@@ -181,7 +181,7 @@ def test_other_versions_are_refused(cluster, folder, tmp_path):
         # It says goodbye, so that the next batch does not meet it.
         odd.send_signal(signal.SIGTERM)
         odd.wait()
-    assert code == 1
+    assert code == 66
     assert re.search(r"worker tcp://\S+ has terrain-est 0\.0\.7 instead of \d", err)
     for name in ("python 3.0.7", "pyarrow 0.0.7", "dask 0.0.7"):
         assert f", {name} instead of " in err
@@ -204,7 +204,7 @@ def test_no_scheduler(folder):
     with socket.socket() as deaf:
         deaf.bind(("127.0.0.1", 0))
         code, err = batch(folder, "out", "--scheduler", f"tcp://127.0.0.1:{deaf.getsockname()[1]}")
-    assert code == 1
+    assert code == 66
     assert "no scheduler answers" in err
 
 
@@ -220,7 +220,7 @@ def test_a_scheduler_that_goes(folder, tmp_path_factory):
                 time.sleep(0.02)
             own.processes[0].kill()
             err = process.communicate(timeout=120)[1]
-        assert process.returncode == 1, err
+        assert process.returncode == 66, err
         assert f"{own.address}: the scheduler has gone" in err
     # What is done is kept, and the rest can be done here.
     assert batch(folder, "out")[0] == 75

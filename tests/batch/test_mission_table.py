@@ -20,7 +20,9 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 
 def track(columns, shift):
     """Return the text of a drive with positions of its own."""
-    rows = [[*row, f"{1e-4 * n + shift:.6f}", f"{2e-4 * n:.6f}"] for n, row in enumerate(good()[:80])]
+    # In degrees a step is as long as in metres.
+    step = 1e-4 if columns == ("x", "y") else 1e-9
+    rows = [[*row, f"{step * n + shift:.9f}", f"{2 * step * n:.9f}"] for n, row in enumerate(good()[:80])]
     return text(rows, (*HEADER, *columns))
 
 

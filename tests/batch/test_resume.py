@@ -17,7 +17,7 @@ import terrain_cli
 from terrain_cli import models, pipeline, results
 from terrain_cli.app import main
 from terrain_cli.batch import configuration
-from terrain_cli.settings import Settings
+from terrain_cli.run.settings import Settings
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 

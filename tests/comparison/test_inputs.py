@@ -1,7 +1,5 @@
 """What a channel answers to, where it answers to nothing."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -13,5 +11,6 @@ from terrain_cli.comparison import inputs
 def test_a_constant_channel_answers_to_no_load(torque, slip):
     load = np.linspace(50.0, 150.0, 40)
     columns = {"load": load, "torque": np.full(40, torque), "slip": np.full(40, slip)}
-    answered = inputs._answered(SimpleNamespace(channels=columns, ordered=False), "torque", 1.0)
+    record = inputs.Record(columns, np.zeros(40, dtype=np.intp), None)
+    answered = inputs._answered(record, "torque", 1.0)
     assert answered == pytest.approx(0.0, abs=1e-9)

@@ -8,15 +8,15 @@ import re
 import numpy as np
 import pytest
 from hypothesis import given as given_that
-from hypothesis import settings
 from hypothesis import strategies as st
+from profiles import examples
 
 from terrain_cli import effects
 from terrain_cli.channels import CHANNELS
 from terrain_cli.effects import dimensions
-from terrain_cli.effects.effect import KINDS, QUANTITIES
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.dual import slopes, value
+from terrain_cli.mechanics.effect import KINDS, QUANTITIES
 from terrain_cli.mechanics.model import Model, WheelGeometry, predict
 
 OUTPUTS = ("balance", "load", "torque", "drawbar_pull", "sinkage")
@@ -303,7 +303,7 @@ def test_law_does_not_depend_on_the_units(name, wheel, channels, soil):
     st.sampled_from(["sinkage", "load"]),
     st.floats(0.05, 0.5),
 )
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_any_set_of_effects_goes_together(wheel, channels, soil, names, way, sizes):
     bare, model = model_of(way), model_of(way, *names)
     at_null = outputs(run(model, way, wheel, channels, soil))

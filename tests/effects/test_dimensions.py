@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from terrain_cli import units
 from terrain_cli.channels import CHANNELS
 from terrain_cli.effects import dimensions, grammar, unit_check
-from terrain_cli.effects.effect import QUANTITIES
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.mechanics.effect import QUANTITIES
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from terrain_cli import effects
-from terrain_cli.effects.effect import KINDS
 from terrain_cli.effects.library.bulldozing import bearing_factors
+from terrain_cli.mechanics.effect import KINDS
 from terrain_cli.mechanics.model import Model, predict
 from terrain_cli.telemetry.derive import slip as slip_of
 

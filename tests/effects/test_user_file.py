@@ -12,9 +12,9 @@ import pytest
 from formats import NotFoundError
 from terrain_cli.channels import CHANNELS, LABEL
 from terrain_cli.effects import trial, user_file, vocabulary
-from terrain_cli.effects.effect import QUANTITIES
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.dual import seed
+from terrain_cli.mechanics.effect import QUANTITIES
 from terrain_cli.mechanics.model import Model, WheelGeometry, predict
 
 CABLE = """id = "cable-drag"

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 from wheel_samples import WHEEL, free
 
-from terrain_cli.effects.effect import Effect, Parameter
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.estimation.wheel_fit import Noise, Prior, fit
 from terrain_cli.estimation.wheel_fit.solve import Normal, eliminate, newton
 from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+from terrain_cli.mechanics.effect import Effect, Parameter
 from terrain_cli.mechanics.model import Model, WheelGeometry
 
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
@@ -37,7 +38,7 @@ def unknown(name, reach=1e9):
     return Unknown(name, logarithm=False, mean=0.0, sd=1.0, lower=-reach, upper=reach, step=1e9)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.integers(1, 6), st.integers(0, 3), st.integers(1, 3), st.integers(0, 2**32))
 def test_eliminating_windows_solves_the_dense_system(windows, local, shared, seed):
     rng = np.random.default_rng(seed)

@@ -6,8 +6,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 from simulator import (
     CHANNELS,
     DRY_SAND,
@@ -180,7 +181,7 @@ torques = st.floats(-1e3, 1e3) | st.sampled_from([0.0, 1e-9, 1e6])
 samples = st.tuples(loads, torques, st.floats(1e-4, 0.12), st.floats(-0.99, 0.99))
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.lists(samples, min_size=3, max_size=12), st.booleans())
 def test_any_telemetry_gives_a_possible_soil_or_says_why_not(rows, correlated):
     channels = dict(zip(("load", "torque", "sinkage", "slip"), np.array(rows).T, strict=True))

@@ -8,8 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from drives import GEOMETRY, drive
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 from simulator import DRY_SAND, Wheel, forces, sinkage_under
 
 from terrain_cli.errors import UsageError
@@ -211,7 +212,7 @@ def test_however_windows_are_parted_the_estimates_are_the_same(monkeypatch):
         np.testing.assert_allclose(getattr(parted, name), getattr(together, name), rtol=1e-9)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(
     seed=st.integers(0, 10_000),
     cuts=st.lists(st.integers(1, 199), max_size=6, unique=True),
@@ -234,7 +235,7 @@ def test_windows_do_not_know_of_each_other(seed, cuts, method, folds):
             assert one == other or one == pytest.approx(other, rel=1e-12, nan_ok=True)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10_000), shift=st.floats(-5e3, 5e3))
 def test_moving_x_moves_cohesion(seed, shift):
     run = drive(1, 40, seed, kind="undulation", share=0.15, noises=0.02)
@@ -247,7 +248,7 @@ def test_moving_x_moves_cohesion(seed, shift):
     assert moved.strength_se[0] == pytest.approx(here.strength_se[0], rel=1e-6)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10_000), unit=st.sampled_from([1e-3, 1e-6, 7.0]))
 def test_unit_of_stress_does_not_matter(seed, unit):
     run = drive(1, 40, seed, kind="undulation", share=0.15, noises=0.02)

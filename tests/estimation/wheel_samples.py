@@ -5,17 +5,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from simulator import Soil, Wheel, forces, sinkage_under
+from simulator import Soil, forces, sinkage_under
+from simulator.paper import LOAD, TABLE_II, VARIATION, WHEEL
 
-WHEEL = Wheel(0.1, 0.1)
-#: Ranges from which soils are drawn: those of Iagnemma et al. 2004, Table II.
-COHESION, PHI, SHEAR_MODULUS = (0.5e3, 10e3), (15.0, 40.0), (0.010, 0.030)
-EXPONENT, KC, KPHI = (0.5, 1.2), (0.9e3, 15e3), (500e3, 1600e3)
 CHANNELS = ("load", "torque", "sinkage", "slip", "drawbar_pull")
 
 
@@ -64,19 +60,9 @@ class Truth:
         return noisy
 
 
-def soil(rng: np.random.Generator, **fixed: float) -> Soil:
-    """Draw a soil."""
-    return Soil(
-        "drawn",
-        fixed.get("cohesion", rng.uniform(*COHESION)),
-        fixed.get("phi", math.radians(rng.uniform(*PHI))),
-        fixed.get("shear_modulus", rng.uniform(*SHEAR_MODULUS)),
-        rng.uniform(*KC),
-        rng.uniform(*KPHI),
-        rng.uniform(*EXPONENT),
-        c1=0.5,
-        c2=0.0,
-    )
+def soil(rng: np.random.Generator) -> Soil:
+    """Draw a soil from the ranges of the paper's Table II."""
+    return Soil("drawn", **{name: rng.uniform(*ends) for name, ends in TABLE_II.items()}, c1=0.5, c2=0.0)
 
 
 @cache
@@ -102,7 +88,7 @@ def paper(windows: int, size: int, seed: int, slip: float) -> Truth:
         ground, window = soil(rng), []
         try:
             for _ in range(size):
-                load, i = 98.1 * rng.uniform(0.85, 1.15), slip * rng.uniform(0.85, 1.15)
+                load, i = (mean * (1.0 + VARIATION * rng.uniform(-1.0, 1.0)) for mean in (LOAD, slip))
                 z = sinkage_under(ground, WHEEL, load, i)
                 f = forces(ground, WHEEL, z, i)
                 window.append((load, f.torque, z, i, f.pull))

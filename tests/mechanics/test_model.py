@@ -10,9 +10,9 @@ from simulator import SNOW, SOILS, Soil, Wheel
 from simulator import wheel as exact
 from simulator.effects import base_contact
 
-from terrain_cli.effects.effect import Effect, Parameter
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics.dual import Dual, slopes, value
+from terrain_cli.mechanics.effect import Effect, Parameter
 from terrain_cli.mechanics.model import Model, WheelGeometry, predict
 
 WHEEL = Wheel(radius=0.1, width=0.1)

@@ -8,8 +8,8 @@ from simulator import wheel as exact
 from simulator.effects import base_contact
 from simulator.soils import SANDY_LOAM
 
-from terrain_cli.effects.effect import Effect, Parameter
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.mechanics.effect import Effect, Parameter
 from terrain_cli.mechanics.model import Model, WheelGeometry
 from terrain_cli.mechanics.stresses import stresses
 

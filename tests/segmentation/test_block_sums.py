@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 
 from terrain_cli.segmentation import blocks, noise
 from terrain_cli.segmentation.moments import FINE, Moments
@@ -65,7 +66,6 @@ def by_hand(x, y, step, scale=2.0):
     return rows
 
 
-@settings(deadline=None)
 @given(series())
 def test_one_pass_is_plain_loops(case):
     found, expected = summed(*case)[0], by_hand(*case)
@@ -74,7 +74,6 @@ def test_one_pass_is_plain_loops(case):
     np.testing.assert_allclose(found[blocks.SECONDS], expected[blocks.SECONDS], rtol=1e-9, atol=1e-6)
 
 
-@settings(deadline=None)
 @given(series())
 def test_what_is_far_from_a_neighbour_is_found(case):
     x, y, step = case
@@ -86,7 +85,6 @@ def test_what_is_far_from_a_neighbour_is_found(case):
     assert set(np.flatnonzero((either > expected * (1.0 + 1e-9)).any(axis=0))) <= set(place)
 
 
-@settings(deadline=None)
 @given(series(shortest=60), st.lists(st.integers(0, 119), min_size=1, max_size=5))
 def test_what_depends_on_changed_samples_is_measured_again(case, changed):
     """Part by part, as all at once, and with few samples around some again."""
@@ -164,7 +162,7 @@ def test_near_the_ends_the_mean_is_that_of_the_first_or_last_blocks(count):
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
-@settings(deadline=None, max_examples=300)
+@examples(300)
 @given(series())
 def test_no_wild_sample_is_overlooked(case):
     x, y, step = case
@@ -177,7 +175,6 @@ def test_no_wild_sample_is_overlooked(case):
     np.testing.assert_allclose(sums, summed(*found, step)[0][blocks.POWERS], rtol=1e-12)
 
 
-@settings(deadline=None)
 @given(series(), st.data())
 def test_sums_up_to_any_bound_agree(case, data):
     x, y, step = case
@@ -193,7 +190,6 @@ def test_sums_up_to_any_bound_agree(case, data):
     np.testing.assert_allclose(alone.sum(axis=1), whole, rtol=1e-6)
 
 
-@settings(deadline=None)
 @given(series(), st.integers(1, 3))
 def test_sums_up_to_bounds_within_blocks_agree(case, multiple):
     x, y, _ = case

@@ -4,8 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 from soil_drives import Kind, clean, drive, mixed
 
 from terrain_cli.segmentation import change_points
@@ -95,7 +96,7 @@ def test_wild_samples_are_no_soil():
         assert change_points(x, y, distance=one.distance).tolist() == [0, len(x)]
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.integers(0, 50), st.lists(st.integers(0, 600), max_size=3))
 def test_what_lies_between_breaks_is_searched_by_itself(seed, breaks):
     one = mixed(seed, Kind())
@@ -111,7 +112,7 @@ def test_what_lies_between_breaks_is_searched_by_itself(seed, breaks):
     assert set(breaks) <= set(bounds.tolist())
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.integers(0, 50), st.integers(1, 120), st.floats(0.0, 1.0))
 def test_no_window_is_too_short(seed, least, metres):
     one = mixed(seed, Kind(load="white"))
@@ -134,7 +135,7 @@ def test_a_stretch_shorter_than_the_least_window_is_one():
     assert change_points([], []).tolist() == [0]
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(st.integers(0, 50), st.integers(-20, 20))
 def test_the_unit_does_not_matter(seed, power):
     one = mixed(seed, Kind())

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 
 from terrain_cli.segmentation import lines
 from terrain_cli.segmentation.moments import Moments
@@ -45,7 +46,7 @@ def test_moments_of_any_window_are_the_sums_over_its_samples(a, b, step):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(st.integers(0, 1000), st.floats(0.2, 1.1), st.sampled_from([0.0, 300.0, 3000.0]))
 def test_the_best_line_is_the_best_of_all_slopes(seed, slope, spread):
     moments = Moments(*cloud(seed, slope=slope, spread=spread), 4)

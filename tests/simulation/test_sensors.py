@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from profiles import examples
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation.sensors import (
@@ -24,7 +25,7 @@ from terrain_cli.simulation.sensors import (
 N = 20_000
 TIME = clock(50.0, N / 50.0)
 TRUE = 2.0 + np.sin(0.05 * TIME)
-FEW = settings(max_examples=15, deadline=None)
+FEW = examples(15)
 
 
 def error(sensor, seed=0, true=TRUE):

@@ -37,24 +37,24 @@ def test_writes_a_page(terrain_est, short, tmp_path):
     assert again.read_bytes() == page.read_bytes()
 
 
-def test_writes_to_the_standard_output(terrain_est, short):
-    done = terrain_est("report", short, "-o", "-", "--segments", "none", "-q")
+def test_writes_to_the_standard_output(terrain_est_here, short):
+    done = terrain_est_here("report", short, "-o", "-", "--segments", "none", "-q")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.startswith("<!DOCTYPE html>")
     assert done.stdout.rstrip().endswith("</html>")
 
 
-def test_takes_another_model_and_one_wheel(terrain_est, short, tmp_path):
+def test_takes_another_model_and_one_wheel(terrain_est_here, short, tmp_path):
     page = tmp_path / "run.html"
-    done = terrain_est("report", short, "-o", page, "--model", "linear", "--wheel", "front-left", "-q")
+    done = terrain_est_here("report", short, "-o", page, "--model", "linear", "--wheel", "front-left", "-q")
     assert (done.returncode, done.stderr) == (0, "")
     text = page.read_text("utf-8")
     assert "The model linear" in text
     assert not re.search(r"<th scope=.row.>sinkage", text)
 
 
-def test_needs_a_place_to_write_to(terrain_est, short):
-    done = terrain_est("report", short)
+def test_needs_a_place_to_write_to(terrain_est_here, short):
+    done = terrain_est_here("report", short)
     assert done.returncode == 2
     assert "--output" in done.stderr
 
@@ -73,8 +73,8 @@ def test_says_what_to_install(short, tmp_path):
     ]
 
 
-def test_compare_draws_pictures(terrain_est, short, tmp_path):
-    done = terrain_est("compare", short, "--segments", "none", "--plot", tmp_path / "pictures")
+def test_compare_draws_pictures(terrain_est_here, short, tmp_path):
+    done = terrain_est_here("compare", short, "--segments", "none", "--plot", tmp_path / "pictures")
     assert done.returncode == 0, done.stderr
     names = {path.name for path in (tmp_path / "pictures").iterdir()}
     assert {"predicted-measured.png", "residual-torque.svg", "strength.png", "rim-stress.svg"} <= names
