@@ -97,7 +97,10 @@ def opened(path: str) -> int | None:
     int or None
         Its descriptor.
     """
-    place = os.path.abspath(path)  # noqa: PTH100 - resolve would follow the last link too
+    try:
+        place = os.path.abspath(path)  # noqa: PTH100 - resolve would follow the last link too
+    except FileNotFoundError:  # the working folder is gone
+        return None
     for _ in range(_MOST_LINKS):
         folder, name = os.path.split(place)
         folder = os.path.realpath(folder)

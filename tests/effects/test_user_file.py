@@ -448,9 +448,13 @@ class TestFileRefused:
         with pytest.raises(ConfigurationError, match="cannot be read"):
             user_file.load(tmp_path)
 
-    def test_endless_file(self):
-        with pytest.raises(ConfigurationError, match="larger than 64 kB"):
+    def test_device(self):
+        with pytest.raises(ConfigurationError, match="/dev/zero: is a device, not a file"):
             user_file.load("/dev/zero")
+
+    def test_larger_than_any_law(self, write):
+        with pytest.raises(ConfigurationError, match="larger than 64 kB"):
+            user_file.load(write(b"#" * 65_537))
 
 
 class TestTrial:
