@@ -17,7 +17,7 @@ from formats.cells import MISSING, MISSING_SPELLINGS, Names, floats, kind_of, nu
 from formats.dialect import SAMPLE_ROWS, Dialect, examine, split_line
 from formats.errors import DamagedError, FormatError
 from formats.formulas import unguarded
-from formats.salvage import HINT, Recovery
+from formats.salvage.recovery import HINT, Recovery
 from formats.salvage.text import SalvagedText
 from formats.streams import STANDARD_INPUT, TextStream
 from formats.table import BATCH_ROWS, Field, Source, Stream

@@ -23,7 +23,7 @@ from formats.limits import (
     file_limit,
 )
 from formats.parquet_pages import check_pages
-from formats.salvage import Recovery
+from formats.salvage.recovery import Recovery
 from formats.streams import STANDARD_INPUT
 from formats.table import BATCH_ROWS, Field, Labels, Source, Stream
 

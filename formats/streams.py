@@ -10,7 +10,7 @@ import numpy as np
 
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import NUL_BYTES, UNPACKED_RATIO, file_limit
-from formats.salvage import HINT
+from formats.salvage.recovery import HINT
 
 STANDARD_INPUT = "standard input"
 #: Enough for every signature below.

@@ -21,8 +21,8 @@ sys.path.insert(0, str(HERE.parent))
 
 import click  # noqa: E402 - in one block with the import that needs the path above
 
-from terrain_cli import __version__  # noqa: E402
 from terrain_cli.app import cli  # noqa: E402
+from terrain_cli.version import __version__  # noqa: E402
 
 NAME = "terrain-est"
 #: Special to roff, or turned by it into typographic signs that nobody can type.

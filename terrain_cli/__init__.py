@@ -10,8 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-#: The one place where the version stands: packaging and `--version` read it here.
-__version__ = "0.1.0"
+from terrain_cli.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from terrain_cli.api import (

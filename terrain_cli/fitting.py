@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from terrain_cli import results
+from terrain_cli import estimation
 from terrain_cli.channels import CHANNELS
 from terrain_cli.choices import FIT_SAMPLES
 from terrain_cli.errors import InputError, UsageError
@@ -108,6 +108,39 @@ def choose(
     return file
 
 
+def estimate_lines(
+    windows: Windows, method: LineMethod = "auto", *, min_samples: int | None = None, folds: int | None = None
+) -> WindowEstimates:
+    """Estimate cohesion and friction angle in every window of a wheel.
+
+    Parameters
+    ----------
+    windows : Windows
+    method : {"auto", "least-squares", "ridge", "recursive"}
+    min_samples : int, optional
+        Windows with fewer get the status "too-few-samples"; 5 if not given.
+    folds : int, optional
+        Choose δ of the ridge over so many contiguous blocks instead of leaving one sample out.
+
+    Returns
+    -------
+    WindowEstimates
+        In SI units and rad; of the samples in which the wheel does not skid.
+    """
+    samples, windows = windows.samples, windows.on_line()
+    return estimation.estimate_windows(
+        windows.x,
+        windows.y,
+        windows.bounds,
+        **windows.measured(),
+        **samples.geometry.line,
+        method=method,
+        min_samples=FIT_SAMPLES if min_samples is None else min_samples,
+        correlated=samples.time is not None,
+        folds=folds,
+    )
+
+
 def estimate(
     windows: Windows,
     method: Method = "auto",
@@ -127,7 +160,7 @@ def estimate(
         From `choose`: the model to fit whole. Its effects have one value of each parameter for all
         windows.
     min_samples, folds
-        As for `results.estimate`.
+        As for `estimate_lines`.
     robust : bool
 
     Returns
@@ -135,7 +168,7 @@ def estimate(
     Fitted
     """
     of_line = cast("LineMethod", "auto" if file else method)
-    line = results.estimate(windows, of_line, min_samples=min_samples, folds=folds)
+    line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)
     if file is None:
         return Fitted(line)
     channels = _channels(windows, file)

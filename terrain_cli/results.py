@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import estimation
-from terrain_cli.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from terrain_cli.choices import LineMethod
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.telemetry.samples import Samples
     from terrain_cli.windows import Windows
@@ -65,39 +63,6 @@ _SAMPLE_COLUMNS = {
 }
 #: Vertices of a segment's line at the most: enough to see its course on a map.
 VERTICES = 64
-
-
-def estimate(
-    windows: Windows, method: LineMethod = "auto", *, min_samples: int | None = None, folds: int | None = None
-) -> WindowEstimates:
-    """Estimate cohesion and friction angle in every window of a wheel.
-
-    Parameters
-    ----------
-    windows : Windows
-    method : {"auto", "least-squares", "ridge", "recursive"}
-    min_samples : int, optional
-        Windows with fewer get the status "too-few-samples"; 5 if not given.
-    folds : int, optional
-        Choose δ of the ridge over so many contiguous blocks instead of leaving one sample out.
-
-    Returns
-    -------
-    WindowEstimates
-        In SI units and rad; of the samples in which the wheel does not skid.
-    """
-    samples, windows = windows.samples, windows.on_line()
-    return estimation.estimate_windows(
-        windows.x,
-        windows.y,
-        windows.bounds,
-        **windows.measured(),
-        **samples.geometry.line,
-        method=method,
-        min_samples=FIT_SAMPLES if min_samples is None else min_samples,
-        correlated=samples.time is not None,
-        folds=folds,
-    )
 
 
 def table(windows: Windows, estimates: WindowEstimates) -> Table:

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.results import Table
-    from terrain_cli.run.settings import Settings
 
 FORMAT = "terrain-est/summary/1"
 #: Of a table, what `document` looks at.
@@ -25,7 +24,7 @@ COLUMNS = ("terrain", "wheel", "distance_m", "n_samples", "n_rejected")
 
 
 def document(
-    table: Table, estimates: WindowEstimates, accounts: Sequence[dict[str, Any]], settings: Settings
+    table: Table, estimates: WindowEstimates, accounts: Sequence[dict[str, Any]], settings: dict[str, Any]
 ) -> dict[str, Any]:
     """Summarise the segments of one or more inputs.
 
@@ -37,7 +36,8 @@ def document(
         Behind its rows.
     accounts : sequence of dict
         From `pipeline.run`, one for each input.
-    settings : Settings
+    settings : dict
+        What was asked for.
 
     Returns
     -------
@@ -49,20 +49,7 @@ def document(
     """
     return {
         "format": FORMAT,
-        "settings": {
-            "method": settings.method,
-            "segments": settings.segments,
-            "min_samples": settings.min_samples,
-            "window_samples": settings.window_samples,
-            "window_distance_m": settings.window_distance,
-            "folds": settings.folds,
-            "wheels": list(settings.wheels),
-            "where": settings.where,
-            "model": settings.model,
-            "robust": settings.robust,
-            "places": settings.places.path if settings.places else None,
-            "salvage": settings.salvage,
-        },
+        "settings": settings,
         "inputs": list(accounts),
         "terrains": terrains(table, estimates),
     }

@@ -135,7 +135,7 @@ def test_version_stands_in_one_place(terrain_est):
     assert done.stdout == f"terrain-est, version {terrain_cli.__version__}\n"
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     assert project["project"]["dynamic"] == ["version"]
-    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "terrain_cli.__version__"}
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "terrain_cli.version.__version__"}
     assert f"[{terrain_cli.__version__}]" in (ROOT / "CHANGELOG.md").read_text("utf-8")
 
 

@@ -16,7 +16,8 @@ from formats.rosbag.damage import HINTS, check, damaged
 from formats.rosbag.messages import of_payloads
 from formats.rosbag.recording import Recording
 from formats.rosbag.unpacking import unpack, unpacks
-from formats.salvage import Recovery, salvaged
+from formats.salvage import salvaged
+from formats.salvage.recovery import Recovery
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator

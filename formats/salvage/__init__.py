@@ -8,17 +8,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from formats.salvage.recovery import Recovery, told
-
 if TYPE_CHECKING:
     from pathlib import Path
 
     from formats.salvage.pieces import SalvagedFile
 
-__all__ = ["HINT", "Recovery", "salvaged", "told"]
-
-#: What to do about a damaged file.
-HINT = "add --salvage to read what is left of it"
+__all__ = ["salvaged"]
 
 
 def salvaged(file: Path, kind: str) -> SalvagedFile:

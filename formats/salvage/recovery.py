@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+#: What to do about a damaged file.
+HINT = "add --salvage to read what is left of it"
 NS = 1e-9
 #: Damage of one kind is told so many times.
 _TOLD = 3
-
-
 #: How the sentences begin that tell of it.
 _BEGINNINGS = ("damaged: ", "salvaged: ", "lost: ")
 

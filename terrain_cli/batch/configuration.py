@@ -10,7 +10,8 @@ from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli import __version__, effects, fitting, models, strict
+from terrain_cli import effects, fitting, models, strict
+from terrain_cli.version import __version__
 
 if TYPE_CHECKING:
     from terrain_cli.models import ModelFile

@@ -189,7 +189,9 @@ class Assemble:
             tables.append({name: table[name] for name in summary.COLUMNS})
             estimates.append(estimation.join([some for _, some, _ in block]))
             accounts += [_sharing(told, channels) for _, _, told in block]
-        document = summary.document(results.join(tables), estimation.join(estimates), accounts, self.settings)
+        document = summary.document(
+            results.join(tables), estimation.join(estimates), accounts, self.settings.document()
+        )
         return {"batch": batch, **document}, next(iter(systems - {None}), None)
 
     def _tables(self, crs: str | None) -> Iterator[Table]:

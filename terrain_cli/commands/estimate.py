@@ -134,7 +134,9 @@ def _write(  # noqa: C901 - one branch for each thing asked for
     if given["trace"]:
         formats.write_table(results.join([t for outcome in outcomes for t in outcome.trace]), given["trace"])
     estimates = estimation.join([part for outcome in outcomes for part in outcome.estimates])
-    document = summary.document(table, estimates, [outcome.account for outcome in outcomes], settings)
+    document = summary.document(
+        table, estimates, [outcome.account for outcome in outcomes], settings.document()
+    )
     if given["plot"]:
         from terrain_cli.views import plots
 

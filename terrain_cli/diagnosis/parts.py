@@ -10,9 +10,9 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison import Comparison
     from terrain_cli.effects import Effect
-    from terrain_cli.estimation.wheel_fit import Prior
     from terrain_cli.mechanics.effect import Parameter
     from terrain_cli.mechanics.model import Model
+    from terrain_cli.mechanics.prior import Prior
 
 Verdict = Literal["none", "effect", "family", "unknown"]
 

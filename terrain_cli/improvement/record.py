@@ -7,7 +7,7 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli import __version__
+from terrain_cli.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

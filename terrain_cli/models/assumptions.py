@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from terrain_cli.errors import ConfigurationError, UsageError
 from terrain_cli.mechanics.model import Model
-from terrain_cli.models.parts import Prior
+from terrain_cli.mechanics.prior import Prior
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.estimation.wheel_fit import Prior
 from terrain_cli.mechanics.model import Model
+from terrain_cli.mechanics.prior import Prior
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from terrain_cli.choices import Method, Segments
@@ -57,3 +57,20 @@ class Settings:
     samples: bool = False
     whole: bool = False
     salvage: bool = False
+
+    def document(self) -> dict[str, Any]:
+        """Return what a summary says of them, ready for JSON."""
+        return {
+            "method": self.method,
+            "segments": self.segments,
+            "min_samples": self.min_samples,
+            "window_samples": self.window_samples,
+            "window_distance_m": self.window_distance,
+            "folds": self.folds,
+            "wheels": list(self.wheels),
+            "where": self.where,
+            "model": self.model,
+            "robust": self.robust,
+            "places": self.places.path if self.places else None,
+            "salvage": self.salvage,
+        }

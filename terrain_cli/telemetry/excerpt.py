@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from formats import Labels
-from formats.salvage import told
+from formats.salvage.recovery import told
 from terrain_cli.telemetry.columns import join
 from terrain_cli.telemetry.samples import Notice
 

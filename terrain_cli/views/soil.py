@@ -10,6 +10,7 @@ import numpy as np
 from terrain_cli import results
 from terrain_cli.estimation import WindowEstimates
 from terrain_cli.estimation.wheel_fit import as_window_estimates
+from terrain_cli.fitting import estimate_lines
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -61,7 +62,7 @@ def table(comparison: Comparison) -> results.Table:
 
 def _of_wheel(wheel: WheelComparison) -> dict[str, Any]:
     windows, fit = wheel.windows, wheel.fit
-    line = results.estimate(windows) if windows.lined else _no_line(len(windows))
+    line = estimate_lines(windows) if windows.lined else _no_line(len(windows))
     fitted = as_window_estimates(fit, line)
     return results.table(windows, replace(fitted, n=fit.n, shear_modulus=fit.values["shear_modulus"]))
 

@@ -10,7 +10,7 @@ import missions
 import pyarrow.parquet as pq
 import pytest
 
-from formats.salvage import HINT
+from formats.salvage.recovery import HINT
 from terrain_cli.app import main
 from terrain_cli.batch import run as batches
 

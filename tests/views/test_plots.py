@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from formats import CannotWriteError
 from terrain_cli import results
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.fitting import estimate_lines
 from terrain_cli.mechanics.model import Model
 from terrain_cli.pipeline import Outcome
 from terrain_cli.views import plots, soil
@@ -83,7 +84,7 @@ def test_same_data_same_files(comparison, folder, tmp_path, monkeypatch):
 def test_estimates(comparison, tmp_path):
     outcomes = [
         Outcome(
-            results.table(wheel.windows, results.estimate(wheel.windows)),
+            results.table(wheel.windows, estimate_lines(wheel.windows)),
             {},
             trace=[results.trace(wheel.windows)],
         )
@@ -98,7 +99,7 @@ def test_estimates(comparison, tmp_path):
 
 def test_names_of_wheels_make_no_paths(comparison, tmp_path):
     wheel = comparison.wheels[0]
-    table = results.table(wheel.windows, results.estimate(wheel.windows))
+    table = results.table(wheel.windows, estimate_lines(wheel.windows))
     trace = results.trace(wheel.windows)
     trace["wheel"] = ["../../etc/<x>"] * len(trace["wheel"])
     written = plots.write([Outcome(table, {}, trace=[trace, trace])], tmp_path / "here")

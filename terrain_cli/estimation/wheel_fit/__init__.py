@@ -9,6 +9,7 @@ from terrain_cli.estimation.wheel_fit.estimates import as_window_estimates
 from terrain_cli.estimation.wheel_fit.fitting import fit
 from terrain_cli.estimation.wheel_fit.noise import Noise
 from terrain_cli.estimation.wheel_fit.result import Fit
-from terrain_cli.estimation.wheel_fit.unknowns import DEFAULT, Prior
+from terrain_cli.estimation.wheel_fit.unknowns import DEFAULT
+from terrain_cli.mechanics.prior import Prior
 
 __all__ = ["DEFAULT", "Fit", "Noise", "Prior", "as_window_estimates", "fit"]

@@ -13,6 +13,7 @@ import numpy as np
 
 from terrain_cli.choices import SOIL_BOUNDS
 from terrain_cli.errors import ConfigurationError, UsageError
+from terrain_cli.mechanics.prior import Prior
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -27,71 +28,6 @@ if TYPE_CHECKING:
 POSITIVE = frozenset({"shear_modulus", "stiffness"})
 #: A prior of an effect's parameter is this many of its scales wide: next to nothing.
 _EFFECT_SCALES = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class Prior:
-    """What is known of a parameter before any data: normal, or log-normal for k and keq.
-
-    Parameters
-    ----------
-    mean, sd : float
-        Mean and standard deviation in the parameter's own unit, of the log-normal distribution
-        itself where it is one.
-    """
-
-    mean: float
-    sd: float
-
-    @classmethod
-    def factor(cls, median: float, factor: float) -> Prior:
-        """Return the log-normal prior "`median`, within a factor of `factor`" (one standard deviation).
-
-        Parameters
-        ----------
-        median : float
-            In the parameter's unit, positive.
-        factor : float
-            Above 1.
-
-        Returns
-        -------
-        Prior
-        """
-        spread = float(np.log(factor))
-        mean = median * float(np.exp(0.5 * spread**2))
-        return cls(mean, mean * float(np.sqrt(np.expm1(spread**2))))
-
-    @classmethod
-    def of(cls, values: ArrayLike, *, positive: bool = False) -> Prior:
-        """Return the prior with the mean and the variance of some values.
-
-        Parameters
-        ----------
-        values : array_like
-            In the parameter's unit.
-        positive : bool
-            Take mean and variance of the logarithms, for k and keq.
-
-        Returns
-        -------
-        Prior
-        """
-        values = np.asarray(values, dtype=float)
-        if positive:
-            logs = np.log(values)
-            return cls.factor(float(np.exp(logs.mean())), float(np.exp(logs.std())))
-        return cls(float(values.mean()), float(values.std()))
-
-    def of_logarithm(self) -> tuple[float, float]:
-        """Return mean and standard deviation of the logarithm of a log-normal parameter.
-
-        Returns
-        -------
-        mean, sd : float
-        """
-        spread = float(np.sqrt(np.log1p((self.sd / self.mean) ** 2)))
-        return float(np.log(self.mean)) - 0.5 * spread**2, spread
 
 
 #: Weak priors from published soils (the table of terrain values of Wong, Theory of Ground Vehicles,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import formats
-from terrain_cli import __version__
+from terrain_cli.version import __version__
 from terrain_cli.views import extras
 from terrain_cli.views.report.parts import Chart
 
