@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from terrain_cli.estimation.wheel_fit.linearise import Equations
     from terrain_cli.estimation.wheel_fit.noise import Noise
     from terrain_cli.estimation.wheel_fit.solve import State
-    from terrain_cli.mechanics.prior import Prior
     from terrain_cli.mechanics.model import Given, Model, WheelGeometry
+    from terrain_cli.mechanics.prior import Prior
 
     Array = NDArray[np.float64]
 
