@@ -110,7 +110,7 @@ def main() -> int:
     names = [name for name in STAGES if not asked.stages or any(name.startswith(s) for s in asked.stages)]
     results: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
-        trees = {commit: _tree(commit, Path(folder)) for commit in (asked.old, asked.new)}
+        trees = {commit: tree_of(commit, Path(folder)) for commit in (asked.old, asked.new)}
         try:
             print(f"{'stage':<22}{'old':>10}{'new':>10}{'new/old':>9}   95 % interval   sign test")
             for name in names:
@@ -128,8 +128,7 @@ def main() -> int:
                     print(_line(name, old, new, results[name]), flush=True)
         finally:
             for tree in trees.values():
-                if tree != harness.ROOT:
-                    _git("worktree", "remove", "--force", str(tree))
+                discard(tree)
     slower = [name for name, result in results.items() if result["verdict"] == "slower"]
     print(f"slower beyond the noise: {', '.join(slower) or 'none'}")
     return 1 if slower else 0
@@ -142,12 +141,19 @@ def _line(name: str, old: list[float], new: list[float], result: dict[str, Any])
     )
 
 
-def _tree(commit: str, folder: Path) -> Path:
+def tree_of(commit: str, folder: Path) -> Path:
+    """Unpack a commit into a folder of its own there; "." is the working tree itself."""
     if commit == ".":
         return harness.ROOT
     tree = folder / commit.replace("/", "-")
     _git("worktree", "add", "--detach", "--quiet", str(tree), commit)
     return tree
+
+
+def discard(tree: Path) -> None:
+    """Remove what `tree_of` unpacked."""
+    if tree != harness.ROOT:
+        _git("worktree", "remove", "--force", str(tree))
 
 
 def _git(*arguments: str) -> None:

@@ -46,7 +46,9 @@ def test_a_pipe_larger_than_allowed_is_refused(tmp_path):
     ("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGKILL, -signal.SIGKILL)]
 )
 def test_no_signal_leaves_anything_of_a_pipe(number, code, tmp_path):
-    command = [sys.executable, "-m", "terrain_cli", "estimate", "-", "-o", str(tmp_path / "out.gpkg")]
+    # Tests that run under nohup hand on that SIGHUP is ignored.
+    command = ["env", "--default-signal=HUP", sys.executable, "-m", "terrain_cli", "estimate", "-"]
+    command += ["-o", str(tmp_path / "out.gpkg")]
     env = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
     process = subprocess.Popen(
         [*command, "--rover", str(RUN.parent / "rover.toml")],
