@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from terrain_cli import units
@@ -38,6 +38,7 @@ class Channel:
     symbol: str
     dimension: str
     description: str
+    _: KW_ONLY
     aliases: tuple[str, ...] = ()
     letters: tuple[str, ...] = ()
 
@@ -56,79 +57,109 @@ _CHANNELS = (
         "t",
         "time",
         "time of the sample",
-        ("timestamp", "time_stamp", "stamp", "datetime", "time_utc", "utc_time", "time_iso_8601"),
-        ("t",),
+        aliases=("timestamp", "time_stamp", "stamp", "datetime", "time_utc", "utc_time", "time_iso_8601"),
+        letters=("t",),
     ),
-    Channel("wheel", "", LABEL, "name of the wheel", ("wheel_name", "wheel_id")),
+    Channel("wheel", "", LABEL, "name of the wheel", aliases=("wheel_name", "wheel_id")),
     Channel(
         "load",
         "W",
         "force",
         "vertical load on the wheel",
-        ("normal_load", "vertical_load", "wheel_load", "normal_force", "vertical_force", "fz", "fz_load"),
-        ("W",),
+        aliases=(
+            "normal_load",
+            "vertical_load",
+            "wheel_load",
+            "normal_force",
+            "vertical_force",
+            "fz",
+            "fz_load",
+        ),
+        letters=("W",),
     ),
     Channel(
         "torque",
         "T",
         "torque",
         "drive torque at the wheel",
-        ("wheel_torque", "drive_torque", "driving_torque", "wheel_drive_torque"),
-        ("T",),
+        aliases=("wheel_torque", "drive_torque", "driving_torque", "wheel_drive_torque"),
+        letters=("T",),
     ),
-    Channel("sinkage", "z", "length", "sinkage of the wheel", ("wheel_sinkage",), ("z",)),
+    Channel("sinkage", "z", "length", "sinkage of the wheel", aliases=("wheel_sinkage",), letters=("z",)),
     Channel(
         "entry_angle",
         "θ1",
         "angle",
         "angle from the vertical at which the rim meets the ground",
-        ("theta1", "theta_1", "θ1", "θ_1"),
+        aliases=("theta1", "theta_1", "θ1", "θ_1"),
     ),
     Channel(
         "angular_velocity",
         "ω",
         "angular speed",
         "angular velocity of the wheel",
-        ("omega", "angular_speed", "wheel_angular_velocity", "wheel_angular_speed"),
-        ("ω",),
+        aliases=("omega", "angular_speed", "wheel_angular_velocity", "wheel_angular_speed"),
+        letters=("ω",),
     ),
     Channel(
         "velocity",
         "V",
         "speed",
         "forward velocity of the wheel centre",
-        ("forward_velocity", "forward_speed", "travel_velocity", "travel_speed", "longitudinal_velocity"),
-        ("V",),
+        aliases=(
+            "forward_velocity",
+            "forward_speed",
+            "travel_velocity",
+            "travel_speed",
+            "longitudinal_velocity",
+        ),
+        letters=("V",),
     ),
-    Channel("slip", "i", "ratio", "slip", ("slip_ratio", "wheel_slip", "longitudinal_slip"), ("i",)),
-    Channel("drawbar_pull", "DP", "force", "drawbar pull", ("drawbar", "drawbar_force"), ("DP",)),
-    Channel("pitch", "", "angle", "pitch, positive nose up", ("pitch_angle",)),
-    Channel("roll", "", "angle", "roll, positive left side up", ("roll_angle",)),
+    Channel(
+        "slip",
+        "i",
+        "ratio",
+        "slip",
+        aliases=("slip_ratio", "wheel_slip", "longitudinal_slip"),
+        letters=("i",),
+    ),
+    Channel(
+        "drawbar_pull", "DP", "force", "drawbar pull", aliases=("drawbar", "drawbar_force"), letters=("DP",)
+    ),
+    Channel("pitch", "", "angle", "pitch, positive nose up", aliases=("pitch_angle",)),
+    Channel("roll", "", "angle", "roll, positive left side up", aliases=("roll_angle",)),
     Channel("yaw_rate", "", "angular speed", "yaw rate, positive to the left"),
-    Channel("motor_current", "", "current", "current of the drive motor", ("drive_motor_current",)),
+    Channel("motor_current", "", "current", "current of the drive motor", aliases=("drive_motor_current",)),
     Channel(
         "motor_temperature",
         "",
         "temperature",
         "temperature of the drive motor",
-        ("motor_temp", "drive_motor_temperature"),
+        aliases=("motor_temp", "drive_motor_temperature"),
     ),
     Channel(
         "acceleration",
         "",
         "acceleration",
         "acceleration along the track",
-        ("forward_acceleration", "longitudinal_acceleration"),
+        aliases=("forward_acceleration", "longitudinal_acceleration"),
     ),
-    Channel("pass_number", "", "ratio", "number of wheels that drove here before", ("pass_no",)),
-    Channel("slip_angle", "β", "angle", "slip angle", ("beta", "sideslip_angle", "side_slip_angle"), ("β",)),
-    Channel("x", "", "length", "position in the site frame", ("easting",), ("x",)),
-    Channel("y", "", "length", "position in the site frame", ("northing",), ("y",)),
+    Channel("pass_number", "", "ratio", "number of wheels that drove here before", aliases=("pass_no",)),
+    Channel(
+        "slip_angle",
+        "β",
+        "angle",
+        "slip angle",
+        aliases=("beta", "sideslip_angle", "side_slip_angle"),
+        letters=("β",),
+    ),
+    Channel("x", "", "length", "position in the site frame", aliases=("easting",), letters=("x",)),
+    Channel("y", "", "length", "position in the site frame", aliases=("northing",), letters=("y",)),
     Channel("elevation", "", "length", "elevation in the site frame"),
-    Channel("longitude", "", "coordinate", "longitude", ("lon", "lng")),
-    Channel("latitude", "", "coordinate", "latitude", ("lat",)),
-    Channel("terrain", "", LABEL, "terrain", ("terrain_label", "terrain_type", "terrain_class")),
-    Channel("run", "", LABEL, "one continuous drive", ("run_id", "run_name")),
+    Channel("longitude", "", "coordinate", "longitude", aliases=("lon", "lng")),
+    Channel("latitude", "", "coordinate", "latitude", aliases=("lat",)),
+    Channel("terrain", "", LABEL, "terrain", aliases=("terrain_label", "terrain_type", "terrain_class")),
+    Channel("run", "", LABEL, "one continuous drive", aliases=("run_id", "run_name")),
 )
 CHANNELS: dict[str, Channel] = {channel.name: channel for channel in _CHANNELS}
 

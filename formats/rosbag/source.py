@@ -126,15 +126,17 @@ class BagSource(Source):
                         f"{name}: {leaf.name} is {leaves[leaf.name].kind} to one publisher and {leaf.kind}"
                         " to another; only the former is read"
                     )
+        start, end = self._container.span(places) or (None, None)
         stream = Stream(
-            name,
-            connections[places[0]].msgtype,
-            tuple(
+            topic=name,
+            type=connections[places[0]].msgtype,
+            fields=tuple(
                 Field(leaf.name, leaf.kind, elements.get(leaf.name, ((), False))[0][:MOST_ELEMENTS])
                 for leaf in leaves.values()
             ),
-            sum(connections[place].msgcount for place in places),
-            *(self._container.span(places) or (None, None)),
+            count=sum(connections[place].msgcount for place in places),
+            start=start,
+            end=end,
         )
         names = {field: frozenset(texts) for field, (texts, named) in elements.items() if named}
         return _Topic(stream, decoders, unusable, names)

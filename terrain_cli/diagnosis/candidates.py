@@ -54,22 +54,20 @@ def listed(
     misfit = beyond if beyond > 0.0 else np.nan
 
     def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
-        scored = one.id, one.title, found.scores[one.id], found.p_values[one.id], found.surviving[one.id]
-        if refit is None:
-            gain = found.explained[one.id]
-            share = float(np.clip(gain / misfit, 0.0, 1.0))
-            sizes = dict(found.sizes[one.id])
-            return Candidate(*scored, share, -gain / count, np.nan, dict(base.heldout), sizes, refitted=False)
-        change = refit.loss - base.loss
+        change = -found.explained[one.id] if refit is None else float((refit.loss - base.loss).sum())
         return Candidate(
-            *scored,
-            float(np.clip(-change.sum() / misfit, 0.0, 1.0)),
-            float(change.sum()) / count,
-            merits.error(change) / count,
-            refit.heldout,
-            _sizes(one, data, refit),
-            refitted=True,
-            in_family=one.id in family,
+            effect=one.id,
+            title=one.title,
+            score=found.scores[one.id],
+            p_value=found.p_values[one.id],
+            surviving=found.surviving[one.id],
+            explained=float(np.clip(-change / misfit, 0.0, 1.0)),
+            loss=change / count,
+            loss_se=np.nan if refit is None else merits.error(refit.loss - base.loss) / count,
+            heldout=dict(base.heldout) if refit is None else refit.heldout,
+            sizes=dict(found.sizes[one.id]) if refit is None else _sizes(one, data, refit),
+            refitted=refit is not None,
+            in_family=refit is not None and one.id in family,
         )
 
     done = {one.id for one, _ in ranked}

@@ -38,22 +38,22 @@ class PooledEstimate:
         Plain mean and standard deviation over the separable windows, Pa and rad.
     """
 
-    windows: int
-    separable: int
-    c: float
-    c_se: float
-    phi: float
-    phi_se: float
-    corr: float
-    sigma_star: float
-    strength: float
-    strength_se: float
-    strength_between: float
-    phi_between: float
-    c_mean: float
-    c_spread: float
-    phi_mean: float
-    phi_spread: float
+    windows: int = 0
+    separable: int = 0
+    c: float = np.nan
+    c_se: float = np.nan
+    phi: float = np.nan
+    phi_se: float = np.nan
+    corr: float = np.nan
+    sigma_star: float = np.nan
+    strength: float = np.nan
+    strength_se: float = np.nan
+    strength_between: float = np.nan
+    phi_between: float = np.nan
+    c_mean: float = np.nan
+    c_spread: float = np.nan
+    phi_mean: float = np.nan
+    phi_spread: float = np.nan
 
 
 def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledEstimate:
@@ -90,7 +90,7 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     plain = (*_mean_and_spread(columns[0, separable]), *_mean_and_spread(columns[2, separable]))
     cohesion, cohesion_se, angle, angle_se, correlation, bias = columns[:, used]
     if len(cohesion) == 0:
-        return PooledEstimate(0, 0, *[np.nan] * 14)
+        return PooledEstimate()
 
     tan_phi = np.tan(angle)
     tan_se, tan_bias = angle_se * (1.0 + tan_phi**2), bias * (1.0 + tan_phi**2)

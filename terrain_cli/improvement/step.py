@@ -135,18 +135,20 @@ def tried(
     differences = against(first, second, seed=seed)
     with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, first)
+    channels, evidence = weigh(first, second)
     return Step(
-        action,
-        tuple(changed),
-        before,
-        after,
-        first,
-        second,
-        *weigh(first, second),
-        list(_parameters(second, after, changed)),
-        [_shift(name, differences, places) for name in ("c", "phi")],
-        _undetermined(first, second),
-        list(_lost(first, second, places)),
+        action=action,
+        changed=tuple(changed),
+        before=before,
+        after=after,
+        first=first,
+        second=second,
+        channels=channels,
+        evidence=evidence,
+        parameters=list(_parameters(second, after, changed)),
+        shifts=[_shift(name, differences, places) for name in ("c", "phi")],
+        undetermined=_undetermined(first, second),
+        lost=list(_lost(first, second, places)),
         sources=tuple(dict.fromkeys(windows.samples.source for windows in parts)),
         absent=_absent(with_it, file, changed),
         imitates=tuple(_imitating(with_it, file, changed)),

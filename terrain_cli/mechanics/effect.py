@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
@@ -86,6 +86,7 @@ class Parameter:
     unit: str
     null: float
     scale: float
+    _: KW_ONLY
     lower: float = -math.inf
     upper: float = math.inf
     meaning: str = ""

@@ -364,8 +364,9 @@ class _Block:
         if self.model.changes("normal_stress") or self.model.changes("shear_stress"):
             load, q["torque"], q["drawbar_pull"] = rim.forces(q, self.wheel.width, self.law, order=order)
             return load
-        numbers = [q[name] for name in contact.NAMES]
-        plain = contact.Contact(*(np.broadcast_to(value(number), self.shape) for number in numbers))
+        plain = contact.Contact(
+            **{name: np.broadcast_to(value(q[name]), self.shape) for name in contact.NAMES}
+        )
         by = [name for name in contact.NAMES if slopes(q[name])]
         totals, partial = contact.forces(plain, self.wheel.width, by=by, order=order)
         load, q["torque"], q["drawbar_pull"] = (

@@ -21,7 +21,16 @@ def data():
         (rng.normal(size=n), rng.normal(size=(n, SOIL)), rng.normal(size=(n, len(own)))) for own in columns
     ]
     cells = [
-        Cell(g, b, columns[k], WEIGHT[k], *(part[(group == g) & (block == b)] for part in channels[k]))
+        Cell(
+            group=g,
+            block=b,
+            columns=columns[k],
+            weight=WEIGHT[k],
+            **{
+                name: part[(group == g) & (block == b)]
+                for name, part in zip(("residual", "soil", "terms"), channels[k], strict=True)
+            },
+        )
         for k in range(2)
         for g in range(GROUPS)
         for b in range(BLOCKS)
