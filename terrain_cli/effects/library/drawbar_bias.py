@@ -19,7 +19,15 @@ EFFECT = Effect(
     title="Offset of the drawbar-pull sensor",
     kind="sensor",
     parameters=(
-        Parameter("offset", "N", 0.0, 10.0, -1000.0, 1000.0, "pull shown by a wheel that pulls nothing"),
+        Parameter(
+            "offset",
+            "N",
+            0.0,
+            10.0,
+            lower=-1000.0,
+            upper=1000.0,
+            meaning="pull shown by a wheel that pulls nothing",
+        ),
     ),
     laws={"drawbar_pull": _drawbar_pull},
     formula="DP shown = DP + offset",

@@ -34,7 +34,14 @@ EFFECT = Effect(
     kind="contact",
     parameters=(
         Parameter(
-            "deflection", "1", 0.0, 0.05, -0.1, 0.4, "δ/r: how far the rim gives way, over the radius", side=1
+            "deflection",
+            "1",
+            0.0,
+            0.05,
+            lower=-0.1,
+            upper=0.4,
+            meaning="δ/r: how far the rim gives way, over the radius",
+            side=1,
         ),
     ),
     laws={"slip": _slip, "radius": _radius, "torque": _torque},

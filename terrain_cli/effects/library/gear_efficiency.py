@@ -24,7 +24,14 @@ EFFECT = Effect(
     kind="sensor",
     parameters=(
         Parameter(
-            "eta", "1", 1.0, 0.2, 0.2, 1.1, "share of the measured torque that reaches the wheel", side=-1
+            "eta",
+            "1",
+            1.0,
+            0.2,
+            lower=0.2,
+            upper=1.1,
+            meaning="share of the measured torque that reaches the wheel",
+            side=-1,
         ),
     ),
     laws={"torque": _torque},

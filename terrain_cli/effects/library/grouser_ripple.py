@@ -32,7 +32,14 @@ def _sinkage(q: Mapping[str, Any]) -> Any:
 def _pair(name: str, channel: str, of: str) -> tuple[Parameter, Parameter]:
     sine, cosine = (
         Parameter(
-            f"{name}_{part}", "1", 0.0, 0.05, -0.9, 0.9, f"{part} of the ripple, over {of}", needs=(channel,)
+            f"{name}_{part}",
+            "1",
+            0.0,
+            0.05,
+            lower=-0.9,
+            upper=0.9,
+            meaning=f"{part} of the ripple, over {of}",
+            needs=(channel,),
         )
         for part in ("sine", "cosine")
     )

@@ -19,8 +19,18 @@ EFFECT = Effect(
     title="Gain and offset of the load cell",
     kind="sensor",
     parameters=(
-        Parameter("gain", "1", 1.0, 0.05, 0.7, 1.4, "newtons shown per newton on the wheel"),
-        Parameter("offset", "N", 0.0, 10.0, -1000.0, 1000.0, "newtons shown with the wheel in the air"),
+        Parameter(
+            "gain", "1", 1.0, 0.05, lower=0.7, upper=1.4, meaning="newtons shown per newton on the wheel"
+        ),
+        Parameter(
+            "offset",
+            "N",
+            0.0,
+            10.0,
+            lower=-1000.0,
+            upper=1000.0,
+            meaning="newtons shown with the wheel in the air",
+        ),
     ),
     laws={"load": _load},
     needs=("load",),

@@ -19,8 +19,16 @@ EFFECT = Effect(
     title="The greatest stress moves forward with slip",
     kind="contact",
     parameters=(
-        Parameter("c1", "1", 0.5, 0.1, 0.02, 0.98, "share of the entry angle at no slip"),
-        Parameter("c2", "1", 0.0, 0.3, -0.9, 0.9, "growth of that share from no slip to full slip"),
+        Parameter("c1", "1", 0.5, 0.1, lower=0.02, upper=0.98, meaning="share of the entry angle at no slip"),
+        Parameter(
+            "c2",
+            "1",
+            0.0,
+            0.3,
+            lower=-0.9,
+            upper=0.9,
+            meaning="growth of that share from no slip to full slip",
+        ),
     ),
     # Shares at full slip that were published lie between 0.5 and 0.8; near 1 the rim carries nothing, and
     # any wheel sinks.

@@ -22,9 +22,24 @@ EFFECT = Effect(
     title="Strength is lost beyond a peak",
     kind="stress",
     parameters=(
-        Parameter("loss", "1", 0.0, 0.3, -0.5, 0.95, "share of the strength that is lost in the end"),
         Parameter(
-            "length", "m", 0.05, 0.03, 0.003, 0.5, "shear displacement over which it is lost", shape=True
+            "loss",
+            "1",
+            0.0,
+            0.3,
+            lower=-0.5,
+            upper=0.95,
+            meaning="share of the strength that is lost in the end",
+        ),
+        Parameter(
+            "length",
+            "m",
+            0.05,
+            0.03,
+            lower=0.003,
+            upper=0.5,
+            meaning="shear displacement over which it is lost",
+            shape=True,
         ),
     ),
     laws={"shear_stress": _stress},

@@ -29,7 +29,13 @@ EFFECT = Effect(
     kind="stress",
     parameters=(
         Parameter(
-            "beta", "1", 0.0, 0.05, -0.5, 0.5, "growth of the shear stress, as a share, per factor e of speed"
+            "beta",
+            "1",
+            0.0,
+            0.05,
+            lower=-0.5,
+            upper=0.5,
+            meaning="growth of the shear stress, as a share, per factor e of speed",
         ),
     ),
     laws={name: partial(_faster, name) for name in ("cohesion", "tan_phi")},

@@ -28,9 +28,9 @@ EFFECT = Effect(
             "s",
             0.0,
             0.1,
-            -2.0,
-            2.0,
-            f"by how much {channel.replace('_', ' ')} is late",
+            lower=-2.0,
+            upper=2.0,
+            meaning=f"by how much {channel.replace('_', ' ')} is late",
             needs=(f"{channel}_rate",),
         )
         for channel in _CHANNELS

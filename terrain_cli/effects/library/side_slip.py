@@ -39,10 +39,22 @@ EFFECT = Effect(
     kind="stress",
     parameters=(
         Parameter(
-            "k_growth", "1/rad", 0.0, 1.0, -1.0, 30.0, "growth of the shear modulus, as a share, per radian"
+            "k_growth",
+            "1/rad",
+            0.0,
+            1.0,
+            lower=-1.0,
+            upper=30.0,
+            meaning="growth of the shear modulus, as a share, per radian",
         ),
         Parameter(
-            "lateral", "1", 0.0, 2.0, 0.0, 50.0, "(k/ky)²: how much sooner the soil shears across than along"
+            "lateral",
+            "1",
+            0.0,
+            2.0,
+            lower=0.0,
+            upper=50.0,
+            meaning="(k/ky)²: how much sooner the soil shears across than along",
         ),
     ),
     laws={"shear_modulus": _modulus, "shear_stress": _stress},

@@ -19,7 +19,15 @@ EFFECT = Effect(
     title="Offset of the sinkage sensor",
     kind="sensor",
     parameters=(
-        Parameter("offset", "m", 0.0, 0.002, -0.1, 0.1, "sinkage shown by a wheel that does not sink"),
+        Parameter(
+            "offset",
+            "m",
+            0.0,
+            0.002,
+            lower=-0.1,
+            upper=0.1,
+            meaning="sinkage shown by a wheel that does not sink",
+        ),
     ),
     laws={"sinkage": _sinkage},
     needs=("sinkage",),

@@ -28,7 +28,11 @@ EFFECT = Effect(
     id="strength-curvature",
     title="The strength envelope is curved",
     kind="stress",
-    parameters=(Parameter("B", "1", 0.0, 0.1, -0.5, 0.6, "how fast friction falls as the stress rises"),),
+    parameters=(
+        Parameter(
+            "B", "1", 0.0, 0.1, lower=-0.5, upper=0.6, meaning="how fast friction falls as the stress rises"
+        ),
+    ),
     laws={"shear_stress": _stress},
     formula="τ = (c + σ tan φ (σ/σ0)^(−B))(1 − exp(−j/k)), σ0 = 10 kPa",
     explanation=(
