@@ -1,8 +1,11 @@
-"""Which changed bits are seen: one bit changed at a time, all over a small file of every kind.
+"""Which changed bits are seen: one bit changed at a time, anywhere in a small file of every kind.
 
-Prints the table of docs/damage.md. Each file is read with --salvage and without. A change is *found* where
-the file is refused, or is told as damaged; *harmless* where every value and time is as it was; and else
-*wrong*: a value, a time or a name is another, and nothing tells.
+    python benchmarks/flips_study.py --record
+
+prints the table of docs/damage.md. Each file is read without --salvage and with it. A change is *refused*
+where the file is; *told* where what was read comes with a word of damage or a remark that the whole file has
+not. Nothing tells where it is *renamed*, all values and times as they were, but a topic or field of another
+name, and where it is *wrong*, a value or time another or not there. Else it is *harmless*.
 """
 
 from __future__ import annotations
@@ -12,13 +15,18 @@ import bz2
 import gzip
 import sys
 import tempfile
+from collections import Counter
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "formats")]
 RESULT = ROOT / "benchmarks" / "results" / "flips.txt"
-ROWS = 40
+MESSAGES, ROWS = 25, 40
+KINDS = {"ros1": "ROS 1", "mcap": "MCAP", "db3": "SQLite (db3)"}
+FATES = ("refused", "told", "wrong", "renamed", "harmless")
 
 
 def files(folder: Path) -> dict[str, Path]:
@@ -32,21 +40,29 @@ def files(folder: Path) -> dict[str, Path]:
     found = {}
     for kind, packing in CASES:
         (own := folder / f"{kind}-{packing}").mkdir()
-        found[f"{kind} {packing}"] = write(own, kind, packing, 25)
+        words = {"none": "", "crc": ", checksums"}.get(packing, f", {packing}")
+        found[f"{KINDS[kind]}{words}"] = write(own, kind, packing, MESSAGES)
     text = ("time,load\n" + "".join(f"{k / 10},{80 + k % 7 / 8}\n" for k in range(ROWS))).encode()
-    packers = {"": bytes, ".gz": gzip.compress, ".bz2": bz2.compress, ".zst": zstd.compress}
-    for ending, pack in packers.items():
-        found[f"csv{ending}"] = folder / f"a.csv{ending}"
-        found[f"csv{ending}"].write_bytes(pack(text))
+    summed = {zstd.CompressionParameter.checksum_flag: 1}
+    packed = {
+        "": text,
+        ", gzip": gzip.compress(text, mtime=0),
+        ", bzip2": bz2.compress(text),
+        ", zstd": zstd.compress(text),
+        ", zstd, checksum": zstd.compress(text, options=summed),
+    }
+    for words, data in packed.items():
+        found[f"CSV{words}"] = folder / f"a{len(found)}.csv"
+        found[f"CSV{words}"].write_bytes(data)
     table = pa.table({"time": [k / 10 for k in range(ROWS)], "load": [80 + k % 7 / 8 for k in range(ROWS)]})
     for checksums in (False, True):
-        found[f"parquet{' crc' * checksums}"] = path = folder / f"{checksums}.parquet"
+        found[f"Parquet{', checksums' * checksums}"] = path = folder / f"{checksums}.parquet"
         pq.write_table(table, path, write_page_checksum=checksums)
     return found
 
 
-def outcome(path: Path, *, salvage: bool) -> tuple[bool, Any]:
-    """Return whether damage is told, and every value; the latter None where the file is refused."""
+def contents(path: Path, *, salvage: bool) -> tuple[Any, tuple[str, ...]] | None:
+    """Return every value, and all that is said of the file; None where it is refused."""
     from salvage_cases import column_bits
 
     from formats import FormatError, open_source
@@ -65,26 +81,37 @@ def outcome(path: Path, *, salvage: bool) -> tuple[bool, Any]:
                 for name, column in batch.items():
                     values[stream.topic, name, number] = column_bits(column)
     except FormatError:
-        return True, None
-    # Without salvage a remark is all that tells.
-    return bool(source.recovery.damaged if source.recovery else False), (values, tuple(source.remarks))
+        return None
+    damage = source.recovery.damage if source.recovery else ()
+    return values, (*source.remarks, *damage)
 
 
-def study(path: Path, places: int, *, salvage: bool) -> tuple[int, int, int]:
-    """Return how many changed bits are found, harmless and wrong."""
+def study(path: Path, flips: list[tuple[int, int]], *, salvage: bool) -> Counter[str]:
+    """Return how many of these changed bits, each a place and a bit, met which fate."""
     data = path.read_bytes()
-    _, whole = outcome(path, salvage=salvage)
-    counts = [0, 0, 0]
-    for k in range(places):
-        at = k * len(data) // places
-        path.write_bytes(data[:at] + bytes([data[at] ^ 1 << k * 5 % 8]) + data[at + 1 :])
-        told, found = outcome(path, salvage=salvage)
-        if told or (found[0] != whole[0] and found[1] != whole[1]):
-            counts[0] += 1
+    whole = contents(path, salvage=salvage)
+    if whole is None:
+        raise RuntimeError(f"{path} is refused as it is")
+    fates: Counter[str] = Counter()
+    for at, bit in flips:
+        path.write_bytes(data[:at] + bytes([data[at] ^ 1 << bit]) + data[at + 1 :])
+        found = contents(path, salvage=salvage)
+        if found is None:
+            fates["refused"] += 1
+        elif found[1] != whole[1]:
+            fates["told"] += 1
+        elif found[0] == whole[0]:
+            fates["harmless"] += 1
         else:
-            counts[1 if found[0] == whole[0] else 2] += 1
+            same = sorted(map(str, found[0].values())) == sorted(map(str, whole[0].values()))
+            fates["renamed" if same else "wrong"] += 1
     path.write_bytes(data)
-    return counts[0], counts[1], counts[2]
+    return fates
+
+
+def row(cells: list[Any]) -> str:
+    """Return a row of a table in Markdown."""
+    return f"| {' | '.join(map(str, cells))} |"
 
 
 def main() -> None:
@@ -92,16 +119,32 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--places", type=int, default=300, help="bits changed in each file")
-    parser.add_argument("--record", action="store_true")
+    parser.add_argument("--flips", type=int, default=1_000, help="bits changed in each file, one at a time")
+    parser.add_argument("--seed", type=int, default=1, help="of the places and bits")
+    parser.add_argument("--record", action="store_true", help="keep the table under benchmarks/results")
     given = parser.parse_args()
-    lines = [f"{given.places} bits in each file", f"{'':14} {'without salvage':>25} {'with salvage':>25}"]
-    lines.append(f"{'file':14}" + f" {'found':>9}{'harmless':>9}{'wrong':>7}" * 2)
+    rng = np.random.default_rng(given.seed)
+    lines: list[str] = []
+
+    def say(line: str) -> None:
+        print(line, flush=True)
+        lines.append(line)
+
+    say(f"{given.flips:,} bits changed in each file, one at a time; seed {given.seed}\n")
+    say(row(["file", "bytes", *FATES, *(f"`--salvage`: {FATES[0]}", *FATES[1:])]))
+    say(row(["---"] * (2 + 2 * len(FATES))))
     with tempfile.TemporaryDirectory() as folder:
         for name, path in files(Path(folder)).items():
-            counts = (study(path, given.places, salvage=salvage) for salvage in (False, True))
-            lines.append(f"{name:14}" + "".join(f" {f:>9}{h:>9}{w:>7}" for f, h, w in counts))
-            print(lines[-1], flush=True)
+            size = path.stat().st_size
+            flips = [
+                *zip(
+                    rng.integers(size, size=given.flips).tolist(),
+                    rng.integers(8, size=given.flips).tolist(),
+                    strict=True,
+                )
+            ]
+            counts = [study(path, flips, salvage=salvage) for salvage in (False, True)]
+            say(row([name, f"{size:,}", *(count[fate] for count in counts for fate in FATES)]))
     if given.record:
         RESULT.write_text("\n".join(lines) + "\n")
 

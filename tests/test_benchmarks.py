@@ -6,8 +6,9 @@ import json
 
 import numpy as np
 import pytest
+from simulator import paper
 
-from benchmarks import growth, harness
+from benchmarks import flips_study, growth, harness, wheel_truth
 from benchmarks.compare import judge
 from benchmarks.stages import MISSING, STAGES
 
@@ -31,6 +32,54 @@ def test_every_row_of_the_targets_has_a_stage():
         better = stage.aim < stage.least if stage.within else stage.aim > stage.least
         assert better, stage.name
     assert len(STAGES) == 20
+
+
+#: As the paper prints it: kPa, degrees, m.
+TABLE_II = {
+    "exponent": (0.5, 1.2, 1.0),
+    "friction_angle": (20.0, 40.0, np.pi / 180.0),
+    "cohesion": (0.0, 10.0, 1e3),
+    "cohesive_modulus": (10.0, 100.0, 1e3),
+    "frictional_modulus": (1000.0, 5000.0, 1e3),
+    "shear_modulus": (0.01, 0.03, 1.0),
+}
+
+
+def test_the_soils_of_the_accuracy_study_are_those_of_the_paper():
+    assert {
+        name: pytest.approx((low * unit, high * unit)) for name, (low, high, unit) in TABLE_II.items()
+    } == paper.TABLE_II
+    assert (paper.WHEEL.radius, paper.WHEEL.width, paper.LOAD, paper.VARIATION) == (0.1, 0.1, 98.1, 0.15)
+    assert [tuple(claim) for claim in paper.CLAIMS] == [
+        (5, 0.0, 0.21, 1.62),
+        (10, 0.1, 1.57, 4.12),
+        (30, 0.1, 0.63, 2.11),
+    ]
+    soils = wheel_truth.table()
+    assert len(soils.cohesion) == 15_625
+    # kc/b + kφ, with b = 0.1 m.
+    ends = [(0.0, 10e3), (np.tan(np.pi / 9), np.tan(np.pi / 4.5)), (0.01, 0.03), (1.1e6, 6e6), (0.5, 1.2)]
+    assert [(column.min(), column.max()) for column in soils] == [pytest.approx(pair) for pair in ends]
+
+
+def test_the_table_of_changed_bits_is_the_one_recorded():
+    recorded = flips_study.RESULT.read_text(encoding="utf-8").splitlines()
+    page = (flips_study.ROOT / "docs" / "damage.md").read_text(encoding="utf-8").splitlines()
+    assert len(recorded) == 19
+    assert {*recorded} <= {*page}
+
+
+def test_changed_bits_are_sorted_by_what_becomes_of_them(tmp_path):
+    found = flips_study.files(tmp_path)
+    path = found["CSV"]
+    digit, comma = path.read_bytes().rindex(b"8"), path.read_bytes().rindex(b",")
+    flips = [(digit, 0), (comma, 5), (0, 0)]
+    fates = flips_study.study(path, flips, salvage=False)
+    assert fates["wrong"] == 1
+    assert fates["renamed"] == 1
+    assert fates["refused"] + fates["told"] == 1
+    path = found["Parquet, checksums"]
+    assert flips_study.study(path, [(path.stat().st_size - 1, 0)], salvage=False) == {"refused": 1}
 
 
 #: Their peers take 8 s and more.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+from binascii import crc32
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, cast
 
@@ -36,6 +37,10 @@ _RECORD, _INDEX, _MESSAGE = 9, 6, 22
 _MESSAGE_CODE, _CHUNK_CODE = 0x05, 0x06
 #: Of a record; and of a chunk first and last log time, size, checksum, length of its packing's name.
 _CODE_AND_LENGTH, _LENGTH, _CHUNK = struct.Struct("<BQ"), struct.Struct("<Q"), struct.Struct("<QQQII")
+#: The footer (where the summary begins, and that of its offsets; its checksum), and the magic behind it.
+_END = struct.Struct("<BQQQI8s")
+#: Bytes of it that no checksum covers.
+_BARE = 12
 #: Bytes read at a time where records are told apart one by one.
 _LEAST_READ = 1 << 16
 _HEAD = np.dtype(
@@ -98,6 +103,7 @@ class McapFile(McapReader):
         #: First and last log time of each connection that an index mentions, by its number.
         self.spans: dict[int, tuple[int, int]] = {}
         super().open()
+        self._check_summary()
         if len({chunk.chunk_start_offset for chunk in self.chunks}) < len(self.chunks):
             # A few bytes of index could make this unpack one chunk without end.
             raise ValueError("its index names a chunk twice")
@@ -110,6 +116,22 @@ class McapFile(McapReader):
                     first, last = int(times.min()), int(times.max())
                     start, end = self.spans.get(connection, (first, last))
                     self.spans[connection] = min(start, first), max(end, last)
+
+    def _check_summary(self) -> None:
+        """Refuse a summary that its checksum contradicts: names of topics and fields are read from there."""
+        bio = opened(self.bio)
+        end = bio.seek(-_END.size, os.SEEK_END)
+        _, _, summary, _, checksum, _ = _END.unpack(bio.read(_END.size))
+        if not checksum:
+            return
+        summary = summary or end  # a file may have none
+        bio.seek(summary)
+        # The checksum covers the footer up to itself.
+        left, found = end + _END.size - _BARE - summary, 0
+        while left > 0 and (piece := bio.read(min(left, RUN_BYTES))):
+            found, left = crc32(piece, found), left - len(piece)
+        if found != checksum:
+            raise ValueError("the checksum of its summary is wrong")
 
     def _walked(self, wanted: Collection[int], size: int) -> Iterator[Run]:
         """Read a file without an index of its chunks, or without chunks, in the order of the file.

@@ -144,7 +144,8 @@ largest = click.option(
     metavar="GB",
     expose_value=False,
     callback=_bound_copies,
-    help="Copy nothing larger to the disk: of a pipe, standard input, a packed recording or a store.  [16]",
+    help="Largest input that is copied to the disk before it is read: a pipe, a packed recording, an object "
+    "of a store.  [16]",
 )
 as_json = click.option(
     "--json", "as_json", is_flag=True, envvar="TERRAIN_EST_JSON", help="Write JSON instead of tables."

@@ -117,18 +117,31 @@ def test_no_estimate_could_be_much_better(noise):
         assert 0.92 < np.mean(np.abs(error) < 1.96 * se) <= 0.99
 
 
-def test_noise_in_sinkage_and_slip_does_not_bias():
-    truth = free(12, 25, 5)
-    repeat, noise = 60, 0.05
+def test_noise_in_sinkage_and_slip_biases_little():
+    truth = free(12, 100, 5)
+    repeat, noise = 30, 0.05
     channels = truth.measured(6, noise, repeat=repeat, pull=0.5)
-    result = run(
-        channels,
-        np.arange(repeat * 12 + 1) * 25,
-        noise=Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), noise), {"drawbar_pull": 0.5}),
-    )
-    error = (result.phi - np.tile(truth.phi, repeat)).reshape(repeat, 12)
-    # The mean over repetitions is known sixty times as well as one of them.
-    assert np.degrees(rms(error.mean(axis=0))) < 0.35 * np.degrees(rms(result.phi_se))
+
+    def bias(of_inputs):
+        # Nothing is said of the soil: a prior around the truth would hide a bias, or be one.
+        result = run(
+            channels,
+            np.arange(repeat * 12 + 1) * 100,
+            noise=Noise(
+                {"load": noise, "torque": noise, "sinkage": of_inputs, "slip": of_inputs},
+                {"drawbar_pull": 0.5},
+            ),
+            priors={},
+        )
+        error = (result.phi - np.tile(truth.phi, repeat)).reshape(repeat, 12)
+        # The mean over repetitions is known thirty times as well as one of them.
+        return np.degrees(rms(error.mean(axis=0))), np.degrees(rms(result.phi_se))
+
+    told, se = bias(noise)
+    # Sinkage and slip taken for all but exact.
+    exact, _ = bias(noise / 100.0)
+    assert told < 0.5 * se
+    assert told < 0.5 * exact
 
 
 def test_the_strength_is_what_is_known_best():

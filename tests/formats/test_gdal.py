@@ -11,7 +11,7 @@ import subprocess
 
 import pytest
 
-from formats import write_table
+from formats import open_source, write_table
 
 pytestmark = [
     pytest.mark.real,
@@ -96,3 +96,18 @@ def test_csv_pipe_into_a_geopackage(columns, tmp_path):
         values = [value for (value,) in database.execute(f"select c_kPa from {name}")]  # noqa: S608 (GDAL's)
     database.close()
     assert values == [0.1, -0.3333333333333333, None, 3.0]
+
+
+def test_gdal_leaves_the_apostrophe_of_a_guarded_name(tmp_path):
+    path = str(tmp_path / "out.csv")
+    names = ["=1+1", "-left", "left"]
+    write_table({"wheel": names, "=note": names, "c_kPa": [-1.5, 2.0, 3.0]}, path)
+    header, *rows = rows_by_gdal(path)
+    assert header == ["wheel", "'=note", "c_kPa"]
+    assert rows == [["'=1+1", "'=1+1", "-1.5"], ["'-left", "'-left", "2.0"], ["left", "left", "3.0"]]
+    # Here it is taken off, and the formats of a GIS have none.
+    (read,) = open_source(path).read("", ["wheel", "=note"])
+    assert [[column.names[code] for code in column.codes] for column in read.values()] == [names, names]
+    path = str(tmp_path / "out.gpkg")
+    write_table({"wheel": names, "WKT": ["POINT (1 2)"] * 3}, path)
+    assert [row[0] for row in rows_by_gdal(path)[1:]] == names

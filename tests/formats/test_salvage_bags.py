@@ -507,3 +507,14 @@ def test_a_damaged_header_loses_nothing(wholes, place):
     other = whole.data.replace(b"\x03\0\0\0cdr", b"\x03\0\0\0xyz")
     source, found = salvaged(place, "mcap", other)
     assert (source, found) == (None, {})
+
+
+@pytest.mark.parametrize("name", [b"/speed", b"effort", b"stamp"])
+def test_a_name_changed_in_the_summary_is_refused(tmp_path, name):
+    path = write(tmp_path, "mcap", "crc")
+    samples(opened(path, "mcap", salvage=False))
+    data = bytearray(path.read_bytes())
+    data[data.rindex(name) + 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(DamagedError, match="checksum of its summary is wrong"):
+        opened(path, "mcap", salvage=False)
