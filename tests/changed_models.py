@@ -32,7 +32,7 @@ upper = 3.0
 """
 
 
-def write_log(path, effects=None, seed=1, seconds=80.0, soils=(DRY_SAND,)):
+def write_log(path, effects=None, seed=1, seconds=48.0, soils=(DRY_SAND,)):
     """Drive over dry sand at two speeds with slip and load that vary, and write what was measured."""
     track = Track(
         "wheel",

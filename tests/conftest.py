@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 # workers of pytest-xdist, and their number must not decide on the last digit of a sum.
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
+# A process that finds nothing compiled, and may not keep it, compiles the whole program once more.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 ROOT = Path(__file__).resolve().parent.parent
 
 # A shell that starts this in the background lets it ignore Ctrl-C, and so all that it starts.

@@ -83,7 +83,7 @@ def test_inspect(run, ending):
 
 
 def test_compare(run):
-    code, out, _ = run("compare", log("csv"), "--json", "--segments", "none")
+    code, out, _ = run("compare", log("csv"), "--json", "--segments", "none", "--model", "linear")
     assert code == 0
     assert json.loads(out)["data"]["sources"] == [SHOWN + "csv"]
 

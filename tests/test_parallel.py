@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 import os
 from functools import partial
-from pathlib import Path
 
 import pytest
+from changed_models import write_all
 
 from terrain_cli import parallel
-
-SAMPLES = Path(__file__).parent.parent / "sample_data"
 
 
 def doubled(first: int, number: int) -> tuple[int, bool]:
@@ -71,17 +69,19 @@ def test_processes_start_none_of_their_own():
     assert not any(elsewhere for some in inside for _, elsewhere in some)
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        ("compare", "run.bag", "--json"),
-        ("diagnose", "tutorial/cable.csv", "--json"),
-    ],
-)
-def test_verbs_say_the_same(terrain_est, command):
-    verb, log, *options = command
-    arguments = (verb, str(SAMPLES / log), *options)
-    alone, together = terrain_est(*arguments), terrain_est(*arguments, "--jobs", "2")
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs")
+    write_all(path)
+    return path
+
+
+# A comparison shares out its wheels, a diagnosis its effects.
+@pytest.mark.parametrize("command", [("compare", "sinks.csv", "clean.csv"), ("diagnose", "sinks.csv")])
+def test_verbs_say_the_same(terrain_est, terrain_est_here, folder, command):
+    arguments = (*command, "--segments", "none", "--json")
+    alone = terrain_est_here(*arguments, cwd=folder)
+    together = terrain_est(*arguments, "--jobs", "2", cwd=folder)
     assert alone.returncode == together.returncode == 0, together.stderr
     assert together.stdout == alone.stdout
     assert json.loads(alone.stdout)["channels"]

@@ -96,11 +96,13 @@ def test_a_whole_log_is_not_changed_by_it(run):
 
 @cut
 def test_compare(run, name):
-    code, out, err = run("compare", name, "--salvage", "--segments", "none", "--json")
+    # What is said of the damage is the same for the linear base, which is fitted at once.
+    args = ("compare", name, "--salvage", "--segments", "none", "--model", "linear", "--json")
+    code, out, err = run(*args)
     assert code == 0
     assert f"{name}: salvaged: " in err
     assert any(f"{name}: salvaged: " in warning for warning in json.loads(out)["warnings"])
-    assert run("compare", name, "--salvage", "--segments", "none", "--json", "--quiet")[2] == ""
+    assert run(*args, "--quiet")[2] == ""
 
 
 @cut

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -101,10 +102,19 @@ def cluster(tmp_path_factory):
     cluster.close()
 
 
-@pytest.fixture
-def folder(tmp_path):
-    missions.mission(tmp_path / "in")
-    return tmp_path
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder with inputs; each test writes into another one of its own."""
+    path = tmp_path_factory.mktemp("mission")
+    missions.mission(path / "in")
+    return path
+
+
+@pytest.fixture(scope="module")
+def here(folder):
+    """Do the inputs on this machine, once for all tests."""
+    assert batch(folder, "here")[0] == 75
+    return missions.files(folder / "here")
 
 
 def start(folder, output, *args):
@@ -120,8 +130,7 @@ def batch(folder, output, *args):
     return process.returncode, err
 
 
-def test_the_same_as_on_one_machine_though_a_worker_is_killed(cluster, folder):
-    assert batch(folder, "here")[0] == 75
+def test_the_same_as_on_one_machine_though_a_worker_is_killed(cluster, folder, here):
     doomed = cluster.worker()
     cluster.slow(0.7)
     with start(folder, "there", "--scheduler", cluster.address) as process:
@@ -132,7 +141,7 @@ def test_the_same_as_on_one_machine_though_a_worker_is_killed(cluster, folder):
         doomed.kill()
         err = process.communicate(timeout=120)[1]
     assert process.returncode == 75, err
-    assert missions.files(folder / "there") == missions.files(folder / "here")
+    assert missions.files(folder / "there") == here
     lines = missions.manifest(folder / "there")
     assert len(lines) == len({line["location"] for line in lines}) == 5
     # The task of the killed worker was begun again by the other.
@@ -142,20 +151,16 @@ def test_the_same_as_on_one_machine_though_a_worker_is_killed(cluster, folder):
     assert "4 as before" in batch(folder, "there", "--scheduler", cluster.address)[1]
 
 
-def test_an_input_that_hangs(cluster, folder):
+def test_an_input_that_hangs(cluster, folder, here):
     cluster.slow(600, "b.csv")
-    code, err = batch(folder, "out", "--scheduler", cluster.address, "--timeout", "3")
+    code, err = batch(folder, "hangs", "--scheduler", cluster.address, "--timeout", "3")
     assert code == 75
     assert "failed (1): in/b.csv: took longer than 3 s" in err
     assert "2 done" in err
     cluster.slow(0)
-    code, err = batch(folder, "out", "--scheduler", cluster.address)
+    code, err = batch(folder, "hangs", "--scheduler", cluster.address)
     assert (code, "1 done" in err) == (75, True)
-    batch(folder, "here")
-    assert (
-        missions.files(folder / "out")["segments.parquet"]
-        == missions.files(folder / "here")["segments.parquet"]
-    )
+    assert missions.files(folder / "hangs")["segments.parquet"] == here["segments.parquet"]
 
 
 #: Another version of everything that is compared.
@@ -176,7 +181,7 @@ def test_other_versions_are_refused(cluster, folder, tmp_path):
     (site / "sitecustomize.py").write_text(ODD)
     odd = cluster.worker(site=str(site))
     try:
-        code, err = batch(folder, "out", "--scheduler", cluster.address)
+        code, err = batch(folder, "odd", "--scheduler", cluster.address)
     finally:
         # It says goodbye, so that the next batch does not meet it.
         odd.send_signal(signal.SIGTERM)
@@ -186,34 +191,35 @@ def test_other_versions_are_refused(cluster, folder, tmp_path):
     for name in ("python 3.0.7", "pyarrow 0.0.7", "dask 0.0.7"):
         assert f", {name} instead of " in err
     assert "  install terrain-est" in err
-    assert (folder / "out/manifest.jsonl").read_text() == ""
+    assert (folder / "odd/manifest.jsonl").read_text() == ""
 
 
-def test_inputs_that_workers_cannot_see(folder):
+def test_inputs_that_workers_cannot_see(folder, tmp_path):
     """Workers elsewhere, played by a file that is gone when the task begins."""
-    item = inputs.local(str(folder / "in/b.csv"))
-    (folder / "in/b.csv").unlink()
+    path = Path(shutil.copy(folder / "in/b.csv", tmp_path))
+    item = inputs.local(str(path))
+    path.unlink()
     reply = Estimate(item, Job(Rover(), Settings(), None, "csv", 0)).run()
     assert (reply.failure.exit_code, reply.failure.passing) == (66, True)
 
 
 def test_no_scheduler(folder):
-    code, err = batch(folder, "out", "--scheduler", "nonsense://127.0.0.1:1")
+    code, err = batch(folder, "none", "--scheduler", "nonsense://127.0.0.1:1")
     assert code == 2
     assert "nonsense://127.0.0.1:1: no address of a scheduler" in err
     with socket.socket() as deaf:
         deaf.bind(("127.0.0.1", 0))
-        code, err = batch(folder, "out", "--scheduler", f"tcp://127.0.0.1:{deaf.getsockname()[1]}")
+        code, err = batch(folder, "none", "--scheduler", f"tcp://127.0.0.1:{deaf.getsockname()[1]}")
     assert code == 66
     assert "no scheduler answers" in err
 
 
-def test_a_scheduler_that_goes(folder, tmp_path_factory):
+def test_a_scheduler_that_goes(folder, here, tmp_path_factory):
     own = DaskCluster(tmp_path_factory.mktemp("own"))
     with contextlib.closing(own):
         own.worker()
         own.slow(600)
-        with start(folder, "out", "--scheduler", own.address) as process:
+        with start(folder, "left", "--scheduler", own.address) as process:
             end = time.monotonic() + 60
             while not own.begun():
                 assert time.monotonic() < end
@@ -223,6 +229,5 @@ def test_a_scheduler_that_goes(folder, tmp_path_factory):
         assert process.returncode == 66, err
         assert f"{own.address}: the scheduler has gone" in err
     # What is done is kept, and the rest can be done here.
-    assert batch(folder, "out")[0] == 75
-    batch(folder, "here")
-    assert missions.files(folder / "out") == missions.files(folder / "here")
+    assert batch(folder, "left")[0] == 75
+    assert missions.files(folder / "left") == here

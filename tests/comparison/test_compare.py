@@ -168,14 +168,6 @@ def test_a_bias_of_one_wheel_is_found_with_its_name():
     assert any("third" in f.sentence for f in found)
 
 
-def test_the_same_seed_gives_the_same_findings():
-    effects, _ = MISFITS["motor −0.3 %/K"]
-    windows = windows_of(1, Kind(effects))
-    one, other = (compare([windows], Model(), seed=5) for _ in range(2))
-    assert one.failures == other.failures
-    assert one.channels == other.channels
-
-
 def test_progress_is_told():
     said = []
     compare([all_of(some_of(samples_of(1, Kind()), np.arange(400)))], Model(), progress=said.append)

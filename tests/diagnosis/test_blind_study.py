@@ -124,12 +124,9 @@ def records():
     effect = {"section": "effects", "size": 1.0, "form": "catalogue", "course": "rich", "noise": "white"}
     length = {"length": 64.0}
     jobs = [
-        {"section": "clean", "noise": "white", "course": "rich", "seed": 71},
         {"section": "clean", "noise": "ar1", "course": "rich", "seed": 72},
-        {**effect, "effect": "drivetrain-friction", "seed": 73, "size": 2.0},
         {**effect, "effect": "motor-temperature", "seed": 74, "size": 2.0},
         {**effect, "effect": "max-stress-angle", "seed": 75},
-        {"section": "outside", "effect": "hitch", "noise": "white", "seed": 76},
         {"section": "outside", "effect": "eccentric", "noise": "white", "seed": 78},
     ]
     jobs = [{**job, **length} for job in jobs]
@@ -145,8 +142,8 @@ def test_no_drive_of_the_study_fails(records):
     assert [one["found"]["error"] for one in records if "error" in one["found"]] == []
 
 
-def test_clean_logs_are_quiet(records):
-    assert [one["found"]["verdict"] for one in records if one["section"] == "clean"] == ["none", "none"]
+def test_a_clean_log_is_quiet(records):
+    assert [one["found"]["verdict"] for one in records if one["section"] == "clean"] == ["none"]
 
 
 def test_hidden_effects_are_in_the_family_and_no_name_is_wrong(records):
@@ -165,7 +162,6 @@ def test_what_no_catalogue_explains_is_placed_and_its_draft_takes_half_of_the_er
     outside = [one for one in records if one["section"] == "outside"]
     placed = [(one["found"]["unknown"]["channel"], one["found"]["unknown"]["driver"]) for one in outside]
     assert placed == [
-        ("drawbar_pull", "hitch_angle"),
         ("torque", "wheel_angle"),
         ("sinkage", "drill_out"),
         ("drawbar_pull", "motor_temperature"),

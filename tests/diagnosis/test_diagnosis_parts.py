@@ -70,6 +70,17 @@ def test_whitening_can_be_undone():
         np.testing.assert_allclose(found[name], column, atol=1e-12)
 
 
+@pytest.mark.parametrize("columns", [(), (4,)])
+def test_complete_samples_are_whitened_as_they_are_among_others(columns):
+    rng = np.random.default_rng(4)
+    white = whitening.Whitening(("torque", "sinkage"), np.array([[2.0, 0.7], [0.7, 1.0]]))
+    errors = {name: rng.normal(size=(40, *columns)) for name in white.channels}
+    known = np.ones((40, 2), dtype=bool)
+    alone = white(errors, known)
+    known[-1, 0] = False
+    np.testing.assert_array_equal(alone[:-1], white(errors, known)[:-1])
+
+
 def test_a_pull_that_changes_with_the_soil_does_not_explain_itself():
     """Load-transfer reads the measured pull: fed back, it explained soil that varies as no chance would."""
     found = diagnose(windows_of(3_000_063, Kind(course="poor", noise="soil")), ModelFile())
@@ -80,7 +91,7 @@ def test_a_pull_that_changes_with_the_soil_does_not_explain_itself():
 def test_friction_that_drives_the_wheel_is_not_named(torque, named):
     """A torque that is too low throughout looks like friction below nought: something else is at work."""
     hidden = {"drivetrain-friction": {"Tc": torque}}
-    wheels = windows_of(21, Kind(hidden))
+    wheels = windows_of(21, Kind(hidden, seconds=64.0))
     found = diagnose(wheels, ModelFile())
     assert found.alarm.raised
     assert found.effect == named

@@ -81,7 +81,6 @@ def asked(terrain_est_here, tmp_path, monkeypatch):
     ("effect", "repeats", "parameter", "size"),
     [
         ("slip-sinkage", 1, None, None),
-        ("drivetrain-friction", 2, None, None),
         ("gear-efficiency", 2, "eta", 0.8),
         ("grousers", 2, "lambda_s", 0.75),
     ],

@@ -26,7 +26,7 @@ def drive(how, given):
     if how == "gaps":
         return [with_gaps(samples_of(4, short))]
     if how == "runs":
-        return [samples_of(4, Kind(effects=given, course="poor", noise="soil", rate=10.0))]
+        return [samples_of(4, Kind(effects=given, course="poor", noise="soil", seconds=96.0, rate=10.0))]
     return [samples_of(seed, Kind(effects=given, course="poor", seconds=48.0, rate=10.0)) for seed in (4, 8)]
 
 

@@ -170,7 +170,7 @@ def test_rim_stress(comparison):
     assert angle[np.argmax(normal)] == pytest.approx(angle[-1] / 2.0, rel=0.05)
 
 
-@pytest.mark.parametrize("name", ["$x^2$", "<script>", "a\nb", "速度", "{}", "%s", "\\alpha"])
+@pytest.mark.parametrize("name", ["$x^2$ <script> {} %s \\alpha", "a\nb 速度"])
 def test_names_from_files_are_drawn_as_they_are(run, name):
     odd = comparison_of(run, source=f"{name}.csv", extra=name)
     odd.wheels[0] = replace(odd.wheels[0], wheel=name)
