@@ -45,7 +45,9 @@ def inspected(request, tmp_path, terrain_est_here):
     return inspected
 
 
-ASKS_FOR_ARM = '\n[channels]\ntorque = { topic = "/joint_states", field = "effort", name = "wheel", unit = "N m" }\n'
+ASKS_FOR_ARM = (
+    '[channels]\ntorque = { topic = "/joint_states", field = "effort", name = "wheel", unit = "N m" }\n'
+)
 
 
 def test_joints_of_an_arm_are_shown(inspected):
