@@ -140,7 +140,8 @@ def _open_linked(path: str, *, salvage: bool) -> Source:
     """Open what has no text for a name, which libraries take names for, through a link."""
     with ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="terrain-est-"))
-        # The ending says what the file is.
+        # The ending says what the file is, which a name such as /proc/self/fd/3 has not. SIGKILL, which
+        # nobody can answer, leaves the link behind, and never the file.
         link = Path(folder, f"input{shown(Path(path).suffix)}")
         link.symlink_to(Path(path).absolute())
         try:

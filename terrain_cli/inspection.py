@@ -36,6 +36,8 @@ _FORMATS = dict.fromkeys(("longitude", "latitude"), ".6f") | dict.fromkeys(
 )
 #: Larger times are seconds since 1970.
 _EPOCH = 1e8
+#: The end of the year 9999, after which dates have no common way to be written; s.
+_LAST = 253_402_300_799
 #: A line of names longer than this is broken.
 _WIDTH = 100
 
@@ -326,6 +328,8 @@ def _channel_rows(wheel: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _moment(time: float) -> str:
+    if time > _LAST:
+        return f"{time:.4g} s"
     return datetime.fromtimestamp(time, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 

@@ -160,7 +160,7 @@ def number(what: str, low: float = -math.inf, high: float = math.inf, *, whole: 
     return rule
 
 
-def vector(size: int, axes: str) -> Rule:
+def vector(size: int, axes: str, reach: float) -> Rule:
     """Return the rule for a list of metres.
 
     Parameters
@@ -168,12 +168,14 @@ def vector(size: int, axes: str) -> Rule:
     size : int
     axes : str
         As a person writes it: ``[x, y, z]``.
+    reach : float
+        Largest size of each, m.
 
     Returns
     -------
     callable
     """
-    metres = number("a number of metres")
+    metres = number(f"a number of metres from {-reach:g} to {reach:g}", -reach, reach)
 
     def rule(value: Any, place: str) -> Any:
         if not isinstance(value, list) or len(value) != size:

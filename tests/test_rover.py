@@ -114,12 +114,15 @@ def test_a_wheel_takes_what_it_does_not_give_from_the_defaults(write):
         ("[wheel]\nraduis = 0.1", "wheel.raduis: unknown key; did you mean radius?"),
         ("[weel]\n", "weel: unknown key; did you mean wheel?"),
         ("radius = 0.1", "radius: unknown key"),
-        ("[wheel]\nradius = 0", "wheel.radius: must be a positive length in m, at most 5, not 0"),
+        ("[wheel]\nradius = 0", "wheel.radius: must be a positive length in m, from 0.001 to 5, not 0"),
         ("[wheel]\nradius = -0.1", "wheel.radius: must be a positive length"),
-        ("[wheel]\nradius = 125", "wheel.radius: must be a positive length in m, at most 5, not 125"),
+        ("[wheel]\nradius = 125", "wheel.radius: must be a positive length in m, from 0.001 to 5, not 125"),
         ("[wheel]\nwidth = nan", "wheel.width: must be a positive length"),
-        ("[wheel]\nwidth = true", "wheel.width: must be a positive length in m, at most 5, not True"),
-        ('[wheel]\nwidth = "0.1 m"', "wheel.width: must be a positive length in m, at most 5, not '0.1 m'"),
+        ("[wheel]\nwidth = true", "wheel.width: must be a positive length in m, from 0.001 to 5, not True"),
+        (
+            '[wheel]\nwidth = "0.1 m"',
+            "wheel.width: must be a positive length in m, from 0.001 to 5, not '0.1 m'",
+        ),
         ("[wheel]\nwidth = 1" + "0" * 400, "wheel.width: must be a positive length"),
         ("[wheel]\ngrouser_count = 1.5", "wheel.grouser_count: must be a whole number"),
         ("wheel = 3", "wheel: must be a table, not 3"),
@@ -129,7 +132,7 @@ def test_a_wheel_takes_what_it_does_not_give_from_the_defaults(write):
         ("[wheels.fl.channels]\ntorq = 'T'", "wheels.fl.channels.torq: unknown key; did you mean torque?"),
         (
             "[soil]\nshear_modulus = 18",
-            "soil.shear_modulus: must be a positive length in m, at most 1, not 18",
+            "soil.shear_modulus: must be a positive length in m, from 0.0001 to 1, not 18",
         ),
         ("[channels]\ntorque = 3.0", "channels.torque: must be a column or a table such as"),
         ("[channels]\ntorque = ''", "channels.torque: must be text"),
@@ -170,7 +173,7 @@ def test_a_wheel_takes_what_it_does_not_give_from_the_defaults(write):
         ),
         (
             "[channels]\ntorque = { column = 'T', scale = '2' }",
-            "channels.torque.scale: must be a number, not '2'",
+            "channels.torque.scale: must be a number from 1e-15 to 1e15",
         ),
         (
             "[channels]\nterrain = { column = 'x', unit = 'm' }",
@@ -210,7 +213,7 @@ def test_a_wheel_takes_what_it_does_not_give_from_the_defaults(write):
         ("[noise]\ntorque = { relative = 2 }", "noise.torque.relative: must be a share from 0 to 1, not 2"),
         (
             "[noise]\ntorque = { absolute = -1 }",
-            "noise.torque.absolute: must be a number, at least 0",
+            "noise.torque.absolute: must be a number from 0 to 1e20",
         ),
         ("[noise]\ntorque = { absolute = 1 }", "noise.torque: unit of absolute is missing"),
         (
@@ -218,7 +221,10 @@ def test_a_wheel_takes_what_it_does_not_give_from_the_defaults(write):
             "noise.torque.unit: 'mm' is a unit of length; torque takes N m, kN m",
         ),
         ("[estimate]\nrobust = 1", "estimate.robust: must be true or false, not 1"),
-        ("[sampling]\nmax_gap = 0", "sampling.max_gap: must be a positive number of seconds, not 0"),
+        (
+            "[sampling]\nmax_gap = 0",
+            "sampling.max_gap: must be a positive number of seconds, from 1e-6 to 1e9",
+        ),
         ("[estimate]\nmin_samples = 3", "estimate.min_samples: unknown key; did you mean min-samples?"),
         ("[estimate]\nmethod = 'ols'", "estimate.method: must be one of auto, least-squares"),
         (

@@ -72,6 +72,51 @@ def test_no_signal_leaves_anything_of_a_pipe(number, code, tmp_path):
     assert b"Traceback" not in said
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_no_signal_leaves_anything_of_a_geopackage(number, code, tmp_path):
+    (tmp_path / "site").mkdir()
+    # Styles that take their time: the layers are written, and a journal is there.
+    (tmp_path / "site/sitecustomize.py").write_text(
+        "import time\nfrom formats.output import geopackage\n"
+        "def stop(database, styles):\n"
+        "    database.execute('UPDATE gpkg_contents SET identifier = table_name || 1')\n"
+        "    time.sleep(60)\n"
+        "geopackage._write_styles = stop\n"
+    )
+    out = tmp_path / "out"
+    out.mkdir()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "terrain_cli", "estimate", str(RUN), "-q", "-o", str(out / "soil.gpkg")],
+        stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": f"{tmp_path / 'site'}:{ROOT}"},
+        start_new_session=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 40
+    while time.monotonic() < deadline and not list(out.glob(".soil-*.gpkg-journal")):
+        time.sleep(0.02)
+    assert len(list(out.iterdir())) == 2
+    process.send_signal(number)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == code, said
+    assert not list(out.iterdir())
+    assert b"Traceback" not in said
+
+
+def test_a_pipe_for_which_there_is_no_room_is_refused(tmp_path):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import shutil, collections\nUsage = collections.namedtuple('Usage', 'total used free')\n"
+        "shutil.disk_usage = lambda path: Usage(1 << 40, 0, 60 << 20)\n"
+    )
+    (tmp_path / "copies").mkdir()
+    env = {"TMPDIR": str(tmp_path / "copies"), "PYTHONPATH": f"{tmp_path}:{ROOT}"}
+    done = shell(f"cat {RUN} | $T estimate - --rover {RUN.parent}/rover.toml", env=env)
+    assert done.returncode == 73
+    assert done.stderr.startswith(
+        f"terrain-est: {tmp_path}/copies: no room for a copy of standard input: less than"
+    )
+    assert "set TMPDIR to a larger disk" in done.stderr
+    assert not list((tmp_path / "copies").iterdir())
+
+
 @pytest.mark.parametrize(
     ("line", "code"),
     [

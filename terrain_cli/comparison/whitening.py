@@ -29,6 +29,8 @@ _FEWEST = 30
 _USUAL = 0.05
 #: Correlations beyond this are not believed.
 _MOST = 0.98
+#: No channel is so small in its SI unit.
+_ZERO = 1e-30
 
 
 @dataclass(frozen=True)
@@ -115,9 +117,10 @@ def of_residuals(
     residuals = np.stack([errors[name] for name in names], axis=1)
     known = np.isfinite(residuals)
     total = np.where(known, residuals, 0.0) ** 2
-    rms = np.maximum(np.sqrt(total.sum(axis=0) / np.maximum(known.sum(axis=0), 1)), 1e-300)
+    rms = np.sqrt(total.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
     deviation = np.array([levels[name] if np.isfinite(levels[name]) else np.inf for name in names])
     deviation = np.where(np.isfinite(deviation), np.maximum(deviation, _LEAST * rms), rms)
+    deviation = _sized(deviation)
     correlation = np.eye(len(names))
     change = _changes(residuals, group, max(1, memory))
     for a in range(len(names)):
@@ -154,8 +157,13 @@ def of_channels(measured: Mapping[str, Array], group: Index) -> Whitening:
         known = column[np.isfinite(column)]
         size = float(np.sqrt(np.mean(known**2))) if len(known) else 1.0
         noise = float(np.median(second)) / 0.6745 if len(second) >= _FEWEST else _USUAL * size
-        deviation.append(max(noise, _LEAST * size, 1e-300))
-    return Whitening(tuple(measured), np.diag(np.square(deviation)))
+        deviation.append(max(noise, _LEAST * size))
+    return Whitening(tuple(measured), np.diag(np.square(_sized(np.array(deviation)))))
+
+
+def _sized(deviation: Array) -> Array:
+    # What is zero in every sample has no size to be judged by, and any will do whose square has an inverse.
+    return np.where(deviation > _ZERO, deviation, 1.0)
 
 
 def _changes(residuals: Array, group: Index | None, lag: int) -> Array:

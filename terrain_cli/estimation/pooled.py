@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 #: Errors below this share of the strength and of 1 (Pa, or in tan φ) do not weigh more than that:
 #: exact windows would otherwise make the normal equations singular.
 _SMALLEST = 1e-6
+#: Correlations are not believed nearer to ±1 than this: no inverse would be left of them.
+_UNSURE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -106,27 +108,28 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     own[[0, 1], [0, 1]] += (_SMALLEST * np.array([[1.0 + np.abs(value[0]).max()], [1.0]])) ** 2
 
     between = np.array([_between(value[a], own[a, a], shared[a]) for a in (0, 1)])
-    own[[0, 1], [0, 1]] += between[:, None]
-    weight = np.linalg.inv(np.moveaxis(own + shared[:, None] * shared, -1, 0))
-    total = np.linalg.inv(weight.sum(axis=0))
-    strength, slope = total @ np.einsum("wab,bw->a", weight, value)
-    pull = total @ np.einsum("wab,bw->a", weight, shared)
-    covariance = total @ np.einsum("wab,bcw,wcd->ad", weight, own, weight) @ total + np.outer(pull, pull)
-
-    (var_s, cov), (_, var_t) = covariance
-    to_pivot = -cov / var_t
-    var_c = max(var_s - 2.0 * stress * cov + stress**2 * var_t, 0.0)
+    own[[0, 1], [0, 1]] += between[:, None] + _UNSURE * (own[[0, 1], [0, 1]] + shared**2)
+    own, each = np.moveaxis(own, -1, 0), shared.T[:, :, None]
+    weight = np.linalg.inv(own + each * shared.T[:, None, :])
+    share = np.linalg.inv(weight.sum(axis=0)) @ weight
+    strength, slope = np.einsum("wab,bw->a", share, value)
+    # What each independent error does to strength and slope: rounding makes no sum of squares negative.
+    moved = np.concatenate([*(share @ np.linalg.cholesky(own)), (share @ each).sum(axis=0)], axis=1)
+    by_strength, by_slope = moved
+    by_c, var_t = by_strength - stress * by_slope, by_slope @ by_slope
+    to_pivot = -(by_strength @ by_slope) / var_t
+    c_se, strength_se = (float(np.linalg.norm(by)) for by in (by_c, by_strength + to_pivot * by_slope))
     return PooledEstimate(
         windows=len(cohesion),
         separable=int(separable.sum()),
         c=float(strength - stress * slope),
-        c_se=float(np.sqrt(var_c)),
+        c_se=c_se,
         phi=float(np.arctan(slope)),
         phi_se=float(np.sqrt(var_t) / (1.0 + slope**2)),
-        corr=float(np.clip((cov - stress * var_t) / np.sqrt(var_c * var_t), -1.0, 1.0)),
+        corr=float(np.clip(by_c @ by_slope / (c_se * np.sqrt(var_t)), -1.0, 1.0)) if c_se > 0.0 else np.nan,
         sigma_star=float(stress + to_pivot),
         strength=float(strength + to_pivot * slope),
-        strength_se=float(np.sqrt(max(var_s + to_pivot * cov, 0.0))),
+        strength_se=strength_se,
         strength_between=float(np.sqrt(between[0])),
         phi_between=float(np.sqrt(between[1]) / (1.0 + slope**2)),
         c_mean=plain[0],

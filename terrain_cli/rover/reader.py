@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from terrain_cli import strict, units
 from terrain_cli.channels import CHANNELS, LABEL, unit_hint
-from terrain_cli.choices import BASES, METHODS, SEGMENTS
+from terrain_cli.choices import BASES, METHODS, SEGMENTS, SOIL_BOUNDS
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.rover.parts import FILE_NAME, NOISY, Entry, Motor, Noise, Rover, Vehicle, Wheel
-from terrain_cli.strict import ABOVE_ZERO, choice, flag, number, require, table, tables, text, vector
+from terrain_cli.strict import choice, flag, number, require, table, tables, text, vector
 
 if TYPE_CHECKING:
     from terrain_cli.strict import Rule
@@ -191,42 +191,63 @@ def _noise(channel: str) -> Rule:
 
 
 def _constant(value: Any, place: str) -> Any:
-    return text(value, place) if isinstance(value, str) else number("a number")(value, place)
+    return text(value, place) if isinstance(value, str) else _ANY(value, place)
 
 
-_SIZE = number("a positive length in m, at most 5", ABOVE_ZERO, 5.0)
+def _scale(value: Any, place: str) -> Any:
+    # From ns to hours is 3e-13; 0 would make one value of all.
+    what = "a number from 1e-15 to 1e15, or from -1e15 to -1e-15"
+    scale = number(what, -1e15, 1e15)(value, place)
+    number(what, 1e-15)(abs(scale), place)
+    return scale
+
+
+# From a toy's wheel to twice that of the largest mining truck.
+_SIZE = number("a positive length in m, from 0.001 to 5", 1e-3, 5.0)
+#: No vehicle is longer; m. The largest excavator with a bucket wheel has 225.
+_REACH = 500.0
+#: Any number in any unit, nanoseconds since 1970 among them, whose square and the square of that are numbers.
+_ANY = number("a number from -1e20 to 1e20", -1e20, 1e20)
 _WHEEL: dict[str, Rule] = {
     "radius": _SIZE,
     "width": _SIZE,
-    "grouser_count": number("a whole number, at least 0", 0, whole=True),
+    # One for every 3 cm of the largest wheel.
+    "grouser_count": number("a whole number from 0 to 1000", 0, 1000, whole=True),
     "grouser_height": number("a length in m from 0 to 1", 0.0, 1.0),
 }
 _CHANNELS = table({name: _entry(name) for name in CHANNELS})
 _MOTOR = table(
     {
-        "torque_constant": number("a positive number of N m/A", ABOVE_ZERO),
-        "gear_ratio": number("a positive number", ABOVE_ZERO),
-        "efficiency": number("a positive number up to 1", ABOVE_ZERO, 1.0),
+        # A pager's motor has 1e-4, a wheel's hub without a gear some tens.
+        "torque_constant": number("a positive number of N m/A, from 1e-6 to 1e4", 1e-6, 1e4),
+        # A screw jack has some thousands.
+        "gear_ratio": number("a positive number, from 1e-4 to 1e6", 1e-4, 1e6),
+        # A worm gear in the cold has a tenth.
+        "efficiency": number("a positive number up to 1, at least 0.001", 1e-3, 1.0),
         # Outside this range it is in %/K by mistake: no magnet loses 2 % per kelvin.
         "temperature_coefficient": number("in 1/K, from -0.02 to 0.02", -0.02, 0.02),
-        "reference_temperature": number("a temperature in °C", -273.15),
-        "no_load_current": number("a current in A, at least 0", 0.0),
+        # Copper melts at 1085 °C.
+        "reference_temperature": number("a temperature in °C, from -273.15 to 1000", -273.15, 1000.0),
+        # That of the largest drives under full load.
+        "no_load_current": number("a current in A, from 0 to 1e4", 0.0, 1e4),
     }
 )
 _VEHICLE = table(
     {
-        "mass": number("a positive number of kg", ABOVE_ZERO),
-        "gravity": number("a positive number of m/s²", ABOVE_ZERO),
-        "centre_of_mass": vector(3, "[x, y, z]"),
+        # The heaviest vehicle has 14,200 t.
+        "mass": number("a positive number of kg, from 0.001 to 1e8", 1e-3, 1e8),
+        # From an asteroid of 100 m to four times Jupiter.
+        "gravity": number("a positive number of m/s², from 1e-6 to 100", 1e-6, 100.0),
+        "centre_of_mass": vector(3, "[x, y, z]", _REACH),
         "suspension": choice("rigid", "rocker", "rocker-bogie"),
-        "rocker_pivot": vector(2, "[x, z]"),
-        "bogie_pivot": vector(2, "[x, z]"),
+        "rocker_pivot": vector(2, "[x, z]", _REACH),
+        "bogie_pivot": vector(2, "[x, z]", _REACH),
     }
 )
 _NOISE = table(
     {
         "relative": number("a share from 0 to 1", 0.0, 1.0),
-        "absolute": number("a number, at least 0", 0.0),
+        "absolute": number("a number from 0 to 1e20", 0.0, 1e20),
         "unit": text,
     }
 )
@@ -235,32 +256,46 @@ _ENTRY = table(
         "topic": text,
         "field": text,
         "name": text,
-        "index": number("a whole number, at least 0", 0, whole=True),
+        # No list of a message is longer.
+        "index": number("a whole number from 0 to 4294967295", 0, 2**32 - 1, whole=True),
         "column": text,
         "constant": _constant,
         "unit": text,
-        "scale": number("a number"),
-        "offset": number("a number"),
+        "scale": _scale,
+        "offset": _ANY,
     }
 )
 _FILE = table(
     {
         "wheel": table(_WHEEL),
         "wheels": tables(
-            table({**_WHEEL, "position": vector(3, "[x, y, z]"), "channels": _CHANNELS, "motor": _MOTOR})
+            table(
+                {**_WHEEL, "position": vector(3, "[x, y, z]", _REACH), "channels": _CHANNELS, "motor": _MOTOR}
+            )
         ),
-        "soil": table({"shear_modulus": number("a positive length in m, at most 1", ABOVE_ZERO, 1.0)}),
+        "soil": table(
+            {
+                "shear_modulus": number(
+                    "a positive length in m, from 0.0001 to 1", *SOIL_BOUNDS["shear_modulus"]
+                )
+            }
+        ),
         "channels": _CHANNELS,
         "motor": _MOTOR,
         "vehicle": _vehicle,
         "noise": table({name: _noise(name) for name in NOISY}),
-        "sampling": table({"max_gap": number("a positive number of seconds", ABOVE_ZERO), "steady": flag}),
+        # From the resolution of a clock to thirty years.
+        "sampling": table(
+            {"max_gap": number("a positive number of seconds, from 1e-6 to 1e9", 1e-6, 1e9), "steady": flag}
+        ),
         "estimate": table(
             {
                 "method": choice(*METHODS),
                 "segments": choice(*SEGMENTS),
-                "min-samples": number("a whole number, at least 3", 3, whole=True),
-                "window-distance": number("a positive length in m", ABOVE_ZERO),
+                # As on the command line.
+                "min-samples": number("a whole number, at least 3 and at most 1e12", 3, 10**12, whole=True),
+                # From a grain of sand to once around the Earth.
+                "window-distance": number("a positive length in m, from 1e-6 to 4e7", 1e-6, 4e7),
                 "where": text,
                 "crs": text,
                 "model": text,

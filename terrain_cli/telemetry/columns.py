@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 _SOON = np.timedelta64(10, "s")
 #: Rows read at once of a table that may be too long to be held: half as many more take 50 MB more.
 _AT_ONCE = 65_536
+#: The Sun has 2e30 kg and an electron 1e-30 kg: nothing on a rover is larger or smaller in any unit, and the
+#: squares and products of what is between are numbers of this machine.
+_LARGEST, _SMALLEST = 1e30, 1e-30
 
 
 def join(columns: Sequence[Column]) -> Column:
@@ -82,6 +85,9 @@ def _text(value: np.generic) -> str:
 def as_numbers(column: Column) -> Array:
     """Return a column as numbers: texts and times, which are none, become NaN.
 
+    What is larger than anything measured is cut to a size that is still beyond all that is accepted, and
+    what is smaller is zero.
+
     Parameters
     ----------
     column : ndarray or Labels, shape (n,)
@@ -90,13 +96,19 @@ def as_numbers(column: Column) -> Array:
     -------
     ndarray of float64, shape (n,)
     """
-    if not isinstance(column, Labels):
-        return (
-            np.full(len(column), np.nan)
-            if column.dtype.kind == "M"
-            else column.astype(np.float64, copy=False)
-        )
-    return np.array([*(_number(name) for name in column.names), np.nan])[column.codes]
+    if isinstance(column, Labels):
+        return _measurable(np.array([*(_number(name) for name in column.names), np.nan]))[column.codes]
+    if column.dtype.kind == "M":
+        return np.full(len(column), np.nan)
+    return _measurable(column.astype(np.float64, copy=False))
+
+
+def _measurable(values: Array) -> Array:
+    size = np.abs(values)
+    large, small = (size > _LARGEST) & (size < np.inf), (size < _SMALLEST) & (size > 0.0)
+    if large.any() or small.any():
+        return np.where(large, np.copysign(_LARGEST, values), np.where(small, 0.0, values))
+    return values
 
 
 def _number(text: str) -> float:

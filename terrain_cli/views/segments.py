@@ -206,7 +206,8 @@ def strength_limits(table: Table) -> tuple[tuple[float, float], tuple[float, flo
         np.asarray(table[name], dtype=float)[known] for name in ("sigma_star_kPa", "strength_kPa")
     )
     low, high = usual(value)
-    return (0.0, 1.5 * usual(pivot)[1]), (min(0.0, 1.5 * low), max(1.5 * high, 0.5 * abs(low)))
+    # Soil without any strength is drawn on an axis of 1 kPa.
+    return (0.0, 1.5 * usual(pivot)[1]), (min(0.0, 1.5 * low), max(1.5 * high, 0.5 * abs(low)) or 1.0)
 
 
 def tested(table: Table) -> NDArray[np.intp]:

@@ -136,3 +136,28 @@ def test_windows_of_one_soil_hold_the_truth():
             )
         )
     assert np.mean(inside, axis=0).min() >= 0.9
+
+
+def test_errors_of_any_size_pool_to_finite_ones():
+    rng = np.random.default_rng(11)
+    for trial in range(300):
+        count = int(rng.choice([1, 2, 300]))
+        # Exact in a third of the windows, and in all of some trials.
+        c_se, phi_se = (
+            10.0 ** rng.uniform(-12.0, high, count) * (rng.random(count) > trial % 4 / 3.0)
+            for high in (20.0, 1.0)
+        )
+        given = SimpleNamespace(
+            c=rng.standard_normal(count) * 10.0 ** rng.uniform(-10.0, 20.0) * (trial % 2),
+            c_se=c_se,
+            phi=rng.uniform(-1.5, 1.5, count) * (trial % 3 == 0),
+            phi_se=phi_se,
+            corr=rng.choice([-1.0, 0.0, 0.5, 1.0], count),
+            phi_bias=phi_se * rng.uniform(0.0, 1.0, count),
+            status=np.full(count, "ok", dtype="<U15"),
+        )
+        pooled = pool(given)
+        for name in ("c", "phi", "sigma_star", "strength"):
+            assert np.isfinite(getattr(pooled, name)), (trial, name)
+        for name in ("c_se", "phi_se"):
+            assert 0.0 < getattr(pooled, name) < np.inf, (trial, name)

@@ -148,3 +148,24 @@ def test_noise_without_meaning_is_refused():
         Noise({"torque": -0.1})
     with pytest.raises(UsageError, match="'speed'"):
         Noise(absolute={"speed": 0.1})
+
+
+@pytest.mark.parametrize("base", ["linear", "wong-reece"])
+@pytest.mark.parametrize("size", [1, 40])
+def test_equal_rows_have_finite_estimates_and_errors(base, size):
+    row = {"load": 80.9996, "torque": 3.0125, "sinkage": 0.01081, "slip": 0.285057}
+    channels = {name: np.full(2 * size, value) for name, value in row.items()}
+    for bounds in ([0, 2 * size], [0, size, 2 * size]):
+        result = fit(Model(base=base), GEOMETRY, channels, bounds)
+        for name, values in result.values.items():
+            assert np.isfinite(values).all(), name
+            assert (result.errors[name] >= 0.0).all(), name
+        assert (result.errors["tan_phi"] > 0.0).all()
+
+
+def test_a_torque_of_nothing_is_no_exact_one():
+    truth = free(1, 40, 39)
+    channels = {name: truth.channels[name] for name in FOUR} | {"torque": np.zeros(40)}
+    for noise in (None, Noise.equal(0.0)):
+        result = fit(Model(base="linear"), GEOMETRY, channels, [0, 40], noise=noise)
+        assert np.isfinite(result.errors["cohesion"]).all()

@@ -255,10 +255,9 @@ def equations(
         if name == BALANCE:
             own[row] = (_LEAST * value(prediction.load)) ** 2
         else:
+            large = _large(problem, name, prediction, predicted, data)
             own[row] = (
-                problem.noise.variance(name, _large(problem, name, prediction, predicted)) * excess
-                + (_LEAST * predicted) ** 2
-                + np.finfo(float).tiny
+                problem.noise.variance(name, large) * excess + (_LEAST * large) ** 2 + np.finfo(float).tiny
             )
     # Where the model gives no number, at this guess, the sample has no say.
     told = data.seen & np.isfinite(own) & np.isfinite(table).all(axis=1)
@@ -276,12 +275,13 @@ def equations(
     return Equations(residual, table[:, 1 : 1 + size], table[:, 1 + size :], spread, weight, factor, size_of)
 
 
-def _large(problem: Problem, name: str, prediction: Prediction, predicted: Array) -> Array:
+def _large(problem: Problem, name: str, prediction: Prediction, predicted: Array, data: Data) -> Array:
     """Keep forces and torques from nothing, where noise that is a share of them would weigh without end."""
-    if name not in {"torque", "drawbar_pull"} or prediction.load is None:
+    load = data.channels.get("load") if prediction.load is None else value(prediction.load)
+    if name not in {"torque", "drawbar_pull"} or load is None:
         return predicted
     lever = problem.wheel.radius if name == "torque" else 1.0
-    least = _NOTHING * lever * np.abs(value(prediction.load))
+    least = _NOTHING * lever * np.abs(load)
     return np.asarray(np.maximum(np.abs(predicted), least))
 
 

@@ -225,8 +225,10 @@ def _sandwich(own: Array, information: Array, scores: Array, priors: Array) -> A
     found = own + own @ (scores - information) @ own
     if (np.diagonal(found, axis1=-2, axis2=-1) > 0.0).all():
         return np.asarray(found)
-    # The same without a difference, of which rounding leaves nothing where there is hardly any noise.
-    return np.asarray(own @ (priors + scores) @ own)
+    # The same as a sum of squares, of which rounding makes nothing negative where there is hardly any noise.
+    size, axes = np.linalg.eigh(priors + scores)
+    half = own @ (axes * np.sqrt(np.maximum(size, 0.0))[..., None, :])
+    return np.asarray(half @ np.swapaxes(half, -1, -2))
 
 
 def _width(normal: Normal, local: int, *, prior: float) -> Array:

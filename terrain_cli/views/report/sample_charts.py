@@ -126,7 +126,8 @@ def course(
     sheet = Sheet(chosen)
     # A line does not bridge what was not driven.
     step = np.diff(along)
-    wide = (np.diff(pairs.segment) == 0) & (step > _GAP * np.median(np.abs(step)))
+    usual = np.median(np.abs(step)) if len(step) else 0.0
+    wide = (np.diff(pairs.segment) == 0) & (step > _GAP * usual)
     gaps = np.flatnonzero(wide & driven) + 1
     measured, predicted = (np.insert(column, gaps, np.nan) for column in (pairs.measured, pairs.predicted))
     base = (
