@@ -11,7 +11,7 @@ from simulator import paper
 from terrain_cli.estimation import estimate_windows
 from terrain_cli.estimation.wheel_fit import Noise, fit
 from terrain_cli.mechanics.linear import line_coordinates
-from terrain_cli.mechanics.model import Model, WheelGeometry
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 SLIPS = (0.1, 0.3, 0.5, 0.7, 0.9)
 POINTS = (5, 10, 30)

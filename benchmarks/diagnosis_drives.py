@@ -21,12 +21,12 @@ from uncatalogued import OUTSIDE  # noqa: E402 - as above
 
 from terrain_cli import models  # noqa: E402 - as above
 from terrain_cli.comparison.compare import fit_wheels  # noqa: E402 - as above
-from terrain_cli.comparison.wheel import Settings  # noqa: E402 - as above
+from terrain_cli.comparison.fitted_wheel import Settings  # noqa: E402 - as above
 from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
-from terrain_cli.diagnosis.joining import by_wheel  # noqa: E402 - as above
 from terrain_cli.effects import catalogue  # noqa: E402 - as above
 from terrain_cli.improvement import Stopped, fitted, until_quiet  # noqa: E402 - as above
-from terrain_cli.mechanics.model import Model  # noqa: E402 - as above
+from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above
+from terrain_cli.windows.joined_inputs import by_wheel  # noqa: E402 - as above
 
 #: Seeds: below, thresholds were tuned; from here on, they are scored. And how far apart rows are.
 FIRST, APART = 6_000_000, 100

@@ -22,8 +22,8 @@ import numpy as np  # noqa: E402 - found through the path above
 from known_misfits import MISFITS, Kind, windows_of  # noqa: E402 - as above
 
 from terrain_cli.comparison import compare  # noqa: E402 - as above
-from terrain_cli.comparison.search import LEVEL, SMALLEST  # noqa: E402 - as above
-from terrain_cli.mechanics.model import Model  # noqa: E402 - as above
+from terrain_cli.comparison.residual_search import LEVEL, SMALLEST  # noqa: E402 - as above
+from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "finding_study.txt"
 CLEAN = {

@@ -125,9 +125,9 @@ def define(text: str, *, idl: bool) -> None:
         MessageDefinitionFormat,
     )
 
-    from formats.rosbag.decoder import Decoder, UndecodableError
-    from formats.rosbag.definitions import UnusableError
-    from formats.rosbag.definitions import define as find
+    from formats.rosbag.decoding.decoder import Decoder, UndecodableError
+    from formats.rosbag.decoding.definitions import UnusableError
+    from formats.rosbag.decoding.definitions import define as find
 
     kind = MessageDefinitionFormat.IDL if idl else MessageDefinitionFormat.MSG
     ext = ConnectionExtRosbag2("cdr", [])
@@ -139,10 +139,11 @@ def define(text: str, *, idl: bool) -> None:
 
 def targets() -> dict[str, tuple[Target, list[bytes]]]:
     """Return each target and the whole inputs it begins with."""
-    from terrain_cli import models, strict
+    from terrain_cli import models
     from terrain_cli import rover as rovers
-    from terrain_cli.effects import grammar, user_file
+    from terrain_cli.effects.laws import effect_file, grammar
     from terrain_cli.telemetry import Condition
+    from terrain_cli.toml import strict
 
     rover = (HERE.parent / "sample_data" / "rover.toml").read_bytes()
     effect = EFFECT.encode()
@@ -152,7 +153,7 @@ def targets() -> dict[str, tuple[Target, list[bytes]]]:
         "conditions": (text_target(Condition), [b"slip_angle_deg == 0 and terrain != 'rock'", b"`a [b]` > 1 or not (c <= 2)"]),
         "toml": (text_target(lambda text: strict.parse(text, "x")), [rover, effect, b'a.b."c" = [1, {d = 2}]\n[[e]]\nf = 1979-05-27T07:32:00Z']),
         "rover": (file_target("rover.toml", rovers.load), [rover]),
-        "effect": (text_target(user_file.parse), [effect]),
+        "effect": (text_target(effect_file.parse), [effect]),
         "model": (file_target("model.toml", models.resolve), [MODEL.encode()]),
         "msg": (text_target(lambda text: define(text, idl=False)), [m.encode() for m in MESSAGES]),
         "idl": (text_target(lambda text: define(text, idl=True)), [IDL.encode()]),
@@ -211,7 +212,7 @@ def packed() -> list[bytes]:
     import bz2
     import gzip
 
-    from formats.rosbag.unpacking import zstd
+    from formats.rosbag.storage.unpacking import zstd
 
     return [pack(TABLES[0] * 3) for pack in (gzip.compress, bz2.compress, zstd.compress)]
 

@@ -30,7 +30,7 @@ from hidden_drives import Kind, samples_of, sized  # noqa: E402 - as above
 
 from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
 from terrain_cli.models import ASSUMPTIONS, build  # noqa: E402 - as above
-from terrain_cli.windows import cut  # noqa: E402 - as above
+from terrain_cli.windows.cut_windows import cut  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "linear_base_study.txt"
 COURSES = ("rich", "poor-load", "poor-speed", "poor")

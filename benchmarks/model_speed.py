@@ -26,7 +26,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent)]
 
 from terrain_cli.estimation.wheel_fit import DEFAULT, Noise, fit  # noqa: E402 - found through the path
-from terrain_cli.mechanics.model import Model, WheelGeometry, predict  # noqa: E402 - as above
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "model_speed.txt"
 WHEEL = WheelGeometry(0.1, 0.1)

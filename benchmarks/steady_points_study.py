@@ -31,10 +31,10 @@ from simulator import Drive, Sensor, Track, base_contact, constant, simulate  # 
 
 from formats import Labels  # noqa: E402 - as above
 from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
-from terrain_cli.mechanics.model import Model  # noqa: E402 - as above
+from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above
 from terrain_cli.models import ModelFile  # noqa: E402 - as above
-from terrain_cli.telemetry.samples import Geometry, Samples  # noqa: E402 - as above
-from terrain_cli.windows import cut  # noqa: E402 - as above
+from terrain_cli.telemetry.wheel_samples import Geometry, Samples  # noqa: E402 - as above
+from terrain_cli.windows.cut_windows import cut  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "steady_points_study.txt"
 #: Slips, and loads at which each is run.

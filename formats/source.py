@@ -14,11 +14,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from formats.content import COMPRESSED, HEAD_BYTES, STANDARD_INPUT, content, failure, first_bytes
 from formats.copies import kept, no_file, piped, readable
 from formats.errors import FormatError, NotFoundError, shown
-from formats.inputs import parquet_parts, promised_kind
+from formats.input_paths import parquet_parts, promised_kind
 from formats.limits import METADATA_BYTES
-from formats.streams import COMPRESSED, HEAD_BYTES, STANDARD_INPUT, content, failure, first_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -75,11 +75,11 @@ def _open_file(path: str, file: str, *, salvage: bool) -> Source:
     kind = content(label, first_bytes(label, file))
     source: Source
     if kind == "parquet":
-        from formats.parquet import ParquetSource
+        from formats.parquet.parquet_source import ParquetSource
 
         source = ParquetSource(path, [file], salvage=salvage)
     elif kind == "csv" or kind in COMPRESSED:
-        from formats.delimited import DelimitedSource
+        from formats.text.delimited import DelimitedSource
 
         source = DelimitedSource(path, file, salvage=salvage)
     else:
@@ -173,6 +173,6 @@ def _open_folder(path: str, *, salvage: bool) -> Source:
     for part in parts:
         if not Path(part).is_file():
             raise FormatError(part, "is no file, and a folder of Parquet holds nothing else")
-    from formats.parquet import ParquetSource
+    from formats.parquet.parquet_source import ParquetSource
 
     return ParquetSource(path, parts, salvage=salvage)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from formats.salvage.recovery import Recovery
+    from formats.recovery import Recovery
 
 #: So that a column has more than 512 KiB: with 65,536 rows a Parquet file of 10⁷, all of which is kept, took
 #: 1.3 to 2 times as long, and no longer where Arrow's allocator was told to give nothing back.

@@ -15,22 +15,24 @@ import numpy as np
 import pandas as pd
 
 import formats
-from terrain_cli import estimation, fitting, models, results, telemetry
+from terrain_cli import estimation, models, telemetry
 from terrain_cli import rover as rovers
-from terrain_cli import summary as summaries
+from terrain_cli.estimation import estimators
 from terrain_cli.models import ModelFile
+from terrain_cli.presentation import segment_table
+from terrain_cli.presentation import summary as summaries
 from terrain_cli.telemetry import Condition, Samples
-from terrain_cli.windows import Windows
-from terrain_cli.windows import cut as segment
+from terrain_cli.windows.cut_windows import Windows
+from terrain_cli.windows.cut_windows import cut as segment
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from formats import Batch, Column, Field, Stream
-    from terrain_cli.choices import Method
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
+    from terrain_cli.vocabulary.choices import Method
 
 __all__ = [
     "ModelFile",
@@ -127,7 +129,7 @@ def read(
 
 
 def _effects(model: ModelFile | str | Path | None) -> tuple[Effect, ...] | None:
-    file = fitting.choose("auto", model)
+    file = estimators.choose("auto", model)
     return file.model.effects if file else None
 
 
@@ -198,13 +200,13 @@ def estimate(
         The columns of ``terrain-est estimate``.
     """
     several = [cut] if isinstance(cut, Windows) else list(cut)
-    file = fitting.choose(method, model, robust=robust)
+    file = estimators.choose(method, model, robust=robust)
     fits = [
-        fitting.estimate(one, method, file, min_samples=min_samples, folds=folds, robust=robust)
+        estimators.estimate(one, method, file, min_samples=min_samples, folds=folds, robust=robust)
         for one in several
     ]
-    tables = [results.table(one, fit.estimates) for one, fit in zip(several, fits, strict=True)]
-    return pd.DataFrame(results.join(tables))
+    tables = [segment_table.table(one, fit.estimates) for one, fit in zip(several, fits, strict=True)]
+    return pd.DataFrame(segment_table.join(tables))
 
 
 def trace(cut: Windows) -> pd.DataFrame:
@@ -219,7 +221,7 @@ def trace(cut: Windows) -> pd.DataFrame:
     DataFrame
         The columns of ``terrain-est estimate --trace``.
     """
-    return pd.DataFrame(results.trace(cut))
+    return pd.DataFrame(segment_table.trace(cut))
 
 
 def summarise(
@@ -246,11 +248,11 @@ def summarise(
         The entries ``terrains`` of ``terrain-est estimate --summary``.
     """
     several = [cut] if isinstance(cut, Windows) else list(cut)
-    file = fitting.choose(method, model, robust=robust)
-    fits = [fitting.estimate(one, method, file, min_samples=min_samples, robust=robust) for one in several]
+    file = estimators.choose(method, model, robust=robust)
+    fits = [estimators.estimate(one, method, file, min_samples=min_samples, robust=robust) for one in several]
     estimates = [fit.estimates for fit in fits]
-    tables = [results.table(one, part) for one, part in zip(several, estimates, strict=True)]
-    return summaries.terrains(results.join(tables), estimation.join(estimates))
+    tables = [segment_table.table(one, part) for one, part in zip(several, estimates, strict=True)]
+    return summaries.terrains(segment_table.join(tables), estimation.join(estimates))
 
 
 class _FrameSource(formats.Source):

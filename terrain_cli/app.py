@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from terrain_cli import ForeignFormatsError, check_formats, signals, terminal
+from terrain_cli import ForeignFormatsError, check_formats
 from terrain_cli.commands.group import Group
+from terrain_cli.presentation import terminal
+from terrain_cli.processes import signals
 from terrain_cli.version import __version__
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 from wheel_table import ROVER, good, text
 
 from terrain_cli import rover as rovers
-from terrain_cli.batch import configuration, inputs, run
+from terrain_cli.batch import batch_run, configuration, input_discovery
 from terrain_cli.run.settings import Settings
 
 
@@ -72,7 +72,7 @@ class Inline:
         try:
             reply = task.run()
         except Exception as error:  # noqa: BLE001 - as a worker does
-            from terrain_cli.batch.tasks import Reply, failure
+            from terrain_cli.batch.worker_tasks import Reply, failure
 
             reply = Reply(failure=failure(error))
         self._done.append((ticket, reply))
@@ -87,7 +87,9 @@ class Inline:
 
 def batch(names, output, *, rover=None, settings=None, **order):
     """Run a batch in this process."""
-    found = inputs.discover([str(name) for name in names])
+    found = input_discovery.discover([str(name) for name in names])
     known = rovers.load(rovers.find(rover, found[0].location if found else None))
     gathered = configuration.gather(known, settings or Settings(), None)
-    return run.run([str(name) for name in names], found, str(output), gathered, run.Order(**order))
+    return batch_run.run(
+        [str(name) for name in names], found, str(output), gathered, batch_run.Order(**order)
+    )

@@ -15,26 +15,27 @@ from processes import alive, children
 from test_reaches import LENGTHS, ROVER, SHORT, assert_same, dirty, drive
 
 from formats import DamagedError, Labels
-from terrain_cli import beside, pipeline, reaches, rover
+from terrain_cli import rover
 from terrain_cli.errors import InputError, TerrainError
+from terrain_cli.run import long_log, one_log, second_process
 from terrain_cli.run.settings import Settings
-from terrain_cli.telemetry import parts
-from terrain_cli.telemetry.samples import Geometry, Samples
+from terrain_cli.telemetry.long import long_tables
+from terrain_cli.telemetry.wheel_samples import Geometry, Samples
 
 
 @pytest.fixture
 def long(monkeypatch, tmp_path):
     """Return a function that reads a table as a long log, of many parts."""
-    monkeypatch.setattr(reaches, "MOST_ROWS", 1000)
-    monkeypatch.setattr(parts, "ROWS", 700)
-    monkeypatch.setattr(parts, "BESIDE", 300)
+    monkeypatch.setattr(long_log, "MOST_ROWS", 1000)
+    monkeypatch.setattr(long_tables, "ROWS", 700)
+    monkeypatch.setattr(long_tables, "BESIDE", 300)
     (tmp_path / "rover.toml").write_text(ROVER)
     path = tmp_path / "run.parquet"
     dirty(drive(LENGTHS)).to_parquet(path, index=False)
 
     def run(**settings):
         given = rover.load(tmp_path / "rover.toml"), Settings(**settings)
-        return [pipeline.run(str(path), *given, beside=other) for other in (True, False)]
+        return [one_log.run(str(path), *given, beside=other) for other in (True, False)]
 
     return run
 
@@ -43,7 +44,7 @@ def lean_parts(count=12):
     """Parts of a log, as they come from a file."""
     table = dirty(drive(LENGTHS))
     size = len(table) // count
-    samples = reaches.lean(whole(table))
+    samples = long_log.lean(whole(table))
     return [samples.taken(slice(k * size, (k + 1) * size)) for k in range(count)]
 
 
@@ -84,14 +85,14 @@ def test_another_process_makes_the_same_table(long, settings):
 def test_parts_arrive_bit_by_bit_as_they_were():
     # More than can wait, so that places are used again.
     given = lean_parts()
-    assert len(given) > 2 * beside._SLOTS
-    assert_equal(beside.work(given, Settings()), reaches.work(given, Settings()))
+    assert len(given) > 2 * second_process._SLOTS
+    assert_equal(second_process.work(given, Settings()), long_log.work(given, Settings()))
 
 
 def test_a_part_that_has_no_room(monkeypatch):
-    monkeypatch.setattr(beside, "_ROOM", 4096)
+    monkeypatch.setattr(second_process, "_ROOM", 4096)
     given = lean_parts()
-    assert_equal(beside.work(given, Settings()), reaches.work(given, Settings()))
+    assert_equal(second_process.work(given, Settings()), long_log.work(given, Settings()))
 
 
 def test_where_no_process_can_be_started(monkeypatch):
@@ -100,12 +101,12 @@ def test_where_no_process_can_be_started(monkeypatch):
 
     monkeypatch.setattr("multiprocessing.context.SpawnProcess.start", refuse)
     given = lean_parts(3)
-    assert_equal(beside.work(given, Settings()), reaches.work(given, Settings()))
+    assert_equal(second_process.work(given, Settings()), long_log.work(given, Settings()))
 
 
 def test_an_error_of_the_other_process_is_told_here():
     with pytest.raises(InputError, match="there is no terrain label") as error:
-        beside.work(lean_parts(), Settings(segments="terrain"))
+        second_process.work(lean_parts(), Settings(segments="terrain"))
     assert "--segments auto" in error.value.hint
     assert not multiprocessing.active_children()
 
@@ -116,7 +117,7 @@ def test_an_error_of_reading_ends_the_other_process():
         raise DamagedError("run.parquet", "is corrupt")
 
     with pytest.raises(DamagedError, match="is corrupt"):
-        beside.work(cut_off(), Settings())
+        second_process.work(cut_off(), Settings())
     assert not multiprocessing.active_children()
 
 
@@ -131,7 +132,7 @@ def test_a_process_that_is_killed(after):
                 other.join()
 
     with pytest.raises(TerrainError, match="was killed; out of memory") as error:
-        beside.work(killed(), Settings())
+        second_process.work(killed(), Settings())
     assert "\n" not in str(error.value)
 
 

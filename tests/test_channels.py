@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.channels import CHANNELS, LABEL, Match, identify, resolve, stated_unit, unit_hint
 from terrain_cli.errors import InputError
+from terrain_cli.vocabulary.channels import CHANNELS, LABEL, Match, identify, resolve, stated_unit, unit_hint
 
 CONTRACT = {
     "time": "s", "wheel": None, "load": "N", "torque": "N m", "sinkage": "m", "entry_angle": "rad",

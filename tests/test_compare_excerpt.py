@@ -13,7 +13,7 @@ from simulator.effects import base_contact
 from simulator.logs import write_csv
 
 from terrain_cli.app import cli
-from terrain_cli.telemetry import excerpt, parts
+from terrain_cli.telemetry.long import excerpt, long_tables
 
 ROVER = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
 ROUNDS = 12
@@ -65,7 +65,7 @@ def test_pieces_tell_what_the_whole_log_tells(folder, monkeypatch):
     assert not any("are read" in warning for warning in whole["warnings"])
     monkeypatch.setattr(excerpt, "MOST_ROWS", total // 2)
     monkeypatch.setattr(excerpt, "PIECE", 200)
-    monkeypatch.setattr(parts, "ROWS", 1000)
+    monkeypatch.setattr(long_tables, "ROWS", 1000)
     found = compared(folder)
     kept = found["data"]["samples"]
     assert total / 8 <= kept <= total / 4

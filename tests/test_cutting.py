@@ -25,7 +25,7 @@ from simulator import (
 import terrain_cli as terrain
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.rover import Rover, Wheel
-from terrain_cli.windows import thinned
+from terrain_cli.windows.cut_windows import thinned
 
 ROVER = Rover(default=Wheel(radius=Drive([]).wheel.radius, width=Drive([]).wheel.width), shear_modulus=0.018)
 

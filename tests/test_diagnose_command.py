@@ -218,13 +218,14 @@ def test_first_scores_are_told_before_the_refits_and_leave_stdout_as_it_is(done)
 
 
 def test_first_scores_come_before_any_effect_is_fitted(folder):
-    from terrain_cli import models, rover, telemetry, windows
+    from terrain_cli import models, rover, telemetry
     from terrain_cli.diagnosis import diagnose
+    from terrain_cli.windows import cut_windows
 
     samples = telemetry.read(str(folder / "sinks.csv"), rover.load(folder / "rover.toml"), compared=True)
     events = []
     diagnose(
-        [windows.cut(one, "none") for one in samples],
+        [cut_windows.cut(one, "none") for one in samples],
         models.resolve("wong-reece"),
         progress=events.append,
         early=lambda found: events.append(found.scores),
@@ -333,8 +334,8 @@ def test_keys_are_documented(found):
 
 
 def test_forms_of_drafts_are_documented():
-    from terrain_cli.diagnosis import drafts
+    from terrain_cli.diagnosis import drafted_laws
 
     text = (ROOT / "docs" / "diagnose.md").read_text("utf-8")
     forms = re.search(r"`form` \((.*?)\)", text)[1]
-    assert re.findall(r"`(\w+)`", forms) == list(drafts.FORMS)
+    assert re.findall(r"`(\w+)`", forms) == list(drafted_laws.FORMS)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from terrain_cli import effects
-from terrain_cli.effects import expression, grammar, user_file, vocabulary
+from terrain_cli.effects.laws import effect_file, expression, grammar, law_names
 from terrain_cli.mechanics.effect import KINDS, QUANTITIES, Effect
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -232,7 +232,7 @@ def test_hostile_file(content, tmp_path, terrain_est):
 
 class TestDocumentation:
     def test_first_example_is_right(self, good):
-        understood = user_file.read(good)
+        understood = effect_file.read(good)
         assert understood.effect.id == "cable-drag"
         assert understood.warnings == []
 
@@ -242,7 +242,7 @@ class TestDocumentation:
         code = re.search(r"```python\n(.*?)```", PAGE, re.DOTALL)[1]
         space: dict[str, object] = {}
         exec(code, space)  # noqa: S102 - our own page
-        own, python = user_file.load(good), space["CABLE_DRAG"]
+        own, python = effect_file.load(good), space["CABLE_DRAG"]
         assert isinstance(python, Effect)
         q = {"drawbar_pull": np.array([3.0, 4.0]), "yaw_rate": np.array([-0.1, 0.2]), "cd": 7.0}
         np.testing.assert_allclose(own.laws["drawbar_pull"](q), python.laws["drawbar_pull"](q))
@@ -250,7 +250,7 @@ class TestDocumentation:
     def test_names_all_that_a_law_may_use(self):
         for name, unit in QUANTITIES.items():
             assert f"| `{name}` | {unit} |" in PAGE
-        for name in {*vocabulary.reached("shear_stress"), *vocabulary.ON_DEMAND} - QUANTITIES.keys():
+        for name in {*law_names.reached("shear_stress"), *law_names.ON_DEMAND} - QUANTITIES.keys():
             assert f"`{name}`" in PAGE
         (functions,) = re.findall(r"\| functions \| `([^`]*)`", PAGE)
         assert set(functions.split()) == expression.FUNCTIONS.keys() - {"where"}

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from terrain_cli import pipeline, rover
-from terrain_cli.results import COLUMNS
+from terrain_cli import rover
+from terrain_cli.presentation.segment_table import COLUMNS
+from terrain_cli.run import one_log
 from terrain_cli.run.settings import Settings
 
 SAMPLE = Path(__file__).parent.parent / "sample_data"
@@ -21,7 +22,7 @@ def reference():
 
 def table(name):
     path = SAMPLE / name
-    return pipeline.run(str(path), rover.load(SAMPLE / "rover.toml"), Settings()).table
+    return one_log.run(str(path), rover.load(SAMPLE / "rover.toml"), Settings()).table
 
 
 def test_the_columns_are_those_of_the_contract(reference):

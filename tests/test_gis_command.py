@@ -16,8 +16,8 @@ import shapely
 from mcap.reader import make_reader
 
 from formats import CannotWriteError
-from terrain_cli import outputs, results
 from terrain_cli.errors import UsageError
+from terrain_cli.presentation import segment_files, segment_table
 
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_data"
 MARS = "IAU_2015:49900"
@@ -57,7 +57,7 @@ BY_CLOCK = ("run.bag", "--places", "places.csv", "--crs", MARS)
 def test_segments_lie_where_the_table_says_by_clock(folder, run):
     done = run(*BY_CLOCK, "-o", "soil.parquet", "--summary", "soil.json")
     frame = geopandas.read_parquet("soil.parquet")
-    assert [*frame.columns] == [*results.COLUMNS, "geometry"]
+    assert [*frame.columns] == [*segment_table.COLUMNS, "geometry"]
     assert frame.crs.name == "Mars (2015) - Sphere / Ocentric"
     early = frame[frame["t_end_s"] <= T0 + 40.0]
     assert 0 < len(early) < len(frame)
@@ -191,7 +191,9 @@ def test_a_sequence_says_how_gdal_is_to_read_it(folder, run):
     assert f"soil.geojsons: GDAL takes every sequence of GeoJSON for WGS 84; add -a_srs {MARS}" in done.stderr
     assert Path("soil.geojsons").read_bytes().count(b"\x1e") == len(geopandas.read_file("soil.geojsons"))
     assert "-a_srs NONE" in run("run.csv", "-o", "soil.geojsonl").stderr
-    assert outputs.remark("soil.geojsonl", "EPSG:4326") == outputs.remark("soil.geojson", MARS) == ""
+    assert (
+        segment_files.remark("soil.geojsonl", "EPSG:4326") == segment_files.remark("soil.geojson", MARS) == ""
+    )
 
 
 @pytest.mark.parametrize(
@@ -230,11 +232,11 @@ def test_steady_test_points_are_no_messages(folder, terrain_est):
 
 
 def test_parquet_of_a_rare_system_is_refused_before_the_work_without_pyproj(monkeypatch):
-    outputs.check("soil.parquet", None, "EPSG:32633")
+    segment_files.check("soil.parquet", None, "EPSG:32633")
     monkeypatch.setitem(sys.modules, "pyproj", None)
     with pytest.raises(UsageError, match=r"--crs EPSG:32633: .* takes pyproj"):
-        outputs.check("soil.parquet", None, "EPSG:32633")
-    outputs.check("soil.gpkg", None, "EPSG:32633")
-    outputs.check("soil.parquet", None, MARS)
+        segment_files.check("soil.parquet", None, "EPSG:32633")
+    segment_files.check("soil.gpkg", None, "EPSG:32633")
+    segment_files.check("soil.parquet", None, MARS)
     with pytest.raises(CannotWriteError, match="is not known"):
-        outputs.check(None, "samples.shp")
+        segment_files.check(None, "samples.shp")

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from formats import output_kind
-from terrain_cli import outputs, results
+from terrain_cli.presentation import segment_files, segment_table
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "gis.md").read_text("utf-8")
@@ -50,16 +50,16 @@ def test_the_table_of_endings_is_complete():
     table = PAGE.partition("| ending |")[2].partition("\n\n")[0]
     endings = re.findall(r"`(\.\w+)`", "".join(row.split("|")[1] for row in table.splitlines()[2:]))
     for ending in endings:
-        outputs.check(f"soil{ending}")
+        segment_files.check(f"soil{ending}")
     kinds = {output_kind(f"soil{ending}") for ending in endings if ending != ".mcap"}
     assert kinds == {"csv", "parquet", "json", "geojson", "geojsonl", "geojsons", "gpkg"}
 
 
 def test_the_columns_of_samples_are_those_of_the_page():
     listed = re.findall(r"`(\w+)`", PAGE.partition("Columns: ")[2].partition("\n\n")[0])
-    own = [*results._SAMPLE_COLUMNS.values()]
+    own = [*segment_table._SAMPLE_COLUMNS.values()]
     assert listed == ["source", "wheel", "segment", "sample", "time_s", *own, "WKT"]
-    for layer, columns in outputs.STYLES.items():
-        assert set(columns) <= set(results.COLUMNS if layer == "segments" else listed)
+    for layer, columns in segment_files.STYLES.items():
+        assert set(columns) <= set(segment_table.COLUMNS if layer == "segments" else listed)
         for column in columns:
             assert f"`{column}`" in PAGE

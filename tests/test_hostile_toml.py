@@ -6,8 +6,9 @@ import time
 
 import pytest
 
-from terrain_cli import rover, strict
+from terrain_cli import rover
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.toml import strict
 
 
 @pytest.fixture(autouse=True)

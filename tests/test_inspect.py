@@ -15,7 +15,7 @@ from simulator.logs import write_ros1
 from formats.rosbag import BagSource
 from terrain_cli import rover as rovers
 from terrain_cli.app import main
-from terrain_cli.inspection import inspect, text
+from terrain_cli.presentation.inspection import inspect, text
 from terrain_cli.telemetry import read
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from terrain_cli import choices, effects, models
+from terrain_cli import effects, models
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.mechanics import model as mechanics
+from terrain_cli.mechanics import wheel_model as mechanics
 from terrain_cli.models import ModelFile, Prior
+from terrain_cli.vocabulary import choices
 
 HEAD = 'format = "terrain-est/model/1"\n'
 CONTRACT = """

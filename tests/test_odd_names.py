@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from terrain_cli.app import main
-from terrain_cli.batch import run as batches
+from terrain_cli.batch import batch_run as batches
 
 SAMPLE = Path(__file__).resolve().parent.parent / "sample_data"
 

@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 from changed_models import write_all
 
-from terrain_cli import parallel
+from terrain_cli.processes import parallel
 
 
 def doubled(first: int, number: int) -> tuple[int, bool]:

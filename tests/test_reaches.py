@@ -13,12 +13,14 @@ import pytest
 from click.testing import CliRunner
 from processes import children, peak
 
-from terrain_cli import pipeline, reaches, rover, windows
+from terrain_cli import rover
 from terrain_cli.app import cli
 from terrain_cli.errors import InputError
 from terrain_cli.mechanics import linear
+from terrain_cli.run import long_log, one_log
 from terrain_cli.run.settings import Settings
-from terrain_cli.telemetry import parts
+from terrain_cli.telemetry.long import long_tables
+from terrain_cli.windows import cut_windows
 
 GEOMETRY = {"radius": 0.125, "width": 0.1, "shear_modulus": 0.018}
 ROVER = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
@@ -69,11 +71,11 @@ LENGTHS = (3000, 2500, 400, 4100, 1500, 2500)
 @pytest.fixture
 def small(monkeypatch):
     """Make a table of some thousand rows a long one."""
-    monkeypatch.setattr(reaches, "REACH", 3000)
-    monkeypatch.setattr(reaches, "SETTLED", 900)
-    monkeypatch.setattr(reaches, "LONGEST", 8000)
-    monkeypatch.setattr(parts, "ROWS", 700)
-    monkeypatch.setattr(parts, "BESIDE", 300)
+    monkeypatch.setattr(long_log, "REACH", 3000)
+    monkeypatch.setattr(long_log, "SETTLED", 900)
+    monkeypatch.setattr(long_log, "LONGEST", 8000)
+    monkeypatch.setattr(long_tables, "ROWS", 700)
+    monkeypatch.setattr(long_tables, "BESIDE", 300)
 
 
 @pytest.fixture
@@ -86,8 +88,8 @@ def both(small, monkeypatch, tmp_path):
         table.to_parquet(path, index=False) if ending == "parquet" else table.to_csv(path, index=False)
         found = []
         for rows in (1000, 10**9):
-            monkeypatch.setattr(reaches, "MOST_ROWS", rows)
-            found.append(pipeline.run(str(path), rover.load(tmp_path / "rover.toml"), Settings(**settings)))
+            monkeypatch.setattr(long_log, "MOST_ROWS", rows)
+            found.append(one_log.run(str(path), rover.load(tmp_path / "rover.toml"), Settings(**settings)))
         return found
 
     return run
@@ -138,16 +140,16 @@ def test_more_windows_than_can_be_held(small, monkeypatch, tmp_path, rows):
     (tmp_path / "rover.toml").write_text(ROVER)
     table = pd.concat([drive(LENGTHS[:3], seed).assign(wheel=name) for seed, name in enumerate("ab")])
     table.sort_index(kind="stable").to_csv(path := tmp_path / "run.csv", index=False)
-    monkeypatch.setattr(reaches, "MOST_ROWS", rows)
+    monkeypatch.setattr(long_log, "MOST_ROWS", rows)
     given = Settings(segments="fixed", window_samples=10)
-    found = pipeline.run(str(path), rover.load(tmp_path / "rover.toml"), given)
-    monkeypatch.setattr(windows, "MOST", len(found.table["wheel"]))
+    found = one_log.run(str(path), rover.load(tmp_path / "rover.toml"), given)
+    monkeypatch.setattr(cut_windows, "MOST", len(found.table["wheel"]))
     assert (
-        pipeline.run(str(path), rover.load(tmp_path / "rover.toml"), given).table.keys() == found.table.keys()
+        one_log.run(str(path), rover.load(tmp_path / "rover.toml"), given).table.keys() == found.table.keys()
     )
-    monkeypatch.setattr(windows, "MOST", len(found.table["wheel"]) * 3 // 4)
+    monkeypatch.setattr(cut_windows, "MOST", len(found.table["wheel"]) * 3 // 4)
     with pytest.raises(InputError, match=r"more than [\d,]+ segments") as caught:
-        pipeline.run(str(path), rover.load(tmp_path / "rover.toml"), given)
+        one_log.run(str(path), rover.load(tmp_path / "rover.toml"), given)
     assert "--window-samples" in caught.value.hint
 
 
@@ -164,7 +166,7 @@ def test_a_soil_that_goes_on_is_cut(both):
     found, whole = both(drive((45_000,)))
     assert len(whole.table["segment"]) == 1
     assert len(found.table["segment"]) > 2
-    assert max(found.table["n_samples"]) <= 2 * reaches.LONGEST + reaches.REACH
+    assert max(found.table["n_samples"]) <= 2 * long_log.LONGEST + long_log.REACH
     assert sum(found.table["n_samples"]) == 45_000
     (remark,) = found.account["wheels"][0]["remarks"]
     assert remark.startswith("wheel wheel: a soil that goes on is cut every 8,000 samples")
@@ -211,7 +213,7 @@ def test_nothing_usable_is_told_as_of_a_short_log(both):
 
 
 def test_rejects_of_a_long_log(small, monkeypatch, tmp_path):
-    monkeypatch.setattr(reaches, "MOST_ROWS", 1000)
+    monkeypatch.setattr(long_log, "MOST_ROWS", 1000)
     (tmp_path / "rover.toml").write_text(ROVER)
     dirty(drive((2000, 2000))).to_csv(tmp_path / "run.csv", index=False)
     run = ["estimate", str(tmp_path / "run.csv"), "-o", str(tmp_path / "soil.csv")]

@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from man import generate
-from terrain_cli import results, rover, summary
+from terrain_cli import rover
 from terrain_cli.app import EPILOG
+from terrain_cli.presentation import segment_table, summary
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text("utf-8")
@@ -131,7 +132,7 @@ def test_notebook_example_runs(block, clone, bin_folder):
 
 
 def test_columns_are_all_there_in_their_order():
-    assert tuple(first_cells("| column | meaning |")) == results.COLUMNS
+    assert tuple(first_cells("| column | meaning |")) == segment_table.COLUMNS
 
 
 def test_every_status_is_explained():

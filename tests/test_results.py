@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formats import Labels
-from terrain_cli import results
+from terrain_cli.presentation import segment_table
 from terrain_cli.telemetry import Geometry, Samples
-from terrain_cli.windows import Windows
+from terrain_cli.windows.cut_windows import Windows
 
 
 def samples(reason: list[int], **channels: list[float]) -> Samples:
@@ -41,13 +41,13 @@ def test_used_and_rejected_samples_add_up_to_those_read(reasons, data):
     of = samples(reasons)
     inner = data.draw(st.lists(st.integers(1, max(1, len(of.usable) - 1)), unique=True, max_size=4))
     cut = windows(of, *sorted(k for k in inner if k < len(of.usable)))
-    rejected = results._rejected(cut)
+    rejected = segment_table._rejected(cut)
     assert rejected.sum() + np.diff(cut.bounds).sum() == len(of)
 
 
 def test_a_rejected_sample_counts_with_the_window_before_it():
     cut = windows(samples([0, -1, -1, 1, 1, -1, 0, -1]), 2)
-    assert results._rejected(cut).tolist() == [3, 1]
+    assert segment_table._rejected(cut).tolist() == [3, 1]
 
 
 def test_reasons_are_counted_most_frequent_first():
@@ -55,7 +55,7 @@ def test_reasons_are_counted_most_frequent_first():
 
 
 def test_rejects_say_which_sample_and_why():
-    table = results.rejects(samples([-1, 0, -1, 1], load=[5.0, np.nan, 7.0, 8.0]))
+    table = segment_table.rejects(samples([-1, 0, -1, 1], load=[5.0, np.nan, 7.0, 8.0]))
     assert table["sample"].tolist() == [2, 4]
     assert table["reason"] == ["no load", "wheel stands"]
     assert table["time_s"].tolist() == [1_700_000_000.1, 1_700_000_000.3]
@@ -72,32 +72,32 @@ def test_rejects_say_which_sample_and_why():
     ],
 )
 def test_wkt_of_a_track(points, expected):
-    assert results.wkt(np.array(points, dtype=float).reshape(-1, 2)) == expected
+    assert segment_table.wkt(np.array(points, dtype=float).reshape(-1, 2)) == expected
 
 
 def test_a_long_track_keeps_its_ends_and_few_vertices():
-    text = results.wkt(np.column_stack([np.arange(10_000.0), np.zeros(10_000)]))
+    text = segment_table.wkt(np.column_stack([np.arange(10_000.0), np.zeros(10_000)]))
     assert text.startswith("LINESTRING (0.0 0.0,")
     assert text.endswith("9999.0 0.0)")
-    assert text.count(",") == results.VERTICES - 1
+    assert text.count(",") == segment_table.VERTICES - 1
 
 
 def test_the_track_is_in_longitude_and_latitude_where_they_are_known():
     site = samples([-1, -1], x=[0.0, 1.0], y=[0.0, 1.0])
-    assert results._tracks(windows(site)) == ["LINESTRING (0.0 0.0, 1.0 1.0)"]
+    assert segment_table._tracks(windows(site)) == ["LINESTRING (0.0 0.0, 1.0 1.0)"]
     globe = samples([-1, -1], x=[0.0, 1.0], y=[0.0, 1.0], longitude=[137.4, 137.5], latitude=[-4.5, -4.6])
-    assert results._tracks(windows(globe)) == ["LINESTRING (137.4 -4.5, 137.5 -4.6)"]
+    assert segment_table._tracks(windows(globe)) == ["LINESTRING (137.4 -4.5, 137.5 -4.6)"]
 
 
 def test_a_site_frame_takes_no_reference_system():
     site = {"longitude_deg": np.array([np.nan])}
     globe = {"longitude_deg": np.array([np.nan, 137.4])}
-    assert results.reference_system(site, "IAU_2015:49900") is None
-    assert results.reference_system(globe, "IAU_2015:49900") == "IAU_2015:49900"
-    assert results.reference_system(globe, None) == "EPSG:4326"
+    assert segment_table.reference_system(site, "IAU_2015:49900") is None
+    assert segment_table.reference_system(globe, "IAU_2015:49900") == "IAU_2015:49900"
+    assert segment_table.reference_system(globe, None) == "EPSG:4326"
 
 
 def test_the_terrain_of_a_window_is_the_label_of_most_of_its_samples():
     of = samples([-1] * 5)
     of.labels["terrain"] = Labels(np.array([0, 1, 1, -1, -1], dtype=np.int32), ("sand", "rock"))
-    assert results._terrain(windows(of, 3)) == ["rock", ""]
+    assert segment_table._terrain(windows(of, 3)) == ["rock", ""]

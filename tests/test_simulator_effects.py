@@ -30,8 +30,8 @@ from simulator.effects import OnGround, forces_with, freeze
 from simulator.wheel import Moment
 
 from terrain_cli.effects import catalogue
-from terrain_cli.mechanics.model import Model, WheelGeometry, predict
 from terrain_cli.mechanics.rates import rate, wheel_angle
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
 
 WHEEL = Wheel(grouser_height=0.008, grouser_count=16)
 SOIL = base_contact(DRY_SAND)

@@ -10,8 +10,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from terrain_cli import results, topics
 from terrain_cli.errors import InputError
+from terrain_cli.presentation import segment_table, segment_topics
 
 #: A clock in s since 1970.
 T0 = 1_754_000_000.0
@@ -42,13 +42,13 @@ def table(**columns):
         **columns,
     }
     nothing = np.full(5, math.nan)
-    return {name: values.get(name, nothing) for name in results.COLUMNS}
+    return {name: values.get(name, nothing) for name in segment_table.COLUMNS}
 
 
 @pytest.fixture
 def path(tmp_path):
     path = tmp_path / "out.mcap"
-    topics.write(table(), str(path), "IAU_2015:49900")
+    segment_topics.write(table(), str(path), "IAU_2015:49900")
     return path
 
 
@@ -94,7 +94,7 @@ def test_every_column_is_a_field(path):
     assert [name for name in vars(message) if not name.startswith("__")] == [
         "header",
         "end",
-        *(name.lower() for name in results.COLUMNS if name not in left_out),
+        *(name.lower() for name in segment_table.COLUMNS if name not in left_out),
     ]
 
 
@@ -111,7 +111,7 @@ def test_fixes_are_the_ends_of_tracks_where_they_are_known(path):
 
 
 def test_positions_of_a_site_frame_are_no_fixes(tmp_path):
-    topics.write(table(), str(tmp_path / "out.mcap"), None)
+    segment_topics.write(table(), str(tmp_path / "out.mcap"), None)
     assert {topic.rpartition("/")[2] for topic in by_topic(tmp_path / "out.mcap")} == {"estimate"}
 
 
@@ -133,7 +133,7 @@ def test_the_library_of_mcap_reads_it(path):
 
 
 def test_a_clock_from_zero_stays_one(tmp_path):
-    topics.write(
+    segment_topics.write(
         table(t_start_s=np.arange(5.0), t_end_s=np.arange(5) + 0.5), str(tmp_path / "out.mcap"), None
     )
     assert by_topic(tmp_path / "out.mcap")["/terrain/front_left/estimate"][1][0] == 500_000_000
@@ -143,9 +143,9 @@ def test_segments_without_time_are_refused(tmp_path):
     start = T0 + np.arange(5.0)
     start[1:3] = math.nan
     with pytest.raises(InputError, match="2 of 5 segments have no time"):
-        topics.write(table(t_start_s=start), str(tmp_path / "out.mcap"))
+        segment_topics.write(table(t_start_s=start), str(tmp_path / "out.mcap"))
     with pytest.raises(InputError, match="segments begin at -1 s"):
-        topics.write(table(t_start_s=np.arange(5.0) - 1.0), str(tmp_path / "out.mcap"))
+        segment_topics.write(table(t_start_s=np.arange(5.0) - 1.0), str(tmp_path / "out.mcap"))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -159,9 +159,9 @@ def test_segments_without_time_are_refused(tmp_path):
     ],
 )
 def test_names_of_topics(wheels, names):
-    assert topics._names(dict.fromkeys(wheels)) == dict(zip(wheels, names, strict=True))
+    assert segment_topics._names(dict.fromkeys(wheels)) == dict(zip(wheels, names, strict=True))
 
 
 def test_the_same_segments_give_the_same_bytes(path, tmp_path):
-    topics.write(table(), str(tmp_path / "again.mcap"), "IAU_2015:49900")
+    segment_topics.write(table(), str(tmp_path / "again.mcap"), "IAU_2015:49900")
     assert (tmp_path / "again.mcap").read_bytes() == path.read_bytes()

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli import units
+from terrain_cli.vocabulary import units
 
 EVERY_UNIT = [(dimension, symbol) for dimension in units.DIMENSIONS for symbol in units.symbols(dimension)]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from terrain_cli import summary
+from terrain_cli.presentation import summary
 
 
 def table(strength, error, status="not-separable"):

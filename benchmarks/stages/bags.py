@@ -13,7 +13,7 @@ from rosbags.rosbag2.storage_mcap import McapReader, decompress
 from benchmarks import rover_bag
 from benchmarks.harness import Case, Stage
 from formats.rosbag import open_bag
-from formats.rosbag.ros1 import Ros1File
+from formats.rosbag.storage.ros1 import Ros1File
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,13 +9,14 @@ import numpy as np
 
 from benchmarks.diagnosis_drives import Kind, sized, windows_of
 from benchmarks.harness import Case, Stage
-from terrain_cli import effects, fitting, models
-from terrain_cli.comparison import blocks, quiet
+from terrain_cli import effects, models
+from terrain_cli.comparison import blocks, smoothed_model
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.wheel import Settings
+from terrain_cli.comparison.fitted_wheel import Settings
 from terrain_cli.diagnosis import screening
-from terrain_cli.diagnosis.joining import by_wheel
-from terrain_cli.mechanics.model import Model
+from terrain_cli.estimation import estimators
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.windows.joined_inputs import by_wheel
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,7 +44,9 @@ def fitted(hypothesis, wheel, data):
             name: hypothesis.model.parameters[name].null + scale[name] * change for name, change in moved
         }
         numbers = {name: np.full(len(wheel), number) for name, number in {**soil, **shapes, **found}.items()}
-        return quiet.residual(data, quiet.forecast(hypothesis.model, data, numbers)[0]).ravel()
+        return smoothed_model.residual(
+            data, smoothed_model.forecast(hypothesis.model, data, numbers)[0]
+        ).ravel()
 
     return least_squares(residual, begun)
 
@@ -62,7 +65,7 @@ def screen(size: str, folder: Path) -> Case:  # noqa: ARG001 - every stage is ma
     every = list(effects.catalogue().values())
     windows = by_wheel(windows_of(11, Kind(sized(HIDDEN), seconds=SECONDS[size]), "none"), every)
     file = models.ModelFile()
-    held, priors, noise = fitting.assumed(windows, file)
+    held, priors, noise = estimators.assumed(windows, file)
     further = tuple(dict.fromkeys(name for effect in every for name in effect.reads))
     wheels, _ = fit_wheels(windows, Model(), Settings(held, priors, (), noise), further=further)
     tried = [one for one in screening.hypotheses(file, wheels, every)[0] if one.effects]

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.harness import Case, Stage
-from terrain_cli.estimation import ridge
-from terrain_cli.estimation.least_squares import fit_line
-from terrain_cli.estimation.moments import LINE, of_windows
-from terrain_cli.estimation.windows import blocks
+from terrain_cli.estimation.line import ridge
+from terrain_cli.estimation.line.least_squares import fit_line
+from terrain_cli.estimation.line.moments import LINE, of_windows
+from terrain_cli.estimation.line.window_estimates import blocks
 
 if TYPE_CHECKING:
     from pathlib import Path

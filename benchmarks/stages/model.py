@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks import model_speed as speed
 from benchmarks.harness import Case, Stage
 from terrain_cli.estimation.wheel_fit import Noise, fit
-from terrain_cli.mechanics.model import Model, predict
+from terrain_cli.mechanics.wheel_model import Model, predict
 
 if TYPE_CHECKING:
     from pathlib import Path

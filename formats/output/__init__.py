@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from formats.errors import CannotWriteError
-from formats.output.atomic import check_free, explained, opened, replacing
-from formats.output.crs import check_crs
-from formats.output.table import normalise
-from formats.output.text import write_text
+from formats.output.column_forms import normalise
+from formats.output.reference_systems import check_crs
+from formats.output.text_writer import write_text
+from formats.output.whole_files import check_free, explained, opened, replacing
 from formats.output.wkt import LAYER
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from formats.output.table import Values
+    from formats.output.column_forms import Values
 
 __all__ = ["check_crs", "check_free", "output_kind", "replacing", "write_parts", "write_table"]
 
@@ -121,7 +121,7 @@ def write_table(
             with Path(temporary).open("w", encoding="utf-8", newline="") as stream:
                 write_text(table, stream, kind, crs, geometry, layer)
         elif kind == "parquet":
-            from formats.output.parquet import write_parquet
+            from formats.output.parquet_writer import write_parquet
 
             write_parquet([table], temporary, crs, geometry)
         else:
@@ -156,7 +156,7 @@ def write_parts(
     CannotWriteError, FormatError
         As from `write_table`.
     """
-    from formats.output.parquet import write_parquet
+    from formats.output.parquet_writer import write_parquet
 
     with replacing(destination) as temporary:
         write_parquet(map(normalise, parts), temporary, crs, geometry)

@@ -13,15 +13,15 @@ from pyogrio import get_gdal_config_option, raw, set_gdal_config_options
 from pyogrio.errors import CRSError, DataLayerError, DataSourceError, FeatureError, GeometryError
 
 from formats.errors import CannotWriteError
-from formats.output.crs import SITE_FRAME, is_wgs84, unknown_crs
-from formats.output.style import qml
+from formats.output.qgis_styles import qml
+from formats.output.reference_systems import SITE_FRAME, is_wgs84, unknown_crs
 from formats.output.wkt import parse
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from typing import Literal
 
-    from formats.output.table import Table
+    from formats.output.column_forms import Table
 
 #: Stands where a GeoPackage notes when it was changed: the time of writing would be other bytes each time.
 _NO_DATE = "1970-01-01T00:00:00.000Z"

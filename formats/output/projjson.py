@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from formats.errors import FormatError
-from formats.output.crs import is_wgs84, unknown_crs
+from formats.output.reference_systems import is_wgs84, unknown_crs
 
 _SCHEMA = "https://proj.org/schemas/v0.7/projjson.schema.json"
 #: The realisations of WGS 84, by their EPSG codes: without them the ensemble is another datum.

@@ -11,13 +11,13 @@ import numpy as np
 
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMuchError
-from formats.rosbag.chunks import RUN_BYTES
+from formats.recovery import Recovery
 from formats.rosbag.damage import HINTS, check, damaged
-from formats.rosbag.messages import of_payloads
 from formats.rosbag.recording import Recording
-from formats.rosbag.unpacking import unpack, unpacks
+from formats.rosbag.storage.chunks import RUN_BYTES
+from formats.rosbag.storage.raw_messages import of_payloads
+from formats.rosbag.storage.unpacking import unpack, unpacks
 from formats.salvage import salvaged
-from formats.salvage.recovery import Recovery
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from rosbags.interfaces import Connection
 
-    from formats.rosbag.chunks import Run
-    from formats.rosbag.messages import Messages
-    from formats.salvage.pieces import SalvagedFile
+    from formats.rosbag.storage.chunks import Run
+    from formats.rosbag.storage.raw_messages import Messages
+    from formats.salvage.salvaged_file import SalvagedFile
 
 #: What to do where not even salvage helps.
 LOST = "copy or record it again"
@@ -251,13 +251,13 @@ class Container:
 def _reader(file: Path, kind: str) -> Reader:
     # What rosbags imports to read ROS 2 takes longer than to read a minute of ROS 1.
     if kind == "ros1":
-        from formats.rosbag.ros1 import Ros1File
+        from formats.rosbag.storage.ros1 import Ros1File
 
         return Ros1File(file)
     if kind == "mcap":
-        from formats.rosbag.mcap import McapFile
+        from formats.rosbag.storage.mcap import McapFile
 
         return McapFile(file)
-    from formats.rosbag.db3 import Db3File
+    from formats.rosbag.storage.db3 import Db3File
 
     return Db3File(file)

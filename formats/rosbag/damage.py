@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from formats.errors import DamagedError, FormatError
 from formats.limits import TooMuchError
-from formats.salvage.recovery import HINT
+from formats.recovery import HINT
 
 if TYPE_CHECKING:
     from pathlib import Path

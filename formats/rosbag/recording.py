@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from contextlib import ExitStack
 
-    from formats.salvage.recovery import Recovery
+    from formats.recovery import Recovery
 
 _BLOCK = 1 << 20
 #: A file of a recording is never larger than this, however it is packed.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from formats.salvage.pieces import SalvagedFile
+    from formats.salvage.salvaged_file import SalvagedFile
 
 __all__ = ["salvaged"]
 
@@ -30,13 +30,13 @@ def salvaged(file: Path, kind: str) -> SalvagedFile:
         Not opened yet.
     """
     if kind == "ros1":
-        from formats.salvage.ros1 import SalvagedRos1
+        from formats.salvage.salvaged_ros1 import SalvagedRos1
 
         return SalvagedRos1(file)
     if kind == "mcap":
-        from formats.salvage.mcap import SalvagedMcap
+        from formats.salvage.salvaged_mcap import SalvagedMcap
 
         return SalvagedMcap(file)
-    from formats.salvage.db3 import SalvagedDb3
+    from formats.salvage.salvaged_db3 import SalvagedDb3
 
     return SalvagedDb3(file)

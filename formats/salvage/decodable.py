@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formats.rosbag.columns import Request, elements_of
-from formats.rosbag.cursor import UnevenError, gather
-from formats.rosbag.decoder import UndecodableError
+from formats.rosbag.decoding.bulk_extraction import UnevenError, gather
+from formats.rosbag.decoding.decoder import UndecodableError
+from formats.rosbag.decoding.plain_extraction import Request, elements_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from formats.rosbag.chunks import Run
-    from formats.rosbag.decoder import Decoder
-    from formats.rosbag.definitions import Leaf
-    from formats.rosbag.messages import Messages
-    from formats.salvage.recovery import Recovery
+    from formats.recovery import Recovery
+    from formats.rosbag.decoding.decoder import Decoder
+    from formats.rosbag.decoding.definitions import Leaf
+    from formats.rosbag.storage.chunks import Run
+    from formats.rosbag.storage.raw_messages import Messages
 
 
 class Decodable:

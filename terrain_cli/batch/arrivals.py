@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.batch.input import Input
+    from terrain_cli.batch.batch_input import Input
 
 
 class Arrivals:

@@ -10,7 +10,9 @@ from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli import effects, fitting, models, strict
+from terrain_cli import effects, models
+from terrain_cli.estimation import estimators
+from terrain_cli.toml import strict
 from terrain_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -78,9 +80,9 @@ def gather(rover: Rover, settings: Settings, crs: str | None) -> Configuration:
     Raises
     ------
     UsageError, ConfigurationError
-        As from `fitting.choose`.
+        As from `estimators.choose`.
     """
-    file = fitting.choose(settings.method, settings.model, robust=settings.robust)
+    file = estimators.choose(settings.method, settings.model, robust=settings.robust)
     model = None
     if file is not None:
         model = {

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Literal
 
 from formats.errors import CannotWriteError
-from formats.output.atomic import explained
-from terrain_cli.batch.files import append, lines
+from formats.output.whole_files import explained
+from terrain_cli.batch.durable_files import append, lines
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from terrain_cli import terminal
 from terrain_cli.commands import options, paths
-from terrain_cli.signals import ENDINGS, EndedError
+from terrain_cli.presentation import terminal
+from terrain_cli.processes.signals import ENDINGS, EndedError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from terrain_cli.batch.batch_input import Input
+    from terrain_cli.batch.batch_run import Order
     from terrain_cli.batch.configuration import Configuration
-    from terrain_cli.batch.input import Input
-    from terrain_cli.batch.keeper import Tally
+    from terrain_cli.batch.coordinator import Tally
     from terrain_cli.batch.manifest import Entry
-    from terrain_cli.batch.run import Order
     from terrain_cli.errors import InterruptedBatchError
 
 #: Of a batch that has finished, with failures.
@@ -116,17 +116,17 @@ def command(context: click.Context, /, **_: Any) -> int:
     However it ends, nothing that was done is lost: the same command goes on from there.
     """
     from formats.limits import largest_copy
-    from terrain_cli.batch import configuration, inputs, run
-    from terrain_cli.beside import cores
+    from terrain_cli.batch import batch_run, configuration, input_discovery
+    from terrain_cli.run.second_process import cores
 
     names = context.params["inputs"]
-    found = inputs.discover(names)
+    found = input_discovery.discover(names)
     rover = options.load_rover(context.params["rover"], [item.location for item in found] or names)
     options.with_defaults(context, rover.estimate)
     given = context.params
     _check_kinds(given["also"])
     gathered = configuration.gather(rover, options.settings(given), given["crs"])
-    order = run.Order(
+    order = batch_run.Order(
         kind=given["kind"],
         also=tuple(given["also"]),
         jobs=given["jobs"] or cores(),
@@ -140,7 +140,7 @@ def command(context: click.Context, /, **_: Any) -> int:
         settle=given["settle"] if given["watch"] else None,
     )
     if given["dry_run"]:
-        for why, item in run.preview(found, given["output"], gathered, order):
+        for why, item in batch_run.preview(found, given["output"], gathered, order):
             terminal.say(f"{why}\t{terminal.in_line(item.path)}")
         return 0
     return _run(found, gathered, order, given)
@@ -158,13 +158,13 @@ def _check_kinds(kinds: tuple[str, ...]) -> None:
 
 
 def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: dict[str, Any]) -> int:
-    from terrain_cli.batch import run
-    from terrain_cli.commands.rate import Rate
+    from terrain_cli.batch import batch_run
+    from terrain_cli.commands.batch_rate import Rate
 
     before = signal.signal(signal.SIGTERM, _stop)
     progress = Rate(enabled=not given["quiet"])
     try:
-        tally = run.run(given["inputs"], found, given["output"], gathered, order, progress.show)
+        tally = batch_run.run(given["inputs"], found, given["output"], gathered, order, progress.show)
     except (KeyboardInterrupt, EndedError) as end:
         # A second one is for the same.
         for name in (signal.SIGINT, *ENDINGS):

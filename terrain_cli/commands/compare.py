@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparing, options, paths
-from terrain_cli.terminal import say
+from terrain_cli.commands import comparison_options, options, paths
+from terrain_cli.presentation.terminal import say
 
 if TYPE_CHECKING:
     from terrain_cli.comparison import Comparison
@@ -42,7 +42,7 @@ Examples:
     "Given twice, two models side by side on the same blocks.  [wong-reece]",
 )
 @options.wheel
-@comparing.cutting
+@comparison_options.cutting
 @options.as_json
 @click.option(
     "--plot",
@@ -61,36 +61,37 @@ def command(context: click.Context, /, **_: Any) -> None:
     """
     from terrain_cli import models
     from terrain_cli.commands.progress import Progress
-    from terrain_cli.comparison import against, document
+    from terrain_cli.comparison import against
     from terrain_cli.errors import UsageError
+    from terrain_cli.presentation import comparison_text
 
     names = context.params["models"]
     if len(names) > 2:
         raise UsageError(f"--model is given {len(names)} times", hint="once, or twice for two side by side")
     if context.params["plot"]:
-        from terrain_cli.views import extras
+        from terrain_cli.views import optional_libraries
 
-        extras.need("plot")
+        optional_libraries.need("plot")
     files = [models.resolve(name) for name in names]
     seed = context.params["seed"]
     with Progress(
         len(context.params["inputs"]) + len(files), enabled=not context.params["quiet"]
     ) as progress:
-        cut = comparing.read(context, files, progress)
+        cut = comparison_options.read(context, files, progress)
         outcomes: list[Comparison] = []
         for file in files:
             like = outcomes[0] if outcomes else None
-            outcomes.append(comparing.compared(cut, file, seed, progress, like))
+            outcomes.append(comparison_options.compared(cut, file, seed, progress, like))
             progress.advance()
     first, second = outcomes[0], outcomes[1] if len(outcomes) > 1 else None
     differences = against(first, second, seed=seed) if second else []
     if context.params["as_json"]:
-        content = document.document(first, second, differences)
+        content = comparison_text.document(first, second, differences)
         click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))
     else:
-        say("\n\n".join(document.text(outcome) for outcome in outcomes))
+        say("\n\n".join(comparison_text.text(outcome) for outcome in outcomes))
         if second:
-            say("\n" + document.text_of_two(first, second, differences))
+            say("\n" + comparison_text.text_of_two(first, second, differences))
     if context.params["plot"]:
         from terrain_cli.views import plots
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparing, options, paths
-from terrain_cli.terminal import say
+from terrain_cli.commands import comparison_options, options, paths
+from terrain_cli.presentation.terminal import say
 
 
 @click.command(
@@ -54,7 +54,7 @@ Examples:
 )
 @click.option("--force", is_flag=True, help="Replace the file of --draft if it is there.")
 @options.wheel
-@comparing.cutting
+@comparison_options.cutting
 @options.as_json
 @options.quiet
 @click.pass_context
@@ -71,7 +71,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     import formats
     from terrain_cli import effects, models
     from terrain_cli.commands.progress import Progress
-    from terrain_cli.diagnosis import diagnose, document, sentences
+    from terrain_cli.diagnosis import diagnose, verdict_sentences
+    from terrain_cli.presentation import diagnosis_text
 
     given = context.params
     if given["draft"]:
@@ -80,25 +81,25 @@ def command(context: click.Context, /, **_: Any) -> None:
     own = [models.find_effect(name) for name in given["further"]]
     candidates = {**effects.catalogue(), **{effect.id: effect for effect in own}}
     with Progress(len(given["inputs"]) + 1, enabled=not given["quiet"]) as progress:
-        cut = comparing.read(context, [file], progress)
+        cut = comparison_options.read(context, [file], progress)
         found = diagnose(
             cut,
             file,
             effects=list(candidates.values()),
             seed=given["seed"],
             progress=partial(progress.say, str(file.path or file.model.base)),
-            early=lambda scored: progress.tell(document.early(scored)),
+            early=lambda scored: progress.tell(diagnosis_text.early(scored)),
         )
         progress.advance()
     if given["draft"] and found.unknown is not None:
         with formats.replacing(given["draft"]) as temporary:
             Path(temporary).write_text(found.unknown.draft, encoding="utf-8")
-        found = replace(found, sentence=sentences.with_draft(found.sentence, given["draft"]))
+        found = replace(found, sentence=verdict_sentences.with_draft(found.sentence, given["draft"]))
     if given["as_json"]:
-        content = document.document(found)
+        content = diagnosis_text.document(found)
         click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))
     else:
-        say(document.text(found))
+        say(diagnosis_text.text(found))
     if given["draft"] and found.unknown is None:
         click.echo(f"{given['draft']}: not written: nothing needs a law of its own", err=True)
     elif given["draft"] and not given["quiet"]:

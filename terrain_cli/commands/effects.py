@@ -13,7 +13,7 @@ import click
 from terrain_cli.commands import options, paths
 from terrain_cli.commands.group import Group
 from terrain_cli.mechanics.effect import KINDS
-from terrain_cli.terminal import say
+from terrain_cli.presentation.terminal import say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,17 +65,17 @@ def list_effects(kind: str | None, as_json: bool) -> None:
     takes for granted, which `terrain-est model add` lifts as it adds an effect.
     """
     from terrain_cli import effects
-    from terrain_cli.effects import describe
     from terrain_cli.models import ASSUMPTIONS
+    from terrain_cli.presentation import effect_text
 
     chosen = [effect for effect in effects.catalogue().values() if kind in {None, effect.kind}]
     assumptions = list(ASSUMPTIONS.values()) if kind is None else []
     if as_json:
         _write(_listed(chosen, assumptions))
         return
-    say(describe.overview(chosen))
+    say(effect_text.overview(chosen))
     if assumptions:
-        say(f"\n{describe.overview_of_assumptions(assumptions)}")
+        say(f"\n{effect_text.overview_of_assumptions(assumptions)}")
 
 
 @command.command(
@@ -98,16 +98,16 @@ def show(names: tuple[str, ...], as_json: bool) -> None:
     size and bounds, what happens in the ground or the drive, which residuals it leaves, which
     manoeuvre tells it from its neighbours, and who found it.
     """
-    from terrain_cli.effects import describe
     from terrain_cli.models import ASSUMPTIONS
+    from terrain_cli.presentation import effect_text
 
     effects = {name: _effect(name) for name in names if name not in ASSUMPTIONS}
     if as_json:
         assumptions = [ASSUMPTIONS[name] for name in names if name in ASSUMPTIONS]
         _write(_listed(list(effects.values()), assumptions))
         return
-    told = {name: describe.text(effect) for name, effect in effects.items()}
-    say("\n\n".join(told.get(name) or describe.text_of_assumption(ASSUMPTIONS[name]) for name in names))
+    told = {name: effect_text.text(effect) for name, effect in effects.items()}
+    say("\n\n".join(told.get(name) or effect_text.text_of_assumption(ASSUMPTIONS[name]) for name in names))
 
 
 @command.command(
@@ -134,14 +134,15 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
     """
     from formats import FormatError
     from terrain_cli import effects
-    from terrain_cli.effects import describe, user_file
+    from terrain_cli.effects.laws import effect_file
     from terrain_cli.errors import TerrainError
+    from terrain_cli.presentation import effect_text
 
     documents: list[dict[str, Any]] = []
     codes = []
     for file in files:
         try:
-            understood = user_file.read(file)
+            understood = effect_file.read(file)
         except (TerrainError, FormatError) as error:
             codes.append(error.exit_code)
             click.echo(f"terrain-est: {error}", err=True)
@@ -153,23 +154,23 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
             understood.warnings.append(
                 f"the catalogue has an effect {understood.effect.id} too; no model can hold both"
             )
-        documents.append(describe.checked(file, understood))
+        documents.append(effect_text.checked(file, understood))
         for warning in [] if quiet else understood.warnings:
             click.echo(f"{file}: warning: {warning}", err=True)
         if not as_json:
-            say("\n" * (len(documents) > 1) + describe.checked_text(file, understood))
+            say("\n" * (len(documents) > 1) + effect_text.checked_text(file, understood))
     if as_json:
-        _write({"format": describe.CHECK_FORMAT, "files": documents})
+        _write({"format": effect_text.CHECK_FORMAT, "files": documents})
     # A file that is wrong outweighs one that is not there.
     context.exit(max(codes, default=0))
 
 
 def _listed(effects: Sequence[Effect], assumptions: Sequence[Assumption]) -> dict[str, Any]:
-    from terrain_cli.effects import describe
+    from terrain_cli.presentation import effect_text
 
     return {
-        "format": describe.LIST_FORMAT,
-        "effects": [describe.document(effect) for effect in effects],
+        "format": effect_text.LIST_FORMAT,
+        "effects": [effect_text.document(effect) for effect in effects],
         "assumptions": [asdict(one) for one in assumptions],
     }
 
@@ -178,9 +179,9 @@ def _effect(name: str) -> Effect:
     from terrain_cli import effects
 
     if name.endswith(".toml") or os.sep in name or (name not in effects.NAMES and Path(name).is_file()):
-        from terrain_cli.effects import user_file
+        from terrain_cli.effects.laws import effect_file
 
-        return user_file.load(name)
+        return effect_file.load(name)
     return effects.find(name)
 
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.terminal import in_lines
+from terrain_cli.presentation.terminal import in_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from terrain_cli.pipeline import Outcome
     from terrain_cli.rover import Rover
+    from terrain_cli.run.one_log import Outcome
     from terrain_cli.run.settings import Settings
 
 
@@ -93,8 +93,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     says not-separable, and the strength at the stress σ* holds as far as its error says.
     """
     import formats
-    from terrain_cli import outputs
     from terrain_cli.errors import UsageError
+    from terrain_cli.presentation import segment_files
 
     logs = formats.expand(context.params["inputs"])
     rover = options.load_rover(context.params["rover"], logs)
@@ -104,13 +104,13 @@ def command(context: click.Context, /, **_: Any) -> None:
         raise UsageError("--trace shows the recursive estimate", hint="add --method recursive")
     # Before the work, not after it.
     if given["plot"]:
-        from terrain_cli.views import extras
+        from terrain_cli.views import optional_libraries
 
-        extras.need("plot")
+        optional_libraries.need("plot")
     for name in ("rejects", "trace"):
         if given[name]:
             formats.output_kind(given[name])
-    outputs.check(given["output"], given["samples"], given["crs"])
+    segment_files.check(given["output"], given["samples"], given["crs"])
     settings = options.settings(given)
     outcomes = list(_outcomes(logs, rover, settings, jobs=given["jobs"], quiet=given["quiet"]))
     _write(outcomes, settings, given)
@@ -121,18 +121,21 @@ def _write(  # noqa: C901 - one branch for each thing asked for
 ) -> None:
     """Write all that was asked for, the table last: what reads it may stop early."""
     import formats
-    from terrain_cli import estimation, outputs, results, summary
+    from terrain_cli import estimation
+    from terrain_cli.presentation import segment_files, segment_table, summary
 
     if given["rejects"]:
         formats.write_table(
-            results.join([t for outcome in outcomes for t in outcome.rejects]), given["rejects"]
+            segment_table.join([t for outcome in outcomes for t in outcome.rejects]), given["rejects"]
         )
     for outcome in outcomes:
         if outcome.error:
             raise outcome.error
-    table = results.join([outcome.table for outcome in outcomes])
+    table = segment_table.join([outcome.table for outcome in outcomes])
     if given["trace"]:
-        formats.write_table(results.join([t for outcome in outcomes for t in outcome.trace]), given["trace"])
+        formats.write_table(
+            segment_table.join([t for outcome in outcomes for t in outcome.trace]), given["trace"]
+        )
     estimates = estimation.join([part for outcome in outcomes for part in outcome.estimates])
     document = summary.document(
         table, estimates, [outcome.account for outcome in outcomes], settings.document()
@@ -148,16 +151,16 @@ def _write(  # noqa: C901 - one branch for each thing asked for
         else:
             with formats.replacing(given["summary"]) as temporary:
                 Path(temporary).write_text(text + "\n", encoding="utf-8")
-    crs = results.reference_system(table, given["crs"])
+    crs = segment_table.reference_system(table, given["crs"])
     points = None
     if given["samples"]:
-        points = (results.join([t for outcome in outcomes for t in outcome.samples]), given["samples"])
-    outputs.write(table, given["output"], crs, points)
+        points = (segment_table.join([t for outcome in outcomes for t in outcome.samples]), given["samples"])
+    segment_files.write(table, given["output"], crs, points)
     if given["quiet"]:
         return
     if given["crs"] and crs is None:
         click.echo(f"positions are x and y of a site frame: --crs {given['crs']} does not apply", err=True)
-    if remark := outputs.remark(given["output"], crs):
+    if remark := segment_files.remark(given["output"], crs):
         click.echo(remark, err=True)
     click.echo(summary.text(in_lines(document), table, verbose=given["verbose"]), err=True)
 
@@ -166,14 +169,14 @@ def _outcomes(
     logs: Sequence[str], rover: Rover, settings: Settings, *, jobs: int, quiet: bool
 ) -> Iterable[Outcome]:
     """Run every input, in order, with a progress bar once it has taken a second."""
-    from terrain_cli import pipeline
-    from terrain_cli.beside import cores
     from terrain_cli.commands.progress import Progress
+    from terrain_cli.run import one_log
+    from terrain_cli.run.second_process import cores
 
     with Progress(len(logs), enabled=not quiet) as progress:
         if jobs == 1 or len(logs) == 1:
             for path in logs:
-                yield pipeline.run(
+                yield one_log.run(
                     path, rover, settings, progress=partial(progress.say, path), beside=cores() > 1
                 )
                 progress.advance()
@@ -181,7 +184,7 @@ def _outcomes(
         from concurrent.futures import ProcessPoolExecutor
 
         with ProcessPoolExecutor(min(jobs, len(logs))) as pool:
-            futures = [pool.submit(pipeline.run, path, rover, settings) for path in logs]
+            futures = [pool.submit(one_log.run, path, rover, settings) for path in logs]
             try:
                 for path, future in zip(logs, futures, strict=True):
                     progress.say(path, "")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.terminal import in_lines, say
+from terrain_cli.presentation.terminal import in_lines, say
 
 if TYPE_CHECKING:
     from formats import FormatError
@@ -51,9 +51,9 @@ def command(
     a log, or its columns contradict each other, what there is comes first, then the problem.
     """
     import formats
-    from terrain_cli import inspection
     from terrain_cli.commands.progress import Progress
-    from terrain_cli.telemetry.samples import Notice
+    from terrain_cli.presentation import inspection
+    from terrain_cli.telemetry.wheel_samples import Notice
 
     logs = formats.expand(inputs)
     rovers = options.load_rover(rover, logs)

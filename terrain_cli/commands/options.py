@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from terrain_cli.choices import CUT_SAMPLES, FIT_SAMPLES, METHODS, MIN_DISTANCE, SEGMENTS
 from terrain_cli.commands import paths
 from terrain_cli.run.settings import Settings
+from terrain_cli.vocabulary.choices import CUT_SAMPLES, FIT_SAMPLES, METHODS, MIN_DISTANCE, SEGMENTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -214,9 +214,9 @@ def settings(given: Mapping[str, Any]) -> Settings:
         The localisation table is none, or cannot be read.
     """
     import formats
-    from terrain_cli import fitting
-    from terrain_cli import places as tables
     from terrain_cli.errors import UsageError
+    from terrain_cli.estimation import estimators
+    from terrain_cli.windows import locations as tables
 
     if given["crs"]:
         try:
@@ -240,7 +240,7 @@ def settings(given: Mapping[str, Any]) -> Settings:
         salvage=given["salvage"],
     )
     # Whether the model can be read, and goes with the method.
-    fitting.choose(chosen.method, chosen.model, robust=chosen.robust)
+    estimators.choose(chosen.method, chosen.model, robust=chosen.robust)
     return chosen
 
 

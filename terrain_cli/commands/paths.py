@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from terrain_cli.choices import BASES
+from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -62,7 +62,7 @@ class _Logs(Reads):
 
     def reads(self, name: str) -> Iterator[Read]:
         """Yield every file of the logs; none where the name is wrong, which is told when it is opened."""
-        from formats.inputs import parts
+        from formats.input_paths import parts
 
         for log in _logs(name):
             yield from (Read(self.what, part) for part in parts(log))
@@ -160,19 +160,19 @@ class _Batch(_Folder):
 
     def replaced(self, name: str) -> Iterator[str]:
         """Yield the folder, and what a batch adds to: all else it replaces by name, links and all."""
-        from terrain_cli.batch.folder import GROWING
+        from terrain_cli.batch.batch_folder import GROWING
 
         yield from (name, *(str(Path(name, file)) for file in GROWING))
 
     def holds(self, name: str, file: str) -> bool:
         """Tell whether a batch writes a file of this name."""
-        from terrain_cli.batch.folder import belongs
+        from terrain_cli.batch.batch_folder import belongs
 
         return belongs(_resolved(name), file)
 
     def skips(self, name: str, read: Read) -> bool:
         """Tell whether an input is a result of an earlier run into the folder."""
-        from terrain_cli.batch.folder import is_batch
+        from terrain_cli.batch.batch_folder import is_batch
 
         return read.what == INPUT.what and is_batch(name) and self.holds(name, read.path)
 
@@ -201,7 +201,7 @@ class _Write(NamedTuple):
     @property
     def places(self) -> set[Hashable]:
         """Where no other output may go; other streams than this one may well be one."""
-        from formats.output.atomic import is_stream
+        from formats.output.whole_files import is_stream
 
         if self.standard:
             return {_STREAM, *self.identities}
@@ -305,7 +305,7 @@ def _check_reads(write: _Write, reads: Sequence[tuple[Read, Hashable]]) -> None:
 
 def _check_folders(write: _Write, names: Sequence[str]) -> None:
     """Refuse what would become part of a log, or a log of its own when the command is run again."""
-    from formats.inputs import parts, takes
+    from formats.input_paths import parts, takes
     from terrain_cli.errors import UsageError
 
     place = _resolved(write.path)
@@ -328,14 +328,14 @@ def _check_folders(write: _Write, names: Sequence[str]) -> None:
 
 
 def _check_pair(first: _Write, second: _Write) -> None:
-    from terrain_cli import outputs
     from terrain_cli.errors import UsageError
+    from terrain_cli.presentation import segment_files
 
     one = first.places & second.places
     if not (one or first.kind.holds(first.path, second.path) or second.kind.holds(second.path, first.path)):
         return
     layers = first.kind.layer and second.kind.layer
-    if layers and outputs.together(first.path, second.path):
+    if layers and segment_files.together(first.path, second.path):
         return
     where = "standard output" if _STREAM in one else _text(second.path)
     raise UsageError(
@@ -384,8 +384,8 @@ def _effects_of(name: str) -> Iterator[Read]:
 
 def _content(name: str) -> Mapping[str, Any]:
     """Return what a file says in TOML, nothing where it is wrong: whoever reads it will tell."""
-    from terrain_cli import strict
     from terrain_cli.errors import ConfigurationError
+    from terrain_cli.toml import strict
 
     try:
         # A pipe can be read only once.

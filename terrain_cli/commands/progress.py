@@ -8,7 +8,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Self
 
-from terrain_cli.terminal import escaped, in_line
+from terrain_cli.presentation.terminal import escaped, in_line
 
 if TYPE_CHECKING:
     from types import TracebackType

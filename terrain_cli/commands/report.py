@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparing, options, paths
+from terrain_cli.commands import comparison_options, options, paths
 
 
 @click.command(
@@ -41,7 +41,7 @@ Examples:
     help="Model of wheel and soil: a base, or a model file that adds effects to one.",
 )
 @options.wheel
-@comparing.cutting
+@comparison_options.cutting
 @options.quiet
 @click.pass_context
 def command(context: click.Context, /, **_: Any) -> None:
@@ -51,9 +51,9 @@ def command(context: click.Context, /, **_: Any) -> None:
     input. The page needs no network and no other file; it prints. It takes the extra "report":
     pip install 'terrain-est[report]'.
     """
-    from terrain_cli.views import extras
+    from terrain_cli.views import optional_libraries
 
-    extras.need("report")
+    optional_libraries.need("report")
     from terrain_cli import models
     from terrain_cli.commands.progress import Progress
     from terrain_cli.views import report
@@ -61,8 +61,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     given = context.params
     file = models.resolve(given["model"])
     with Progress(len(given["inputs"]) + 2, enabled=not given["quiet"]) as progress:
-        cut = comparing.read(context, [file], progress)
-        comparison = comparing.compared(cut, file, given["seed"], progress)
+        cut = comparison_options.read(context, [file], progress)
+        comparison = comparison_options.compared(cut, file, given["seed"], progress)
         progress.advance()
         say = partial(progress.say, given["output"])
         further = [report.history(file.history)]

@@ -135,10 +135,10 @@ def command(context: click.Context, /, **_: Any) -> None:
 
     from terrain_cli import simulation
     from terrain_cli.errors import ConfigurationError, UsageError
-    from terrain_cli.simulation import output
+    from terrain_cli.simulation import simulation_files
 
     given = context.params
-    kind = output.kind_of(given["output"])
+    kind = simulation_files.kind_of(given["output"])
     _name_outputs(context)
     truth, rover = given["truth"], given["rover"]
     try:
@@ -151,8 +151,8 @@ def command(context: click.Context, /, **_: Any) -> None:
         raise
     if given["hide"]:
         scenario = simulation.draw(scenario)
-    log = simulation.simulate(scenario, bag=kind in output.BAGS)
-    output.write(log, given["output"], truth=truth, rover=rover)
+    log = simulation.simulate(scenario, bag=kind in simulation_files.BAGS)
+    simulation_files.write(log, given["output"], truth=truth, rover=rover)
     if not given["quiet"]:
         _tell(log, given, truth, rover)
 
@@ -245,13 +245,13 @@ def _effect(text: str) -> tuple[str, dict[str, float]]:
 
 def _rover_beside(given: Mapping[str, Any]) -> str | None:
     """Return the rover file beside the log; none if a user's own is there."""
-    from terrain_cli.rover.parts import FILE_NAME
-    from terrain_cli.simulation import output
+    from terrain_cli.rover.vehicle import FILE_NAME
+    from terrain_cli.simulation import simulation_files
 
     if given["output"] == "-":
         return None
     beside = Path(given["output"].rstrip("/")).parent / FILE_NAME
-    if not output.rover_is_in_the_way(beside):
+    if not simulation_files.rover_is_in_the_way(beside):
         return str(beside)
     if not given["quiet"]:
         click.echo(f"{beside} is yours and was left as it is: --rover FILE writes one that fits", err=True)

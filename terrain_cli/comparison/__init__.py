@@ -1,8 +1,7 @@
 """Model against measurement: errors, noise, held-out errors, and where the model fails."""
 
-from terrain_cli.comparison.against import against
 from terrain_cli.comparison.compare import compare
-from terrain_cli.comparison.parts import (
+from terrain_cli.comparison.comparison_outcome import (
     ChannelErrors,
     Comparison,
     Difference,
@@ -11,6 +10,7 @@ from terrain_cli.comparison.parts import (
     Series,
     WheelComparison,
 )
+from terrain_cli.comparison.two_models import against
 
 __all__ = [
     "ChannelErrors",

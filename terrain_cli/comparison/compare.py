@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli import parallel
-from terrain_cli.comparison import blocks, heldout, soils
+from terrain_cli.comparison import blocks, held_out, one_soil_or_several
 from terrain_cli.comparison.bootstrap import resample
-from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.parts import (
+from terrain_cli.comparison.comparison_outcome import (
     FEWEST_BLOCKS,
     UNITS,
     ChannelErrors,
@@ -20,19 +18,21 @@ from terrain_cli.comparison.parts import (
     Series,
     WheelComparison,
 )
-from terrain_cli.comparison.wheel import Settings, Wheel
-from terrain_cli.english import counted
-from terrain_cli.windows import thinned
+from terrain_cli.comparison.findings import Residuals
+from terrain_cli.comparison.fitted_wheel import Settings, Wheel
+from terrain_cli.processes import parallel
+from terrain_cli.vocabulary.english import counted
+from terrain_cli.windows.cut_windows import thinned
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.comparison.parts import Finding
+    from terrain_cli.comparison.comparison_outcome import Finding
     from terrain_cli.estimation.wheel_fit import Noise, Prior
-    from terrain_cli.mechanics.model import Model
-    from terrain_cli.windows import Windows
+    from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.windows.cut_windows import Windows
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -88,7 +88,7 @@ def compare(
     noise : Noise, optional
         Of the sensors, for the fit; learnt from the data if not given.
     like : Comparison, optional
-        Of another model with the same windows: take its blocks, so that `against` compares like with
+        Of another model with the same windows: take its blocks, so that `two_models` compares like with
         like.
     seed : int
         Of the bootstraps.
@@ -107,7 +107,7 @@ def compare(
     fitted, warnings = fit_wheels(
         wheels, model, Settings(fixed or {}, priors or {}, shared, noise), progress=progress
     )
-    fitted, joined = soils.as_few_as_predict(fitted, progress)
+    fitted, joined = one_soil_or_several.as_few_as_predict(fitted, progress)
     return of_fitted(fitted, like=like, seed=seed, warnings=[*warnings, *joined], progress=progress)
 
 
@@ -336,7 +336,7 @@ def _same_times(leader: Wheel, block: Index, other: Wheel) -> Index:
 
 def _compared(wheel: Wheel, block: Index, scale: dict[str, float], seed: int) -> WheelComparison:
     known = {name: scale.get(name, 1.0) for name in wheel.measured}
-    out = heldout.predict(wheel, block, known)
+    out = held_out.predict(wheel, block, known)
     series = {
         name: Series(column, wheel.predicted[name], out[name]) for name, column in wheel.measured.items()
     }

@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.channels import CHANNELS, LABEL
-from terrain_cli.comparison.parts import Driver
+from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.mechanics import rates
-from terrain_cli.telemetry.needs import WITH_COURSE
-from terrain_cli.windows import at_rows
+from terrain_cli.telemetry.derive.effect_inputs import WITH_COURSE
+from terrain_cli.vocabulary.channels import CHANNELS, LABEL
+from terrain_cli.windows.cut_windows import at_rows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.windows import Windows
+    from terrain_cli.windows.cut_windows import Windows
 
     Array = NDArray[np.float64]
 

@@ -6,21 +6,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import blocks, sentences, shapes
+from terrain_cli.comparison import blocks, finding_sentences, shapes
+from terrain_cli.comparison.comparison_outcome import UNITS, Finding
 from terrain_cli.comparison.drivers import ANGLE, PARTS
-from terrain_cli.comparison.evidence import Evidence, Slopes
-from terrain_cli.comparison.parts import UNITS, Finding
 from terrain_cli.comparison.prediction import derivatives
-from terrain_cli.comparison.search import Search
+from terrain_cli.comparison.residual_evidence import Evidence, Slopes
+from terrain_cli.comparison.residual_search import Search
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.search import Found
+    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.comparison.residual_search import Found
     from terrain_cli.comparison.shapes import Shape
-    from terrain_cli.comparison.wheel import Wheel
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -237,7 +237,9 @@ class Residuals:
             amplitude,
             UNITS[channel],
             at,
-            sentences.of(channel, shape, amplitude, label, one.alternatives, self._unit(shape.driver), seen),
+            finding_sentences.of(
+                channel, shape, amplitude, label, one.alternatives, self._unit(shape.driver), seen
+            ),
             self._worst(missing),
             one.alternatives,
             seen,

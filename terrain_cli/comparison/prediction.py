@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.mechanics.dual import slopes, value
-from terrain_cli.mechanics.model import predict
+from terrain_cli.mechanics.wheel_model import predict
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from terrain_cli.mechanics.model import Model, Prediction, WheelGeometry
+    from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry
 
     Array = NDArray[np.float64]
     #: From samples, by their indices, to every parameter of the soil and of the effects of each.

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison.noise import between
-from terrain_cli.diagnosis import merits
+from terrain_cli.comparison.residual_noise import between
+from terrain_cli.diagnosis import refit_ranking
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.noise import Between
+    from terrain_cli.comparison.residual_noise import Between
     from terrain_cli.diagnosis.refits import Ground
 
     Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ def of_gain(gain: Array) -> float:
     """
     from scipy.special import stdtr
 
-    error = merits.error(gain)
+    error = refit_ranking.error(gain)
     if not np.isfinite(error) or error <= 0.0:
         return 1.0
     of_mean = float(stdtr(len(gain) - 1, -float(gain.sum()) / error))

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import solved
-from terrain_cli.diagnosis import merits
-from terrain_cli.diagnosis.parts import Candidate, Size
-from terrain_cli.models.parts import SOIL_UNITS
+from terrain_cli.comparison import smoothed_covariance
+from terrain_cli.diagnosis import refit_ranking
+from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Size
+from terrain_cli.models.model_file import SOIL_UNITS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.diagnosis.parts import Hypothesis
+    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.diagnosis.screening import Screened
 
@@ -63,7 +63,7 @@ def listed(
             surviving=found.surviving[one.id],
             explained=float(np.clip(-change / misfit, 0.0, 1.0)),
             loss=change / count,
-            loss_se=np.nan if refit is None else merits.error(refit.loss - base.loss) / count,
+            loss_se=np.nan if refit is None else refit_ranking.error(refit.loss - base.loss) / count,
             heldout=dict(base.heldout) if refit is None else refit.heldout,
             sizes=dict(found.sizes[one.id]) if refit is None else _sizes(one, data, refit),
             refitted=refit is not None,
@@ -86,7 +86,7 @@ def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
     names = list(one.parameters or one.priors)
     pairs: dict[str, list[tuple[float, float]]] = {}
     for part, solution in zip(data.data, refit.solutions, strict=True):
-        covariance, _ = solved.covariance(part, solution)
+        covariance, _ = smoothed_covariance.covariance(part, solution)
         sought = solution.unknowns
         for column, unknown in enumerate((*sought.local, *sought.shared)):
             if unknown.name not in names:

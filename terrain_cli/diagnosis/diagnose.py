@@ -7,22 +7,22 @@ from typing import TYPE_CHECKING
 
 from terrain_cli import effects as catalogues
 from terrain_cli import models
-from terrain_cli.diagnosis import candidates, refits, screening, sentences, steps, verdict
+from terrain_cli.diagnosis import candidates, refits, screening, steps, verdict, verdict_sentences
 from terrain_cli.diagnosis.alarm import ENOUGH_BLOCKS
-from terrain_cli.diagnosis.log import Case, scores, soils
-from terrain_cli.diagnosis.parts import Alarm, Diagnosis
-from terrain_cli.english import counted
+from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
+from terrain_cli.vocabulary.english import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
 
-    from terrain_cli.diagnosis.log import Log
+    from terrain_cli.diagnosis.diagnosed_log import Log
     from terrain_cli.diagnosis.refits import Refit
     from terrain_cli.diagnosis.screening import Screened
     from terrain_cli.diagnosis.steps import Ranked
     from terrain_cli.effects import Effect
     from terrain_cli.models import ModelFile
-    from terrain_cli.windows import Windows
+    from terrain_cli.windows.cut_windows import Windows
 
 
 def diagnose(
@@ -143,7 +143,7 @@ def _silent(case: Case, log: Log, base: Refit, alarm: Alarm) -> Diagnosis:
         fitted=refits.fitted_errors(log.data, base),
         heldout=base.heldout,
     )
-    return replace(diagnosis, sentence=sentences.verdict(diagnosis, log.failures))
+    return replace(diagnosis, sentence=verdict_sentences.verdict(diagnosis, log.failures))
 
 
 def _told(case: Case, ranked: Ranked, diagnosis: Diagnosis) -> Diagnosis:
@@ -153,4 +153,4 @@ def _told(case: Case, ranked: Ranked, diagnosis: Diagnosis) -> Diagnosis:
         changed: Collection[str] = [diagnosis.unknown.channel]
     else:
         changed = laws.get(diagnosis.family[0], ())
-    return replace(diagnosis, sentence=sentences.verdict(diagnosis, ranked.log.failures, changed))
+    return replace(diagnosis, sentence=verdict_sentences.verdict(diagnosis, ranked.log.failures, changed))

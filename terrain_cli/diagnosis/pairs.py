@@ -9,10 +9,10 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from terrain_cli import parallel
-from terrain_cli.diagnosis import merits, refits, screening, signatures
-from terrain_cli.diagnosis.parts import Hypothesis
-from terrain_cli.mechanics.model import Model
+from terrain_cli.diagnosis import refit_ranking, refits, screening, signatures
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.processes import parallel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -62,7 +62,7 @@ def best(
         progress(f"fitting with {first.id} and {second.id}")
         after = [alone[one.id][1] for one in (first, second)]
         refit = refits.refit(data, pair, after=after)
-        if not (merits.at_bounds(pair, refit) or merits.imitates(data, pair, refit)):
+        if not (refit_ranking.at_bounds(pair, refit) or refit_ranking.imitates(data, pair, refit)):
             fitted.append((pair, refit))
     return sorted(fitted, key=lambda one: float(one[1].loss.sum()))
 
@@ -93,9 +93,9 @@ def told(
     if not fitted or name in _ids(fitted[0][0]):
         return (), False
     pair, refit = fitted[0]
-    if not all(merits.beats(refit, one) for one in others):
+    if not all(refit_ranking.beats(refit, one) for one in others):
         return (), False
-    return _ids(pair), all(merits.beats(refit, one) for other, one in fitted if name in _ids(other))
+    return _ids(pair), all(refit_ranking.beats(refit, one) for other, one in fitted if name in _ids(other))
 
 
 def _ids(pair: Hypothesis) -> tuple[str, ...]:
@@ -141,12 +141,14 @@ def on_full_stresses(
     tried = parallel.each(
         partial(_after, data, base), several, lambda one: progress(f"fitting with {base.id} and {one.id}")
     )
-    good = [pair for pair in zip(several, tried, strict=True) if not merits.imitates(data, *pair)]
+    good = [pair for pair in zip(several, tried, strict=True) if not refit_ranking.imitates(data, *pair)]
     if not good:
         return []
     good.sort(key=lambda pair: float(pair[1].loss.sum()))
     best = good[0][1]
-    return sorted(good, key=lambda pair: (not merits.as_good(pair[1], best), merits.at_bounds(*pair)))
+    return sorted(
+        good, key=lambda pair: (not refit_ranking.as_good(pair[1], best), refit_ranking.at_bounds(*pair))
+    )
 
 
 def _after(data: Ground, base: Refit, one: Hypothesis) -> Refit:

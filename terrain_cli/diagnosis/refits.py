@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import heldout, least_squares, noise, quiet, whitening
+from terrain_cli.comparison import held_out, residual_noise, smoothed_fit, smoothed_model, whitening
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
 if TYPE_CHECKING:
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.least_squares import Solution
-    from terrain_cli.comparison.quiet import Data
-    from terrain_cli.comparison.wheel import Wheel
-    from terrain_cli.diagnosis.parts import Hypothesis
+    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.comparison.smoothed_fit import Solution
+    from terrain_cli.comparison.smoothed_model import Data
+    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 
     Array = NDArray[np.float64]
@@ -109,13 +109,13 @@ def ground(wheels: Sequence[Wheel], block: Sequence[Index], most: int, like: Gro
         white = like.data[index].white if like is not None else None
         data = replace(wheel.least_squares_data(white), blocks=blocks)
         some = np.arange(0, len(wheel), step)
-        thin = quiet.thinned(data, some)
+        thin = smoothed_model.thinned(data, some)
         t, common = wheel.beginning()
-        solution = least_squares.search(wheel.model, wheel.sought, thin, ((t, common), (None, common)))
+        solution = smoothed_fit.search(wheel.model, wheel.sought, thin, ((t, common), (None, common)))
         if white is None:
             data = replace(data, white=_noise(wheel, data, solution))
-            thin = quiet.thinned(data, some)
-            solution = least_squares.solve(wheel.model, wheel.sought, thin, solution.t, solution.common)
+            thin = smoothed_model.thinned(data, some)
+            solution = smoothed_fit.solve(wheel.model, wheel.sought, thin, solution.t, solution.common)
         rows.append(some)
         kept.append(block[index][some])
         datas.append(thin)
@@ -125,12 +125,14 @@ def ground(wheels: Sequence[Wheel], block: Sequence[Index], most: int, like: Gro
 
 def _noise(wheel: Wheel, data: Data, solution: Solution) -> whitening.Whitening:
     """Estimate the noise of what the base leaves, from all samples."""
-    found, _ = quiet.forecast(wheel.model, data, solution.of_samples(data.window))
+    found, _ = smoothed_model.forecast(wheel.model, data, solution.of_samples(data.window))
     errors = {
         name: np.where(data.use, column - found[name], np.nan) for name, column in data.measured.items()
     }
     if wheel.ordered:
-        levels = {name: noise.of_series(error, wheel.group).deviation for name, error in errors.items()}
+        levels = {
+            name: residual_noise.of_series(error, wheel.group).deviation for name, error in errors.items()
+        }
         # A misfit that lasts can hide the noise, which is not less than that of the channels themselves.
         least = whitening.of_channels(wheel.measured, wheel.group)
         for name, variance in zip(least.channels, np.diag(least.covariance), strict=True):
@@ -155,8 +157,8 @@ def with_noise_of(data: Ground, best: Refit) -> Ground:
     """
     parts, solutions = [], []
     for part, found, base, wheel in zip(data.data, best.solutions, data.base, data.wheels, strict=True):
-        parts.append(quiet.with_noise_of(part, found.residual, _FEWEST))
-        solutions.append(least_squares.solve(wheel.model, base.unknowns, parts[-1], base.t, base.common))
+        parts.append(smoothed_model.with_noise_of(part, found.residual, _FEWEST))
+        solutions.append(smoothed_fit.solve(wheel.model, base.unknowns, parts[-1], base.t, base.common))
     return replace(data, data=parts, base=solutions)
 
 
@@ -196,8 +198,8 @@ def weighed(data: Ground, one: Refit) -> Refit:
     """
     loss, residuals = np.zeros(data.blocks), []
     for index, part in enumerate(data.data):
-        errors = quiet.residual(part, one.predicted[index])
-        loss += np.bincount(data.block[index], quiet.bounded(errors).sum(axis=1), data.blocks)
+        errors = smoothed_model.residual(part, one.predicted[index])
+        loss += np.bincount(data.block[index], smoothed_model.bounded(errors).sum(axis=1), data.blocks)
         residuals.append(errors)
     return replace(one, loss=loss, residuals=residuals)
 
@@ -238,11 +240,11 @@ def refit(
             solution = base
         elif begun:
             one = begun[index]
-            solution = least_squares.solve(hypothesis.model, one.unknowns, part, one.t, one.common)
+            solution = smoothed_fit.solve(hypothesis.model, one.unknowns, part, one.t, one.common)
         else:
             solution = _solved(data, index, part, hypothesis, [one.solutions[index] for one in after])
         errors, out = _held_out(part, solution, data.block[index])
-        loss += np.bincount(data.block[index], quiet.bounded(errors).sum(axis=1), data.blocks)
+        loss += np.bincount(data.block[index], smoothed_model.bounded(errors).sum(axis=1), data.blocks)
         solutions.append(solution)
         residuals.append(errors)
         predicted.append(out)
@@ -315,9 +317,9 @@ def _solved(
     if after:
         places = [*([one] for one in after), list(after), list(after)[::-1]]
         begun = [_from(several, sought, part.windows) for several in places]
-        return least_squares.search(hypothesis.model, sought, part, begun)
+        return smoothed_fit.search(hypothesis.model, sought, part, begun)
     t, common = _from([base], sought, part.windows)
-    return least_squares.search(
+    return smoothed_fit.search(
         hypothesis.model, sought, part, product((t, None), _beginnings(sought, common, hypothesis))
     )
 
@@ -356,18 +358,18 @@ def _beginnings(sought: Unknowns, common: Array, hypothesis: Hypothesis) -> Iter
 
 def _held_out(part: Data, solution: Solution, block: Index) -> tuple[Array, dict[str, Array]]:
     """Predict every sample by the parameters without its block, one step of Gauss and Newton away."""
-    fold = heldout.folds(part.window, block)
+    fold = held_out.folds(part.window, block)
     pairs, cell = np.unique(np.stack([part.window, fold]), axis=1, return_inverse=True)
     cell = cell.ravel().astype(np.intp)
-    information, score = least_squares.moments(solution.design, solution.residual, cell, pairs.shape[1])
+    information, score = smoothed_fit.moments(solution.design, solution.residual, cell, pairs.shape[1])
     q, m = solution.t.shape[1], len(solution.common)
     prior = solution.spread * np.eye(q + m)
     sought = solution.unknowns
     low, high = (np.array([getattr(u, side) for u in sought.shared]) for side in ("lower", "upper"))
-    farthest = heldout.FARTHEST
+    farthest = held_out.FARTHEST
     reach = (np.maximum(low - solution.common, -farthest), np.minimum(high - solution.common, farthest))
     moved = np.clip(
-        heldout.leave_out(information, score, pairs[0], pairs[1], prior, q, reach),
+        held_out.leave_out(information, score, pairs[0], pairs[1], prior, q, reach),
         -farthest,
         farthest,
     )
@@ -376,13 +378,16 @@ def _held_out(part: Data, solution: Solution, block: Index) -> tuple[Array, dict
     common = np.clip(common, low, high)
     low, high = (np.array([getattr(u, side) for u in sought.local]) for side in ("lower", "upper"))
     t = np.clip(t, low, high)
-    found, _ = quiet.forecast(
-        solution.model, part, quiet.parameters(sought, t, common, part.window), order=quiet.ORDER
+    found, _ = smoothed_model.forecast(
+        solution.model,
+        part,
+        smoothed_model.parameters(sought, t, common, part.window),
+        order=smoothed_model.ORDER,
     )
-    errors = quiet.residual(part, found)
+    errors = smoothed_model.residual(part, found)
     change = np.einsum("ncp,np->nc", solution.design, moved[cell])
     names = part.white.channels
-    straight = heldout.nearer(
+    straight = held_out.nearer(
         {name: change[:, column] for column, name in enumerate(names)},
         {name: (solution.residual - errors)[:, column] for column, name in enumerate(names)},
         fold,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import quiet
+from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.bootstrap import resample, webb_weights
 
 if TYPE_CHECKING:
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.quiet import Data
-    from terrain_cli.diagnosis.parts import Hypothesis
+    from terrain_cli.comparison.smoothed_model import Data
+    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.mechanics.model import Model
+    from terrain_cli.mechanics.wheel_model import Model
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -190,7 +190,7 @@ class _Part:
 
 def _white(part: Data, model: Model, numbers: Mapping[str, Array]) -> Array:
     """Return what a model predicts, in units of the noise; 0 where nothing is measured."""
-    found, _ = quiet.forecast(model, part, numbers, order=quiet.ORDER)
+    found, _ = smoothed_model.forecast(model, part, numbers, order=smoothed_model.ORDER)
     return np.asarray(part.white({name: np.nan_to_num(column) for name, column in found.items()}, part.seen))
 
 

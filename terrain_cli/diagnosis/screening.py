@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import effects as catalogues
-from terrain_cli.comparison.parts import UNITS
-from terrain_cli.diagnosis import scores as scoring
+from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.diagnosis import effect_scores as scoring
 from terrain_cli.diagnosis import signatures
-from terrain_cli.diagnosis.parts import Hypothesis, NotTestable, Size
-from terrain_cli.mechanics.model import Model
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable, Size
+from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import assumptions
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.wheel import Wheel
+    from terrain_cli.comparison.fitted_wheel import Wheel
     from terrain_cli.effects import Effect
     from terrain_cli.models import ModelFile
 

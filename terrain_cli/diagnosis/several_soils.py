@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli import fitting
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.wheel import Settings, Wheel
-from terrain_cli.diagnosis import merits, refits, screening, unknowns
-from terrain_cli.english import counted
+from terrain_cli.comparison.fitted_wheel import Settings, Wheel
+from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
+from terrain_cli.estimation import estimators
+from terrain_cli.vocabulary.english import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison import Comparison
-    from terrain_cli.comparison.least_squares import Solution
-    from terrain_cli.diagnosis.parts import Hypothesis
+    from terrain_cli.comparison.smoothed_fit import Solution
+    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.effects import Effect
     from terrain_cli.models import ModelFile
-    from terrain_cli.windows import Windows
+    from terrain_cli.windows.cut_windows import Windows
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -160,7 +160,7 @@ def as_needed(
 def _ground(
     windows: Sequence[Windows], block: Sequence[Index], file: ModelFile, effects: Sequence[Effect] = ()
 ) -> Ground:
-    held, priors, noise = fitting.assumed(windows, file)
+    held, priors, noise = estimators.assumed(windows, file)
     settings = Settings(held, priors, [name for name in file.shared if name not in held], noise)
     further = {name for effect in effects for name in effect.reads}
     return refits.ground(fit_wheels(windows, file.model, settings, further=further)[0], block, MOST_SAMPLES)
@@ -183,7 +183,7 @@ def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, li
             data,
         )
         after = refits.refit(cut, None)
-        if not merits.beats(after, before):
+        if not refit_ranking.beats(after, before):
             break
         found, before = cut, after
         told.append(_where(found.wheels[index], sample))
@@ -202,19 +202,19 @@ def _stand_for_soils(
 ) -> bool:
     """Tell whether fewer soils, with some effect or none, predict as well as several."""
     plain = refits.refit(one, None)
-    if merits.as_good(plain, several):
+    if refit_ranking.as_good(plain, several):
         return True
     gap = float((plain.loss - several.loss).sum())
     for hypothesis in screening.promising(one.wheels, block, hypotheses)[:_RIVALS]:
         progress(f"fewer soils and {hypothesis.id}")
         found = refits.refit(one, hypothesis)
-        if merits.as_good(found, several) or float((plain.loss - found.loss).sum()) > _MOSTLY * gap:
+        if refit_ranking.as_good(found, several) or float((plain.loss - found.loss).sum()) > _MOSTLY * gap:
             return True
     fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
     if fewer >= _SEVERAL:
         # Nor may what is in no catalogue pass for soils.
-        drafted = unknowns.best(one, plain, progress)
-        return bool(drafted) and merits.as_good(drafted[0].refit, several)
+        drafted = outside_catalogue.best(one, plain, progress)
+        return bool(drafted) and refit_ranking.as_good(drafted[0].refit, several)
     return False
 
 

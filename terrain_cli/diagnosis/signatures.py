@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.comparison import whitening
-from terrain_cli.comparison.inputs import NOISY
 from terrain_cli.comparison.prediction import derivatives
+from terrain_cli.comparison.smoothed_channels import NOISY
 from terrain_cli.errors import TerrainError
-from terrain_cli.mechanics.model import Model
+from terrain_cli.mechanics.wheel_model import Model
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.wheel import Wheel
+    from terrain_cli.comparison.fitted_wheel import Wheel
     from terrain_cli.comparison.whitening import Whitening
     from terrain_cli.effects import Effect
 

@@ -6,26 +6,27 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from terrain_cli import models, parallel
+from terrain_cli import models
 from terrain_cli.diagnosis import (
     alarm,
-    leftover,
-    merits,
-    next_drive,
+    outside_catalogue,
     pairs,
+    refit_ranking,
     refits,
+    remaining_misfit,
     rivals,
     screening,
-    unknowns,
 )
 from terrain_cli.diagnosis.alarm import ENOUGH_BLOCKS, LEVEL
-from terrain_cli.diagnosis.parts import Alarm
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm
+from terrain_cli.diagnosis.next_drive import suggestion
+from terrain_cli.processes import parallel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.diagnosis.log import Case, Log
-    from terrain_cli.diagnosis.parts import Hypothesis, NextDrive, Unknown
+    from terrain_cli.diagnosis.diagnosed_log import Case, Log
+    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NextDrive, Unknown
     from terrain_cli.diagnosis.refits import Ground, Refit
 
     Fitted = tuple[Hypothesis, Refit]
@@ -58,7 +59,7 @@ class Ranked:
     log: Log
     base: Refit
     several: list[Fitted]
-    drafts: list[unknowns.Tried]
+    drafts: list[outside_catalogue.Tried]
 
     @property
     def data(self) -> Ground:
@@ -155,7 +156,7 @@ def ranking(case: Case, log: Log, base: Refit) -> Ranked:
     From neighbouring samples alone, noise that lasts would be taken for too small.
     """
     several = refitted(case, log)
-    drafts = unknowns.best(log.data, base, case.progress)
+    drafts = outside_catalogue.best(log.data, base, case.progress)
     leaders = [one for _, one in several[:1]] + [one.refit for one in drafts[:1]]
     if not leaders:
         return Ranked(log=log, base=base, several=several, drafts=drafts)
@@ -178,7 +179,7 @@ def alarm_of_gain(ranked: Ranked, before: Alarm) -> Alarm:
     gain = max(gains, key=lambda g: float(g.sum()))
     rare = alarm.GAINED if any(wheel.ordered for wheel in ranked.data.wheels) else alarm.GAINED_STEADY
     p_value = max(before.p_value, alarm.of_gain(gain) * LEVEL / rare)
-    return Alarm(p_value < LEVEL, p_value, LEVEL, float(gain.sum()), merits.error(gain))
+    return Alarm(p_value < LEVEL, p_value, LEVEL, float(gain.sum()), refit_ranking.error(gain))
 
 
 def family(case: Case, ranked: Ranked) -> Family:
@@ -193,12 +194,12 @@ def family(case: Case, ranked: Ranked) -> Family:
     case.progress("telling the best ones apart")
     judged = rivals.judge(ranked.data, [one for _, one in near], [one for one, _ in near], case.seed)
     # A name that leaves something unexplained is not the whole story, and perhaps none of it.
-    of_rest, left = leftover.follows(ranked.data, near[0][1], case.seed)
+    of_rest, left = remaining_misfit.follows(ranked.data, near[0][1], case.seed)
     clear = (of_rest >= LEVEL and left < ranked.taken) or left < _SMALL * ranked.taken
     # Nor is it where a law that nobody thought of predicts better.
-    clear = clear and not unknowns.beats(ranked.drafts, near[0][1])
+    clear = clear and not outside_catalogue.beats(ranked.drafts, near[0][1])
     # Nor where it stands for something that nature does not have.
-    clear = clear and not merits.imitates(ranked.data, *near[0])
+    clear = clear and not refit_ranking.imitates(ranked.data, *near[0])
     return Family(
         members=[near[place] for place in judged.family],
         earned=judged.earned and clear and ranked.data.blocks >= ENOUGH_BLOCKS,
@@ -209,7 +210,7 @@ def family(case: Case, ranked: Ranked) -> Family:
 
 def outside_the_catalogue(ranked: Ranked, found: Family) -> Law:
     """Tell whether a drafted law explains what no effect does."""
-    unknown, alone = unknowns.verdict(ranked.base, ranked.best, ranked.drafts, found.ids)
+    unknown, alone = outside_catalogue.verdict(ranked.base, ranked.best, ranked.drafts, found.ids)
     return Law(unknown=unknown, alone=alone)
 
 
@@ -238,10 +239,10 @@ def on_full_stresses(case: Case, ranked: Ranked, two: Two) -> list[Fitted]:
         return []
     first = tried[0][1]
     further = [*(one.refit for one in ranked.drafts[:1]), *(one for _, one in two.fitted[:1])]
-    better = all(merits.beats(first, one) for one in (several[0][1], stresses))
-    if not better or not all(merits.as_good(first, one) for one in further):
+    better = all(refit_ranking.beats(first, one) for one in (several[0][1], stresses))
+    if not better or not all(refit_ranking.as_good(first, one) for one in further):
         return []
-    return [(one, refit) for one, refit in tried if merits.as_good(refit, first)]
+    return [(one, refit) for one, refit in tried if refit_ranking.as_good(refit, first)]
 
 
 def next_drives(case: Case, ranked: Ranked, members: Sequence[Fitted]) -> list[NextDrive]:
@@ -249,14 +250,14 @@ def next_drives(case: Case, ranked: Ranked, members: Sequence[Fitted]) -> list[N
     if len(members) < 2:
         return []
     case.progress("looking for the drive that would settle it")
-    return next_drive.suggest(ranked.data, members)
+    return suggestion.suggest(ranked.data, members)
 
 
 def _best_form(data: Ground, one: Hypothesis) -> Fitted:
     """Fit a hypothesis in the form of its law that predicts best."""
     plain, *others = [(form, refits.refit(data, form)) for form in one.forms]
     # Another form stands for the effect only where it fits by what the effect can be.
-    forms = [plain, *(pair for pair in others if not merits.incredible(data, *pair))]
+    forms = [plain, *(pair for pair in others if not refit_ranking.incredible(data, *pair))]
     return min(forms, key=lambda pair: float(pair[1].loss.sum()))
 
 
@@ -274,7 +275,7 @@ def _credible_first(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fit
     good = [
         pair
         for pair in ranked
-        if not merits.incredible(data, *pair) and float((base.loss - pair[1].loss).sum()) >= least
+        if not refit_ranking.incredible(data, *pair) and float((base.loss - pair[1].loss).sum()) >= least
     ]
     return good + [pair for pair in ranked if pair not in good]
 
@@ -283,6 +284,6 @@ def _plainest_first(ranked: list[Fitted]) -> list[Fitted]:
     """Put in front, of those that predict as well as the first, the one with fewest parameters."""
     if not ranked:
         return ranked
-    good = [pair for pair in ranked if merits.as_good(pair[1], ranked[0][1])]
+    good = [pair for pair in ranked if refit_ranking.as_good(pair[1], ranked[0][1])]
     first = min(good, key=lambda pair: pair[0].free)
     return [first, *(pair for pair in ranked if pair is not first)]

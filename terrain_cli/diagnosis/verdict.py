@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from terrain_cli.diagnosis.parts import Verdict
+    from terrain_cli.diagnosis.diagnosis_outcome import Verdict
 
 
 @dataclass(frozen=True, kw_only=True)

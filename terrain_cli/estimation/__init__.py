@@ -1,8 +1,8 @@
 """Cohesion and internal friction angle from windows of samples."""
 
-from terrain_cli.estimation.pooled import PooledEstimate, pool
-from terrain_cli.estimation.trace import Trace, recursive
-from terrain_cli.estimation.windows import WindowEstimates, estimate_windows, join
+from terrain_cli.estimation.line.pooled import PooledEstimate, pool
+from terrain_cli.estimation.line.recursive import Trace, recursive
+from terrain_cli.estimation.line.window_estimates import WindowEstimates, estimate_windows, join
 
 __all__ = [
     "PooledEstimate",

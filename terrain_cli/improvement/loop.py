@@ -6,18 +6,18 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from terrain_cli import models
-from terrain_cli.english import listed
-from terrain_cli.improvement.parts import Stopped
-from terrain_cli.improvement.step import tried
+from terrain_cli.improvement.change_trial import tried
+from terrain_cli.improvement.improvement_outcome import Stopped
+from terrain_cli.vocabulary.english import listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from terrain_cli.comparison import Comparison
-    from terrain_cli.diagnosis.parts import Diagnosis, NextDrive, Unknown
-    from terrain_cli.improvement.parts import Action, Step
+    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, Unknown
+    from terrain_cli.improvement.improvement_outcome import Action, Step
     from terrain_cli.models import ModelFile
-    from terrain_cli.windows import Windows
+    from terrain_cli.windows.cut_windows import Windows
 
 #: Effects after which it is no longer the model that is at fault.
 MOST = 8

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from terrain_cli.mechanics.effect import Effect
-from terrain_cli.mechanics.model import Model, predict
+from terrain_cli.mechanics.wheel_model import Model, predict
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.mechanics.model import WheelGeometry
+    from terrain_cli.mechanics.wheel_model import WheelGeometry
 
     Array = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from terrain_cli.models.assumptions import (
     lifted,
     made_by,
 )
-from terrain_cli.models.change import Changed, added, recorded, removed
-from terrain_cli.models.parts import FORMAT, ModelFile, Prior
-from terrain_cli.models.reader import build, find_effect, is_path, load, parameter, resolve
-from terrain_cli.models.writer import new, save
+from terrain_cli.models.model_change import Changed, added, recorded, removed
+from terrain_cli.models.model_file import FORMAT, ModelFile, Prior
+from terrain_cli.models.model_reader import build, find_effect, is_path, load, parameter, resolve
+from terrain_cli.models.model_writer import new, save
 
 __all__ = [
     "ASSUMPTIONS",

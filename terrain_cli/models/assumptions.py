@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
 from terrain_cli.errors import ConfigurationError, UsageError
-from terrain_cli.mechanics.model import Model
 from terrain_cli.mechanics.prior import Prior
+from terrain_cli.mechanics.wheel_model import Model
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from terrain_cli.models.parts import ModelFile
+    from terrain_cli.models.model_file import ModelFile
 
 T = TypeVar("T")
 

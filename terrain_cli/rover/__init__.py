@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from terrain_cli.rover.parts import NOISY, Entry, Motor, Noise, Rover, Vehicle, Wheel
-from terrain_cli.rover.reader import find, load
+from terrain_cli.rover.rover_file import find, load
+from terrain_cli.rover.vehicle import NOISY, Entry, Motor, Noise, Rover, Vehicle, Wheel
 
 __all__ = ["NOISY", "Entry", "Motor", "Noise", "Rover", "Vehicle", "Wheel", "find", "load"]

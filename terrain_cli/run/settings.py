@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from terrain_cli.choices import Method, Segments
     from terrain_cli.models import ModelFile
-    from terrain_cli.places import Places
+    from terrain_cli.vocabulary.choices import Method, Segments
+    from terrain_cli.windows.locations import Places
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation.profiles import STEP, generator, smooth
-from terrain_cli.telemetry.derive import STANDING
+from terrain_cli.telemetry.derived_channels import STANDING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

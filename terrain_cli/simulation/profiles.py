@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from terrain_cli import strict
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.toml import strict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.strict import Rule
+    from terrain_cli.toml.strict import Rule
 
     Array = NDArray[np.float64]
 

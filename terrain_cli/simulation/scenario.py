@@ -6,16 +6,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from terrain_cli.mechanics.model import Model, WheelGeometry
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from terrain_cli.choices import Base
-    from terrain_cli.simulation.effects import Chosen
     from terrain_cli.simulation.profiles import Profile
     from terrain_cli.simulation.sensors import Sensor
-    from terrain_cli.simulation.soils import Soil
+    from terrain_cli.simulation.simulated_effects import Chosen
+    from terrain_cli.simulation.simulated_soils import Soil
+    from terrain_cli.vocabulary.choices import Base
 
 #: 2026-01-01 00:00:00 UTC, in s since 1970: every drive starts then, so that files do not depend on the day.
 START = 1_767_225_600.0
@@ -74,7 +74,7 @@ class Part:
     duration : float
         In s.
     profiles : mapping of str to Profile
-        Every quantity of `drives.CALM`.
+        Every quantity of `prepared_drives.CALM`.
     """
 
     duration: float

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli import strict, units
-from terrain_cli.channels import CHANNELS, unit_hint
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation.profiles import generator
+from terrain_cli.toml import strict
+from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.channels import CHANNELS, unit_hint
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.strict import Rule
+    from terrain_cli.toml.strict import Rule
 
     Array = NDArray[np.float64]
 

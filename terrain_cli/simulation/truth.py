@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.simulation.log import truth_table
+from terrain_cli.simulation.simulated_log import truth_table
 
 if TYPE_CHECKING:
-    from terrain_cli.simulation.log import Log
     from terrain_cli.simulation.scenario import Scenario
+    from terrain_cli.simulation.simulated_log import Log
 
 FORMAT = "terrain-est/truth/1"
 

@@ -8,17 +8,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import formats
-from terrain_cli.channels import CHANNELS
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry import advice, columns, complete, needs, tables
-from terrain_cli.telemetry.assembly import assemble, wheel_of
-from terrain_cli.telemetry.excerpt import Excerpt
-from terrain_cli.telemetry.feeds import Plan
-from terrain_cli.telemetry.mapping import is_table, plan
-from terrain_cli.telemetry.parts import Request, in_parts
-from terrain_cli.telemetry.reading import read_raw
-from terrain_cli.telemetry.samples import NEEDED, Geometry, Raw, Samples
-from terrain_cli.telemetry.where import Condition
+from terrain_cli.telemetry import raw_columns
+from terrain_cli.telemetry.channel_sources import Plan
+from terrain_cli.telemetry.derive import effect_inputs
+from terrain_cli.telemetry.derive.assembly import assemble, wheel_of
+from terrain_cli.telemetry.derive.conditions import Condition
+from terrain_cli.telemetry.long.excerpt import Excerpt
+from terrain_cli.telemetry.long.long_tables import Request, in_parts
+from terrain_cli.telemetry.plan import derivable_channels, rover_advice
+from terrain_cli.telemetry.plan.mapping import is_table, plan
+from terrain_cli.telemetry.read import tables
+from terrain_cli.telemetry.read.raw_channels import read_raw
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Raw, Samples
+from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -174,7 +177,7 @@ def read_parts(
     Returns
     -------
     list of Samples, or iterator of them
-        As from `read_source`, or from `parts.in_parts`.
+        As from `read_source`, or from `long_tables.in_parts`.
 
     Raises
     ------
@@ -209,9 +212,9 @@ def _request(
     if layout.no_time:
         raise layout.no_time
     extras, names = _condition_columns(layout, where) if where else ([], set())
-    wanted = {*complete.SOURCES, *names}
+    wanted = {*derivable_channels.SOURCES, *names}
     if effects is not None:
-        channels, further = needs.read(effects)
+        channels, further = effect_inputs.read(effects)
         wanted |= {"drawbar_pull", *channels}
         extras = sorted({*extras, *further.intersection(layout.extras)})
     if compared:
@@ -226,7 +229,7 @@ def _begun(request: Request, rows: int | None) -> tuple[list[Batch] | None, Iter
     if rows is None or not is_table(request.layout.source):
         return None, None
     names = tables.fields(request.layout, request.channels, request.extras)
-    return columns.begin(request.layout.source, names, rows)
+    return raw_columns.begin(request.layout.source, names, rows)
 
 
 def _whole(request: Request, begin: list[Batch] | None, check: Callable[[list[Raw]], None]) -> list[Samples]:
@@ -271,7 +274,7 @@ def _check(request: Request, raws: Sequence[Raw], *, compared: bool) -> None:
         }
     if any(lacks.values()):
         raise _cannot_give(layout, lacks, rover)
-    lacks = {raw.wheel: needs.lacking(raw, wheel_of(raw, rover), effects) for raw in raws}
+    lacks = {raw.wheel: effect_inputs.lacking(raw, wheel_of(raw, rover), effects) for raw in raws}
     if any(lacks.values()):
         raise _model_cannot_be_fitted(layout, lacks, rover)
 
@@ -290,7 +293,7 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
     return sorted(columns), where.names - columns
 
 
-def lacking(raw: Raw, rover: Rover) -> list[complete.Lack]:
+def lacking(raw: Raw, rover: Rover) -> list[derivable_channels.Lack]:
     """Say what is missing for an estimate under one wheel.
 
     Parameters
@@ -309,18 +312,20 @@ def lacking(raw: Raw, rover: Rover) -> list[complete.Lack]:
         rover.toml names its wheels, and this is none of them.
     """
     wheel = wheel_of(raw, rover)
-    return complete.routes(raw.channels, wheel, rover)[1] + complete.settings(wheel, rover)
+    return derivable_channels.routes(raw.channels, wheel, rover)[1] + derivable_channels.settings(
+        wheel, rover
+    )
 
 
 def _cannot_give(
-    layout: Plan, lacks: dict[str, list[complete.Lack]], rover: Rover
+    layout: Plan, lacks: dict[str, list[derivable_channels.Lack]], rover: Rover
 ) -> InputError | ConfigurationError:
     """Say all that is missing, and the lines of rover.toml that would supply it."""
     reasons: dict[str, list[str]] = {}
     for wheel, missing in lacks.items():
-        for reason in advice.reasons(layout, wheel, [lack for lack in missing if lack.what in NEEDED]):
+        for reason in rover_advice.reasons(layout, wheel, [lack for lack in missing if lack.what in NEEDED]):
             reasons.setdefault(reason, []).append(wheel)
-    lines = advice.lines(layout, lacks)
+    lines = rover_advice.lines(layout, lacks)
     if not reasons:
         first = f"{rover.path} does not give" if rover.path else "there is no rover.toml to give"
         what = " and ".join(dict.fromkeys(lack.because for missing in lacks.values() for lack in missing))
@@ -337,18 +342,18 @@ def _cannot_give(
 
 
 def _model_cannot_be_fitted(
-    layout: Plan, lacks: dict[str, list[complete.Lack]], rover: Rover
+    layout: Plan, lacks: dict[str, list[derivable_channels.Lack]], rover: Rover
 ) -> InputError | ConfigurationError:
     """Say which effect needs what, and how to supply it."""
     missing = [lack for several in lacks.values() for lack in several]
     text = "; ".join(dict.fromkeys(lack.because for lack in missing))
     if all(lack.lines for lack in missing):
         return ConfigurationError(
-            f"{rover.label}: {text}", hint=f"add to {rover.label}:\n{advice.lines(layout, lacks)}"
+            f"{rover.label}: {text}", hint=f"add to {rover.label}:\n{rover_advice.lines(layout, lacks)}"
         )
     hints = []
     if any(lack.ask or lack.lines for lack in missing):
-        hints.append(f"add to {rover.label}:\n{advice.lines(layout, lacks)}")
+        hints.append(f"add to {rover.label}:\n{rover_advice.lines(layout, lacks)}")
     columns = dict.fromkeys(lack.what for lack in missing if not (lack.ask or lack.lines))
     if columns:
         there = f"; this one has {', '.join(layout.extras)}" if layout.extras else ""

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 import formats
-from formats.output.atomic import explained
-from terrain_cli.views import extras, style
+from formats.output.whole_files import explained
+from terrain_cli.views import chart_style, optional_libraries
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from terrain_cli.comparison import Comparison
-    from terrain_cli.improvement.ladder import Rung
-    from terrain_cli.pipeline import Outcome
-    from terrain_cli.windows import Windows
+    from terrain_cli.improvement.error_ladder import Rung
+    from terrain_cli.run.one_log import Outcome
+    from terrain_cli.windows.cut_windows import Windows
 
     Picture = tuple[str, Figure | None]
 
@@ -89,14 +89,14 @@ def write_ladder(ladder: Sequence[Rung], folder: str | Path) -> list[Path]:
 
 
 def _write(pictures: Iterator[Picture], folder: str | Path, progress: Callable[[str], None]) -> list[Path]:
-    extras.need("plot")
+    optional_libraries.need("plot")
     import matplotlib as mpl
 
     folder = Path(folder)
     with explained(str(folder)):
         folder.mkdir(parents=True, exist_ok=True)
     written = []
-    with mpl.rc_context(cast("Any", style.SETTINGS)), warnings.catch_warnings():
+    with mpl.rc_context(cast("Any", chart_style.SETTINGS)), warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes, which is all that can be done.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         for name, figure in pictures:
@@ -118,24 +118,25 @@ def _of_ladder(ladder: Sequence[Rung]) -> Iterator[Picture]:
 
 
 def _of_comparison(comparison: Comparison) -> Iterator[Picture]:
-    from terrain_cli import results
-    from terrain_cli.views import figures, samples, soil, words
+    from terrain_cli.presentation import segment_table
+    from terrain_cli.views import figures, sample_pairs, soil_table
+    from terrain_cli.vocabulary import quantities
 
-    shown = samples.channels(comparison)
+    shown = sample_pairs.channels(comparison)
     yield "predicted-measured", figures.predicted_measured(comparison)
     for name in shown:
         yield f"residual-{name.replace('_', '-')}", figures.residuals(comparison, name)
-    table = soil.table(comparison)
+    table = soil_table.table(comparison)
     yield "strength", figures.strength(table)
     for name in shown:
-        what = words.quantity(name, comparison.channels[name].unit)
+        what = quantities.quantity(name, comparison.channels[name].unit)
         label = f"rms misfit of {what.words}{what.in_unit}"
-        misfit = samples.misfit(comparison, name)
+        misfit = sample_pairs.misfit(comparison, name)
         yield f"track-{name.replace('_', '-')}", figures.track(table, {label: misfit})
-    moments = soil.moments(comparison)
+    moments = soil_table.moments(comparison)
     yield "rim-stress", figures.rim_stress(moments) if moments else None
     driven = [wheel.windows for wheel in comparison.wheels if wheel.windows.lined]
-    yield from _convergence([results.trace(_begun(windows)) for windows in driven[:MOST_TRACES]])
+    yield from _convergence([segment_table.trace(_begun(windows)) for windows in driven[:MOST_TRACES]])
 
 
 def _begun(windows: Windows) -> Windows:
@@ -148,10 +149,10 @@ def _begun(windows: Windows) -> Windows:
 
 
 def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Picture]:
-    from terrain_cli import results
+    from terrain_cli.presentation import segment_table
     from terrain_cli.views import figures
 
-    table = results.join([outcome.table for outcome in outcomes if outcome.table])
+    table = segment_table.join([outcome.table for outcome in outcomes if outcome.table])
     yield "strength", figures.strength(table)
     yield "track", figures.track(table, {"rms misfit of torque (N m)": table["torque_rmse_Nm"]})
     yield from _convergence([trace for outcome in outcomes for trace in outcome.trace][:MOST_TRACES])

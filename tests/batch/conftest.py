@@ -7,7 +7,7 @@ from pathlib import Path
 import missions
 import pytest
 
-from terrain_cli.batch import run
+from terrain_cli.batch import batch_run
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def pools(monkeypatch):
             super().__init__(*args)
             made.append(self)
 
-    monkeypatch.setattr(run, "LocalPool", Pool)
+    monkeypatch.setattr(batch_run, "LocalPool", Pool)
     return made
 
 

@@ -21,9 +21,9 @@ sys.path[:0] = [str(HERE.parent.parent), str(HERE.parent)]
 import missions  # noqa: E402
 
 from formats.errors import CannotWriteError  # noqa: E402
-from terrain_cli import pipeline  # noqa: E402, F401 - before the forks
-from terrain_cli.batch import run  # noqa: E402
+from terrain_cli.batch import batch_run  # noqa: E402
 from terrain_cli.errors import TerrainError  # noqa: E402
+from terrain_cli.run import one_log  # noqa: E402, F401 - before the forks
 
 #: What changes files. All that batch and formats write goes through these, but for the content of
 #: files under a temporary name.
@@ -63,7 +63,7 @@ def attempt(source, output, point=0, mode=""):
     if child == 0:
         code = 1
         try:
-            run.LocalPool = missions.Inline
+            batch_run.LocalPool = missions.Inline
             if point:
                 disturb(point, mode)
             missions.batch([source, *(source / day for day in ("day1", "day2"))], output)

@@ -15,7 +15,7 @@ from wheel_table import ROVER
 
 from formats.errors import NotFoundError
 from terrain_cli.batch.arrivals import Arrivals
-from terrain_cli.batch.input import Input
+from terrain_cli.batch.batch_input import Input
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 

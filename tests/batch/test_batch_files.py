@@ -11,7 +11,7 @@ import missions
 import pytest
 
 from formats import CannotWriteError
-from terrain_cli.batch.folder import result_name
+from terrain_cli.batch.batch_folder import result_name
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from pathlib import Path
 import missions
 import pytest
 
-from terrain_cli.batch.files import uninterrupted
+from terrain_cli.batch.durable_files import uninterrupted
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent

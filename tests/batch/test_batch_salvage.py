@@ -10,9 +10,9 @@ import missions
 import pyarrow.parquet as pq
 import pytest
 
-from formats.salvage.recovery import HINT
+from formats.recovery import HINT
 from terrain_cli.app import main
-from terrain_cli.batch import run as batches
+from terrain_cli.batch import batch_run as batches
 
 SAMPLE = Path(__file__).resolve().parent.parent.parent / "sample_data"
 ENDINGS = ("bag", "mcap", "db3", "csv")

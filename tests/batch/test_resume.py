@@ -14,9 +14,11 @@ import pyarrow.parquet as pq
 import pytest
 
 import terrain_cli
-from terrain_cli import models, pipeline, results
+from terrain_cli import models
 from terrain_cli.app import main
 from terrain_cli.batch import configuration
+from terrain_cli.presentation import segment_table
+from terrain_cli.run import one_log
 from terrain_cli.run.settings import Settings
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -174,14 +176,14 @@ def test_what_decides_on_the_numbers_is_watched(batch, source, monkeypatch, chan
 
 def test_a_model_file_that_changes_in_a_batch_changes_nothing_of_it(batch, monkeypatch):
     models.save(models.build("wong-reece"), Path("model.toml"))
-    seen, own = [], pipeline.run
+    seen, own = [], one_log.run
 
     def spy(path, rover, settings, **options):
         Path("model.toml").write_text("nonsense")
         seen.append(settings.model.text)
         return own(path, rover, settings, **options)
 
-    monkeypatch.setattr(pipeline, "run", spy)
+    monkeypatch.setattr(one_log, "run", spy)
     tally, _ = batch(settings=Settings(model="model.toml"))
     assert tally.counts["ok"] == 3
     assert len(set(seen)) == 1
@@ -319,7 +321,7 @@ def test_further_kinds_of_the_table(batch):
     with Path("out/segments.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(pq.read_table("out/segments.parquet"))
-    assert tuple(rows[0]) == results.COLUMNS
+    assert tuple(rows[0]) == segment_table.COLUMNS
     assert json.loads(Path("out/segments.geojson").read_text())["features"]
     assert Path("out/segments.gpkg").stat().st_size > 0
 
@@ -329,7 +331,7 @@ def test_no_rows_at_all(batch):
     assert list(tally.failures)
     table = pq.read_table("out/segments.parquet")
     assert len(table) == 0
-    assert set(results.COLUMNS) <= set(table.column_names)
+    assert set(segment_table.COLUMNS) <= set(table.column_names)
     assert json.loads(Path("out/summary.json").read_text())["terrains"] == []
 
 
@@ -354,7 +356,7 @@ def test_a_folder_that_is_one_log(batch, source):
 
 
 def test_a_file_that_changes_while_it_is_read_is_done_next_time(batch, source, monkeypatch):
-    own = pipeline.run
+    own = one_log.run
 
     def meddling(path, rover, settings, **options):
         outcome = own(path, rover, settings, **options)
@@ -363,9 +365,9 @@ def test_a_file_that_changes_while_it_is_read_is_done_next_time(batch, source, m
                 file.write("9,9\n")
         return outcome
 
-    monkeypatch.setattr(pipeline, "run", meddling)
+    monkeypatch.setattr(one_log, "run", meddling)
     tally, _ = batch("in/b.csv", "in/copy.csv")
     (entry,) = tally.failures.values()
     assert (entry.passing, entry.error) == (True, "in/b.csv: was written to while it was read")
-    monkeypatch.setattr(pipeline, "run", own)
+    monkeypatch.setattr(one_log, "run", own)
     assert not batch("in/b.csv", "in/copy.csv")[0].failures

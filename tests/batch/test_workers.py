@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import work
 
-from terrain_cli.batch.pool import LocalPool
+from terrain_cli.batch.worker_pool import LocalPool
 
 HERE = Path(__file__).resolve().parent
 GIGA = 1_000_000_000

@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from terrain_cli.batch.tasks import Reply
+from terrain_cli.batch.worker_tasks import Reply
 
 
 @dataclass(frozen=True)

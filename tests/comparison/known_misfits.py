@@ -27,8 +27,8 @@ from simulator import (
 )
 
 from formats import Labels
-from terrain_cli.telemetry.samples import Geometry, Samples
-from terrain_cli.windows import cut
+from terrain_cli.telemetry.wheel_samples import Geometry, Samples
+from terrain_cli.windows.cut_windows import cut
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

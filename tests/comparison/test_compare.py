@@ -9,8 +9,8 @@ from known_misfits import MISFITS, Kind, samples_of, windows_of
 
 from formats import Labels
 from terrain_cli.comparison import against, compare
-from terrain_cli.mechanics.model import Model
-from terrain_cli.windows import Windows
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.windows.cut_windows import Windows
 
 
 def all_of(samples, bounds=None):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.comparison.expected import from_conditions
+from terrain_cli.comparison.expected_forces import from_conditions
 
 N = 1500
 SLIP = 0.3 + 0.25 * np.sin(np.arange(N) / 40.0)

@@ -5,11 +5,11 @@ import pytest
 from known_misfits import Kind, windows_of
 from scipy.optimize import lsq_linear
 
-from terrain_cli.comparison import heldout, prediction
-from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.comparison import held_out, prediction
+from terrain_cli.comparison.fitted_wheel import Settings, Wheel
 from terrain_cli.effects import catalogue
 from terrain_cli.estimation.wheel_fit import fit
-from terrain_cli.mechanics.model import Model
+from terrain_cli.mechanics.wheel_model import Model
 
 SETTINGS = Settings({}, {}, (), None)
 
@@ -17,7 +17,7 @@ SETTINGS = Settings({}, {}, (), None)
 def test_blocks_are_left_out_and_parts_of_a_window_that_is_one_block():
     window = np.repeat([0, 1], [30, 20])
     block = np.repeat([0, 1, 2], [10, 20, 20])
-    fold = heldout.folds(window, block)
+    fold = held_out.folds(window, block)
     assert [len(np.unique(fold[part])) for part in (slice(0, 10), slice(10, 30), slice(30, 50))] == [1, 1, 4]
     assert np.unique(np.bincount(fold)).tolist() == [5, 10, 20]
 
@@ -44,7 +44,7 @@ def test_leaving_out_is_solving_the_rest():
             pull[at] += score[cell]
         return np.linalg.solve(whole, pull)
 
-    moved = heldout.leave_out(information, score, window, fold, prior, local)
+    moved = held_out.leave_out(information, score, window, fold, prior, local)
     every = solved(np.ones(12, dtype=bool))
     for cell in range(12):
         expected = (solved(fold != fold[cell]) - every)[places(window[cell])]
@@ -58,11 +58,11 @@ def test_a_common_parameter_stops_at_its_bound_and_the_others_make_do_with_that(
     design, error = rng.normal(size=(cells, 30, size)), rng.normal(size=(cells, 30))
     information, score = np.einsum("cni,cnj->cij", design, design), np.einsum("cni,cn->ci", design, error)
     window, fold, prior = np.zeros(cells, dtype=int), np.arange(cells), 0.1 * np.eye(size)
-    free = heldout.leave_out(information, score, window, fold, prior, local)
+    free = held_out.leave_out(information, score, window, fold, prior, local)
     base = np.linalg.solve(information.sum(axis=0) + prior, score.sum(axis=0))
     low = np.array([0.5 * free[:, local].min(), -np.inf])
     assert (free[:, local] < low[0]).any()
-    moved = heldout.leave_out(
+    moved = held_out.leave_out(
         information, score, window, fold, prior, local, (low, np.array([np.inf, np.inf]))
     )
     for cell in range(cells):
@@ -83,7 +83,7 @@ def test_leaving_a_block_out_of_what_the_data_hardly_tell_costs_hardly_anything(
     scale = {name: level.deviation for name, level in plain.noise.items()}
     for effect in ("crust", "shear-modulus", "post-peak-softening"):
         wheel = Wheel(windows, Model(effects=(catalogue()[effect],)), SETTINGS)
-        out = heldout.predict(wheel, block, scale)
+        out = held_out.predict(wheel, block, scale)
         for name, measured in wheel.measured.items():
             held = np.sqrt(np.nanmean((measured - out[name]) ** 2))
             fitted = np.sqrt(np.nanmean(wheel.residuals[name] ** 2))
@@ -93,7 +93,7 @@ def test_leaving_a_block_out_of_what_the_data_hardly_tell_costs_hardly_anything(
 def test_along_a_curved_valley_the_linear_prediction_is_taken():
     fold = np.repeat([0, 1], 50)
     little, much = {"torque": np.full(100, 0.1)}, {"torque": np.where(fold == 0, 3.0, 0.05)}
-    np.testing.assert_array_equal(heldout.nearer(little, much, fold), fold == 0)
+    np.testing.assert_array_equal(held_out.nearer(little, much, fold), fold == 0)
 
 
 def test_one_step_is_near_a_fit_without_the_block():
@@ -101,7 +101,7 @@ def test_one_step_is_near_a_fit_without_the_block():
     block = np.arange(len(windows.rows)) // 320
     wheel = Wheel(windows, Model(), SETTINGS)
     scale = {name: level.deviation for name, level in wheel.noise.items()}
-    out = heldout.predict(wheel, block, scale)
+    out = held_out.predict(wheel, block, scale)
     for left in (0, 4):
         kept = block != left
         refitted = fit(
@@ -127,7 +127,7 @@ def test_heldout_errors_are_larger_where_a_window_is_short():
     short = replace(windows, bounds=np.arange(0, len(windows.rows) + 1, 40))
     wheel = Wheel(short, Model(), SETTINGS)
     block = np.arange(len(windows.rows)) // 40
-    out = heldout.predict(wheel, block, {name: level.deviation for name, level in wheel.noise.items()})
+    out = held_out.predict(wheel, block, {name: level.deviation for name, level in wheel.noise.items()})
     inside = np.sqrt(np.nanmean(wheel.residuals["torque"] ** 2))
     outside = np.sqrt(np.nanmean((wheel.measured["torque"] - out["torque"]) ** 2))
     assert inside < outside < 2.0 * inside

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from terrain_cli.comparison import inputs
+from terrain_cli.comparison import smoothed_channels
 
 
 @pytest.mark.parametrize("torque", [0.1, 0.3, 1.0, 7.7])
@@ -11,6 +11,6 @@ from terrain_cli.comparison import inputs
 def test_a_constant_channel_answers_to_no_load(torque, slip):
     load = np.linspace(50.0, 150.0, 40)
     columns = {"load": load, "torque": np.full(40, torque), "slip": np.full(40, slip)}
-    record = inputs.Record(columns, np.zeros(40, dtype=np.intp), None)
-    answered = inputs._answered(record, "torque", 1.0)
+    record = smoothed_channels.Record(columns, np.zeros(40, dtype=np.intp), None)
+    answered = smoothed_channels._answered(record, "torque", 1.0)
     assert answered == pytest.approx(0.0, abs=1e-9)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from terrain_cli.comparison.noise import between, of_neighbours, of_points, of_series
+from terrain_cli.comparison.residual_noise import between, of_neighbours, of_points, of_series
 
 N = 4000
 

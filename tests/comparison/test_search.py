@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from terrain_cli.comparison import shapes
-from terrain_cli.comparison.evidence import Evidence, Slopes
-from terrain_cli.comparison.search import Search
+from terrain_cli.comparison.residual_evidence import Evidence, Slopes
+from terrain_cli.comparison.residual_search import Search
 
 BLOCKS, LONG = 16, 50
 NOISE = {"torque": 1.0}

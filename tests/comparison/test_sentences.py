@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from terrain_cli.comparison import sentences
-from terrain_cli.comparison.parts import ChannelErrors, Comparison
+from terrain_cli.comparison import finding_sentences
+from terrain_cli.comparison.comparison_outcome import ChannelErrors, Comparison
 
 GROSS = ChannelErrors("drawbar_pull", "N", 900, 11.0, 0.1, 0.6, 0.6, 12.0, 9.0, 14.0)
 FINE = ChannelErrors("torque", "N m", 900, 0.4, 0.0, 0.1, 0.4, 0.41, 0.38, 0.45)
@@ -18,19 +18,23 @@ def compared(blocks=8, **channels):
 
 
 def test_an_error_beyond_noise_is_told():
-    told = sentences.beyond_noise(compared(torque=FINE, drawbar_pull=GROSS))
+    told = finding_sentences.beyond_noise(compared(torque=FINE, drawbar_pull=GROSS))
     assert (
         told == "the held-out error is 20 times the noise of drawbar pull, but follows nothing beyond chance"
     )
-    both = sentences.beyond_noise(compared(torque=replace(FINE, heldout_rmse=0.7), drawbar_pull=GROSS), 1.5)
+    both = finding_sentences.beyond_noise(
+        compared(torque=replace(FINE, heldout_rmse=0.7), drawbar_pull=GROSS), 1.5
+    )
     assert both.startswith("the held-out error is 1.7 times the noise of torque and 20 times the noise of")
 
 
 def test_few_blocks_do_not_tell_what_an_error_follows():
-    told = sentences.beyond_noise(compared(6, sinkage=GROSS))
+    told = finding_sentences.beyond_noise(compared(6, sinkage=GROSS))
     assert told.endswith("noise of sinkage, but 6 independent stretches of data do not tell what it follows")
 
 
 def test_an_error_that_is_noise_is_not():
-    assert sentences.beyond_noise(compared(torque=FINE)) == ""
-    assert sentences.beyond_noise(compared(torque=replace(FINE, noise=np.nan, heldout_rmse=9.0))) == ""
+    assert finding_sentences.beyond_noise(compared(torque=FINE)) == ""
+    assert (
+        finding_sentences.beyond_noise(compared(torque=replace(FINE, noise=np.nan, heldout_rmse=9.0))) == ""
+    )

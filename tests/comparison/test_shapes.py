@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from terrain_cli.comparison import sentences, shapes
+from terrain_cli.comparison import finding_sentences, shapes
 from terrain_cli.comparison.shapes import Shape
 
 
@@ -78,23 +78,23 @@ STEP = Shape("slip", "step", 0.4, 0.1, 0.6, 1.0)
     ],
 )
 def test_sentences(channel, shape, amplitude, unit, sentence):
-    assert sentences.of(channel, shape, amplitude, "", (), unit) == sentence
+    assert finding_sentences.of(channel, shape, amplitude, "", (), unit) == sentence
 
 
 def test_what_varied_alike_is_said():
-    text = sentences.of("torque", STEP, 0.9, "", ("time", "motor_temperature"), "1")
+    text = finding_sentences.of("torque", STEP, 0.9, "", ("time", "motor_temperature"), "1")
     assert text.endswith("(or with time or motor temperature, which varied alike)")
 
 
 def test_what_the_soil_hides_of_it_is_said():
-    text = sentences.of("torque", STEP, 0.9, "", ("time",), "1", 0.1)
+    text = finding_sentences.of("torque", STEP, 0.9, "", ("time",), "1", 0.1)
     assert "by 0.9 N m" in text
     assert "; the fitted soil takes up all but 0.09 N m of that (or with time" in text
-    assert "takes up" not in sentences.of("torque", STEP, 0.9, "", (), "1", 0.5)
+    assert "takes up" not in finding_sentences.of("torque", STEP, 0.9, "", (), "1", 0.5)
 
 
 def test_a_label_is_named():
     shape = Shape("terrain", "label", 1.0, 0.0, 1.0, 1.0)
-    assert sentences.of("torque", shape, 0.3, "gravel", (), "") == (
+    assert finding_sentences.of("torque", shape, 0.3, "gravel", (), "") == (
         "torque is under-predicted by 0.3 N m where terrain is gravel, against the others"
     )

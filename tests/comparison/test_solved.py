@@ -7,10 +7,10 @@ import pytest
 from known_misfits import Kind, samples_of
 
 from terrain_cli import effects
-from terrain_cli.comparison import least_squares, quiet, solved
-from terrain_cli.comparison.wheel import Settings, Wheel
-from terrain_cli.mechanics.model import Model
-from terrain_cli.windows import cut
+from terrain_cli.comparison import smoothed_covariance, smoothed_fit, smoothed_model
+from terrain_cli.comparison.fitted_wheel import Settings, Wheel
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.windows.cut_windows import cut
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def wheel():
 @pytest.fixture(scope="module")
 def solution(wheel):
     data = wheel.least_squares_data()
-    return data, least_squares.solve(wheel.model, wheel.sought, data, *wheel.beginning())
+    return data, smoothed_fit.solve(wheel.model, wheel.sought, data, *wheel.beginning())
 
 
 def test_covariance_is_the_inverse_of_the_information_by_differences(wheel, solution):
@@ -36,14 +36,14 @@ def test_covariance_is_the_inverse_of_the_information_by_differences(wheel, solu
 
     def residual(x):
         t, common = x[: w * q].reshape(w, q), x[w * q :]
-        numbers = quiet.parameters(wheel.sought, t[data.window], common, data.window)
-        return quiet.residual(data, quiet.forecast(wheel.model, data, numbers)[0]).ravel()
+        numbers = smoothed_model.parameters(wheel.sought, t[data.window], common, data.window)
+        return smoothed_model.residual(data, smoothed_model.forecast(wheel.model, data, numbers)[0]).ravel()
 
     step = 1e-4
     columns = [(residual(x + step * e) - residual(x - step * e)) / (2.0 * step) for e in np.eye(len(x))]
     design = np.stack(columns, axis=1)
     expected = np.linalg.inv(design.T @ design / found.spread + np.eye(len(x)))
-    own, common = solved.covariance(data, found)
+    own, common = smoothed_covariance.covariance(data, found)
     slope = [u.slope(found.t[:, j]) for j, u in enumerate(found.unknowns.local)]
     outside = [float(u.slope(found.common[j])) for j, u in enumerate(found.unknowns.shared)]
     for window in range(w):
@@ -57,8 +57,8 @@ def test_covariance_is_the_inverse_of_the_information_by_differences(wheel, solu
 
 def test_strength_is_told_at_the_stress_where_it_is_known_best(wheel, solution):
     data, found = solution
-    fit = solved.as_fit(data, found, wheel.fit)
-    numbers = solved.parameters(found)
+    fit = smoothed_covariance.as_fit(data, found, wheel.fit)
+    numbers = smoothed_covariance.parameters(found)
     c, tan = (fit.names.index(name) for name in ("cohesion", "tan_phi"))
     assert np.all(fit.sigma_star > 0.0)
 
@@ -75,7 +75,7 @@ def test_strength_is_told_at_the_stress_where_it_is_known_best(wheel, solution):
 
 def test_what_windows_share_has_one_value_and_one_error(wheel, solution):
     data, found = solution
-    fit, numbers = solved.as_fit(data, found, wheel.fit), solved.parameters(found)
+    fit, numbers = smoothed_covariance.as_fit(data, found, wheel.fit), smoothed_covariance.parameters(found)
     for place, unknown in enumerate(found.unknowns.shared):
         assert np.ptp(numbers[unknown.name]) == 0.0
         assert fit.shared[unknown.name] == numbers[unknown.name][0]

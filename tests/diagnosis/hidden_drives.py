@@ -34,8 +34,8 @@ from simulator import (
 from uncatalogued import OUTSIDE
 
 from formats import Labels
-from terrain_cli.telemetry.samples import Geometry, Samples
-from terrain_cli.windows import cut
+from terrain_cli.telemetry.wheel_samples import Geometry, Samples
+from terrain_cli.windows.cut_windows import cut
 
 Given: TypeAlias = Mapping[str, Mapping[str, float | str]]
 Course = Literal["rich", "poor-load", "poor-speed", "poor"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from terrain_cli.comparison.noise import between
+from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis.alarm import of_gain, of_points
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hidden_drives import Kind, samples_of, sized, windows_of
 
-from terrain_cli.comparison import quiet
-from terrain_cli.comparison.wheel import Settings, Wheel
+from terrain_cli.comparison import smoothed_model
+from terrain_cli.comparison.fitted_wheel import Settings, Wheel
 from terrain_cli.diagnosis import diagnose
-from terrain_cli.mechanics.model import Model
+from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
-from terrain_cli.windows import cut
+from terrain_cli.windows.cut_windows import cut
 
 ASSUMPTIONS = {"linearised-stresses", "assumed-shear-modulus"}
 
@@ -43,16 +43,20 @@ def test_from_load_and_sinkage_the_full_model_has_derivatives_that_keep_the_load
     }
     names = tuple(numbers)
     own = {name: np.full(n, number) for name, number in numbers.items()}
-    values, tables = quiet.forecast(full, data, own, names, order=quiet.ORDER)
+    values, tables = smoothed_model.forecast(full, data, own, names, order=smoothed_model.ORDER)
     # Any stiffness is the same, as the load tells it.
-    other, _ = quiet.forecast(full, data, {**own, "stiffness": 3.0 * own["stiffness"]}, order=quiet.ORDER)
+    other, _ = smoothed_model.forecast(
+        full, data, {**own, "stiffness": 3.0 * own["stiffness"]}, order=smoothed_model.ORDER
+    )
     for channel in data.white.channels:
         np.testing.assert_allclose(other[channel], values[channel], rtol=1e-9)
         np.testing.assert_allclose(tables[channel][:, names.index("stiffness")], 0.0, atol=1e-12)
         for column, name in enumerate(names[:3]):
             step = 1e-5 * own[name]
             ends = [
-                quiet.forecast(full, data, {**own, name: own[name] + sign * step}, order=quiet.ORDER)[0]
+                smoothed_model.forecast(
+                    full, data, {**own, name: own[name] + sign * step}, order=smoothed_model.ORDER
+                )[0]
                 for sign in (1.0, -1.0)
             ]
             slope = (ends[0][channel] - ends[1][channel]) / (2.0 * step)

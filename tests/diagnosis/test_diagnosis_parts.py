@@ -8,30 +8,31 @@ from hidden_drives import Kind, samples_of, sized, windows_of
 
 from formats import Labels
 from terrain_cli import effects
-from terrain_cli.channels import CHANNELS
-from terrain_cli.comparison import least_squares, quiet, whitening
-from terrain_cli.comparison.wheel import Settings, Wheel
-from terrain_cli.diagnosis import candidates, diagnose, drafts, joining, refits, scores, screening
-from terrain_cli.diagnosis.parts import Hypothesis
-from terrain_cli.effects import user_file
-from terrain_cli.improvement import sentences
-from terrain_cli.improvement.step import tried
-from terrain_cli.mechanics.model import Model
+from terrain_cli.comparison import smoothed_fit, smoothed_model, whitening
+from terrain_cli.comparison.fitted_wheel import Settings, Wheel
+from terrain_cli.diagnosis import candidates, diagnose, drafted_laws, effect_scores, refits, screening
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
+from terrain_cli.effects.laws import effect_file
+from terrain_cli.improvement.change_trial import tried
+from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile, added
-from terrain_cli.windows import cut
+from terrain_cli.presentation import change_sentences
+from terrain_cli.vocabulary.channels import CHANNELS
+from terrain_cli.windows import joined_inputs
+from terrain_cli.windows.cut_windows import cut
 
 NOTHING = Settings({}, {}, (), None)
 
 
 @pytest.fixture(scope="module")
 def wheel():
-    some = joining.by_wheel(windows_of(3, Kind(seconds=40.0), "none"))
+    some = joined_inputs.by_wheel(windows_of(3, Kind(seconds=40.0), "none"))
     return Wheel(some[0], Model(), NOTHING)
 
 
 def test_inputs_of_a_wheel_are_joined_with_soils_and_runs_of_their_own():
     first, second = (cut(samples_of(seed, Kind(seconds=16.0)), "none") for seed in (1, 2))
-    (joined,) = joining.by_wheel([first, second], effects.catalogue().values())
+    (joined,) = joined_inputs.by_wheel([first, second], effects.catalogue().values())
     n = len(first.rows)
     assert len(joined) == len(first) + len(second)
     assert joined.samples.labels["run"].names == ("input 1", "input 2")
@@ -44,7 +45,7 @@ def test_inputs_of_a_wheel_are_joined_with_soils_and_runs_of_their_own():
 def test_different_wheels_stay_apart():
     first, second = (samples_of(seed, Kind(seconds=16.0)) for seed in (1, 2))
     second.wheel = "rear"
-    assert len(joining.by_wheel([cut(first, "none"), cut(second, "none")])) == 2
+    assert len(joined_inputs.by_wheel([cut(first, "none"), cut(second, "none")])) == 2
 
 
 def test_whitened_noise_has_variance_one_and_nothing_in_common():
@@ -104,7 +105,7 @@ def test_friction_that_drives_the_wheel_is_not_named(torque, named):
     )
     assert step.better
     assert step.pays == (named is not None)
-    assert ("nature does not have" in sentences.verdict(step)) == (named is None)
+    assert ("nature does not have" in change_sentences.verdict(step)) == (named is None)
 
 
 def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out_all_the_same():
@@ -121,7 +122,7 @@ def test_scores_are_those_of_a_least_squares_fit():
     n, soil, columns = 400, rng.normal(size=(400, 2, 3)), rng.normal(size=(400, 2, 4))
     window, block = np.repeat([0, 1], 200), np.repeat(np.arange(20), 20)
     residual = rng.normal(size=(n, 2))
-    found, left = scores.scores(residual, soil, columns, window, block, 20)
+    found, left = effect_scores.scores(residual, soil, columns, window, block, 20)
     change, covariance, explained = found.fit(np.array([1, 3]))
     wide = np.zeros((n, 2, 8))
     wide[:200, :, :3], wide[200:, :, 3:6], wide[:, :, 6:] = soil[:200], soil[200:], columns[:, :, [1, 3]]
@@ -139,14 +140,14 @@ def test_one_step_from_a_sinkage_gives_the_derivatives_of_the_root(wheel):
     data = wheel.least_squares_data()
     names = ("tan_phi", "stiffness", "shear_modulus")
     numbers = wheel.of_samples()
-    exact, _ = quiet.forecast(wheel.model, data, numbers, order=quiet.ORDER)
-    found, tables, sinkage = quiet.nearby(wheel.model, data, numbers, names, exact["sinkage"])
+    exact, _ = smoothed_model.forecast(wheel.model, data, numbers, order=smoothed_model.ORDER)
+    found, tables, sinkage = smoothed_model.nearby(wheel.model, data, numbers, names, exact["sinkage"])
     np.testing.assert_allclose(sinkage, exact["sinkage"], rtol=1e-6)
     for column, name in enumerate(names):
         step = 1e-5 * numbers[name]
         sides = [
-            quiet.forecast(
-                wheel.model, data, {**numbers, name: numbers[name] + sign * step}, order=quiet.ORDER
+            smoothed_model.forecast(
+                wheel.model, data, {**numbers, name: numbers[name] + sign * step}, order=smoothed_model.ORDER
             )[0]
             for sign in (1.0, -1.0)
         ]
@@ -162,7 +163,7 @@ def test_what_a_model_leaves_counts_as_noise_but_makes_no_channel_better(wheel):
     seen = data.seen.all(axis=1)
     rng = np.random.default_rng(1)
     left = rng.normal(size=(len(seen), 3)) * [1.5, 0.5, 1.0]
-    weighed = quiet.with_noise_of(data, left, 30)
+    weighed = smoothed_model.with_noise_of(data, left, 30)
     unit = {name: np.ones(len(seen)) for name in data.white.channels}
     # What was 1.5 in the first channel is 1 now; the second, half as noisy as was thought, stays.
     before, after = (one.white(unit, data.seen)[seen][0] for one in (data, weighed))
@@ -172,34 +173,36 @@ def test_what_a_model_leaves_counts_as_noise_but_makes_no_channel_better(wheel):
     assert np.sqrt(np.diag(inner)) == pytest.approx([1.5, 1.0, 1.0], rel=0.1)
     assert np.linalg.eigvalsh(inner).min() >= 1.0 - 1e-9
     # A residual without end weighs as one of `BEND` deviations.
-    wild = quiet.with_noise_of(data, np.where(np.arange(3) == 0, 1e6, left), 30)
-    assert np.sqrt(wild.white.covariance[0, 0] / data.white.covariance[0, 0]) <= quiet.BEND * 1.001
-    assert quiet.with_noise_of(data, left, int(seen.sum()) + 1) is data
+    wild = smoothed_model.with_noise_of(data, np.where(np.arange(3) == 0, 1e6, left), 30)
+    assert np.sqrt(wild.white.covariance[0, 0] / data.white.covariance[0, 0]) <= smoothed_model.BEND * 1.001
+    assert smoothed_model.with_noise_of(data, left, int(seen.sum()) + 1) is data
 
 
 def test_a_fit_to_quiet_channels_ends_at_a_minimum(wheel):
     data = wheel.least_squares_data()
-    solution = least_squares.solve(wheel.model, wheel.sought, data, *wheel.beginning())
-    again = least_squares.solve(wheel.model, wheel.sought, data, solution.t, solution.common)
+    solution = smoothed_fit.solve(wheel.model, wheel.sought, data, *wheel.beginning())
+    again = smoothed_fit.solve(wheel.model, wheel.sought, data, solution.t, solution.common)
     assert again.merit == pytest.approx(solution.merit, rel=1e-4)
     for column in range(solution.t.shape[1]):
         for sign in (-0.05, 0.05):
             moved = solution.t.copy()
             moved[:, column] += sign
-            found, _ = quiet.forecast(
+            found, _ = smoothed_model.forecast(
                 wheel.model,
                 data,
-                quiet.parameters(wheel.sought, moved[data.window], solution.common, data.window),
-                order=quiet.ORDER,
+                smoothed_model.parameters(wheel.sought, moved[data.window], solution.common, data.window),
+                order=smoothed_model.ORDER,
             )
-            cost = quiet.bounded(quiet.residual(data, found)).sum() + solution.spread * np.sum(moved**2)
+            cost = smoothed_model.bounded(
+                smoothed_model.residual(data, found)
+            ).sum() + solution.spread * np.sum(moved**2)
             least = solution.cost + solution.spread * np.sum(solution.t**2)
             assert cost > least * (1.0 - 1e-4)
 
 
 def test_held_out_loss_falls_with_the_right_effect_only():
     kind = Kind(sized("slope"), seconds=64.0)
-    (some,) = joining.by_wheel(windows_of(5, kind, "none"), effects.catalogue().values())
+    (some,) = joined_inputs.by_wheel(windows_of(5, kind, "none"), effects.catalogue().values())
     further = [name for effect in effects.catalogue().values() for name in effect.reads]
     base = Wheel(some, Model(), NOTHING, further=further)
     block = np.arange(len(base)) * 16 // len(base)
@@ -221,16 +224,16 @@ DRIVERS = (CHANNELS.keys() - {"torque", "drawbar_pull", "entry_angle", "motor_cu
 @pytest.mark.parametrize(
     "driver", [*sorted(DRIVERS), "temperature_of_the_third_bearing_on_the_left", "Belt tension [N]"]
 )
-@pytest.mark.parametrize("changes", [*drafts.SHOWN, *drafts.IN_THE_GROUND])
+@pytest.mark.parametrize("changes", [*drafted_laws.SHOWN, *drafted_laws.IN_THE_GROUND])
 def test_a_draft_is_written_whatever_its_driver_is_called(changes, driver):
     channel = CHANNELS.get(driver)
     if channel is not None and (channel.unit is None or driver == changes):
         pytest.skip("no number, or what is changed")
     written = [
-        drafts.write(changes, driver, form, np.linspace(20.0, 70.0, 99), usual=0.3)
-        for form in drafts.FORMS[1:-1]
+        drafted_laws.write(changes, driver, form, np.linspace(20.0, 70.0, 99), usual=0.3)
+        for form in drafted_laws.FORMS[1:-1]
     ]
-    assert [draft.form for draft in written if draft] == list(drafts.FORMS[1:-1])
+    assert [draft.form for draft in written if draft] == list(drafted_laws.FORMS[1:-1])
     assert len({draft.effect.id for draft in written}) == len(written)
 
 
@@ -253,25 +256,25 @@ def test_wheels_that_differ_by_more_than_their_errors_make_the_mean_less_sure():
 
 def test_a_driver_that_is_on_or_off_has_one_form():
     flag, both = np.repeat([0.0, 1.0, np.nan], 40), np.repeat([0.0, 1.0, 2.0], 40)
-    assert drafts._on_or_off(flag)
-    assert not drafts._on_or_off(both)
-    assert not drafts._on_or_off(np.zeros(40))
+    assert drafted_laws._on_or_off(flag)
+    assert not drafted_laws._on_or_off(both)
+    assert not drafted_laws._on_or_off(np.zeros(40))
 
 
-@pytest.mark.parametrize("form", drafts.FORMS)
+@pytest.mark.parametrize("form", drafted_laws.FORMS)
 @pytest.mark.parametrize("changes", ["torque", "drawbar_pull", "sinkage", "tan_phi"])
 def test_every_draft_is_an_effect_that_a_user_can_add(form, changes, tmp_path):
     column = np.linspace(-0.2, 0.3, 100)
     driver, unit = {"constant": ("", ""), "periodic": ("wheel_angle", "rad"), "linear": ("hitch", "rad")}.get(
         form, ("yaw_rate", "rad/s")
     )
-    draft = drafts.write(changes, driver, form, column, unit, usual=0.3)
+    draft = drafted_laws.write(changes, driver, form, column, unit, usual=0.3)
     if changes == "tan_phi" and form in {"constant", "periodic"}:
         return
     assert draft is not None
     file = tmp_path / "draft.toml"
     file.write_text(draft.text, encoding="utf-8")
-    effect = user_file.load(file)
+    effect = effect_file.load(file)
     assert effect.id == draft.effect.id
     assert changes in effect.laws
     assert "empirical" in effect.reference
@@ -289,21 +292,21 @@ def test_a_table_of_three_points_says_that_it_is_too_short():
 
 
 def test_a_law_may_be_as_large_as_what_was_measured_makes_it_likely():
-    assert drafts.usual("torque", np.array([1.0, -1.0, np.nan])) == pytest.approx(0.3)
-    assert drafts.usual("torque", np.full(9, -60.0)) == pytest.approx(6.0)
-    assert drafts.usual("drawbar_pull", np.empty(0)) == pytest.approx(3.0)
-    assert drafts.usual("tan_phi", np.empty(0)) == pytest.approx(0.2)
+    assert drafted_laws.usual("torque", np.array([1.0, -1.0, np.nan])) == pytest.approx(0.3)
+    assert drafted_laws.usual("torque", np.full(9, -60.0)) == pytest.approx(6.0)
+    assert drafted_laws.usual("drawbar_pull", np.empty(0)) == pytest.approx(3.0)
+    assert drafted_laws.usual("tan_phi", np.empty(0)) == pytest.approx(0.2)
 
 
 def test_a_line_along_what_is_never_near_zero_has_room_for_its_offset():
     """2.5 N m/V about 24 V: the bus of a large rover varies by 3 V, which is 7.5 N m, and 60 N m off."""
     volts = np.linspace(21.0, 27.0, 99)
-    draft = drafts.write("torque", "bus", "linear", volts, "V", usual=6.0)
+    draft = drafted_laws.write("torque", "bus", "linear", volts, "V", usual=6.0)
     scale = {p.name: p.scale for p in draft.effect.parameters}
     assert scale["a"] == pytest.approx(2.0, rel=0.1)
     assert scale["b"] > 40.0
     # And a driver that varies about 0 needs none.
-    draft = drafts.write("torque", "bus", "linear", volts - 24.0, "V", usual=6.0)
+    draft = drafted_laws.write("torque", "bus", "linear", volts - 24.0, "V", usual=6.0)
     assert {p.name: p.scale for p in draft.effect.parameters}["b"] == pytest.approx(6.0, rel=0.1)
 
 

@@ -12,18 +12,21 @@ from hidden_drives import LOAD, SPEED, Kind, drive_of, samples_from, sized
 from next_drives import appended
 from simulator import constant, simulate
 
-from terrain_cli import fitting, simulation
-from terrain_cli.comparison import blocks, soils
+from terrain_cli import simulation
+from terrain_cli.comparison import blocks, one_soil_or_several
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.wheel import Settings
-from terrain_cli.diagnosis import joining, manoeuvres, next_drive, refits, screening
-from terrain_cli.diagnosis.next_drive import LEAST, MOST, suggest
-from terrain_cli.diagnosis.parts import Hypothesis
+from terrain_cli.comparison.fitted_wheel import Settings
+from terrain_cli.diagnosis import refits, screening
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
+from terrain_cli.diagnosis.next_drive import manoeuvres, suggestion
+from terrain_cli.diagnosis.next_drive.suggestion import LEAST, MOST, suggest
 from terrain_cli.effects import catalogue
+from terrain_cli.estimation import estimators
 from terrain_cli.mechanics.effect import Effect, Parameter
-from terrain_cli.mechanics.model import Model
+from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
-from terrain_cli.windows import cut
+from terrain_cli.windows import joined_inputs
+from terrain_cli.windows.cut_windows import cut
 
 SEED = 2
 
@@ -76,12 +79,12 @@ def fitted(several, names):
     """Fit the base and each effect, the best first."""
     effects = [OWN.get(name) or catalogue()[name] for name in names]
     file = ModelFile(Model("wong-reece"))
-    joined = joining.by_wheel(several, effects)
-    held, priors, noise = fitting.assumed(joined, file)
+    joined = joined_inputs.by_wheel(several, effects)
+    held, priors, noise = estimators.assumed(joined, file)
     settings = Settings(held, priors, [name for name in file.shared if name not in held], noise)
     further = tuple(dict.fromkeys(name for effect in effects for name in effect.reads))
     wheels, _ = fit_wheels(joined, file.model, settings, further=further)
-    wheels, _ = soils.as_few_as_predict(wheels)
+    wheels, _ = one_soil_or_several.as_few_as_predict(wheels)
     block = [part.astype(np.intp) for part in blocks.fine([len(wheel) for wheel in wheels], 60, most=24)]
     data = refits.ground(wheels, block, 1500)
     found, lacking = screening.hypotheses(file, wheels, effects)
@@ -158,7 +161,7 @@ def test_of_a_sensor_that_cannot_be_told_from_the_ground_it_asks_for_a_calibrati
         Hypothesis(effect.id, effect.title, model, effects=(effect,))
         for effect in (catalogue()["bulldozing"], OWN["load-gain"])
     )
-    text = next_drive._unsettled(one, other, LEAST - 0.1)
+    text = suggestion._unsettled(one, other, LEAST - 0.1)
     assert text.endswith("calibrate the load cell with known weights")
 
 
@@ -174,11 +177,11 @@ def test_each_of_the_others_gets_a_drive_and_no_more_than_asked():
 def power(name, manoeuvre, seconds):
     """Return the power of one manoeuvre of a length."""
     data, pairs = case(name)
-    ground = next_drive.Log(data, 0, pairs[0][1])
-    sides = [next_drive.Side(ground, one, refit.solutions[0]) for one, refit in pairs]
+    ground = suggestion.Log(data, 0, pairs[0][1])
+    sides = [suggestion.Side(ground, one, refit.solutions[0]) for one, refit in pairs]
     at = manoeuvres.Conditions.of(data.data[0])
-    table = next_drive.margins(ground, sides, manoeuvres.library(at, seconds)[manoeuvre].drive(at))
-    return next_drive._Pair(*sides, next_drive._both(table[None], 0, 1)).power[0]
+    table = suggestion.margins(ground, sides, manoeuvres.library(at, seconds)[manoeuvre].drive(at))
+    return suggestion._Pair(*sides, suggestion._both(table[None], 0, 1)).power[0]
 
 
 @pytest.mark.parametrize(("name", "manoeuvre"), [("warm", 0), ("load", 2)])
@@ -192,8 +195,8 @@ def test_the_longer_it_is_driven_the_surer(name, manoeuvre):
 def test_noise_that_lasts_makes_it_less_sure():
     data, pairs = case("lasting")
     lasting, white = (
-        next_drive.Log(data, 0, pairs[0][1]),
-        next_drive.Log(case("warm")[0], 0, case("warm")[1][0][1]),
+        suggestion.Log(data, 0, pairs[0][1]),
+        suggestion.Log(case("warm")[0], 0, case("warm")[1][0][1]),
     )
     assert lasting.inflation > 1.8 * white.inflation
     assert power("lasting", 0, 24.0) < power("warm", 0, 24.0)

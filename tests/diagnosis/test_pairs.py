@@ -10,9 +10,11 @@ import pytest
 from hidden_drives import Kind, two, windows_of
 
 from terrain_cli import models
-from terrain_cli.diagnosis import diagnose, document, joining, pairs
+from terrain_cli.diagnosis import diagnose, pairs
 from terrain_cli.effects import catalogue
 from terrain_cli.improvement import Stopped, until_quiet
+from terrain_cli.presentation import diagnosis_text
+from terrain_cli.windows import joined_inputs
 
 HIDDEN = ("load-bias", "motor-temperature")
 SEED = 20601
@@ -21,7 +23,7 @@ SEED = 20601
 @pytest.fixture(scope="module")
 def wheels():
     drive = windows_of(SEED, Kind(two(*HIDDEN)))
-    return joining.by_wheel(drive, catalogue().values())
+    return joined_inputs.by_wheel(drive, catalogue().values())
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,7 @@ def test_both_are_named_where_none_alone_explains_it(found):
     assert found.together == HIDDEN
     assert (found.verdict, found.effect, found.unknown) == ("family", None, None)
     assert "add both with: terrain-est model add FILE load-bias motor-temperature" in found.sentence
-    assert document.document(found)["together"] == list(HIDDEN)
+    assert diagnosis_text.document(found)["together"] == list(HIDDEN)
 
 
 def test_they_are_added_together_and_stay(wheels, found):

@@ -8,7 +8,7 @@ from hidden_drives import Kind, samples_of, sized
 
 from terrain_cli.diagnosis import diagnose
 from terrain_cli.models import ModelFile
-from terrain_cli.windows import cut
+from terrain_cli.windows.cut_windows import cut
 
 RIPPLE = sized("grouser-ripple", 0.6)
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from terrain_cli.diagnosis import unknowns
+from terrain_cli.diagnosis import outside_catalogue
 
 
 def fitted(loss, torque):
@@ -22,7 +22,7 @@ def fitted(loss, torque):
 def judged(base, effect, draft, family=("drivetrain-friction",)):
     law = SimpleNamespace(changes="torque", driver="velocity", form="saturating", text="")
     tried = [SimpleNamespace(draft=law, refit=fitted(*draft))]
-    return unknowns.verdict(fitted(*base), fitted(*effect), tried, family)
+    return outside_catalogue.verdict(fitted(*base), fitted(*effect), tried, family)
 
 
 def test_a_law_stands_alone_where_every_effect_leaves_much_of_the_misfit():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from terrain_cli.mechanics.model import WheelGeometry
+from terrain_cli.mechanics.wheel_model import WheelGeometry
 
 SAMPLES = 7
 

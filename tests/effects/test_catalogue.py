@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from profiles import examples
 
 from terrain_cli import effects
-from terrain_cli.channels import CHANNELS
-from terrain_cli.effects import dimensions
+from terrain_cli.effects.laws import dimensions
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.effect import KINDS, QUANTITIES
-from terrain_cli.mechanics.model import Model, WheelGeometry, predict
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
+from terrain_cli.vocabulary.channels import CHANNELS
 
 OUTPUTS = ("balance", "load", "torque", "drawbar_pull", "sinkage")
 #: Where each enters.

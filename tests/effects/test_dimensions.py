@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli import units
-from terrain_cli.channels import CHANNELS
-from terrain_cli.effects import dimensions, grammar, unit_check
+from terrain_cli.effects.laws import dimensions, grammar, unit_check
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.effect import QUANTITIES
+from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.channels import CHANNELS
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import pytest
 from terrain_cli import effects
 from terrain_cli.effects.library.bulldozing import bearing_factors
 from terrain_cli.mechanics.effect import KINDS
-from terrain_cli.mechanics.model import Model, predict
-from terrain_cli.telemetry.derive import slip as slip_of
+from terrain_cli.mechanics.wheel_model import Model, predict
+from terrain_cli.telemetry.derived_channels import slip as slip_of
 
 UP, DOWN, SAME, MOVED = "up", "down", "same", "moved"
 #: Effect and values → sinkage, torque and drawbar pull under a load of 80 N, at a slip of 0.3.

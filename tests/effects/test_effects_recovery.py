@@ -19,7 +19,7 @@ from simulator.wheel import Wheel
 from terrain_cli import effects
 from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.dual import slopes, value
-from terrain_cli.mechanics.model import Model, WheelGeometry, predict
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
 
 WHEEL = Wheel(0.125, 0.1, grouser_height=0.01, grouser_count=12)
 SECONDS = 24.0

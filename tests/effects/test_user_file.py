@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from formats import NotFoundError
-from terrain_cli.channels import CHANNELS, LABEL
-from terrain_cli.effects import trial, user_file, vocabulary
+from terrain_cli.effects.laws import effect_file, law_names, law_trial
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.dual import seed
 from terrain_cli.mechanics.effect import QUANTITIES
-from terrain_cli.mechanics.model import Model, WheelGeometry, predict
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
+from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
 CABLE = """id = "cable-drag"
 title = "Umbilical drags on the carriage"
@@ -48,7 +48,7 @@ def refused(write):
     def refused(content, *says):
         path = write(content)
         with pytest.raises(ConfigurationError) as error:
-            user_file.load(path)
+            effect_file.load(path)
         assert error.value.exit_code == 78
         message = str(error.value)
         assert message.startswith(f"{path}: ")
@@ -78,7 +78,7 @@ scale = 1.0
 
 class TestGood:
     def test_example_of_the_documentation(self, write):
-        understood = user_file.read(write(CABLE))
+        understood = effect_file.read(write(CABLE))
         own = understood.effect
         assert (own.id, own.kind, own.needs) == ("cable-drag", "force", ("yaw_rate",))
         assert own.formula == "drawbar_pull = drawbar_pull - cd * abs(yaw_rate)"
@@ -91,19 +91,19 @@ class TestGood:
 
     def test_parameters_become_si(self, write):
         content = effect("exit_angle", "exit_angle + a", "deg", null=0.0, more="lower = -30\nupper = 10\n")
-        (a,) = user_file.load(write(content)).parameters
+        (a,) = effect_file.load(write(content)).parameters
         assert a.unit == "deg"
         assert (a.scale, a.lower, a.upper) == pytest.approx([math.radians(x) for x in (1.0, -30.0, 10.0)])
         assert a.factor == pytest.approx(math.radians(1.0))
 
     def test_null_that_is_not_zero(self, write):
-        own = user_file.load(write(effect("torque", "torque * a / 100", "1", null=100)))
+        own = effect_file.load(write(effect("torque", "torque * a / 100", "1", null=100)))
         assert own.parameters[0].null == 100.0
-        own = user_file.load(write(effect("torque", "torque * a", "%", null=100)))
+        own = effect_file.load(write(effect("torque", "torque * a", "%", null=100)))
         assert own.parameters[0].null == 1.0
 
     def test_several_laws(self, write):
-        own = user_file.load(
+        own = effect_file.load(
             write(
                 'id = "fan"\ntitle = "Fan"\nneeds = ["velocity"]\n[laws]\n'
                 'torque = "torque + drag * wheel_radius * abs(velocity)"\n'
@@ -119,7 +119,7 @@ class TestGood:
         content = effect("torque", "torque + a", "N m") + 'lower = -inf\nmeaning = "friction"\n'
         top = 'kind = "force"\nshows = "torque"\nsettled_by = "a spin"\nreference = "me"\n'
         top += 'explanation = """\nA\nB."""\n'
-        own = user_file.load(write(top + content))
+        own = effect_file.load(write(top + content))
         assert (own.kind, own.shows, own.settled_by, own.reference) == ("force", "torque", "a spin", "me")
         assert own.explanation == "A B."
         assert own.parameters[0].meaning == "friction"
@@ -169,26 +169,26 @@ class TestGood:
         ],
     )
     def test_laws_of_every_kind(self, changes, law, unit, needs, write):
-        own = user_file.load(write(effect(changes, law, unit, needs)))
+        own = effect_file.load(write(effect(changes, law, unit, needs)))
         assert own.kind in {"soil", "stress", "contact", "force", "sensor"}
         assert set(needs) <= set(own.needs)
 
     def test_parameter_that_shapes_the_influence_of_another(self, write):
         more = '[parameters.t0]\nunit = "°C"\nnull = 25\nscale = 10\n'
         law = "torque * (1 + a * (motor_temperature - t0))"
-        understood = user_file.read(write(effect("torque", law, "%/K", ["motor_temperature"], more=more)))
+        understood = effect_file.read(write(effect("torque", law, "%/K", ["motor_temperature"], more=more)))
         assert [parameter.shape for parameter in understood.effect.parameters] == [False, True]
         assert understood.warnings == []
 
     def test_load_that_a_law_reads_is_a_need(self, write):
-        own = user_file.load(write(effect("torque", "torque + a * load", "mm")))
+        own = effect_file.load(write(effect("torque", "torque + a * load", "mm")))
         assert own.needs == ("load",)
 
     def test_further_column_is_read_in_its_unit(self, write):
         content = effect(
             "cohesion", "cohesion + a * moisture", "kPa", ["moisture"], columns='columns = {moisture = "%"}\n'
         )
-        understood = user_file.read(write(content))
+        understood = effect_file.read(write(content))
         assert understood.warnings == []
         law = understood.effect.laws["cohesion"]
         assert law({"cohesion": 100.0, "moisture": np.array([0.0, 5.0]), "a": 1e3}).tolist() == [100.0, 150.0]
@@ -199,11 +199,11 @@ class TestGood:
         content = effect(
             "torque", "torque + a * arm_rate", "N s", ["arm_rate"], columns='columns = {arm = "mm"}\n'
         )
-        law = user_file.load(write(content)).laws["torque"]
+        law = effect_file.load(write(content)).laws["torque"]
         assert law({"torque": 1.0, "arm_rate": 1000.0, "a": 2.0}) == pytest.approx(3.0)
 
     def test_model_computes_it_with_its_derivatives(self, write):
-        own = user_file.load(write(CABLE))
+        own = effect_file.load(write(CABLE))
         n = 4
         channels = {
             "load": np.full(n, 80.0),
@@ -262,7 +262,7 @@ class TestWarnings:
         ],
     )
     def test_of_what_is_doubtful(self, content, says, write):
-        warnings = user_file.read(write(content)).warnings
+        warnings = effect_file.read(write(content)).warnings
         assert any(says in warning for warning in warnings), warnings
 
 
@@ -334,7 +334,7 @@ class TestLawRefused:
 
     @pytest.mark.parametrize("changes", QUANTITIES)
     def test_reads_only_what_is_known_by_then(self, changes, refused, write):
-        known = vocabulary.reached(changes)
+        known = law_names.reached(changes)
         order = list(QUANTITIES)
         for name in order[order.index(changes) + 1 :]:
             if name in known:
@@ -343,7 +343,7 @@ class TestLawRefused:
             assert re.search(f"{name} is (not known|read and not listed)", str(error))
         for name in known:
             law = f"{changes} * (1 + a * sign({name}))"
-            assert user_file.load(write(effect(changes, law, needs=[]))).laws.keys() == {changes}
+            assert effect_file.load(write(effect(changes, law, needs=[]))).laws.keys() == {changes}
 
 
 class TestFileRefused:
@@ -438,36 +438,36 @@ class TestFileRefused:
         refused(bytes(100), "not TOML")
 
     def test_byte_order_mark_is_no_fault(self, write):
-        assert user_file.load(write(b"\xef\xbb\xbf" + CABLE.encode())).id == "cable-drag"
+        assert effect_file.load(write(b"\xef\xbb\xbf" + CABLE.encode())).id == "cable-drag"
 
     def test_missing(self, tmp_path):
         with pytest.raises(NotFoundError, match="no such file"):
-            user_file.load(tmp_path / "none.toml")
+            effect_file.load(tmp_path / "none.toml")
 
     def test_folder(self, tmp_path):
         with pytest.raises(ConfigurationError, match="cannot be read"):
-            user_file.load(tmp_path)
+            effect_file.load(tmp_path)
 
     def test_device(self):
         with pytest.raises(ConfigurationError, match="/dev/zero: is a device, not a file"):
-            user_file.load("/dev/zero")
+            effect_file.load("/dev/zero")
 
     def test_larger_than_any_law(self, write):
         with pytest.raises(ConfigurationError, match="larger than 64 kB"):
-            user_file.load(write(b"#" * 65_537))
+            effect_file.load(write(b"#" * 65_537))
 
 
 class TestTrial:
     def test_every_quantity_and_channel_has_ordinary_values(self):
         numeric = {name for name, channel in CHANNELS.items() if channel.dimension != LABEL}
-        names = {*QUANTITIES, *numeric, *vocabulary.reached("shear_stress"), *vocabulary.ON_DEMAND}
-        drawn = trial.inputs(())
+        names = {*QUANTITIES, *numeric, *law_names.reached("shear_stress"), *law_names.ON_DEMAND}
+        drawn = law_trial.inputs(())
         assert names <= drawn.keys()
         assert all(np.all(np.isfinite(values)) for values in drawn.values())
 
     def test_they_go_together_as_in_the_model(self):
         """A law may say over again what the base says, by other names."""
-        q = trial.inputs(())
+        q = law_trial.inputs(())
         np.testing.assert_allclose(q["sinkage"], q["radius"] * (1.0 - np.cos(q["entry_angle"])))
         driving = q["slip"] >= 0.0
         slip = 1.0 - q["velocity"] / (q["wheel_radius"] * q["angular_velocity"])
@@ -475,12 +475,12 @@ class TestTrial:
         assert np.all(q["depth"] > 0.0)
 
     def test_always_the_same(self):
-        first, second = trial.inputs({"grip"}), trial.inputs({"grip"})
+        first, second = law_trial.inputs({"grip"}), law_trial.inputs({"grip"})
         assert all(np.array_equal(first[name], second[name]) for name in first)
 
 
 def test_derivative_of_a_law_by_its_parameter_is_exact(write):
-    law = user_file.load(write(effect("torque", "torque * exp(-a * slip) + a^2 * torque", "1"))).laws[
+    law = effect_file.load(write(effect("torque", "torque * exp(-a * slip) + a^2 * torque", "1"))).laws[
         "torque"
     ]
     torque, slip, a = np.array([3.0, 8.0]), np.array([0.2, 0.7]), 0.4

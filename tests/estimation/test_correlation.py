@@ -7,9 +7,9 @@ import pytest
 from drives import noise, variation
 from scipy import stats
 
-from terrain_cli.estimation.correlation import sampling_errors
-from terrain_cli.estimation.least_squares import fit_line
-from terrain_cli.estimation.moments import of_windows
+from terrain_cli.estimation.line.correlation import sampling_errors
+from terrain_cli.estimation.line.least_squares import fit_line
+from terrain_cli.estimation.line.moments import of_windows
 
 
 def errors_of(x, y, *, correlated=True):

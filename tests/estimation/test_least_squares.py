@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.estimation.least_squares import fit_line
-from terrain_cli.estimation.moments import of_windows
+from terrain_cli.estimation.line.least_squares import fit_line
+from terrain_cli.estimation.line.moments import of_windows
 
 
 def line_through(x, y):

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from terrain_cli.estimation import moments as moments_of
-from terrain_cli.estimation.moments import X, join, of_windows, running, segment_sum
+from terrain_cli.estimation.line import moments as moments_of
+from terrain_cli.estimation.line.moments import X, join, of_windows, running, segment_sum
 
 lengths = st.lists(st.integers(0, 12), min_size=1, max_size=6).filter(lambda counts: sum(counts) > 0)
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from sklearn.linear_model import Ridge, RidgeCV
 
-from terrain_cli.estimation import ridge
-from terrain_cli.estimation.moments import of_windows
-from terrain_cli.estimation.ridge import DELTAS, fit_ridge
+from terrain_cli.estimation.line import ridge
+from terrain_cli.estimation.line.moments import of_windows
+from terrain_cli.estimation.line.ridge import DELTAS, fit_ridge
 
 COUNTS = (5, 12, 30, 61)
 

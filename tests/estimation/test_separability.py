@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from drives import GEOMETRY, drive
 
-from terrain_cli.estimation.moments import of_windows
-from terrain_cli.estimation.separability import distance_to_bounds, phi_bounds
+from terrain_cli.estimation.line.moments import of_windows
+from terrain_cli.estimation.line.separability import distance_to_bounds, phi_bounds
 from terrain_cli.mechanics.linear import line_coordinates
 
 

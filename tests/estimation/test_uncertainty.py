@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from drives import GEOMETRY, drive
 
-from terrain_cli.estimation.least_squares import fit_line
-from terrain_cli.estimation.moments import X, Y, of_windows
-from terrain_cli.estimation.uncertainty import uncertainty
+from terrain_cli.estimation.line.least_squares import fit_line
+from terrain_cli.estimation.line.moments import X, Y, of_windows
+from terrain_cli.estimation.line.uncertainty import uncertainty
 from terrain_cli.mechanics.linear import line_coordinates
 
 AS_LEAST_SQUARES = np.eye(2)[:, :, None]

@@ -12,12 +12,12 @@ from wheel_samples import WHEEL, free, paper
 
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
 from terrain_cli.estimation import estimate_windows
-from terrain_cli.estimation.wheel_fit import Noise, Prior, as_window_estimates, fit, solve
-from terrain_cli.estimation.wheel_fit.data import collect
-from terrain_cli.estimation.wheel_fit.linearise import Problem, equations
+from terrain_cli.estimation.wheel_fit import Noise, Prior, as_window_estimates, fit, gauss_newton
+from terrain_cli.estimation.wheel_fit.fit_data import collect
+from terrain_cli.estimation.wheel_fit.linearised import Problem, equations
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.mechanics.linear import line_coordinates
-from terrain_cli.mechanics.model import Model, WheelGeometry
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
 BASE = Model()
@@ -412,7 +412,7 @@ def test_what_cannot_be_fitted_is_said_in_one_line():
 def test_a_step_where_one_unknown_outweighs_the_others_by_all_digits():
     information = np.zeros((1, 3, 3))
     information[0, 1:, 1:] = 1e20
-    normal = solve.Normal(information, np.ones((1, 3)), np.zeros(1))
-    step, shift = solve._unbounded(normal, np.zeros((1, 1)), np.zeros(2))
+    normal = gauss_newton.Normal(information, np.ones((1, 3)), np.zeros(1))
+    step, shift = gauss_newton._unbounded(normal, np.zeros((1, 1)), np.zeros(2))
     assert np.isfinite(step).all()
     assert np.abs(shift).max() < 1e-15

@@ -8,8 +8,8 @@ from wheel_samples import WHEEL, free
 
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.wheel_fit import Noise, fit
-from terrain_cli.estimation.wheel_fit.misfit import excess, memory
-from terrain_cli.mechanics.model import Model, WheelGeometry
+from terrain_cli.estimation.wheel_fit.excess_scatter import excess, memory
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
 FOUR = ("load", "torque", "sinkage", "slip")

@@ -11,10 +11,10 @@ from wheel_samples import WHEEL, free
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.estimation.wheel_fit import Noise, Prior, fit
-from terrain_cli.estimation.wheel_fit.solve import Normal, eliminate, newton
+from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, eliminate, newton
 from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
 from terrain_cli.mechanics.effect import Effect, Parameter
-from terrain_cli.mechanics.model import Model, WheelGeometry
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
 NOISE = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.01), {"drawbar_pull": 0.3})
@@ -81,7 +81,7 @@ def test_an_unknown_stays_within_its_bounds_and_the_others_know_it():
 
 def channels_with(model, values, *, seed, windows=24, size=16):
     """Noisy channels of a model with effects, by the model itself: effects have simulators elsewhere."""
-    from terrain_cli.mechanics.model import predict
+    from terrain_cli.mechanics.wheel_model import predict
 
     truth = free(windows, size, 21)
     soil = {

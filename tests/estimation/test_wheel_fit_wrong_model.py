@@ -26,9 +26,9 @@ from wheel_samples import free
 
 from terrain_cli.effects import find as effect_of
 from terrain_cli.estimation.wheel_fit import DEFAULT, Noise, fit
-from terrain_cli.estimation.wheel_fit.bounded import truncate
+from terrain_cli.estimation.wheel_fit.bounds import truncate
 from terrain_cli.estimation.wheel_fit.unknowns import Unknown
-from terrain_cli.mechanics.model import Model, WheelGeometry
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 WHEEL = Wheel(0.125, 0.1)
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)

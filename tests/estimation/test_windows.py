@@ -14,7 +14,8 @@ from profiles import examples
 from simulator import DRY_SAND, Wheel, forces, sinkage_under
 
 from terrain_cli.errors import UsageError
-from terrain_cli.estimation import estimate_windows, windows
+from terrain_cli.estimation import estimate_windows
+from terrain_cli.estimation.line import window_estimates
 from terrain_cli.mechanics.linear import line_coordinates
 
 NUMBERS = ("c", "c_se", "phi", "phi_se", "corr", "strength", "strength_se", "sigma_star", "torque_rmse")
@@ -205,8 +206,8 @@ def test_many_blocks_of_work():
 def test_however_windows_are_parted_the_estimates_are_the_same(monkeypatch):
     run = drive(9, 70, 34, kind="scatter", share=0.15, noises=0.02)
     together = estimate(run)
-    monkeypatch.setattr(windows, "_BLOCK", 100)
-    monkeypatch.setattr(windows, "_TOGETHER", 4)
+    monkeypatch.setattr(window_estimates, "_BLOCK", 100)
+    monkeypatch.setattr(window_estimates, "_TOGETHER", 4)
     parted = estimate(run)
     for name in NUMBERS:
         np.testing.assert_allclose(getattr(parted, name), getattr(together, name), rtol=1e-9)

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from formats.ahead import ahead
+from formats.read_ahead import ahead
 
 
 def test_items_come_in_their_order():

@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 from salvage_cases import opened, samples, write
 
-from formats import DamagedError, FormatError, limits, open_source, streams
-from formats.rosbag.unpacking import unpack, zstd
+from formats import DamagedError, FormatError, content, limits, open_source
+from formats.rosbag.storage.unpacking import unpack, zstd
 
 salvage = pytest.mark.parametrize("salvage", [True, False])
 
@@ -44,7 +44,7 @@ def test_a_chunk_becomes_no_more_than_it_says(packing):
 @salvage
 @pytest.mark.parametrize("pack", [bytes, gzip.compress], ids=["plain", "gzip"])
 def test_nul_bytes_without_end(tmp_path, pack, salvage, monkeypatch):
-    monkeypatch.setattr(streams, "NUL_BYTES", 1 << 20)
+    monkeypatch.setattr(content, "NUL_BYTES", 1 << 20)
     path = tmp_path / "log.csv"
     head = b"time,load\n" + b"0.5,81.25\n" * 30_000
     for count in (1000, 3 << 20):
@@ -82,7 +82,7 @@ def test_equal_rows_of_parquet(tmp_path):
 
 def test_columns_of_parquet(tmp_path, monkeypatch):
     path = tmp_path / "log.parquet"
-    monkeypatch.setattr("formats.parquet.COLUMNS", 4)
+    monkeypatch.setattr("formats.parquet.parquet_source.COLUMNS", 4)
     pq.write_table(pa.table({f"c{k}": [1.0] for k in range(5)}), path)
     with pytest.raises(FormatError, match="has 5 columns; 4 at most are read"):
         open_source(str(path))

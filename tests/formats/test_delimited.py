@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from profiles import examples
 
 from formats import DamagedError, FormatError, Labels, open_source, write_table
-from formats.delimited import DelimitedSource
+from formats.text.delimited import DelimitedSource
 
 
 @pytest.fixture
@@ -182,7 +182,7 @@ def test_uneven_rows_keep_their_places(tmp_path_factory, widths, batch_rows, new
 
 
 def test_uneven_rows_across_blocks(make, monkeypatch):
-    monkeypatch.setattr("formats.delimited._BLOCK_BYTES", 64)
+    monkeypatch.setattr("formats.text.delimited._BLOCK_BYTES", 64)
     lines = [f"{j},{j}" if j % 7 == 3 else f"{j},{j},{j}" for j in range(500)]
     source, columns = table(make("a,b,c\n" + "\n".join(lines) + "\n"))
     same(columns["a"], np.arange(500.0))

@@ -20,13 +20,14 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from salvage_cases import START, samples, write
 
 import formats
-from formats import limits, parquet, parquet_pages
+from formats import limits
 from formats.errors import DamagedError, FormatError, NotFoundError
-from formats.parquet_pages import check_pages
+from formats.parquet import page_claims, parquet_source
+from formats.parquet.page_claims import check_pages
 from formats.rosbag import containers, open_bag, recording
-from formats.rosbag.decoder import Decoder, UndecodableError
-from formats.rosbag.definitions import FILLER, UnusableError, define
-from formats.rosbag.unpacking import unpack, zstd
+from formats.rosbag.decoding.decoder import Decoder, UndecodableError
+from formats.rosbag.decoding.definitions import FILLER, UnusableError, define
+from formats.rosbag.storage.unpacking import unpack, zstd
 
 NOTHING = bytes(64 << 20)
 PACKERS = {"zstd": zstd.compress, "lz4": lz4.frame.compress, "bz2": bz2.compress}
@@ -113,8 +114,8 @@ def test_a_parquet_file_that_claims_too_many_rows(tmp_path, monkeypatch):
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table({"time": pa.array(np.zeros(2_000_000))}), path)
     assert formats.open_source(str(path)).streams()[0].count == 2_000_000
-    monkeypatch.setattr(parquet, "PARQUET_ROWS", 1000)
-    monkeypatch.setattr(parquet, "PARQUET_ROWS_PER_BYTE", 1)
+    monkeypatch.setattr(parquet_source, "PARQUET_ROWS", 1000)
+    monkeypatch.setattr(parquet_source, "PARQUET_ROWS_PER_BYTE", 1)
     with pytest.raises(DamagedError, match="claims 2,000,000 rows"):
         formats.open_source(str(path))
 
@@ -403,7 +404,7 @@ def test_pages_claim_no_more_than_can_be(tmp_path, monkeypatch):
     for options in ({}, {"use_dictionary": False, "compression": "zstd"}, {"data_page_version": "2.0"}):
         pq.write_table(pa.table(columns), path, row_group_size=20_000, **options)
         assert formats.open_source(str(path)).streams()[0].count == 50_000
-    monkeypatch.setattr(parquet_pages, "_USUAL_HEAD", 3)
+    monkeypatch.setattr(page_claims, "_USUAL_HEAD", 3)
     monkeypatch.setattr(limits, "UNPACKED_BYTES", 100)
     monkeypatch.setattr(limits, "UNPACKED_RATIO", 1)
     source = formats.open_source(str(path))

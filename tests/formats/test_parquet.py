@@ -11,7 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from formats import DamagedError, FormatError, Labels, open_source, parquet, parquet_pages
+from formats import DamagedError, FormatError, Labels, open_source
+from formats.parquet import page_claims, parquet_source
 
 
 @pytest.fixture
@@ -239,7 +240,7 @@ def test_rows_of_columns_that_threads_read_stay_together(make, monkeypatch, thre
         },
         row_group_size=300,
     )
-    monkeypatch.setattr(parquet, "_THREADS", threads)
+    monkeypatch.setattr(parquet_source, "_THREADS", threads)
     names = ["text", "x", "terrain", "i"]
     batches = [lists(batch) for batch in open_source(path).read("", names, 128)]
     assert all(list(batch) == names for batch in batches)
@@ -288,7 +289,7 @@ def test_damage_is_told_of_as_by_one_thread(make, tmp_path, monkeypatch, options
         path.write_bytes(data)
         both = []
         for threads in (1, 2):
-            monkeypatch.setattr(parquet, "_THREADS", threads)
+            monkeypatch.setattr(parquet_source, "_THREADS", threads)
             both.append(told())
         assert both[0] == both[1]
         found.append(both[0])
@@ -309,7 +310,7 @@ def test_plain_heads_of_pages_say_what_their_fields_say(make, tmp_path, options)
         **options,
     )
     data = (tmp_path / "log.parquet").read_bytes()
-    heads = [data[begin:] for begin in range(len(data)) if parquet_pages._PLAIN_HEAD.match(data, begin)]
+    heads = [data[begin:] for begin in range(len(data)) if page_claims._PLAIN_HEAD.match(data, begin)]
     assert len(heads) > 20
     rng = np.random.default_rng(2)
     changed_head = tmp_path / "head"
@@ -318,12 +319,12 @@ def test_plain_heads_of_pages_say_what_their_fields_say(make, tmp_path, options)
             begin = bytearray(head[:256])
             if changed is not None:
                 begin[changed % len(begin)] = rng.integers(256)
-            plain = parquet_pages._PLAIN_HEAD.match(begin)
+            plain = page_claims._PLAIN_HEAD.match(begin)
             if plain:
-                fields, length = parquet_pages._struct(bytes(begin), 0, 0)
+                fields, length = page_claims._struct(bytes(begin), 0, 0)
                 assert plain.end() == length
                 changed_head.write_bytes(begin)
                 with changed_head.open("rb") as file:
-                    *told, checksum = parquet_pages._head(file.fileno(), 0)
+                    *told, checksum = page_claims._head(file.fileno(), 0)
                 assert told == [fields[2], fields[3], length]
                 assert checksum <= (4 in fields)

@@ -23,10 +23,11 @@ from rosbags.typesys import Stores, get_typestore
 from test_rosbag_cursor import requests
 
 from formats.errors import FormatError
-from formats.rosbag import chunks, mcap, open_bag, ros1
-from formats.rosbag.columns import extract
-from formats.rosbag.decoder import Decoder
-from formats.rosbag.definitions import define
+from formats.rosbag import open_bag
+from formats.rosbag.decoding.decoder import Decoder
+from formats.rosbag.decoding.definitions import define
+from formats.rosbag.decoding.plain_extraction import extract
+from formats.rosbag.storage import chunks, mcap, ros1
 from formats.table import LOG_TIME, Labels
 
 CONTAINERS = [("ros1", c) for c in ("none", "bz2", "lz4")] + [("mcap", c) for c in ("none", "zstd")]

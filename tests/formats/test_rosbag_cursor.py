@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from profiles import examples
 from rosbags.typesys import Stores, get_typestore
 
-from formats.rosbag.columns import Request, extract
-from formats.rosbag.cursor import UnevenError, gather
-from formats.rosbag.decoder import Decoder, UndecodableError
-from formats.rosbag.definitions import Definition, find_leaves
-from formats.rosbag.messages import of_payloads
+from formats.rosbag.decoding.bulk_extraction import UnevenError, gather
+from formats.rosbag.decoding.decoder import Decoder, UndecodableError
+from formats.rosbag.decoding.definitions import Definition, find_leaves
+from formats.rosbag.decoding.plain_extraction import Request, extract
+from formats.rosbag.storage.raw_messages import of_payloads
 
 
 def requests(definition):

@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
 
-from formats.rosbag import leaves, open_bag
-from formats.rosbag.db3 import Db3File
+from formats.rosbag import open_bag
+from formats.rosbag.storage import db3_rows
+from formats.rosbag.storage.db3 import Db3File
 from formats.table import LOG_TIME
 
 TABLES = """
@@ -137,7 +138,7 @@ def test_long_messages_are_read_only_where_they_are_wanted(tmp_path):
     with closing(sqlite3.connect(path)) as file:
         ((root,),) = file.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'")
     with path.open("rb") as file:
-        table = leaves.Leaves(file, root, pytest.fail)
+        table = db3_rows.Leaves(file, root, pytest.fail)
         assert sum(len(run[short]) for run in table.runs([short], 1 << 20)) == 30
 
 
@@ -200,12 +201,12 @@ def test_a_tree_without_end(tmp_path):
         ((root,),) = file.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'")
     contents = bytearray(path.read_bytes())
     begin = (root - 1) * 512
-    assert contents[begin] == leaves.TABLE_NODE
+    assert contents[begin] == db3_rows.TABLE_NODE
     contents[begin + 3 : begin + 5] = b"\x00\x00"
     contents[begin + 8 : begin + 12] = root.to_bytes(4, "big")
     path.write_bytes(contents)
-    with path.open("rb") as file, pytest.raises(leaves.BrokenError, match="circles"):
-        leaves.Leaves(file, root, pytest.fail)
+    with path.open("rb") as file, pytest.raises(db3_rows.BrokenError, match="circles"):
+        db3_rows.Leaves(file, root, pytest.fail)
 
 
 def test_a_recording_with_images(tmp_path):

@@ -10,7 +10,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from formats import CannotWriteError, open_source
-from formats.output.rosbag import Topic, write_bag
+from formats.output.bag_writer import Topic, write_bag
 
 KINDS = {"ros1": "bag", "mcap": "mcap", "db3": "db3"}
 #: A day after 2026 began, in ns.

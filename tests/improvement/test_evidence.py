@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from terrain_cli.comparison.parts import UNITS, Series
-from terrain_cli.improvement.evidence import weigh
-from terrain_cli.improvement.parts import Estimated, Evidence, Interval, Step
-from terrain_cli.improvement.sentences import verdict
-from terrain_cli.mechanics.model import Model
+from terrain_cli.comparison.comparison_outcome import UNITS, Series
+from terrain_cli.improvement.held_out_gain import weigh
+from terrain_cli.improvement.improvement_outcome import Estimated, Evidence, Interval, Step
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.presentation.change_sentences import verdict
 
 N, BLOCKS = 400, 20
 BLOCK = np.repeat(np.arange(BLOCKS), N // BLOCKS)

@@ -9,10 +9,13 @@ import pytest
 from changed_models import DIGS, write_all
 from scipy.special import chdtrc
 
-from terrain_cli import models, rover, telemetry, toml_text, windows
-from terrain_cli.diagnosis.parts import NextDrive
-from terrain_cli.improvement import Stopped, document, record, until_quiet
+from terrain_cli import models, rover, telemetry
+from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
+from terrain_cli.improvement import Stopped, history_entry, until_quiet
 from terrain_cli.improvement.loop import MOST
+from terrain_cli.presentation import change_text
+from terrain_cli.toml import toml_text
+from terrain_cli.windows import cut_windows
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +37,7 @@ def clean(folder):
 
 def cut(folder, name):
     samples = telemetry.read(str(folder / name), rover.load(folder / "rover.toml"), effects=[], compared=True)
-    return [windows.cut(one, "none") for one in samples]
+    return [cut_windows.cut(one, "none") for one in samples]
 
 
 def diagnosing(*answers):
@@ -98,10 +101,10 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
     assert kept.next_drive.manoeuvre == "drive for slip-sinkage"
     assert (
         "kept slip-sinkage; these data do not tell it from drivetrain-friction and load-bias: "
-        "drive for slip-sinkage" in document.loop_text([*refused, kept], end)
+        "drive for slip-sinkage" in change_text.loop_text([*refused, kept], end)
     )
-    whole = document.loop([*refused, kept], end)["steps"][-1]
-    entry = record.entry(kept, "")
+    whole = change_text.loop([*refused, kept], end)["steps"][-1]
+    entry = history_entry.entry(kept, "")
     for found in (whole, entry):
         assert found["rivals"] == list(kept.rivals)
         assert found["next_drive"]["pair"] == ["drivetrain-friction", "slip-sinkage"]
@@ -111,8 +114,8 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
 def test_one_name_has_no_rivals(sinks):
     (kept,), end = run(sinks, ["slip-sinkage"])
     assert (kept.rivals, kept.next_drive) == ((), None)
-    assert "do not tell" not in document.loop_text([kept], end)
-    assert record.entry(kept, "")["rivals"] is None
+    assert "do not tell" not in change_text.loop_text([kept], end)
+    assert history_entry.entry(kept, "")["rivals"] is None
 
 
 def test_what_does_not_pay_is_never_kept(clean):
@@ -127,7 +130,7 @@ def test_an_effect_that_another_makes_needless_is_dropped(sinks):
     steps, end = run(sinks, ["shear-modulus"], ["slip-sinkage"])
     assert told(steps)[:2] == [("add", "shear-modulus", True), ("add", "slip-sinkage", True)]
     assert [[one.effect for one in step.idle] for step in steps[:2]] == [[], ["shear-modulus"]]
-    assert "\nshear-modulus may as well be null now (p 0." in document.text(steps[1])
+    assert "\nshear-modulus may as well be null now (p 0." in change_text.text(steps[1])
     assert ("remove", "shear-modulus", True) in told(steps)
     assert effects(end) == ["slip-sinkage"]
     for one in steps:
@@ -195,7 +198,7 @@ def test_how_sure_an_effect_is_of_itself(sinks, clean, folder, monkeypatch):
 def test_it_ends(clean, monkeypatch):
     """Even if everything seems to pay, and the alarm never falls silent."""
     from terrain_cli.improvement import loop
-    from terrain_cli.improvement.parts import Step
+    from terrain_cli.improvement.improvement_outcome import Step
 
     monkeypatch.setattr(Step, "pays", True)
     monkeypatch.setattr(loop, "MOST", 2)

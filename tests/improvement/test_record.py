@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from terrain_cli import toml_text
-from terrain_cli.improvement import record
-from terrain_cli.improvement.parts import ChannelChange, Estimated, Interval
+from terrain_cli.improvement import history_entry
+from terrain_cli.improvement.improvement_outcome import ChannelChange, Estimated, Interval
+from terrain_cli.toml import toml_text
 
 
 def test_wheels_are_averaged_by_what_each_knows():
@@ -17,7 +17,7 @@ def test_wheels_are_averaged_by_what_each_knows():
         Estimated("run.csv", wheel, "slip-sinkage.n1", "1", value, se, determined=True)
         for wheel, value, se in (("left", 0.4, 0.1), ("right", 0.6, 0.2), ("rear", math.nan, math.nan))
     ]
-    (mean,) = record.means(wheels).values()
+    (mean,) = history_entry.means(wheels).values()
     assert mean["value"] == pytest.approx((0.4 * 4.0 + 0.6) / 5.0)
     assert mean["se"] == pytest.approx(0.1 * 0.2 / math.hypot(0.1, 0.2), rel=1e-5)
     assert (mean["wheels"], mean["lowest"], mean["highest"]) == (2, 0.4, 0.6)
@@ -25,7 +25,7 @@ def test_wheels_are_averaged_by_what_each_knows():
 
 def test_one_wheel_has_no_range_and_none_no_mean():
     one = Estimated("run.csv", "left", "x.a", "N", 3.0, 0.5, determined=False)
-    assert record.means([one])["x.a"] == {
+    assert history_entry.means([one])["x.a"] == {
         "value": 3.0,
         "se": 0.5,
         "unit": "N",
@@ -34,12 +34,12 @@ def test_one_wheel_has_no_range_and_none_no_mean():
         "highest": None,
     }
     held = Estimated("run.csv", "left", "x.a", "N", 3.0, 0.0, determined=False)
-    assert record.means([held]) == {}
+    assert history_entry.means([held]) == {}
 
 
 def test_what_is_not_known_is_left_out_of_the_file():
     nothing = Interval(math.nan, math.nan, math.nan)
-    found = record.channel(
+    found = history_entry.channel(
         ChannelChange("sinkage", "m", nothing, Interval(0.002, 0.001, 0.004), math.nan, nothing)
     )
     assert found["heldout_before"] is None

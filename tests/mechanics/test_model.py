@@ -13,7 +13,7 @@ from simulator.effects import base_contact
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics.dual import Dual, slopes, value
 from terrain_cli.mechanics.effect import Effect, Parameter
-from terrain_cli.mechanics.model import Model, WheelGeometry, predict
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
 
 WHEEL = Wheel(radius=0.1, width=0.1)
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)

@@ -8,7 +8,7 @@ from simulator import SNOW, SOILS, Wheel
 from simulator import wheel as exact
 from simulator.effects import base_contact
 
-from terrain_cli.mechanics.model import Model, WheelGeometry, predict
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
 
 WHEEL = Wheel(radius=0.1, width=0.1)
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)

@@ -10,8 +10,8 @@ from simulator.soils import SANDY_LOAM
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.effect import Effect, Parameter
-from terrain_cli.mechanics.model import Model, WheelGeometry
 from terrain_cli.mechanics.stresses import stresses
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 WHEEL = exact.Wheel(radius=0.125, width=0.1)
 SOIL = base_contact(SANDY_LOAM)

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formats import Labels
-from terrain_cli import places
 from terrain_cli.errors import InputError
-from terrain_cli.places.join import Placed
 from terrain_cli.telemetry import Geometry, Samples
+from terrain_cli.windows import locations
+from terrain_cli.windows.locations.position_join import Placed
 
 T0 = 1_754_000_000.0
 
@@ -37,12 +37,12 @@ def samples(time=None, *, origin=T0, channels=None, **counter):
 def table(tmp_path, text):
     path = tmp_path / "places.csv"
     path.write_text(text)
-    return places.load(str(path))
+    return locations.load(str(path))
 
 
 def by_clock(tmp_path, rows, of):
     text = "time,longitude,latitude\n" + "".join(f"{t!r},{lon},{lat}\n" for t, lon, lat in rows)
-    placed = places.locate(of, table(tmp_path, text))
+    placed = locations.locate(of, table(tmp_path, text))
     return placed, of.channels["longitude"].tolist(), of.channels["latitude"].tolist()
 
 
@@ -176,7 +176,7 @@ def test_by_site_drive_and_pose(tmp_path):
     keys = [(1, 0, 1), (1, 2, 4), (1, 2, 5), (1, 6, 9), (1, 8, 3), (1, 9, 3), (2, 0, 0), (1, np.nan, 0)]
     site, drive, pose = zip(*keys, strict=True)
     of = samples(np.arange(8.0), SITE=site, Drive=drive, pose=pose)
-    placed = places.locate(of, table(tmp_path, COUNTER))
+    placed = locations.locate(of, table(tmp_path, COUNTER))
     assert of.channels["longitude"].tolist() == [10.1, 11.4, 11.0, nan, 13.0, nan, nan, nan]
     assert of.channels["latitude"].tolist() == [50.1, 51.4, 51.0, nan, 53.0, nan, nan, nan]
     assert placed == Placed("site, drive and pose", 4, 3, 1)
@@ -187,7 +187,7 @@ def test_by_site_drive_and_pose(tmp_path):
 def test_a_log_without_poses(tmp_path):
     """Several poses are several places, unless one entry is of the whole drive."""
     of = samples(site=[1, 1, 1, 1, 1], drive=[0, 2, 6, 8, 77])
-    placed = places.locate(of, table(tmp_path, COUNTER))
+    placed = locations.locate(of, table(tmp_path, COUNTER))
     assert of.channels["longitude"].tolist() == [nan, 11.0, nan, 13.0, nan]
     assert placed == Placed("site and drive", 2, 1, 2)
 
@@ -195,7 +195,7 @@ def test_a_log_without_poses(tmp_path):
 def test_a_table_without_poses(tmp_path):
     of = samples(site=[1, 1, 1], drive=[0, 4, 4], pose=[7, 8, 9])
     text = "site,drive,x,y\n1,0,5,6\n1,4,7,8\n"
-    assert places.locate(of, table(tmp_path, text)) == Placed("site and drive", 3, 0, 0)
+    assert locations.locate(of, table(tmp_path, text)) == Placed("site and drive", 3, 0, 0)
     assert of.channels["x"].tolist() == [5.0, 7.0, 7.0]
     assert "longitude" not in of.channels
 
@@ -203,7 +203,7 @@ def test_a_table_without_poses(tmp_path):
 def test_a_counter_stands_above_the_clock(tmp_path):
     of = samples([0.0, 1.0], origin=0.0, site=[1, 1], drive=[0, 2])
     text = "time,site,drive,x,y\n0,1,2,5,6\n1,1,0,7,8\n"
-    assert places.locate(of, table(tmp_path, text)).by == "site and drive"
+    assert locations.locate(of, table(tmp_path, text)).by == "site and drive"
     assert of.channels["x"].tolist() == [7.0, 5.0]
 
 
@@ -217,7 +217,7 @@ def test_long_logs_by_counter_as_by_a_dictionary(tmp_path):
     )
     keys = np.repeat(rng.integers([1, 0, 0], [4, 10, 4], (400, 3)), rng.integers(1, 60, 400), axis=0)
     of = samples(site=keys[:, 0], drive=keys[:, 1], pose=keys[:, 2])
-    placed = places.locate(of, table(tmp_path, text))
+    placed = locations.locate(of, table(tmp_path, text))
     expected = [entries.get(tuple(key), (np.nan, np.nan)) for key in keys.tolist()]
     np.testing.assert_array_equal(np.column_stack([of.channels["x"], of.channels["y"]]), expected)
     assert placed.missed == int(np.isnan(expected).any(axis=1).sum()) > 0
@@ -234,4 +234,4 @@ def test_long_logs_by_counter_as_by_a_dictionary(tmp_path):
 )
 def test_nothing_in_common(tmp_path, text, of, message):
     with pytest.raises(InputError, match=message):
-        places.locate(of, table(tmp_path, text))
+        locations.locate(of, table(tmp_path, text))

@@ -8,8 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from formats import NotFoundError
-from terrain_cli import places
 from terrain_cli.errors import InputError, UsageError
+from terrain_cli.windows import locations
 
 MARS = "IAU_2015:49900"
 #: The header of the PLACES archive of the Mars Science Laboratory (PDS, localized_interp.csv).
@@ -33,7 +33,7 @@ def write(tmp_path, text):
 
 
 def test_the_table_of_places_without_its_origins_of_sites(tmp_path):
-    table = places.load(write(tmp_path, PLACES), MARS)
+    table = locations.load(write(tmp_path, PLACES), MARS)
     assert {name: values.tolist() for name, values in table.position.items()} == {
         "longitude": [137.442, 137.443],
         "latitude": [-4.59, -4.591],
@@ -52,7 +52,7 @@ def test_the_table_of_places_without_its_origins_of_sites(tmp_path):
 def test_parquet_is_a_table_too(tmp_path):
     columns = {"SITE": [1, 1], "Drive": [2, 4], "lon": [10.0, 11.0], "lat": [50.0, None]}
     pq.write_table(pa.table(columns), tmp_path / "places.parquet")
-    table = places.load(str(tmp_path / "places.parquet"))
+    table = locations.load(str(tmp_path / "places.parquet"))
     assert table.time is None
     assert table.keys["drive"].tolist() == [2, 4]
     # Half a position is none.
@@ -75,7 +75,7 @@ def test_parquet_is_a_table_too(tmp_path):
     ],
 )
 def test_names_and_units(tmp_path, text, seconds, position):
-    table = places.load(write(tmp_path, text))
+    table = locations.load(write(tmp_path, text))
     assert table.time[0] + table.time[1][0] == seconds
     assert {name: values[0] for name, values in table.position.items()} == pytest.approx(position, rel=1e-15)
 
@@ -99,7 +99,7 @@ def test_latitude_is_that_of_the_reference_system(tmp_path, names, crs, taken):
     """The two latitudes are one place of the archive, the landing site of Curiosity."""
     header = ",".join(f"{name}_latitude" for name in names)
     values = ",".join(LATITUDES[name] for name in names)
-    table = places.load(write(tmp_path, f"sclk,longitude,{header}\n1,137.4,{values}\n"), crs)
+    table = locations.load(write(tmp_path, f"sclk,longitude,{header}\n1,137.4,{values}\n"), crs)
     assert table.position["latitude"][0] == pytest.approx(float(LATITUDES[taken]), abs=2e-9)
 
 
@@ -117,7 +117,7 @@ def test_latitude_is_that_of_the_reference_system(tmp_path, names, crs, taken):
 def test_latitude_of_another_system_is_refused(tmp_path, name, crs, message):
     path = write(tmp_path, f"sclk,longitude,{name}_latitude\n1,137.4,-4.5\n")
     with pytest.raises(UsageError, match=message):
-        places.load(path, crs)
+        locations.load(path, crs)
 
 
 @pytest.mark.parametrize(
@@ -135,25 +135,25 @@ def test_latitude_of_another_system_is_refused(tmp_path, name, crs, message):
 def test_what_is_no_localisation_table(tmp_path, text, message):
     path = write(tmp_path, text)
     with pytest.raises(InputError, match=message) as caught:
-        places.load(path)
+        locations.load(path)
     assert path in str(caught.value)
     assert caught.value.hint
 
 
 def test_a_bag_is_none(tmp_path):
-    from formats.output.rosbag import Topic, write_bag
+    from formats.output.bag_writer import Topic, write_bag
 
     path = str(tmp_path / "run.bag")
     time = np.arange(1, 3, dtype=np.int64) * 10**9
     write_bag([Topic("/fix", "sensor_msgs/msg/NavSatFix", time)], path, "ros1")
     with pytest.raises(InputError, match="a localisation table is CSV or Parquet"):
-        places.load(path)
+        locations.load(path)
 
 
 def test_a_table_that_has_changed_is_read_again(tmp_path):
     path = write(tmp_path, "time,x,y\n1,2,3\n")
-    assert places.load(path) is places.load(path)
+    assert locations.load(path) is locations.load(path)
     write(tmp_path, "time,x,y\n1,22,3\n")
-    assert places.load(path).position["x"].tolist() == [22.0]
+    assert locations.load(path).position["x"].tolist() == [22.0]
     with pytest.raises(NotFoundError):
-        places.load(str(tmp_path / "missing.csv"))
+        locations.load(str(tmp_path / "missing.csv"))

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from soil_drives import Kind, clean, drive, mixed
 
-from terrain_cli.segmentation import change_points, lines, search
-from terrain_cli.segmentation.merge import Criteria, Criterion, Refinement
-from terrain_cli.segmentation.moments import LONG, Moments
-from terrain_cli.segmentation.search import CHUNK, EXACT, Limits, candidates
+from terrain_cli.windows.segmentation import candidate_search, change_points, line_costs
+from terrain_cli.windows.segmentation.candidate_search import CHUNK, EXACT, Limits, candidates
+from terrain_cli.windows.segmentation.merging import Criteria, Criterion, Refinement
+from terrain_cli.windows.segmentation.running_moments import LONG, Moments
 
 SOILS = ((1000.0, 0.55), (3000.0, 0.7), (1500.0, 0.3))
 
@@ -36,7 +36,7 @@ def exhaustive(moments, n, least, penalty):
         starts = np.array([a for a in range(end - least + 1) if np.isfinite(best[a])], dtype=np.intp)
         if len(starts) == 0:
             continue
-        costs = lines.best_line(moments.between(starts, np.full_like(starts, end)))[1]
+        costs = line_costs.best_line(moments.between(starts, np.full_like(starts, end)))[1]
         total = np.array(best)[starts] + costs + penalty
         best[end], last[end] = total.min(), starts[total.argmin()]
     bounds = [n]
@@ -80,7 +80,7 @@ def test_places_thinned_round_by_round_hold_what_an_exact_search_finds(monkeypat
     """A few thousand samples, searched exactly at once and in rounds."""
     drives = [mixed(seed, Kind(load)) for load in ("waves", "steps") for seed in range(12)]
     in_rounds = sum(one.score(change_points(one.x, one.y, distance=one.distance)) for one in drives)
-    monkeypatch.setattr(search, "EXACT", 10_000)
+    monkeypatch.setattr(candidate_search, "EXACT", 10_000)
     exact = sum(one.score(change_points(one.x, one.y, distance=one.distance)) for one in drives)
     assert in_rounds[0] >= exact[0] - 0.01 * exact[1]
     assert in_rounds[2] <= exact[2] + 1
@@ -120,7 +120,7 @@ def test_the_best_place_to_cut_is_found_to_the_sample(seed, change, step):
     ends = np.array([0]), np.array([n])
     found, cost = refinement._best_between(ends[0], np.array([20]), np.array([n - 20]), ends[1])
     cuts = np.arange(20, n - 20)
-    left = lines.best_line(moments.between(np.zeros_like(cuts), cuts))[1]
-    right = lines.best_line(moments.between(cuts, np.full_like(cuts, n)))[1]
+    left = line_costs.best_line(moments.between(np.zeros_like(cuts), cuts))[1]
+    right = line_costs.best_line(moments.between(cuts, np.full_like(cuts, n)))[1]
     assert found.tolist() == [cuts[(left + right).argmin()]]
     np.testing.assert_allclose(cost, (left + right).min(), rtol=1e-9)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from profiles import examples
 from soil_drives import Kind, clean, drive, mixed
 
-from terrain_cli.segmentation import change_points
+from terrain_cli.windows.segmentation import change_points
 
 CALM = ("dry sand", "upland sandy loam", "clayey soil", "wet clayey soil")
 

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
 
-from terrain_cli.segmentation import lines
-from terrain_cli.segmentation.moments import Moments
+from terrain_cli.windows.segmentation import line_costs
+from terrain_cli.windows.segmentation.running_moments import Moments
 
 PLACES = st.integers(0, 300)
 
@@ -28,7 +28,11 @@ def weighted(moments, first, last):
     """Return weights, x, y and covariances of the noise of the samples of a window."""
     block = np.arange(first, last) // moments.step
     noise = moments.noise[:, block]
-    return 1.0 / lines.across(*noise, lines.MIDDLE_SLOPE), *moments.samples.between(first, last), noise
+    return (
+        1.0 / line_costs.across(*noise, line_costs.MIDDLE_SLOPE),
+        *moments.samples.between(first, last),
+        noise,
+    )
 
 
 @given(PLACES, PLACES, st.integers(1, 32))
@@ -52,11 +56,11 @@ def test_the_best_line_is_the_best_of_all_slopes(seed, slope, spread):
     moments = Moments(*cloud(seed, slope=slope, spread=spread), 4)
     window = moments.between(index(20), index(280))
     w, x, y, noise = weighted(moments, 20, 280)
-    low, high = (float(limit[0]) for limit in lines.possible_slopes(window))
+    low, high = (float(limit[0]) for limit in line_costs.possible_slopes(window))
     slopes = np.linspace(low, high, 2001)
     across = np.array([np.sum(w * (y - t * x - np.average(y - t * x, weights=w)) ** 2) for t in slopes])
-    misfits = 260.0 * across / np.array([np.sum(w * lines.across(*noise, t)) for t in slopes])
-    found, misfit = lines.best_line(window)
+    misfits = 260.0 * across / np.array([np.sum(w * line_costs.across(*noise, t)) for t in slopes])
+    found, misfit = line_costs.best_line(window)
     assert misfit[0] == pytest.approx(misfits.min(), rel=1e-5)
     assert abs(found[0] - slopes[misfits.argmin()]) <= 0.01
 
@@ -66,9 +70,9 @@ def test_the_gain_of_a_split_is_that_of_two_regressions_across_the_line():
     y[150:] += 300.0
     moments = Moments(x, y, 5)
     left, right = moments.between(index(0, 150), index(150, 300)).T
-    gain, _ = lines.split_gain(left[:, None], right[:, None])
+    gain, _ = line_costs.split_gain(left[:, None], right[:, None])
     both = (left + right)[:, None]
-    slope = lines.best_line(both)[0][0]
+    slope = line_costs.best_line(both)[0][0]
     w, x, y, noise = weighted(moments, 0, 300)
     noise_xx, noise_xy, noise_yy = (w * noise).sum(axis=1) / 300.0
     variance = noise_yy - 2.0 * slope * noise_xy + slope**2 * noise_xx
@@ -93,7 +97,7 @@ def test_a_load_step_gains_nothing_but_chance():
         x[300:] += 2500.0
         y[300:] += 0.6 * 2500.0
         moments = Moments(x, y, 3)
-        gain, _ = lines.split_gain(*moments.between(index(0, 300), index(300, 600)).T[:, :, None])
+        gain, _ = line_costs.split_gain(*moments.between(index(0, 300), index(300, 600)).T[:, :, None])
         gains.append(gain[0])
 
         def squares(rows, x=x, y=y):
@@ -111,7 +115,9 @@ def test_lines_apart_gain_their_distance():
     x, y = cloud(5, n=20_000)
     y[10_000:] += 100.0
     moments = Moments(x, y, 10)
-    gain, worth = lines.split_gain(*moments.between(index(0, 10_000), index(10_000, 20_000)).T[:, :, None])
+    gain, worth = line_costs.split_gain(
+        *moments.between(index(0, 10_000), index(10_000, 20_000)).T[:, :, None]
+    )
     assert np.sqrt(gain[0] / worth[0]) == pytest.approx(100.0, rel=0.1)
 
 
@@ -125,7 +131,7 @@ def test_late_windows_of_a_long_drifting_series_are_exact():
     w, x, y, _ = weighted(moments, first, last)
     residuals = y - 0.6 * x
     expected = np.sum(w * (residuals - np.average(residuals, weights=w)) ** 2)
-    found = lines.across(*lines.scatter(moments.between(index(first), index(last))), 0.6)
+    found = line_costs.across(*line_costs.scatter(moments.between(index(first), index(last))), 0.6)
     assert found[0] == pytest.approx(expected, rel=1e-5)
 
 
@@ -134,6 +140,6 @@ def test_no_soil_has_a_negative_or_a_vertical_line():
     down = Moments(x, np.where(x < 1.5e4, 8e3, 6e3), 2)
     up = Moments(x, np.where(x < 1.5e4, 2e3, 3e4), 2)
     for moments in (down, up):
-        slope, misfit = lines.best_line(moments.between(index(0), index(100)))
-        assert lines.SMALLEST_SLOPE <= slope[0] <= lines.LARGEST_SLOPE
+        slope, misfit = line_costs.best_line(moments.between(index(0), index(100)))
+        assert line_costs.SMALLEST_SLOPE <= slope[0] <= line_costs.LARGEST_SLOPE
         assert misfit[0] > 100.0

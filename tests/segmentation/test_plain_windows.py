@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.segmentation import fixed_windows, label_windows, whole_windows
-from terrain_cli.segmentation.windows import distinct
+from terrain_cli.windows.segmentation import fixed_windows, label_windows, whole_windows
+from terrain_cli.windows.segmentation.plain_windows import distinct
 
 
 @st.composite

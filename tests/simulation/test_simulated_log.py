@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from terrain_cli.simulation import read, simulate, table, truth_table
-from terrain_cli.simulation.log import channels, rates
 from terrain_cli.simulation.scenario import START
+from terrain_cli.simulation.simulated_log import channels, rates
 
 SHORT = {"duration": 20.0, "drive": ["mixed"]}
 

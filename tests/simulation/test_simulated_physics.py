@@ -13,11 +13,11 @@ from terrain_cli import effects
 from terrain_cli.effects import Effect, Parameter
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import rates
-from terrain_cli.mechanics.model import predict
+from terrain_cli.mechanics.wheel_model import predict
 from terrain_cli.simulation import read, simulate
-from terrain_cli.simulation.effects import Chosen
-from terrain_cli.simulation.soils import SOILS
-from terrain_cli.telemetry.derive import slip as slip_of
+from terrain_cli.simulation.simulated_effects import Chosen
+from terrain_cli.simulation.simulated_soils import SOILS
+from terrain_cli.telemetry.derived_channels import slip as slip_of
 
 SHORT = {"duration": 20.0}
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from formats import LOG_TIME, STAMP, Labels, open_source
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import columns
+from terrain_cli.telemetry import raw_columns
 
 texts = st.lists(st.sampled_from(["sand", "loam", "3", None]), min_size=1, max_size=12)
 
@@ -24,18 +24,18 @@ def cells(column):
 
 @given(st.lists(texts, min_size=1, max_size=4))
 def test_joined_labels_are_the_labels_one_after_another(pieces):
-    joined = columns.join([labels(piece) for piece in pieces])
+    joined = raw_columns.join([labels(piece) for piece in pieces])
     assert cells(joined) == [cell for piece in pieces for cell in piece]
     assert len(set(joined.names)) == len(joined.names)
 
 
 def test_numbers_beside_texts_become_texts():
-    joined = columns.join([np.array([1.0, np.nan, 2.5]), labels(["x", None])])
+    joined = raw_columns.join([np.array([1.0, np.nan, 2.5]), labels(["x", None])])
     assert cells(joined) == ["1", None, "2.5", "x", None]
 
 
 def test_numbers_stay_numbers():
-    np.testing.assert_array_equal(columns.join([np.array([1.0]), np.array([2.0, 3.0])]), [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(raw_columns.join([np.array([1.0]), np.array([2.0, 3.0])]), [1.0, 2.0, 3.0])
 
 
 @pytest.mark.parametrize(
@@ -49,24 +49,24 @@ def test_numbers_stay_numbers():
     ],
 )
 def test_numbers_and_times_as_labels(values, expected):
-    found = columns.as_labels(values)
+    found = raw_columns.as_labels(values)
     assert cells(found) == expected
     assert list(found.names) == list(dict.fromkeys(filter(None, expected)))
 
 
 def test_texts_as_numbers():
-    found = columns.as_numbers(labels(["1.5", "overload", None, "-inf", "1e-3"]))
+    found = raw_columns.as_numbers(labels(["1.5", "overload", None, "-inf", "1e-3"]))
     np.testing.assert_array_equal(found, [1.5, np.nan, np.nan, -np.inf, 1e-3])
 
 
 def test_times_are_no_numbers():
-    assert np.isnan(columns.as_numbers(np.array(["2026-11-21"], "datetime64[ns]"))).all()
+    assert np.isnan(raw_columns.as_numbers(np.array(["2026-11-21"], "datetime64[ns]"))).all()
 
 
 @given(texts, st.data())
 def test_rows_of_a_column(cell_list, data):
     rows = data.draw(st.lists(st.integers(0, len(cell_list) - 1), max_size=8))
-    taken = columns.take(labels(cell_list), np.array(rows, dtype=np.intp))
+    taken = raw_columns.take(labels(cell_list), np.array(rows, dtype=np.intp))
     assert cells(taken) == [cell_list[row] for row in rows]
 
 
@@ -78,7 +78,7 @@ LOGGED = np.array(["2026-11-21T08:00:00", "2026-11-21T08:00:01"], "datetime64[ns
     [(LOGGED - np.timedelta64(5, "ms"), True), (np.array([LOGGED[0], "NaT"], "datetime64[ns]"), False)],
 )
 def test_headers_count_only_if_every_message_has_one(stamp, stamped):
-    times, found = columns.stamps({STAMP: stamp, LOG_TIME: LOGGED})
+    times, found = raw_columns.stamps({STAMP: stamp, LOG_TIME: LOGGED})
     assert found == stamped
     np.testing.assert_array_equal(times, stamp if stamped else LOGGED)
 
@@ -95,16 +95,16 @@ def test_headers_count_only_if_every_message_has_one(stamp, stamped):
 )
 def test_a_clock_may_begin_at_zero_but_a_stamp_of_zero_is_none(stamps, believed):
     table = {STAMP: np.array([np.datetime64(stamp, "ns") for stamp in stamps])}
-    found = columns.header_stamps(table)
+    found = raw_columns.header_stamps(table)
     assert (None if found is None else found.astype(np.int64).tolist()) == believed
 
 
 def test_no_more_is_held_than_there_is_memory_for(tmp_path, monkeypatch):
     path = tmp_path / "log.csv"
     path.write_text("time,load\n" + "0.5,81\n" * 1_000)
-    assert len(columns.read_whole(open_source(str(path)), "", ["time"])["time"]) == 1_000
-    monkeypatch.setattr(columns, "most_held", lambda: 8_191)
-    assert len(columns.read_whole(open_source(str(path)), "", ["time"])["time"]) == 1_000
+    assert len(raw_columns.read_whole(open_source(str(path)), "", ["time"])["time"]) == 1_000
+    monkeypatch.setattr(raw_columns, "most_held", lambda: 8_191)
+    assert len(raw_columns.read_whole(open_source(str(path)), "", ["time"])["time"]) == 1_000
     with pytest.raises(InputError, match=r"too long to be read whole: .* 8,191 bytes") as caught:
-        columns.read_whole(open_source(str(path)), "", ["time", "load"])
+        raw_columns.read_whole(open_source(str(path)), "", ["time", "load"])
     assert "Long logs" in caught.value.hint

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.telemetry import derive
+from terrain_cli.telemetry import derived_channels
 
 # A brushed motor: Kt = 0.03 N m/A at 25 °C, −0.1 %/K, gear 50:1 at 80 %, 0.2 A without load.
 MOTOR = {
@@ -39,24 +39,26 @@ MOTOR = {
     ],
 )
 def test_slip(omega, velocity, expected):
-    assert derive.slip([omega], [velocity], 0.125) == pytest.approx([expected], abs=1e-15, nan_ok=True)
+    assert derived_channels.slip([omega], [velocity], 0.125) == pytest.approx(
+        [expected], abs=1e-15, nan_ok=True
+    )
 
 
 @given(st.floats(0.01, 10.0), st.floats(-2.0, 2.0))
 def test_slip_is_the_same_in_reverse_and_never_below_minus_one(omega, velocity):
-    forward = derive.slip(omega, velocity, 0.1)
-    assert forward == derive.slip(-omega, -velocity, 0.1)
+    forward = derived_channels.slip(omega, velocity, 0.1)
+    assert forward == derived_channels.slip(-omega, -velocity, 0.1)
     assert forward >= -1.0
 
 
 @given(st.floats(0.01, 10.0), st.floats(-0.99, 2.0), st.sampled_from([1.0, -1.0]))
 def test_velocity_is_what_slip_was_made_of(omega, slip, direction):
-    velocity = derive.velocity(direction * omega, slip, 0.1)
-    assert derive.slip(direction * omega, velocity, 0.1) == pytest.approx(slip, abs=1e-12)
+    velocity = derived_channels.velocity(direction * omega, slip, 0.1)
+    assert derived_channels.slip(direction * omega, velocity, 0.1) == pytest.approx(slip, abs=1e-12)
 
 
 def test_velocity_of_no_possible_slip():
-    assert np.isnan(derive.velocity([1.0, 1.0], [-1.0, -2.0], 0.1)).all()
+    assert np.isnan(derived_channels.velocity([1.0, 1.0], [-1.0, -2.0], 0.1)).all()
 
 
 @pytest.mark.parametrize(
@@ -76,27 +78,29 @@ def test_velocity_of_no_possible_slip():
     ],
 )
 def test_torque_from_current(current, temperature, omega, expected):
-    torque = derive.torque_from_current([current], temperature, angular_velocity=omega, **MOTOR)
+    torque = derived_channels.torque_from_current([current], temperature, angular_velocity=omega, **MOTOR)
     assert torque == pytest.approx([expected], rel=1e-12, abs=1e-15, nan_ok=True)
 
 
 def test_torque_of_a_bare_motor_is_its_constant_times_the_current():
     np.testing.assert_allclose(
-        derive.torque_from_current([1.0, -2.0], [20.0, 80.0], torque_constant=0.03), [0.03, -0.06]
+        derived_channels.torque_from_current([1.0, -2.0], [20.0, 80.0], torque_constant=0.03), [0.03, -0.06]
     )
 
 
 def test_wheel_velocity_inside_and_outside_of_a_curve():
     # v = 0.1 m/s, turning left at 0.05 rad/s: 0.4 m to the left, 0.1 − 0.02; to the right, 0.1 + 0.02.
-    assert derive.wheel_velocity(0.1, 0.05, 0.4) == pytest.approx(0.08)
-    assert derive.wheel_velocity(0.1, 0.05, -0.4) == pytest.approx(0.12)
+    assert derived_channels.wheel_velocity(0.1, 0.05, 0.4) == pytest.approx(0.08)
+    assert derived_channels.wheel_velocity(0.1, 0.05, -0.4) == pytest.approx(0.12)
 
 
 def test_distance_from_velocity_is_the_trapezoidal_sum():
     time = [0.0, 1.0, 3.0, 3.0, 2.0, 4.0]
     velocity = [0.0, 0.2, -0.4, 0.4, 0.4, 0.4]
     # 0.1·1, 0.3·2, nothing while time stands or runs back, 0.4·2
-    np.testing.assert_allclose(derive.distance_from_velocity(time, velocity), [0, 0.1, 0.7, 0.7, 0.7, 1.5])
+    np.testing.assert_allclose(
+        derived_channels.distance_from_velocity(time, velocity), [0, 0.1, 0.7, 0.7, 0.7, 1.5]
+    )
 
 
 def test_distance_stands_where_nothing_is_known():
@@ -104,17 +108,21 @@ def test_distance_stands_where_nothing_is_known():
     velocity = [np.nan, 0.1, np.nan, 0.3, 0.3, 0.3]
     # from 1 s to 3 s at (0.1 + 0.3)/2; the gap of 57 s counts only if it may
     np.testing.assert_allclose(
-        derive.distance_from_velocity(time, velocity, max_gap=5.0), [0, 0, 0, 0.4, 0.4, 0.7]
+        derived_channels.distance_from_velocity(time, velocity, max_gap=5.0), [0, 0, 0, 0.4, 0.4, 0.7]
     )
-    np.testing.assert_allclose(derive.distance_from_velocity(time, velocity)[-1], 0.4 + 57 * 0.3 + 0.3)
+    np.testing.assert_allclose(
+        derived_channels.distance_from_velocity(time, velocity)[-1], 0.4 + 57 * 0.3 + 0.3
+    )
 
 
 def test_distance_along_a_track():
     x, y = [0.0, 3.0, np.nan, 3.0, 3.0], [0.0, 4.0, 9.0, 4.0, 5.0]
-    np.testing.assert_allclose(derive.distance_from_track(x, y), [0.0, 5.0, 5.0, 5.0, 6.0])
+    np.testing.assert_allclose(derived_channels.distance_from_track(x, y), [0.0, 5.0, 5.0, 5.0, 6.0])
 
 
-@pytest.mark.parametrize("distance", [derive.distance_from_velocity, derive.distance_from_track])
+@pytest.mark.parametrize(
+    "distance", [derived_channels.distance_from_velocity, derived_channels.distance_from_track]
+)
 def test_distance_of_next_to_nothing(distance):
     assert distance([], []).shape == (0,)
     assert list(distance([1.0], [1.0])) == [0.0]
@@ -126,6 +134,6 @@ def test_distance_of_a_constant_speed_is_speed_times_time(velocity):
     time = np.arange(len(velocity)) * 0.1
     steady = np.full(len(velocity), velocity[0])
     np.testing.assert_allclose(
-        derive.distance_from_velocity(time, steady), abs(velocity[0]) * time, rtol=1e-9, atol=1e-12
+        derived_channels.distance_from_velocity(time, steady), abs(velocity[0]) * time, rtol=1e-9, atol=1e-12
     )
-    assert np.all(np.diff(derive.distance_from_velocity(time, velocity)) >= 0.0)
+    assert np.all(np.diff(derived_channels.distance_from_velocity(time, velocity)) >= 0.0)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formats import Labels
-from terrain_cli.telemetry import health
+from terrain_cli.telemetry.derive import usable_samples
 
 NAN, INF = float("nan"), float("inf")
 RADIUS = 0.125
@@ -24,7 +24,7 @@ def channels(n=3, **changes):
 
 
 def reasons(columns, time=None):
-    found, _ = health.set_aside(columns, time, RADIUS)
+    found, _ = usable_samples.set_aside(columns, time, RADIUS)
     return [None if code < 0 else found.names[code] for code in found.codes]
 
 
@@ -65,7 +65,7 @@ def test_each_reason(changes, reason):
     [(-0.01, None), (-0.99, None), (-1.0, None), (-1.01, "wheel turns against its course (slip < -1)")],
 )
 def test_the_whole_model_covers_a_wheel_that_skids(slip, reason):
-    found, _ = health.set_aside(channels(slip=slip), None, RADIUS, skids=True)
+    found, _ = usable_samples.set_aside(channels(slip=slip), None, RADIUS, skids=True)
     assert [None if code < 0 else found.names[code] for code in found.codes] == [None, reason, None]
 
 
@@ -91,7 +91,7 @@ values = st.sampled_from([NAN, INF, -INF, -1.0, 0.0, 1e-4, 0.01, 0.5, 1.0, 2.0, 
 @given(st.lists(st.fixed_dictionaries(dict.fromkeys(GOOD, values)), min_size=1, max_size=12))
 def test_what_is_used_can_be_used(rows):
     columns = {name: np.array([row[name] for row in rows]) for name in GOOD}
-    found, _ = health.set_aside(columns, None, RADIUS)
+    found, _ = usable_samples.set_aside(columns, None, RADIUS)
     used = {name: column[found.codes < 0] for name, column in columns.items()}
     assert all(np.isfinite(used[name]).all() for name in GOOD if name not in {"angular_velocity", "velocity"})
     assert np.all((used["load"] > 0) & (used["sinkage"] > 0) & (used["sinkage"] < RADIUS))
@@ -106,14 +106,14 @@ def judged(n, **where):
     codes = np.full(n, -1, dtype=np.int32)
     for code, rows in enumerate(where.values()):
         codes[list(rows)] = code
-    texts = {"stands": health.STANDS, "astray": health.BACKWARDS}
+    texts = {"stands": usable_samples.STANDS, "astray": usable_samples.BACKWARDS}
     return Labels(codes, tuple(texts.get(name, name) for name in names))
 
 
 @given(st.lists(st.floats(0.01, 3.0), min_size=1, max_size=40), st.floats(0.05, 2.0))
 def test_stretches_never_join_across_a_gap_and_are_never_cut_without(steps, max_gap):
     time = np.concatenate([[0.0], np.cumsum(steps)])
-    stretch = health.stretches(time, judged(len(time)), max_gap=max_gap)
+    stretch = usable_samples.stretches(time, judged(len(time)), max_gap=max_gap)
     gaps = np.diff(time) > max_gap + 1e-6
     np.testing.assert_array_equal(np.diff(stretch), gaps.astype(int))
 
@@ -122,7 +122,7 @@ def test_stretches_never_join_across_a_gap_and_are_never_cut_without(steps, max_
 def test_unusable_samples_break_a_stretch_when_they_last_too_long(n, data):
     time = np.arange(n) * 0.1
     lost = data.draw(st.sets(st.integers(0, n - 1), max_size=n))
-    stretch = health.stretches(time, judged(n, lost=lost), max_gap=0.5)
+    stretch = usable_samples.stretches(time, judged(n, lost=lost), max_gap=0.5)
     usable = [j for j in range(n) if j not in lost]
     for a, b in pairwise(usable):
         assert (stretch[b] > stretch[a]) == (time[b] - time[a] > 0.5 + 1e-6)
@@ -131,30 +131,30 @@ def test_unusable_samples_break_a_stretch_when_they_last_too_long(n, data):
 def test_standing_does_not_interrupt_the_ground():
     time = np.arange(100) * 0.1
     standing = judged(100, stands=range(20, 80))
-    assert health.stretches(time, standing, max_gap=0.5).max() == 0
+    assert usable_samples.stretches(time, standing, max_gap=0.5).max() == 0
     # But what is not recorded while it stands may be anything.
     time[50:] += 2.0
-    stretch = health.stretches(time, standing, max_gap=0.5)
+    stretch = usable_samples.stretches(time, standing, max_gap=0.5)
     assert (stretch[19], stretch[80]) == (0, 1)
 
 
 def test_a_time_that_is_wrong_is_no_gap():
     time = np.arange(60) * 0.1 + 1e9
     time[30] = 0.0
-    stretch = health.stretches(time, judged(60, astray=[30]), max_gap=0.5)
+    stretch = usable_samples.stretches(time, judged(60, astray=[30]), max_gap=0.5)
     assert stretch.max() == 0
     time[30] = NAN
-    assert health.stretches(time, judged(60, lost=[30]), max_gap=0.5).max() == 0
+    assert usable_samples.stretches(time, judged(60, lost=[30]), max_gap=0.5).max() == 0
 
 
 def test_runs_and_restarts():
     time = np.concatenate([np.arange(10), np.arange(10)]) * 0.1
     runs = Labels(np.repeat([0, 1, 0, 0], 5).astype(np.int32), ("a", "b"))
-    stretch = health.stretches(time, judged(20), runs=runs, restarts=np.array([15]), max_gap=0.5)
+    stretch = usable_samples.stretches(time, judged(20), runs=runs, restarts=np.array([15]), max_gap=0.5)
     np.testing.assert_array_equal(stretch, np.repeat([0, 1, 2, 3], 5))
 
 
 def test_without_a_clock_there_are_no_gaps():
-    stretch = health.stretches(None, judged(4, lost=[1]), max_gap=0.0)
+    stretch = usable_samples.stretches(None, judged(4, lost=[1]), max_gap=0.0)
     np.testing.assert_array_equal(stretch, [0, 0, 0, 0])
-    assert len(health.stretches(np.empty(0), judged(0), max_gap=1.0)) == 0
+    assert len(usable_samples.stretches(np.empty(0), judged(0), max_gap=1.0)) == 0

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.rover import Vehicle
-from terrain_cli.telemetry.derive import wheel_loads
+from terrain_cli.telemetry.derived_channels import wheel_loads
 
 #: front left, rear left, front right, rear right
 FOUR = np.array([[0.5, 0.4, 0.0], [-0.5, 0.4, 0.0], [0.5, -0.4, 0.0], [-0.5, -0.4, 0.0]])

@@ -11,7 +11,7 @@ from simulator.soils import DRY_SAND
 from terrain_cli import telemetry
 from terrain_cli.effects import Effect, Parameter
 from terrain_cli.errors import ConfigurationError, InputError
-from terrain_cli.telemetry import needs
+from terrain_cli.telemetry.derive import effect_inputs
 
 GEOMETRY = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
 N = 40
@@ -165,10 +165,10 @@ def test_every_format_gives_the_same(write_log, name, tmp_path, rover_of):
 
 
 def test_where_a_need_comes_from():
-    assert needs.sources("yaw_rate") == ("yaw_rate",)
-    assert needs.sources("yaw_rate_rate") == ("yaw_rate", "time")
-    assert needs.sources("wheel_angle") == ("angular_velocity", "time")
-    assert needs.sources("grouser_height") == ()
-    assert needs.read([effect("slip_rate", any_of=("tether",), further=("wheel_angle",))]) == (
+    assert effect_inputs.sources("yaw_rate") == ("yaw_rate",)
+    assert effect_inputs.sources("yaw_rate_rate") == ("yaw_rate", "time")
+    assert effect_inputs.sources("wheel_angle") == ("angular_velocity", "time")
+    assert effect_inputs.sources("grouser_height") == ()
+    assert effect_inputs.read([effect("slip_rate", any_of=("tether",), further=("wheel_angle",))]) == (
         {"slip", "time", "angular_velocity"}, {"tether"},
     )  # fmt: skip

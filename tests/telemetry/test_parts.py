@@ -8,11 +8,14 @@ import pytest
 
 import formats
 from terrain_cli import telemetry
-from terrain_cli.channels import CHANNELS
 from terrain_cli.effects import find
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import columns, excerpt, mapping, parts, tables
-from terrain_cli.telemetry.excerpt import Excerpt, excerpted, joined
+from terrain_cli.telemetry import raw_columns
+from terrain_cli.telemetry.long import excerpt, long_tables
+from terrain_cli.telemetry.long.excerpt import Excerpt, excerpted, joined
+from terrain_cli.telemetry.plan import mapping
+from terrain_cli.telemetry.read import tables
+from terrain_cli.vocabulary.channels import CHANNELS
 
 GEOMETRY = "[wheel]\nradius = 0.125\nwidth = 0.1\ngrouser_count = 12\ngrouser_height = 0.01\n"
 ROVER = GEOMETRY + "[soil]\nshear_modulus = 0.018\n"
@@ -27,8 +30,8 @@ def rover(rover_of):
 @pytest.fixture
 def small(monkeypatch):
     """Make parts so small that a table of some thousand rows has many."""
-    monkeypatch.setattr(parts, "ROWS", 170)
-    monkeypatch.setattr(parts, "BESIDE", 64)
+    monkeypatch.setattr(long_tables, "ROWS", 170)
+    monkeypatch.setattr(long_tables, "BESIDE", 64)
 
 
 def log(seed=0, n=N, rate=20.0):
@@ -70,11 +73,11 @@ def dirty(table, rng, standing=(20, 150, 300)):
 def in_parts(path, rover, *, wheels=(), effects=(), rows=None):
     source = formats.open_source(path)
     layout = mapping.plan(source, rover)
-    request = parts.Request(layout, rover, frozenset(CHANNELS), layout.extras, wheels, None, effects)
+    request = long_tables.Request(layout, rover, frozenset(CHANNELS), layout.extras, wheels, None, effects)
     names = tables.fields(layout, CHANNELS, layout.extras)
     batches = list(source.read("", names, 50))
-    begin = batches[:3] if rows is None else [columns.whole(batches[:rows])]
-    return list(parts.in_parts(request, begin, iter(batches[rows or 3 :]), lambda _: None))
+    begin = batches[:3] if rows is None else [raw_columns.whole(batches[:rows])]
+    return list(long_tables.in_parts(request, begin, iter(batches[rows or 3 :]), lambda _: None))
 
 
 def by_wheel(found):

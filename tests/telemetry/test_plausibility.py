@@ -14,12 +14,14 @@ from formats import Labels, open_source
 from terrain_cli import rover as rovers
 from terrain_cli import telemetry
 from terrain_cli.app import main
-from terrain_cli.channels import CHANNELS
 from terrain_cli.errors import InputError
-from terrain_cli.simulation.drives import PRESETS
-from terrain_cli.simulation.soils import SOILS
-from terrain_cli.telemetry import mapping, parts, tables
-from terrain_cli.telemetry.doubts import Doubt, ImplausibleError
+from terrain_cli.simulation.prepared_drives import PRESETS
+from terrain_cli.simulation.simulated_soils import SOILS
+from terrain_cli.telemetry.derive.doubts import Doubt, ImplausibleError
+from terrain_cli.telemetry.long import long_tables
+from terrain_cli.telemetry.plan import mapping
+from terrain_cli.telemetry.read import tables
+from terrain_cli.vocabulary.channels import CHANNELS
 
 ROOT = Path(__file__).resolve().parents[2]
 RADIUS = 0.125
@@ -306,14 +308,14 @@ def test_an_entry_angle_beyond_half_a_turn_is_no_depth(drive, judged, tmp_path):
 def in_parts(path, rover):
     source = open_source(path)
     layout = mapping.plan(source, rover)
-    request = parts.Request(layout, rover, frozenset(CHANNELS), layout.extras, (), None, None)
+    request = long_tables.Request(layout, rover, frozenset(CHANNELS), layout.extras, (), None, None)
     batches = source.read("", tables.fields(layout, CHANNELS, layout.extras), 50)
-    return list(parts.in_parts(request, [next(batches)], batches, lambda _: None))
+    return list(long_tables.in_parts(request, [next(batches)], batches, lambda _: None))
 
 
 def test_a_long_log_is_doubted_as_a_whole(drive, judged, monkeypatch, tmp_path):
-    monkeypatch.setattr(parts, "ROWS", 120)
-    monkeypatch.setattr(parts, "BESIDE", 40)
+    monkeypatch.setattr(long_tables, "ROWS", 120)
+    monkeypatch.setattr(long_tables, "BESIDE", 40)
     path, rover = str(tmp_path / "run.csv"), tmp_path / "rover.toml"
 
     def told():
@@ -335,12 +337,12 @@ def test_a_long_log_is_doubted_as_a_whole(drive, judged, monkeypatch, tmp_path):
 
 
 def test_the_samples_that_are_looked_at_are_bounded(monkeypatch):
-    from terrain_cli.telemetry import evidence
+    from terrain_cli.telemetry.derive import unit_evidence
 
-    monkeypatch.setattr(evidence, "MOST", 64)
+    monkeypatch.setattr(unit_evidence, "MOST", 64)
     drive = steady()
     channels = {name: drive[name].to_numpy() for name in drive if name != "time"}
-    gathered = evidence.Evidence(telemetry.Geometry(RADIUS, 0.1, 0.018), {})
+    gathered = unit_evidence.Evidence(telemetry.Geometry(RADIUS, 0.1, 0.018), {})
     for begin in range(0, 1000, 90):
         rows = slice(begin, begin + 90)
         part = telemetry.Samples(

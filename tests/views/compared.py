@@ -9,8 +9,7 @@ from simulator.profiles import undulation, wave
 from simulator.soils import DRY_SAND, SANDY_LOAM
 
 from formats import Labels
-from terrain_cli import windows
-from terrain_cli.comparison.parts import (
+from terrain_cli.comparison.comparison_outcome import (
     UNITS,
     ChannelErrors,
     Comparison,
@@ -20,8 +19,9 @@ from terrain_cli.comparison.parts import (
     WheelComparison,
 )
 from terrain_cli.estimation.wheel_fit import fit
-from terrain_cli.mechanics.model import Model
-from terrain_cli.telemetry.samples import Geometry, Samples
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.telemetry.wheel_samples import Geometry, Samples
+from terrain_cli.windows import cut_windows
 
 GEOMETRY = Geometry(0.125, 0.1, 0.018)
 #: N m that the torque has too much above a slip of `ABOVE`.
@@ -71,7 +71,7 @@ def samples_of(log, source):
 
 def wheel_of(log, source, extra):
     samples = samples_of(log, source)
-    cut = windows.cut(samples, "fixed", window_samples=60)
+    cut = cut_windows.cut(samples, "fixed", window_samples=60)
     rows = cut.rows
     drivers = {
         name: Driver(name, unit, samples.channels[name][rows])

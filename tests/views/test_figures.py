@@ -11,15 +11,15 @@ from compared import ABOVE, EXCESS, comparison_of, drive
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from simulator.run import simulate
 
-from terrain_cli import results
-from terrain_cli.views import figures, samples, soil, style
+from terrain_cli.presentation import segment_table
+from terrain_cli.views import chart_style, figures, sample_pairs, soil_table
 
 pytestmark = pytest.mark.filterwarnings("ignore:Glyph .* missing from:UserWarning")
 
 
 @pytest.fixture(autouse=True)
 def _style():
-    with mpl.rc_context(style.SETTINGS):
+    with mpl.rc_context(chart_style.SETTINGS):
         yield
 
 
@@ -93,7 +93,7 @@ def test_residual_of_many_samples(many):
 
 
 def test_strength(comparison):
-    figure = figures.strength(soil.table(comparison))
+    figure = figures.strength(soil_table.table(comparison))
     drawn(figure)
     assert labels(figure) == {
         ("cohesion c (kPa)", "friction angle φ (°)"),
@@ -104,7 +104,7 @@ def test_strength(comparison):
 
 
 def test_a_region_wider_than_the_axes_is_told_of(comparison):
-    table = soil.table(comparison)
+    table = soil_table.table(comparison)
     rows = len(table["status"])
     for name, error in (("c_se_kPa", 0.1), ("phi_se_deg", 1.0), ("corr_c_phi", 0.0)):
         table[name] = np.full(rows, error)
@@ -116,8 +116,8 @@ def test_a_region_wider_than_the_axes_is_told_of(comparison):
 
 
 def test_track(comparison):
-    misfit = samples.misfit(comparison, "torque")
-    figure = figures.track(soil.table(comparison), {"rms misfit of torque (N m)": misfit})
+    misfit = sample_pairs.misfit(comparison, "torque")
+    figure = figures.track(soil_table.table(comparison), {"rms misfit of torque (N m)": misfit})
     drawn(figure)
     said = texts(figure)
     for text in ("x (m)", "y (m)", "strength at σ* (kPa)", "rms misfit of torque (N m)", "front-left"):
@@ -134,23 +134,23 @@ def test_misfit_of_a_segment_is_the_rms_of_its_residual(comparison):
     here = slice(*wheel.windows.bounds[2:4])
     series = wheel.series["sinkage"]
     expected = 1e3 * np.sqrt(np.mean((series.measured[here] - series.predicted[here]) ** 2))
-    assert samples.misfit(comparison, "sinkage")[n + 2] == pytest.approx(expected)
+    assert sample_pairs.misfit(comparison, "sinkage")[n + 2] == pytest.approx(expected)
 
 
 def test_no_track_without_places(comparison):
-    table = {**soil.table(comparison)}
+    table = {**soil_table.table(comparison)}
     table["WKT"] = [""] * len(table["WKT"])
     assert figures.track(table, {}) is None
 
 
 def test_track_of_places_that_do_not_move(comparison):
-    table = {**soil.table(comparison)}
+    table = {**soil_table.table(comparison)}
     table["WKT"] = [f"POINT ({j} 0.0)" for j in range(len(table["WKT"]))]
     drawn(figures.track(table, {}))
 
 
 def test_convergence(comparison):
-    trace = results.trace(comparison.wheels[0].windows)
+    trace = segment_table.trace(comparison.wheels[0].windows)
     figure = figures.convergence(trace)
     drawn(figure)
     assert [axes.get_ylabel() for axes in figure.axes] == ["cohesion c (kPa)", "friction angle φ (°)"]
@@ -161,7 +161,7 @@ def test_convergence(comparison):
 
 
 def test_rim_stress(comparison):
-    figure = figures.rim_stress(soil.moments(comparison))
+    figure = figures.rim_stress(soil_table.moments(comparison))
     drawn(figure)
     assert labels(figure) == {("angle from the vertical θ (°), forward positive", "stress (kPa)")}
     angle, normal = figure.axes[0].lines[1].get_xydata().T
@@ -178,13 +178,13 @@ def test_names_from_files_are_drawn_as_they_are(run, name):
     figure = figures.residuals(odd, "torque")
     drawn(figure)
     assert name in [axes.get_xlabel() for axes in figure.axes]
-    table = {**soil.table(odd)}
+    table = {**soil_table.table(odd)}
     table["terrain"] = [name, *table["terrain"][1:]]
     drawn(figures.strength(table))
 
 
 def test_estimates_without_errors(comparison):
-    table = {**soil.table(comparison)}
+    table = {**soil_table.table(comparison)}
     nothing = np.full(len(table["segment"]), np.nan)
     for names in (
         ("c_se_kPa", "phi_se_deg", "corr_c_phi"),
@@ -203,6 +203,6 @@ def test_channel_that_is_measured_on_one_wheel_only(run):
     wheel.series["torque"] = replace(series, measured=np.full(len(series.measured), np.nan))
     drawn(figures.predicted_measured(partial))
     drawn(figures.residuals(partial, "drawbar_pull"))
-    misfit = samples.misfit(partial, "torque")
+    misfit = sample_pairs.misfit(partial, "torque")
     assert np.isfinite(misfit[: len(partial.wheels[0].windows)]).all()
     assert np.isnan(misfit[len(partial.wheels[0].windows) :]).all()

@@ -14,12 +14,12 @@ from matplotlib import image
 from matplotlib.figure import Figure
 
 from formats import CannotWriteError
-from terrain_cli import results
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.fitting import estimate_lines
-from terrain_cli.mechanics.model import Model
-from terrain_cli.pipeline import Outcome
-from terrain_cli.views import plots, soil
+from terrain_cli.estimation.estimators import estimate_lines
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.presentation import segment_table
+from terrain_cli.run.one_log import Outcome
+from terrain_cli.views import plots, soil_table
 
 EXPECTED = {
     "predicted-measured": ("measured torque T (N m)", "predicted sinkage z (mm)"),
@@ -84,9 +84,9 @@ def test_same_data_same_files(comparison, folder, tmp_path, monkeypatch):
 def test_estimates(comparison, tmp_path):
     outcomes = [
         Outcome(
-            results.table(wheel.windows, estimate_lines(wheel.windows)),
+            segment_table.table(wheel.windows, estimate_lines(wheel.windows)),
             {},
-            trace=[results.trace(wheel.windows)],
+            trace=[segment_table.trace(wheel.windows)],
         )
         for wheel in comparison.wheels
     ]
@@ -99,8 +99,8 @@ def test_estimates(comparison, tmp_path):
 
 def test_names_of_wheels_make_no_paths(comparison, tmp_path):
     wheel = comparison.wheels[0]
-    table = results.table(wheel.windows, estimate_lines(wheel.windows))
-    trace = results.trace(wheel.windows)
+    table = segment_table.table(wheel.windows, estimate_lines(wheel.windows))
+    trace = segment_table.trace(wheel.windows)
     trace["wheel"] = ["../../etc/<x>"] * len(trace["wheel"])
     written = plots.write([Outcome(table, {}, trace=[trace, trace])], tmp_path / "here")
     assert {path.parent for path in written} == {tmp_path / "here"}
@@ -109,7 +109,7 @@ def test_names_of_wheels_make_no_paths(comparison, tmp_path):
 
 def test_linear_base_has_no_rim(comparison):
     linear = replace(comparison, wheels=[replace(w, model=Model("linear")) for w in comparison.wheels])
-    assert soil.moments(linear) == []
+    assert soil_table.moments(linear) == []
 
 
 def test_full_disk_leaves_the_old_picture(comparison, tmp_path, monkeypatch):

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from terrain_cli.views import words
+from terrain_cli.vocabulary import quantities
 
 
 @pytest.mark.parametrize(
@@ -22,12 +22,12 @@ from terrain_cli.views import words
     ],
 )
 def test_label(name, unit, label):
-    assert words.quantity(name, unit).label == label
+    assert quantities.quantity(name, unit).label == label
 
 
 def test_factor_goes_with_the_unit():
-    assert 0.012 * words.quantity("sinkage", "m").factor == pytest.approx(12.0)
-    assert math.pi * words.quantity("pitch", "rad").factor == pytest.approx(180.0)
+    assert 0.012 * quantities.quantity("sinkage", "m").factor == pytest.approx(12.0)
+    assert math.pi * quantities.quantity("pitch", "rad").factor == pytest.approx(180.0)
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def test_factor_goes_with_the_unit():
     [(0.05194, "0.0519"), (-1.834, "−1.83"), (12345.0, "12345"), (0.0, "0"), (math.nan, "–"), (1e9, "1e+09")],
 )
 def test_number(value, text):
-    assert words.number(value) == text
+    assert quantities.number(value) == text
 
 
 @pytest.mark.parametrize(
@@ -50,4 +50,4 @@ def test_number(value, text):
     ],
 )
 def test_plus_minus(value, error, text):
-    assert words.plus_minus(value, error) == text
+    assert quantities.plus_minus(value, error) == text

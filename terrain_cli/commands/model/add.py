@@ -8,12 +8,12 @@ from typing import Any
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.commands.model import trying
+from terrain_cli.commands.model import change_options
 
 
 @click.command(
     "add",
-    cls=trying.TakesInputs,
+    cls=change_options.TakesInputs,
     context_settings=options.CONTEXT,
     short_help="Add an effect, if it makes the held-out error fall.",
     epilog="""\b
@@ -41,7 +41,7 @@ Examples:
     help="With --until-quiet: where to write an effect of your own for what no candidate explains.  "
     "[stop there]",
 )
-@trying.with_options
+@change_options.with_options
 @click.pass_context
 def add(context: click.Context, /, **_: Any) -> None:
     """Add each EFFECT to the model FILE, if that makes the error on held-out data fall.
@@ -64,9 +64,9 @@ def add(context: click.Context, /, **_: Any) -> None:
             raise UsageError("--until-quiet needs --data", hint="--data run.bag, or several inputs")
         if given["keep"]:
             raise UsageError("--keep and --until-quiet contradict each other", hint="leave out one of them")
-        from terrain_cli.commands.model import looping
+        from terrain_cli.commands.model import until_quiet
 
-        looping.run(context)
+        until_quiet.run(context)
         return
     if not given["effects"]:
         raise UsageError(
@@ -78,16 +78,17 @@ def add(context: click.Context, /, **_: Any) -> None:
 
 
 def _add(context: click.Context) -> None:
-    from terrain_cli.improvement import document, record, sentences
+    from terrain_cli.improvement import history_entry
+    from terrain_cli.presentation import change_sentences, change_text
 
     given = context.params
-    before, changed = trying.change(context, "add")
+    before, changed = change_options.change(context, "add")
     if not given["inputs"]:
-        trying.untested(context, "add", changed)
+        change_options.untested(context, "add", changed)
         return
-    step = trying.tried(context, "add", before, changed)
+    step = change_options.tried(context, "add", before, changed)
     step = replace(step, kept=step.pays or given["keep"])
     if step.kept:
-        because = sentences.found(step) if step.pays else f"--keep; {sentences.found(step)}"
-        trying.write(given["file"], changed.file, record.entry(step, because))
-    trying.tell(context, document.text(step), document.document(step))
+        because = change_sentences.found(step) if step.pays else f"--keep; {change_sentences.found(step)}"
+        change_options.write(given["file"], changed.file, history_entry.entry(step, because))
+    change_options.tell(context, change_text.text(step), change_text.document(step))

@@ -7,8 +7,8 @@ import json
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.english import counted
-from terrain_cli.terminal import aligned, say
+from terrain_cli.presentation.terminal import aligned, say
+from terrain_cli.vocabulary.english import counted
 
 FORMAT = "terrain-est/model-history/1"
 
@@ -40,16 +40,16 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     Errors are rms errors on stretches of the data that were not fitted, with 95 % intervals, beside the
     noise that no model could predict. A step may have been tried on other data than the one before.
     """
-    from terrain_cli.commands.model import trying
-    from terrain_cli.improvement import ladder
-    from terrain_cli.views import ladder as views
+    from terrain_cli.commands.model import change_options
+    from terrain_cli.improvement import error_ladder
+    from terrain_cli.views import ladder_table as views
 
     if plot:
-        from terrain_cli.views import extras
+        from terrain_cli.views import optional_libraries
 
-        extras.need("plot")
-    model = trying.load(file)
-    rungs = ladder.rungs(model.history)
+        optional_libraries.need("plot")
+    model = change_options.load(file)
+    rungs = error_ladder.rungs(model.history)
     if as_json:
         content = {
             "format": FORMAT,

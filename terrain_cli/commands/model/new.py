@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from terrain_cli.choices import BASES
 from terrain_cli.commands import options, paths
+from terrain_cli.vocabulary.choices import BASES
 
 
 @click.command(

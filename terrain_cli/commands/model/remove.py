@@ -8,12 +8,12 @@ from typing import Any
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.commands.model import trying
+from terrain_cli.commands.model import change_options
 
 
 @click.command(
     "remove",
-    cls=trying.TakesInputs,
+    cls=change_options.TakesInputs,
     context_settings=options.CONTEXT,
     short_help="Remove an effect, and see what it was worth.",
     epilog="""\b
@@ -24,7 +24,7 @@ Examples:
 )
 @click.argument("file", type=paths.CHANGED, metavar="FILE")
 @click.argument("effects", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…")
-@trying.with_options
+@change_options.with_options
 @click.pass_context
 def remove(context: click.Context, /, **_: Any) -> None:
     """Remove each EFFECT from the model FILE, with all that FILE says of its parameters.
@@ -33,13 +33,14 @@ def remove(context: click.Context, /, **_: Any) -> None:
     that were not fitted. It is removed whatever comes out, as you have asked for it; if the held-out
     error rises, this is said, and `terrain-est model add` brings it back. FILE remembers either.
     """
-    from terrain_cli.improvement import document, record, sentences
+    from terrain_cli.improvement import history_entry
+    from terrain_cli.presentation import change_sentences, change_text
 
-    before, changed = trying.change(context, "remove")
+    before, changed = change_options.change(context, "remove")
     if not context.params["inputs"]:
-        trying.untested(context, "remove", changed)
+        change_options.untested(context, "remove", changed)
         return
-    step = replace(trying.tried(context, "remove", before, changed), kept=True)
-    because = f"asked for; {sentences.found(step)}"
-    trying.write(context.params["file"], changed.file, record.entry(step, because))
-    trying.tell(context, document.text(step), document.document(step))
+    step = replace(change_options.tried(context, "remove", before, changed), kept=True)
+    because = f"asked for; {change_sentences.found(step)}"
+    change_options.write(context.params["file"], changed.file, history_entry.entry(step, because))
+    change_options.tell(context, change_text.text(step), change_text.document(step))

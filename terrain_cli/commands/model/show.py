@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.terminal import aligned, say
+from terrain_cli.presentation.terminal import aligned, say
 
 if TYPE_CHECKING:
     from terrain_cli.models import ModelFile
@@ -98,7 +98,7 @@ def _text(document: dict[str, Any]) -> list[str]:
         names = (name if name in document["needs"] else f"{name} (if there)" for name in document["uses"])
         lines.append(f"channels that the effects use: {', '.join(names)}")
     if document["history"]:
-        from terrain_cli.improvement.ladder import rungs
+        from terrain_cli.improvement.error_ladder import rungs
 
         lines.append("history:")
         lines += [

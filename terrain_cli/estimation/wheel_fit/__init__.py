@@ -2,13 +2,13 @@
 
 The most probable parameters of soil and effects, given what the sensors' noise is, what published
 soils are like, and that the true load, sinkage and slip of each sample are not known either:
-`linearise` says how, `solve` finds them, `refine` gives their errors.
+`linearised` says how, `gauss_newton` finds them, `posterior` gives their errors.
 """
 
-from terrain_cli.estimation.wheel_fit.estimates import as_window_estimates
+from terrain_cli.estimation.wheel_fit.channel_noise import Noise
+from terrain_cli.estimation.wheel_fit.fit_estimates import as_window_estimates
+from terrain_cli.estimation.wheel_fit.fit_result import Fit
 from terrain_cli.estimation.wheel_fit.fitting import fit
-from terrain_cli.estimation.wheel_fit.noise import Noise
-from terrain_cli.estimation.wheel_fit.result import Fit
 from terrain_cli.estimation.wheel_fit.unknowns import DEFAULT
 from terrain_cli.mechanics.prior import Prior
 

@@ -7,33 +7,33 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from terrain_cli.choices import FIT_SAMPLES
 from terrain_cli.errors import UsageError
-from terrain_cli.estimation.correlation import student
-from terrain_cli.estimation.moments import segment_sum
-from terrain_cli.estimation.wheel_fit import start
-from terrain_cli.estimation.wheel_fit.astray import mend, put
-from terrain_cli.estimation.wheel_fit.data import BALANCE, collect
-from terrain_cli.estimation.wheel_fit.descent import descend
-from terrain_cli.estimation.wheel_fit.linearise import Problem
-from terrain_cli.estimation.wheel_fit.noise import assumed, from_differences, inner
-from terrain_cli.estimation.wheel_fit.refine import Posterior, posterior
-from terrain_cli.estimation.wheel_fit.result import Fit, parameters
-from terrain_cli.estimation.wheel_fit.solve import accumulate, eliminate, initial, solve
+from terrain_cli.estimation.line.correlation import student
+from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.wheel_fit import starts
+from terrain_cli.estimation.wheel_fit.channel_noise import assumed, from_differences, inner
+from terrain_cli.estimation.wheel_fit.damped_search import descend
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, collect
+from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
+from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, solve
+from terrain_cli.estimation.wheel_fit.linearised import Problem
+from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
+from terrain_cli.estimation.wheel_fit.strayed_windows import mend, put
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.mechanics.dual import value
+from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.estimation.wheel_fit.data import Data
-    from terrain_cli.estimation.wheel_fit.linearise import Equations
-    from terrain_cli.estimation.wheel_fit.noise import Noise
-    from terrain_cli.estimation.wheel_fit.solve import State
-    from terrain_cli.mechanics.model import Given, Model, WheelGeometry
+    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
+    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.gauss_newton import State
+    from terrain_cli.estimation.wheel_fit.linearised import Equations
     from terrain_cli.mechanics.prior import Prior
+    from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
 
     Array = NDArray[np.float64]
 
@@ -187,8 +187,8 @@ def _all(
 
 def _search(problem: Problem, data: Data, order: int | None) -> State:
     """Find the most probable unknowns, from several beginnings where one does not suffice."""
-    t, common = start.centre(problem, data)
-    begun = [common, *start.of_shapes(problem, common)]
+    t, common = starts.centre(problem, data)
+    begun = [common, *starts.of_shapes(problem, common)]
     if len(begun) > 1:
         ends = [_towards(problem, data, t, one, order) for one in begun]
         return min(ends, key=lambda end: float(end.merit.sum() + np.sum(end.common**2)))
@@ -218,7 +218,7 @@ def _elsewhere(problem: Problem, data: Data, state: State, common: Array, order:
         return state
     again = data.only(bad)
     rows = data.rows_of(bad)
-    for other in start.others(problem, again, common):
+    for other in starts.others(problem, again, common):
         tried = solve(problem, again, initial(again, other, common), order=order)
         better = tried.converged & ((tried.merit < state.merit[bad] - 0.1) | ~state.converged[bad])
         at = bad[better]
@@ -242,9 +242,9 @@ def _learn(problem: Problem, data: Data, *, ordered: bool) -> tuple[Problem, flo
     )
     sample = data.only(chosen)
     local = len(problem.unknowns.local)
-    t, common = start.centre(problem, sample)
+    t, common = starts.centre(problem, sample)
     state, dof = initial(sample, t, common), 1.0
-    if next(start.of_shapes(problem, common), None) is not None:
+    if next(starts.of_shapes(problem, common), None) is not None:
         state = _search(problem, sample, _order(problem.noise, sample))
     for _ in range(_ROUNDS):
         order = _order(problem.noise, sample)

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.choices import SOIL_BOUNDS
 from terrain_cli.errors import ConfigurationError, UsageError
 from terrain_cli.mechanics.prior import Prior
+from terrain_cli.vocabulary.choices import SOIL_BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.mechanics.model import Model
+    from terrain_cli.mechanics.wheel_model import Model
 
     Array = NDArray[np.float64]
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from terrain_cli.views.figures.agreement import predicted_measured, residuals
-from terrain_cli.views.figures.ladder import errors
+from terrain_cli.views.figures.ladder_figure import errors
 from terrain_cli.views.figures.recursion import convergence
-from terrain_cli.views.figures.rim import rim_stress
-from terrain_cli.views.figures.soil import strength
+from terrain_cli.views.figures.rim_stress import rim_stress
+from terrain_cli.views.figures.soil_strength import strength
 from terrain_cli.views.figures.track import track
 
 __all__ = ["convergence", "errors", "predicted_measured", "residuals", "rim_stress", "strength", "track"]

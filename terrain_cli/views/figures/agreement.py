@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from terrain_cli.views import binning, samples, words
-from terrain_cli.views.style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN
+from terrain_cli.views import binning, sample_pairs
+from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN
+from terrain_cli.vocabulary import quantities
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.parts import Comparison
+    from terrain_cli.comparison.comparison_outcome import Comparison
 
     Array = NDArray[np.float64]
 
@@ -37,12 +38,12 @@ def predicted_measured(comparison: Comparison) -> Figure:
     -------
     matplotlib.figure.Figure
     """
-    shown = samples.channels(comparison)
+    shown = sample_pairs.channels(comparison)
     figure = Figure(figsize=(3.4 * len(shown), 3.9))
     for axes, name in zip(np.ravel(figure.subplots(1, len(shown))), shown, strict=True):
         errors = comparison.channels[name]
-        what = words.quantity(name, errors.unit)
-        pooled = samples.pairs(comparison, name)
+        what = quantities.quantity(name, errors.unit)
+        pooled = sample_pairs.pairs(comparison, name)
         if len(pooled.measured) > binning.MOST_POINTS:
             mesh = _counts(axes, binning.grid(pooled.measured, pooled.predicted, square=True))
             figure.colorbar(mesh, ax=axes, label="samples", location="bottom", shrink=0.8, aspect=30)
@@ -56,15 +57,16 @@ def predicted_measured(comparison: Comparison) -> Figure:
             aspect="equal",
             xlabel=f"measured {what.label}",
             ylabel=f"predicted {what.label}",
-            title=f"rms error {words.number(errors.rmse * what.factor)}, "
-            f"held out {words.number(errors.heldout_rmse * what.factor)} {what.unit}\n"
-            f"noise {words.number(errors.noise * what.factor)} {what.unit}, {len(pooled.measured):,} samples",
+            title=f"rms error {quantities.number(errors.rmse * what.factor)}, "
+            f"held out {quantities.number(errors.heldout_rmse * what.factor)} {what.unit}\n"
+            f"noise {quantities.number(errors.noise * what.factor)} {what.unit}, "
+            f"{len(pooled.measured):,} samples",
         )
         axes.legend(loc="upper left", handletextpad=0.4)
     return figure
 
 
-def _points(axes: Axes, comparison: Comparison, pooled: samples.Pairs) -> None:
+def _points(axes: Axes, comparison: Comparison, pooled: sample_pairs.Pairs) -> None:
     for index, wheel in enumerate(comparison.wheels):
         here = pooled.wheel == index
         label = wheel.wheel if 1 < len(comparison.wheels) <= len(COLOURS) else None
@@ -106,9 +108,9 @@ def residuals(comparison: Comparison, channel: str) -> Figure:
     matplotlib.figure.Figure
     """
     errors = comparison.channels[channel]
-    what = words.quantity(channel, errors.unit)
-    pooled = samples.pairs(comparison, channel)
-    shown = samples.drivers(comparison, channel, pooled, MOST_DRIVERS)
+    what = quantities.quantity(channel, errors.unit)
+    pooled = sample_pairs.pairs(comparison, channel)
+    shown = sample_pairs.drivers(comparison, channel, pooled, MOST_DRIVERS)
     columns = min(3, max(len(shown), 1))
     rows = math.ceil(len(shown) / columns) or 1
     figure = Figure(figsize=(3.2 * columns + 0.3, 2.4 * rows + 0.7))
@@ -117,7 +119,7 @@ def residuals(comparison: Comparison, channel: str) -> Figure:
     for axes in grid.flat[len(shown) :]:
         axes.remove()
     for axes, driver in zip(grid.flat, shown, strict=False):
-        along = samples.driver(comparison, driver, pooled)
+        along = sample_pairs.driver(comparison, driver, pooled)
         _along(axes, along, residual, errors.noise * what.factor)
         axes.set_xlabel(along.quantity.label)
     if len(residual):
@@ -130,7 +132,7 @@ def residuals(comparison: Comparison, channel: str) -> Figure:
     return figure
 
 
-def _along(axes: Axes, along: samples.Along, residual: Array, noise: float) -> None:
+def _along(axes: Axes, along: sample_pairs.Along, residual: Array, noise: float) -> None:
     driver = along.values
     known = np.flatnonzero(np.isfinite(driver))
     if len(known) > binning.MOST_POINTS:

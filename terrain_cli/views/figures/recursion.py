@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from terrain_cli.views import binning, segments
-from terrain_cli.views.style import COLOURS, FAINT, INK
+from terrain_cli.views import binning, segment_groups
+from terrain_cli.views.chart_style import COLOURS, FAINT, INK
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -94,5 +94,5 @@ def _focus(
     last, spread = last[known], spread[known]
     room = 2.5 * spread + 0.25 * np.abs(np.median(last))
     reach = np.minimum(room, 3.0 * np.median(room))
-    low, high = segments.usual(np.concatenate([last - reach, last + reach]))
+    low, high = segment_groups.usual(np.concatenate([last - reach, last + reach]))
     axes.set_ylim(max(low, widest[0]), min(high, widest[1]))

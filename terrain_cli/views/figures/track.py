@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from terrain_cli.views import segments
-from terrain_cli.views.style import FAINT, INK, SCALE
+from terrain_cli.views import segment_groups
+from terrain_cli.views.chart_style import FAINT, INK, SCALE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,7 +40,7 @@ def track(table: Mapping[str, Any], misfit: Mapping[str, ArrayLike]) -> Figure |
     matplotlib.figure.Figure or None
         None where no segment has a place.
     """
-    paths = segments.paths(table)
+    paths = segment_groups.paths(table)
     if not any(len(path) for path in paths):
         return None
     key = list(zip(table["source"], table["wheel"], strict=True))
@@ -48,12 +48,12 @@ def track(table: Mapping[str, Any], misfit: Mapping[str, ArrayLike]) -> Figure |
     shown = {"strength at σ* (kPa)": np.asarray(table["strength_kPa"], dtype=float)}
     shown |= {label: np.asarray(values, dtype=float) for label, values in misfit.items()}
     every = np.concatenate([path for path in paths if len(path)])
-    across, up, stretch = segments.frame(table, every)
+    across, up, stretch = segment_groups.frame(table, every)
     shape = (up[1] - up[0]) * stretch / (across[1] - across[0])
     panel = (3.4, 3.1 * shape + 0.3) if shape < 1.0 else (3.4 / shape + 0.9, 3.8)
     figure = Figure(figsize=(panel[0] * len(shown), panel[1] * len(wheels) + 1.1), layout="compressed")
     grid = figure.subplots(len(wheels), len(shown), squeeze=False, sharex=True, sharey=True)
-    x, y = ("longitude (°)", "latitude (°)") if segments.geographic(table) else ("x (m)", "y (m)")
+    x, y = ("longitude (°)", "latitude (°)") if segment_groups.geographic(table) else ("x (m)", "y (m)")
     for column, (label, values) in enumerate(shown.items()):
         known = values[np.isfinite(values)]
         ends = (known.min(), known.max()) if len(known) else (0.0, 1.0)

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import formats
 from terrain_cli.version import __version__
-from terrain_cli.views import extras
-from terrain_cli.views.report.parts import Chart
+from terrain_cli.views import optional_libraries
+from terrain_cli.views.report.page_parts import Chart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from terrain_cli.comparison.parts import Comparison
-    from terrain_cli.views.report.parts import Section
+    from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.views.report.page_parts import Section
 
 
 def write(
@@ -44,7 +44,7 @@ def write(
         The extra "report" is not installed.
     formats.errors.CannotWriteError
     """
-    extras.need("report")
+    optional_libraries.need("report")
     text = page(comparison, further=further, progress=progress)
     with formats.replacing(str(path)) as temporary:
         Path(temporary).write_text(text, encoding="utf-8")

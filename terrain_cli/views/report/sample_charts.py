@@ -8,13 +8,13 @@ import altair as alt
 import numpy as np
 
 from terrain_cli.views import binning
-from terrain_cli.views.report.sheet import CHOSEN, Sheet, scale
-from terrain_cli.views.style import COLOURS, FAINT, INK, MEDIAN
+from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN
+from terrain_cli.views.report.chart_sheet import CHOSEN, Sheet, scale
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.views.samples import Along, Pairs
+    from terrain_cli.views.sample_pairs import Along, Pairs
 
     Array = NDArray[np.float64]
     Text = NDArray[np.str_]

@@ -7,19 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.comparison.sentences import beyond_noise
-from terrain_cli.english import counted
-from terrain_cli.views import binning, samples, segments, soil, words
+from terrain_cli.comparison.finding_sentences import beyond_noise
+from terrain_cli.views import binning, sample_pairs, segment_groups, soil_table
 from terrain_cli.views.report import sample_charts, soil_charts
-from terrain_cli.views.report.parts import Chart, Section, Table
+from terrain_cli.views.report.page_parts import Chart, Section, Table
+from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.english import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.parts import Comparison
-    from terrain_cli.views.samples import Pairs
+    from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.views.sample_pairs import Pairs
 
     Array = NDArray[np.float64]
     Choices = list[tuple[str, str]]
@@ -65,8 +66,8 @@ class _Content:
         return {name: np.asarray(column)[self.kept] for name, column in self.table.items()}
 
     @property
-    def units(self) -> dict[str, words.Quantity]:
-        return {name: words.quantity(name, self.comparison.channels[name].unit) for name in self.misfits}
+    def units(self) -> dict[str, quantities.Quantity]:
+        return {name: quantities.quantity(name, self.comparison.channels[name].unit) for name in self.misfits}
 
 
 def of(comparison: Comparison, progress: Callable[[str], None]) -> tuple[list[Section], Choices, str]:
@@ -109,22 +110,22 @@ def of(comparison: Comparison, progress: Callable[[str], None]) -> tuple[list[Se
 
 
 def _content(comparison: Comparison) -> _Content:
-    table = dict(soil.table(comparison))
+    table = dict(soil_table.table(comparison))
     # Long paths differ at their ends.
     table["name"] = [
-        f"…{name[1 - LONGEST :]}" if len(name) > LONGEST else name for name in segments.names(table)
+        f"…{name[1 - LONGEST :]}" if len(name) > LONGEST else name for name in segment_groups.names(table)
     ]
     table["key"] = [
         f"{index}:{row}"
         for index, wheel in enumerate(comparison.wheels)
         for row in range(len(wheel.windows.bounds) - 1)
     ]
-    misfits = {name: samples.misfit(comparison, name) for name in samples.channels(comparison)}
+    misfits = {name: sample_pairs.misfit(comparison, name) for name in sample_pairs.channels(comparison)}
     # Of all channels, each in units of its rms error.
     total = np.zeros(len(table["name"]))
     for name, misfit in misfits.items():
         errors = comparison.channels[name]
-        usual = errors.rmse * words.quantity(name, errors.unit).factor
+        usual = errors.rmse * quantities.quantity(name, errors.unit).factor
         total += np.nan_to_num(misfit / usual) ** 2 if usual > 0.0 else 0.0
     order = np.argsort(-total, kind="stable")
     return _Content(comparison, table, misfits, np.sort(order[:MOST_CHOICES]), order)
@@ -153,18 +154,20 @@ def _summary(content: _Content) -> Section:
         )
     points += [_sentence(f"Note: {warning}") for warning in comparison.warnings]
     rows = []
-    for name in samples.channels(comparison):
+    for name in sample_pairs.channels(comparison):
         errors = comparison.channels[name]
-        what = words.quantity(name, errors.unit)
+        what = quantities.quantity(name, errors.unit)
         rms, bias, noise, out, low, high = (
-            words.number(value * what.factor)
+            quantities.number(value * what.factor)
             for value in (
                 *(errors.rmse, errors.bias, errors.noise),
                 *(errors.heldout_rmse, errors.heldout_low, errors.heldout_high),
             )
         )
         interval = out if low == "–" else f"{out} ({low} to {high})"
-        rows.append((what.label, f"{errors.n:,}", rms, interval, bias, words.number(errors.nrmse), noise))
+        rows.append(
+            (what.label, f"{errors.n:,}", rms, interval, bias, quantities.number(errors.nrmse), noise)
+        )
     head = ("Channel", "Samples", "rms error", "held out (95 %)", "bias", "normalised", "noise")
     return Section(
         "summary",
@@ -205,7 +208,7 @@ def _soil(content: _Content) -> Section:
                 soil_charts.estimates(shown, content.chosen),
             )
         )
-    if len(segments.tested(shown)):
+    if len(segment_groups.tested(shown)):
         parts.append(
             Chart(
                 "Shear strength, marked at σ*",
@@ -225,15 +228,15 @@ def _segments(content: _Content) -> Table:
             str(table["terrain"][row]) or "–",
             f"{int(table['n_samples'][row]):,}",
             *(
-                words.plus_minus(table[value][row], table[error][row])
+                quantities.plus_minus(table[value][row], table[error][row])
                 for value, error in (
                     ("c_kPa", "c_se_kPa"),
                     ("phi_deg", "phi_se_deg"),
                     ("strength_kPa", "strength_se_kPa"),
                 )
             ),
-            *(words.number(float(table[name][row])) for name in ("sigma_star_kPa", "k_mm")),
-            *(words.number(float(misfit[row])) for misfit in content.misfits.values()),
+            *(quantities.number(float(table[name][row])) for name in ("sigma_star_kPa", "k_mm")),
+            *(quantities.number(float(misfit[row])) for misfit in content.misfits.values()),
             str(table["status"][row]),
         )
         for row in kept
@@ -253,17 +256,17 @@ def _segments(content: _Content) -> Table:
 def _agreement(content: _Content) -> Section:
     comparison, keys = content.comparison, content.keys
     parts: list[Table | Chart] = []
-    for name in samples.channels(comparison):
+    for name in sample_pairs.channels(comparison):
         errors = comparison.channels[name]
-        what = words.quantity(name, errors.unit)
-        pooled = samples.pairs(comparison, name)
+        what = quantities.quantity(name, errors.unit)
+        pooled = sample_pairs.pairs(comparison, name)
         if not len(pooled.measured):
             continue
         parts.append(
             Chart(
                 f"Predicted against measured {what.words}",
                 f"{len(pooled.measured):,} samples of predicted against measured {what.words}; rms error "
-                f"{words.number(errors.rmse * what.factor)} {what.unit}.",
+                f"{quantities.number(errors.rmse * what.factor)} {what.unit}.",
                 sample_charts.agreement(pooled, what.label, keys, content.names, content.chosen),
                 wide=True,
             )
@@ -301,7 +304,7 @@ def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str, bool]:
     if any(wheel.samples.time is None for wheel in comparison.wheels):
         if any("slip" not in wheel.drivers for wheel in comparison.wheels):
             return few.row.astype(float) + 1.0, "sample", False
-        along = samples.driver(comparison, "slip", few)
+        along = sample_pairs.driver(comparison, "slip", few)
         return along.values, along.quantity.label, False
     result = np.empty(len(few.row))
     for index, wheel in enumerate(comparison.wheels):
@@ -316,12 +319,14 @@ def _failures(content: _Content) -> Section:
     rows = [
         (
             _sentence(finding.sentence),
-            words.quantity(finding.channel, "").words,
-            " or ".join(words.quantity(name, "").words for name in (finding.driver, *finding.alternatives))
+            quantities.quantity(finding.channel, "").words,
+            " or ".join(
+                quantities.quantity(name, "").words for name in (finding.driver, *finding.alternatives)
+            )
             or "–",
             finding.shape,
             f"{100.0 * finding.share:.0f} %",
-            words.number(finding.p_value, 2),
+            quantities.number(finding.p_value, 2),
             ", ".join(f"{wheel} {segment}" for _, wheel, segment in finding.worst_segments) or "–",
         )
         for finding in comparison.failures
@@ -331,12 +336,12 @@ def _failures(content: _Content) -> Section:
     if rows:
         note = "p holds for all findings together. The share is of the misfit beyond noise."
         parts.append(Table("What the misfit follows", head, rows, frozenset({4, 5}), note))
-    for name in samples.channels(comparison):
+    for name in sample_pairs.channels(comparison):
         errors = comparison.channels[name]
-        what = words.quantity(name, errors.unit)
-        pooled = samples.pairs(comparison, name)
-        for driver in samples.drivers(comparison, name, pooled, MOST_DRIVERS):
-            along = samples.driver(comparison, driver, pooled)
+        what = quantities.quantity(name, errors.unit)
+        pooled = sample_pairs.pairs(comparison, name)
+        for driver in sample_pairs.drivers(comparison, name, pooled, MOST_DRIVERS):
+            along = sample_pairs.driver(comparison, driver, pooled)
             parts.append(
                 Chart(
                     f"Misfit of {what.words} against {along.quantity.words}",
@@ -359,7 +364,7 @@ def _failures(content: _Content) -> Section:
     return Section("failures", "Where it fails", text, parts=parts)
 
 
-def _described(along: samples.Along, residual: Array, what: words.Quantity) -> str:
+def _described(along: sample_pairs.Along, residual: Array, what: quantities.Quantity) -> str:
     driver = along.quantity
     band = binning.band(along.values, residual)
     known = np.isfinite(band.median)
@@ -368,18 +373,16 @@ def _described(along: samples.Along, residual: Array, what: words.Quantity) -> s
     median, centre = band.median[known], band.centre[known]
     low, high = int(np.argmin(median)), int(np.argmax(median))
     unit = f" {driver.unit}".rstrip()
-    return (
-        f"The median misfit of {what.words} goes from {words.number(median[low])} {what.unit} at "
-        f"{driver.words} {words.number(centre[low])}{unit} to {words.number(median[high])} {what.unit} at "
-        f"{words.number(centre[high])}{unit}."
-    )
+    least, most = (f"{quantities.number(median[k])} {what.unit} at" for k in (low, high))
+    here, there = (f"{quantities.number(centre[k])}{unit}" for k in (low, high))
+    return f"The median misfit of {what.words} goes from {least} {driver.words} {here} to {most} {there}."
 
 
 def _range(values: Array) -> str:
     known = values[np.isfinite(values)]
     if not len(known):
         return "not known"
-    return f"from {words.number(float(known.min()))} to {words.number(float(known.max()))}"
+    return f"from {quantities.number(float(known.min()))} to {quantities.number(float(known.max()))}"
 
 
 def _sentence(text: str) -> str:

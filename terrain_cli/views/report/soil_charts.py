@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import altair as alt
 import numpy as np
 
-from terrain_cli.views import binning, segments
-from terrain_cli.views.report.sheet import CHOSEN, Sheet, scale
-from terrain_cli.views.style import COLOURS, SCALE
+from terrain_cli.views import binning, segment_groups
+from terrain_cli.views.chart_style import COLOURS, SCALE
+from terrain_cli.views.report.chart_sheet import CHOSEN, Sheet, scale
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -51,7 +51,7 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
     """
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
-    paths = segments.paths(table)
+    paths = segment_groups.paths(table)
     most = max(_MOST_VERTICES // max(len(paths), 1), 3)
     paths = [
         path[np.unique(np.linspace(0, len(path) - 1, most).astype(int))] if len(path) else path
@@ -59,9 +59,9 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
     ]
     length = [len(path) for path in paths]
     every = np.concatenate(paths)
-    across, up, stretch = segments.frame(table, every)
+    across, up, stretch = segment_groups.frame(table, every)
     number = np.repeat(np.arange(len(paths)), length)
-    titles = ("longitude (°)", "latitude (°)") if segments.geographic(table) else ("x (m)", "y (m)")
+    titles = ("longitude (°)", "latitude (°)") if segment_groups.geographic(table) else ("x (m)", "y (m)")
     base = sheet.chart(
         x=every[:, 0],
         y=every[:, 1],
@@ -113,8 +113,8 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
     """
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
-    kinds = segments.groups(table, len(COLOURS))
-    c, phi = segments.estimate_limits(table)
+    kinds = segment_groups.groups(table, len(COLOURS))
+    c, phi = segment_groups.estimate_limits(table)
     x = alt.X("x:Q", title="cohesion c (kPa)", scale=scale(*c))
     y = alt.Y("y:Q", title="friction angle φ (°)", scale=scale(*phi))
     n = len(kinds)
@@ -146,7 +146,7 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
         ],
     )
     corners = min(max(_MOST_VERTICES // n, 13), 41)
-    outlines = [segments.ellipse(table, row, corners) for row in range(n)]
+    outlines = [segment_groups.ellipse(table, row, corners) for row in range(n)]
     drawn = [j for j, one in enumerate(outlines) if np.isfinite(one).all()]
     layers: list[alt.Chart] = [points.mark_point(filled=True, size=45, clip=True).interactive(name="zoom")]
     if drawn:
@@ -183,14 +183,14 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
     """
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
-    kinds = segments.groups(table, len(COLOURS))
+    kinds = segment_groups.groups(table, len(COLOURS))
     pivots = np.asarray(table["sigma_star_kPa"], dtype=float)
-    known = segments.tested(table)
-    across, up = segments.strength_limits(table)
+    known = segment_groups.tested(table)
+    across, up = segment_groups.strength_limits(table)
     # Far from σ* the drive has not tried the soil.
     steps = 5 if len(known) > _MOST_ELLIPSES else 9
     stress = pivots[known, None] * np.linspace(0.5, 1.5, steps)
-    lines = [segments.strength(table, row, s) for row, s in zip(known, stress, strict=True)]
+    lines = [segment_groups.strength(table, row, s) for row, s in zip(known, stress, strict=True)]
     value = np.array([line[0] for line in lines]).reshape(-1)
     error = 1.96 * np.array([line[1] for line in lines]).reshape(-1)
     number = np.repeat(known, steps)

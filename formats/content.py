@@ -1,0 +1,267 @@
+"""What a file holds, by its first bytes, and its text as UTF-8 whatever it is packed in."""
+
+from __future__ import annotations
+
+import codecs
+import io
+from typing import Any
+
+import numpy as np
+
+from formats.errors import DamagedError, FormatError, NotFoundError
+from formats.limits import NUL_BYTES, UNPACKED_RATIO, file_limit
+from formats.recovery import HINT
+
+STANDARD_INPUT = "standard input"
+#: Enough for every signature below.
+HEAD_BYTES = 64
+
+_CONTENT = {
+    b"#ROSBAG V2.0": "ros1",
+    b"\x89MCAP0\r\n": "mcap",
+    b"SQLite format 3\0": "db3",
+    b"PAR1": "parquet",
+    b"\x1f\x8b": "gzip",
+    b"\x28\xb5\x2f\xfd": "zstd",
+    b"BZh": "bz2",
+}
+COMPRESSED = ("gzip", "zstd", "bz2")
+
+_FOREIGN = {
+    b"#ROSBAG V1": "a ROS bag of format 1: convert it with `rosbag fix`",
+    b"PK\x03\x04": "a zip archive or an Excel workbook: unpack it, or save the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "an old Excel workbook: save the sheet as CSV",
+    b"\x89HDF": "an HDF5 or MATLAB file: export it as CSV or Parquet",
+    b"MATLAB 5.0": "a MATLAB file: export it as CSV or Parquet",
+    b"ARROW1": "an Arrow (Feather) file: save it as Parquet",
+    b"\xfd7zXZ": "packed with xz: unpack it first (gzip, bzip2 and zstd are read as they are)",
+}
+
+_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
+
+
+def content(path: str, head: bytes) -> str:
+    """Tell from its first bytes what a file holds.
+
+    Parameters
+    ----------
+    path : str
+        For the message.
+    head : bytes
+        The first `HEAD_BYTES` of it.
+
+    Returns
+    -------
+    str
+        "ros1", "mcap", "db3", "parquet", "gzip", "zstd", "bz2", or "csv" for any text.
+
+    Raises
+    ------
+    FormatError
+        Empty, or a known kind of file that is not read.
+    """
+    if not head:
+        raise FormatError(path, "is empty")
+    for magic, kind in _CONTENT.items():
+        if head.startswith(magic):
+            return kind
+    for magic, what in _FOREIGN.items():
+        if head.startswith(magic):
+            raise FormatError(path, f"is {what}")
+    return "csv"
+
+
+def failure(path: str, error: OSError) -> FormatError:
+    """Say in words why a file could not be opened or read.
+
+    Parameters
+    ----------
+    path : str
+    error : OSError
+
+    Returns
+    -------
+    FormatError
+        `NotFoundError` where the file is missing or may not be read.
+    """
+    if isinstance(error, FileNotFoundError | NotADirectoryError):
+        return NotFoundError(path, "no such file or folder")
+    if isinstance(error, PermissionError):
+        return NotFoundError(path, "no permission to read it")
+    return FormatError(path, f"cannot be read: {error.strerror or error}")
+
+
+def first_bytes(path: str, file: str) -> bytes:
+    """Read the first bytes of a file.
+
+    Parameters
+    ----------
+    path, file : str
+        As the user named it, and where it is.
+
+    Returns
+    -------
+    bytes
+        At most `HEAD_BYTES`.
+
+    Raises
+    ------
+    FormatError
+    """
+    try:
+        with open(file, "rb") as stream:  # noqa: PTH123 (paths are strings throughout formats)
+            return stream.read(HEAD_BYTES)
+    except OSError as error:
+        raise failure(path, error) from error
+
+
+class TextStream(io.RawIOBase):
+    """The text of a plain or compressed file as bytes of UTF-8, checked while they are read.
+
+    Parameters
+    ----------
+    path : str
+        As the user named it.
+    file : str
+        Where it is.
+
+    Attributes
+    ----------
+    packing : str
+        "gzip", "zstd", "bz2" or "".
+    encoding : str
+        "utf-8", "utf-16-le" or "utf-16-be", by the byte-order mark.
+    mark_bytes : int
+        Length of that mark, or of several in a row.
+    ended_in_newline : bool
+        Whether the last byte read so far ends a line.
+    nul_bytes : int
+        NUL bytes passed over so far: a power cut leaves them at the end of a log.
+    quote_marks : int
+        Quote marks so far; a table that closes each has an even number.
+    """
+
+    def __init__(self, path: str, file: str) -> None:
+        import pyarrow as pa
+
+        super().__init__()
+        self.path = path
+        self._line = 1
+        self.nul_bytes = 0
+        self.quote_marks = 0
+        self.mark_bytes = 0
+        self.ended_in_newline = True
+        head = first_bytes(path, file)
+        kind = content(path, head)
+        self.packing = kind if kind in COMPRESSED else ""
+        self._inner: Any = pa.OSFile(file)
+        self._unpacked, self._limit = 0, file_limit(self._inner.size())
+        if self.packing:
+            self._inner = pa.CompressedInputStream(self._inner, self.packing)
+        self._buffer = self._unpack(HEAD_BYTES)
+        inner = content(path, self._buffer)
+        if inner != "csv":
+            raise FormatError(path, f"is a {inner} file packed with {self.packing}: unpack it first")
+        mark = next((mark for mark in _MARKS if self._buffer.startswith(mark)), b"")
+        self.encoding = _MARKS.get(mark, "utf-8")
+        if b"\0" in self._buffer and self.encoding == "utf-8":
+            raise FormatError(
+                path,
+                "is binary, of a kind that is not read",
+                hint="text must be UTF-8, or UTF-16 with its byte-order mark",
+            )
+        self._decoder = codecs.getincrementaldecoder(self.encoding)()
+        # An editor that does not know the mark may have put its own before it.
+        while mark and self._buffer.startswith(mark, self.mark_bytes):
+            self.mark_bytes += len(mark)
+        self._buffer = self._as_utf8(self._buffer[self.mark_bytes :])
+
+    def readable(self) -> bool:
+        """Say that this can be read.
+
+        Returns
+        -------
+        bool
+        """
+        return True
+
+    def close(self) -> None:
+        """Close the file."""
+        if not self.closed:
+            self._inner.close()
+        super().close()
+
+    def read(self, size: int = -1) -> bytes:
+        """Read `size` bytes of UTF-8, fewer only at the end.
+
+        Parameters
+        ----------
+        size : int
+
+        Returns
+        -------
+        bytes
+
+        Raises
+        ------
+        FormatError
+            The text is not what its byte-order mark promises.
+        DamagedError
+            The compressed data are cut off or corrupt.
+        """
+        size = size if size >= 0 else 1 << 20
+        while len(self._buffer) < size:
+            data = self._unpack(size - len(self._buffer))
+            self._buffer += self._as_utf8(data)
+            if not data:
+                break
+        out, self._buffer = self._buffer[:size], self._buffer[size:]
+        if out:
+            self.ended_in_newline = out.endswith((b"\n", b"\r"))
+        return out
+
+    def _unpack(self, size: int) -> bytes:
+        try:
+            data = bytes(self._inner.read(size))
+        except OSError as error:
+            if "runcated" in str(error):
+                what = f"is cut off: its {self.packing} data end too early"
+                raise DamagedError(self.path, what, hint=HINT) from error
+            if self.packing:
+                raise DamagedError(
+                    self.path,
+                    f"its {self.packing} data are corrupt ({error})",
+                    hint="copy it again: from where on they are wrong, nothing tells",
+                ) from error
+            raise failure(self.path, error) from error
+        self._unpacked += len(data)
+        if self.packing and self._unpacked > self._limit:
+            what = f"unpacks to more than {self._limit:,} bytes, {UNPACKED_RATIO} times its size"
+            raise DamagedError(self.path, what, hint="if that is right, unpack it first")
+        return data
+
+    def _as_utf8(self, data: bytes) -> bytes:
+        # Nearly every log is plain ASCII, and that is cheap to see.
+        if not (data and self.encoding == "utf-8" and data.isascii() and not self._decoder.getstate()[0]):
+            try:
+                data = self._decoder.decode(data, not data).encode()
+            except UnicodeDecodeError as error:
+                line = self._line + error.object[: error.start].count(b"\n")
+                byte = error.object[error.start]
+                raise FormatError(
+                    self.path,
+                    f"line {line}: byte 0x{byte:02x} is not {self.encoding.upper()} text",
+                    hint="save it as UTF-8, for instance with `iconv -f LATIN1 -t UTF-8`",
+                ) from error
+        if b"\0" in data:
+            self.nul_bytes += data.count(b"\0")
+            data = data.replace(b"\0", b"")
+        codes = np.frombuffer(data, np.uint8)
+        # Five times as fast as bytes.count where lines are short.
+        self._line += int(np.count_nonzero(codes == ord("\n")))
+        if self.nul_bytes > NUL_BYTES:
+            what = f"up to line {self._line} there are more than {NUL_BYTES:,} NUL bytes"
+            raise DamagedError(self.path, what, hint="leave them out: tr -d '\\0' < FILE > CLEAN.csv")
+        if b'"' in data:
+            self.quote_marks += int(np.count_nonzero(codes == ord('"')))
+        return data

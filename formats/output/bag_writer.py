@@ -1,0 +1,178 @@
+"""Bags: ROS 1, and MCAP and SQLite of ROS 2. The same messages give the same bytes."""
+
+from __future__ import annotations
+
+import heapq
+import shutil
+from collections.abc import Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from formats.errors import CannotWriteError
+from formats.output.whole_files import explained, replacing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+    from rosbags.typesys.store import Typestore
+
+STAMP = "header.stamp"
+_TIMES = frozenset({"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"})
+_STORAGE = {"mcap": StoragePlugin.MCAP, "db3": StoragePlugin.SQLITE3}
+#: The name of a bag is inside it: files of other names would have other bytes.
+_NAME = "telemetry"
+_SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Topic:
+    """Messages of one topic, as columns.
+
+    Parameters
+    ----------
+    name : str
+    type : str
+        As ROS 2 names it: ``sensor_msgs/msg/JointState``.
+    time : ndarray of int, shape (n,)
+        Log time in ns since 1970, rising; also the stamp of the header where the type has one.
+    columns : mapping of str to array_like
+        Dotted path of a field → one value per message, or one for all. A list in a message is a
+        row of an array of shape (n, m), or a list of str. What is not named is zero or empty.
+    definition : str
+        Text of the .msg file, of a type that does not come with ROS.
+    """
+
+    name: str
+    type: str
+    time: NDArray[np.int64]
+    columns: Mapping[str, Any] = field(default_factory=dict)
+    definition: str = ""
+
+
+def write_bag(topics: Sequence[Topic], destination: str, kind: str) -> None:
+    """Write a bag, whole or not at all.
+
+    Parameters
+    ----------
+    topics : sequence of Topic
+    destination : str
+        A file; for ROS 2 also a folder, if it ends in a slash: then with its metadata.yaml.
+    kind : {"ros1", "mcap", "db3"}
+
+    Raises
+    ------
+    CannotWriteError
+        No space, no permission, no such folder; a folder that is there already.
+    """
+    if destination.endswith("/"):
+        with _new_folder(destination) as folder:
+            _write_ros2(topics, folder, kind)
+        return
+    if Path(destination).is_fifo():
+        raise CannotWriteError(destination, "a bag needs a file of its own, not a pipe")
+    with replacing(destination) as temporary, TemporaryDirectory(dir=Path(temporary).parent) as scratch:
+        inner = Path(scratch) / _NAME
+        if kind == "ros1":
+            _write_ros1(topics, inner)
+            written = inner
+        else:
+            _write_ros2(topics, inner, kind)
+            (written,) = (file for file in inner.iterdir() if file.name != "metadata.yaml")
+        shutil.move(written, temporary)
+
+
+@contextmanager
+def _new_folder(destination: str) -> Iterator[Path]:
+    target = Path(destination)
+    with explained(destination):
+        if target.exists():
+            raise CannotWriteError(destination, "is there already", hint="remove it, or name another")
+        with TemporaryDirectory(dir=target.parent) as scratch:
+            # The files in it have the name of the folder.
+            yield Path(scratch) / target.name
+            (Path(scratch) / target.name).rename(target)
+
+
+def _write_ros1(topics: Sequence[Topic], path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    _register(store, topics)
+    with Ros1Writer(path) as writer:
+        connections = [writer.add_connection(t.name, t.type, typestore=store) for t in topics]
+        for place, time, message in _messages(topics, store):
+            writer.write(connections[place], time, store.serialize_ros1(message, topics[place].type))
+
+
+def _write_ros2(topics: Sequence[Topic], path: Path, kind: str) -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    _register(store, topics)
+    with Ros2Writer(path, version=Ros2Writer.VERSION_LATEST, storage_plugin=_STORAGE[kind]) as writer:
+        connections = [writer.add_connection(t.name, t.type, typestore=store) for t in topics]
+        for place, time, message in _messages(topics, store):
+            writer.write(connections[place], time, store.serialize_cdr(message, topics[place].type))
+
+
+def _register(store: Typestore, topics: Sequence[Topic]) -> None:
+    for name, definition in {t.type: t.definition for t in topics if t.definition}.items():
+        store.register(get_types_from_msg(definition, name))
+
+
+def _messages(topics: Sequence[Topic], store: Typestore) -> Iterator[tuple[int, int, Any]]:
+    """Yield the place of the topic, the time and the message, by time, then by topic."""
+
+    def of_topic(place: int) -> Iterator[tuple[int, int, int]]:
+        return ((int(time), place, row) for row, time in enumerate(topics[place].time))
+
+    trees = [_tree(topic) for topic in topics]
+    for time, place, row in heapq.merge(*map(of_topic, range(len(topics)))):
+        yield place, time, _message(store, topics[place].type, trees[place], row)
+
+
+def _tree(topic: Topic) -> dict[str, Any]:
+    """Nest the columns as the fields are."""
+    columns = dict(topic.columns)
+    columns.setdefault(STAMP, topic.time)
+    tree: dict[str, Any] = {}
+    for path, column in columns.items():
+        *above, leaf = path.split(".")
+        node = tree
+        for name in above:
+            node = node.setdefault(name, {})
+        node[leaf] = column
+    return tree
+
+
+def _message(store: Typestore, type_name: str, tree: Mapping[str, Any], row: int) -> Any:
+    """Build one message."""
+    fields = (_value(store, kind, tree.get(name), row) for name, kind in store.fielddefs[type_name][1])
+    return store.types[type_name](*fields)
+
+
+def _value(store: Typestore, kind: Any, column: Any, row: int) -> Any:
+    node, rest = kind
+    if node == Nodetype.NAME and rest in _TIMES:
+        return store.types[rest](*divmod(0 if column is None else int(_at(column, row)), _SECOND))
+    if node == Nodetype.NAME:
+        return _message(store, rest, column if isinstance(column, Mapping) else {}, row)
+    if node == Nodetype.BASE:
+        return _at(column, row) if column is not None else {"string": "", "bool": False}.get(rest[0], 0)
+    (element_node, element), length = rest
+    if element_node != Nodetype.BASE or element[0] == "string":
+        return list(column) if column is not None else []
+    if column is None:
+        return np.zeros(length if node == Nodetype.ARRAY else 0, dtype=element[0])
+    return np.ascontiguousarray(column[row], dtype=element[0])
+
+
+def _at(column: Any, row: int) -> Any:
+    return column[row].item() if isinstance(column, np.ndarray) else column

@@ -1,0 +1,126 @@
+"""CSV, JSON, GeoJSON and sequences of GeoJSON."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+
+from formats.output.column_forms import Cells
+from formats.output.reference_systems import SITE_FRAME, check_crs, is_wgs84, urn
+from formats.output.wkt import LAYER, parse
+from formats.table import BATCH_ROWS
+from formats.text.formulas import guarded
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from formats.output.column_forms import Table
+
+
+#: What stands before each feature: the record separator of RFC 8142, or nothing.
+_SEPARATORS = {"geojsonl": "", "geojsons": "\x1e"}
+
+
+def write_text(
+    table: Table, stream: TextIO, kind: str, crs: str | None, geometry: str, layer: str = LAYER
+) -> None:
+    """Write a table as text.
+
+    Parameters
+    ----------
+    table : dict of str to Cells
+    stream : text stream
+    kind : {"csv", "json", "geojson", "geojsonl", "geojsons"}
+        The last two are sequences: one feature in each line, and with the separators of RFC 8142.
+    crs : str or None
+        Only GeoJSON says it.
+    geometry : str
+        The column of WKT; only GeoJSON takes it apart.
+    layer : str
+        The name that a collection of features has.
+    """
+    if kind == "csv":
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(map(guarded, table))
+        writer.writerows(_rows({name: _guarded(cells) for name, cells in table.items()}))
+    elif kind == "json":
+        _write_list(stream, (_strict(dict(zip(table, row, strict=True))) for row in _rows(table)))
+        stream.write("\n")
+    else:
+        # A reader that does not know the name of a reference system takes the Earth's.
+        check_crs(crs)
+        features = (_feature(dict(zip(table, row, strict=True)), geometry) for row in _rows(table))
+        if kind == "geojson":
+            _write_collection(features, stream, _system(crs), layer)
+        else:
+            _write_sequence(features, stream, _system(crs), _SEPARATORS[kind])
+
+
+def _guarded(cells: Cells) -> Cells:
+    """Let no text of a column be run by a spreadsheet; numbers are what they are."""
+    if cells.kind != "text":
+        return cells
+    return Cells("text", np.array([guarded(cell) for cell in cells.values], dtype=object))
+
+
+def _system(crs: str | None) -> dict[str, Any]:
+    """Return the member that names a reference system, which WGS 84 needs none of."""
+    if crs is not None and is_wgs84(crs):
+        return {}
+    return {"crs": {"type": "name", "properties": {"name": SITE_FRAME if crs is None else urn(crs)}}}
+
+
+def _write_collection(
+    features: Iterator[dict[str, Any]], stream: TextIO, system: dict[str, Any], layer: str
+) -> None:
+    stream.write(f'{{"type": "FeatureCollection", "name": {json.dumps(layer)}, ')
+    stream.writelines(f'"{name}": {json.dumps(value)}, ' for name, value in system.items())
+    stream.write('"features": ')
+    _write_list(stream, features)
+    stream.write("}\n")
+
+
+def _write_sequence(
+    features: Iterator[dict[str, Any]], stream: TextIO, system: dict[str, Any], separator: str
+) -> None:
+    """Write one feature in each line.
+
+    There is nothing around the features that could name the reference system for all of them.
+    """
+    for feature in features:
+        text = json.dumps({**feature, **system}, ensure_ascii=False, allow_nan=False)
+        stream.write(f"{separator}{text}\n")
+
+
+def _rows(table: Table) -> Iterator[tuple[Any, ...]]:
+    count = max((len(cells.values) for cells in table.values()), default=0)
+    for begin in range(0, count, BATCH_ROWS):
+        yield from zip(
+            *(cells.objects(slice(begin, begin + BATCH_ROWS)) for cells in table.values()), strict=True
+        )
+
+
+def _write_list(stream: TextIO, items: Iterator[dict[str, Any]]) -> None:
+    before = "["
+    for item in items:
+        stream.write(f"{before}\n{json.dumps(item, ensure_ascii=False, allow_nan=False)}")
+        before = ","
+    stream.write("[]" if before == "[" else "\n]")
+
+
+def _strict(properties: dict[str, Any]) -> dict[str, Any]:
+    """Replace infinities, which JSON cannot hold."""
+    return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in properties.items()}
+
+
+def _feature(properties: dict[str, Any], geometry: str) -> dict[str, Any]:
+    shape = parse(properties.pop(geometry, None))
+    described = None
+    if shape is not None:
+        points = [list(point) for point in shape.points]
+        described = {"type": shape.kind, "coordinates": points[0] if shape.kind == "Point" else points}
+    return {"type": "Feature", "properties": _strict(properties), "geometry": described}

@@ -1,0 +1,1 @@
+"""Parquet: files, folders of parts, partitions."""

@@ -1,0 +1,341 @@
+"""Parquet: a file, a folder of parts, or partitions; only the columns asked for are read."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from formats.content import STANDARD_INPUT
+from formats.errors import DamagedError, FormatError, NotFoundError
+from formats.limits import (
+    COLUMNS,
+    PARQUET_ROWS,
+    PARQUET_ROWS_PER_BYTE,
+    UNPACKED_RATIO,
+    TooMuchError,
+    file_limit,
+)
+from formats.parquet.page_claims import check_pages
+from formats.read_ahead import ahead
+from formats.recovery import Recovery
+from formats.table import BATCH_ROWS, Field, Labels, Source, Stream
+from formats.text.cell_values import MISSING, Names, exact, floats, kind_of, numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterator, Sequence
+
+    from formats.table import Batch, Column, Kind
+
+#: What to do about a damaged file.
+_LOST = "Parquet keeps its index at the end: copy the file again, or write it anew"
+#: What Hive writes for a partition without a value.
+_NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
+#: Threads that read: each some of the columns, and the next rows of them while these are worked on.
+_THREADS = 2
+#: Batches that each of them may be ahead. With one they wait for one another: 20 to 50 % slower.
+_WAITING = 2
+
+
+class ParquetSource(Source):
+    """A Parquet file, or the parts of a folder in their natural order.
+
+    Columns of lists, structures and bytes are passed over; durations are read in seconds.
+
+    Parameters
+    ----------
+    path : str
+        As the user named it.
+    files : sequence of str
+        The parts; folders named ``key=value`` below `path` become columns.
+    salvage : bool
+        Leave out the parts that cannot be read.
+
+    Raises
+    ------
+    FormatError
+        No rows, or parts whose columns differ in kind.
+    DamagedError
+        Cut off or corrupt.
+    """
+
+    def __init__(self, path: str, files: Sequence[str], *, salvage: bool = False) -> None:
+        super().__init__(path, "parquet")
+        self._parts = {file: _partition(Path(file), Path(path)) for file in files}
+        if salvage:
+            files = self._readable(files)
+        self._kinds: dict[str, Kind] = {}
+        self._rows = 0
+        passed_over: dict[str, None] = {}
+        for file in files:
+            with self._open(file) as part:
+                self._rows += self._rows_of(file, part)
+                for field in part.schema_arrow:
+                    kind = _kind(field.type)
+                    if kind is None:
+                        passed_over[field.name] = None
+                    elif self._kinds.setdefault(field.name, kind) != kind:
+                        raise FormatError(
+                            self._name(file), f"{field.name} is {kind}, but not in the parts before it"
+                        )
+                if len(set(part.schema_arrow.names)) < len(part.schema_arrow.names):
+                    raise FormatError(self._name(file), "two columns have the same name")
+        if not self._rows:
+            raise FormatError(self._label, "has columns but no rows")
+        self._partitions = {key for values in self._parts.values() for key in values}
+        for key in sorted(self._partitions):
+            texts = [values.get(key, "") for values in self._parts.values()]
+            self._kinds[key] = kind_of(texts, ".") or "text"
+        if passed_over:
+            self.remarks.append(
+                f"columns passed over, being neither numbers, texts nor times: {', '.join(passed_over)}"
+            )
+
+    @property
+    def _label(self) -> str:
+        return STANDARD_INPUT if self.path == "-" else self.path
+
+    def streams(self) -> tuple[Stream, ...]:
+        """Return the one table.
+
+        Returns
+        -------
+        tuple of Stream
+        """
+        fields = tuple(Field(name, kind) for name, kind in self._kinds.items())
+        return (Stream("", "table", fields, count=self._rows),)
+
+    def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
+        """Read the named columns, in the order of the parts.
+
+        Parameters
+        ----------
+        topic : str
+            Always "".
+        fields : sequence of str
+        batch_rows : int
+            Largest number of rows in one batch.
+
+        Yields
+        ------
+        dict of str to ndarray or Labels
+
+        Raises
+        ------
+        FormatError
+            No such column.
+        DamagedError
+            Cut off or corrupt.
+        """
+        for name in fields:
+            if topic or name not in self._kinds:
+                raise FormatError(self._label, f"has no column {name!r}")
+        names = {field: Names() for field in fields}
+        for file, partition in self._parts.items():
+            with ExitStack() as stack:
+                part = stack.enter_context(self._open(file))
+                stored = [f for f in fields if f not in self._partitions and f in part.schema_arrow.names]
+                self._check(file, part, stored)
+                readers = [part.iter_batches(batch_rows, columns=stored[::_THREADS], use_threads=False)]
+                for j in range(1, min(_THREADS, len(stored))):
+                    other = stack.enter_context(self._open(file, part.metadata))
+                    readers.append(
+                        other.iter_batches(batch_rows, columns=stored[j::_THREADS], use_threads=False)
+                    )
+                rows = 0
+                for batch, columns in stack.enter_context(closing(self._together(file, readers))):
+                    rows += batch
+                    yield {
+                        field: self._values(file, field, columns[field], names[field])
+                        if field in columns
+                        else _constant(partition.get(field), batch, self._kinds[field], names[field])
+                        for field in fields
+                    }
+
+                if stored and rows != part.metadata.num_rows:
+                    stated = f"{part.metadata.num_rows:,} rows are stated, {rows:,} can be read"
+                    raise DamagedError(self._name(file), f"is corrupt: {stated}", hint=_LOST)
+
+    def _readable(self, files: Sequence[str]) -> list[str]:
+        """Set aside the parts that cannot be read, and tell of them; fail where there is no other."""
+        self.recovery = Recovery("parts", checked=True)
+        readable = []
+        for file in files:
+            size = Path(file).stat().st_size
+            try:
+                with self._open(file) as part:
+                    checked = self._checked(file, part)
+            except DamagedError as error:
+                if len(files) == 1:
+                    raise
+                self.recovery.damage.append(str(error))
+                self.recovery.lost = [(None, None)]
+                del self._parts[file]
+            else:
+                readable.append(file)
+                self.recovery.bytes_read += size
+                self.recovery.checked = self.recovery.checked and checked
+            self.recovery.bytes_expected = (self.recovery.bytes_expected or 0) + size
+        if not readable:
+            raise DamagedError(self._label, f"none of its {len(files)} parts is whole", hint=_LOST)
+        self.recovery.read, self.recovery.expected = len(readable), len(files)
+        self.remarks += self.recovery.sentences()
+        return readable
+
+    def _rows_of(self, file: str, part: Any) -> int:
+        """Return how many rows a part has, if that can be."""
+        columns = len(part.schema)
+        if columns > COLUMNS:
+            raise FormatError(self._name(file), f"has {columns:,} columns; {COLUMNS:,} at most are read")
+        rows, most = int(part.metadata.num_rows), PARQUET_ROWS_PER_BYTE * Path(file).stat().st_size
+        if not 0 <= rows <= max(PARQUET_ROWS, most):
+            raise DamagedError(
+                self._name(file), f"claims {rows:,} rows, more than a file of its size can hold", hint=_LOST
+            )
+        return rows
+
+    def _check(self, file: str, part: Any, stored: Sequence[str]) -> None:
+        """Refuse columns that become far more than the file has, and pages that claim what cannot be."""
+        size, becomes = Path(file).stat().st_size, 8 * len(stored) * int(part.metadata.num_rows)
+        if becomes > file_limit(size):
+            what = (
+                f"{len(stored)} columns of it become {becomes:,} bytes, more than {UNPACKED_RATIO} times its"
+            )
+            raise DamagedError(
+                self._name(file), f"is not read, for {what} size", hint="if that is right, save it as CSV"
+            )
+        try:
+            check_pages(file, _leaves(part, stored))
+        except TooMuchError as error:
+            raise DamagedError(self._name(file), f"is not read, for {error}", hint=_LOST) from error
+
+    @staticmethod
+    def _checked(file: str, part: Any) -> bool:
+        """Tell whether every page that can be read has a checksum, which is verified as it is read."""
+        readable = [field.name for field in part.schema_arrow if _kind(field.type)]
+        try:
+            return check_pages(file, _leaves(part, readable))
+        except TooMuchError:
+            return False
+
+    def _name(self, file: str) -> str:
+        return file if len(self._parts) > 1 else self._label
+
+    def _open(self, file: str, metadata: Any = None) -> Any:
+        try:
+            return pq.ParquetFile(
+                file,
+                metadata=metadata,
+                # The default reads ahead without bound: gigabytes on a long log.
+                pre_buffer=False,
+                # Longer pages are read at once; what goes through the buffer is copied once more.
+                buffer_size=1 << 16,
+                page_checksum_verification=True,
+            )
+        except PermissionError as error:
+            raise NotFoundError(self._name(file), "no permission to read it") from error
+        except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+            raise DamagedError(
+                self._name(file),
+                "is not a whole Parquet file: its footer is missing or corrupt",
+                hint=f"{_LOST}; without it nothing tells where its columns are, so --salvage cannot help",
+            ) from error
+
+    def _together(
+        self, file: str, readers: Sequence[Iterator[pa.RecordBatch]]
+    ) -> Generator[tuple[int, dict[str, pa.Array]], None, None]:
+        """Yield how many rows, and the columns of all readers; the next are read meanwhile."""
+        with ahead(readers, _WAITING) as read:
+            batches: list[Any] = [()] * len(readers)
+            while True:
+                for j, reader in enumerate(read):
+                    if not len(batches[j]):
+                        batches[j] = self._next(file, reader)
+                if any(batch is None for batch in batches):
+                    return
+                # Dictionaries end the batches of their columns earlier.
+                rows = min(map(len, batches))
+                heads = [batch.slice(0, rows) for batch in batches]
+                yield rows, {name: head.column(name) for head in heads for name in head.schema.names}
+                batches = [batch.slice(rows) for batch in batches]
+
+    def _next(self, file: str, batches: Iterator[pa.RecordBatch]) -> pa.RecordBatch | None:
+        try:
+            return next(batches, None)
+        except (OSError, pa.ArrowException) as error:
+            raise DamagedError(self._name(file), f"is corrupt: {_reason(error)}", hint=_LOST) from error
+
+    def _values(self, file: str, field: str, array: pa.Array, names: Names) -> Column:
+        try:
+            return _column(array, self._kinds[field], names)
+        except (pa.ArrowException, UnicodeDecodeError) as error:
+            raise FormatError(self._name(file), f"{field} cannot be read: {_reason(error)}") from error
+
+
+def _leaves(part: Any, names: Sequence[str]) -> set[int]:
+    """Return the columns of a row group that these fields are stored in."""
+    paths = [part.schema.column(leaf).path for leaf in range(len(part.schema))]
+    return {leaf for leaf, path in enumerate(paths) if {path, path.split(".")[0]}.intersection(names)}
+
+
+def _reason(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:160]
+
+
+def _partition(file: Path, folder: Path) -> dict[str, str]:
+    """Return the values that the folders between `folder` and `file` stand for."""
+    between = file.parent.relative_to(folder).parts if file.is_relative_to(folder) and file != folder else ()
+    pairs = [part.split("=", 1) for part in between if "=" in part]
+    return {unquote(key): "" if value == _NO_VALUE else unquote(value) for key, value in pairs}
+
+
+def _kind(kind: pa.DataType) -> Kind | None:
+    types = pa.types
+    if types.is_dictionary(kind):
+        kind = kind.value_type
+    if types.is_timestamp(kind) or types.is_date(kind):
+        return "time"
+    if types.is_string(kind) or types.is_large_string(kind):
+        return "text"
+    numeric = (
+        types.is_integer,
+        types.is_floating,
+        types.is_boolean,
+        types.is_decimal,
+        types.is_duration,
+        types.is_null,
+    )
+    return "number" if any(is_kind(kind) for is_kind in numeric) else None
+
+
+def _column(array: pa.Array, kind: Kind, names: Names) -> Column:
+    if kind == "text":
+        return names.labels(array)
+    if pa.types.is_dictionary(array.type):
+        array = array.dictionary_decode()
+    if kind == "time":
+        zone = getattr(array.type, "tz", None)
+        ns = array.cast(pa.timestamp("ns", zone)).to_numpy(zero_copy_only=False)
+        return np.asarray(ns, dtype="datetime64[ns]")
+    if pa.types.is_duration(array.type):
+        seconds = array.cast(pa.duration("ns")).to_numpy(zero_copy_only=False)
+        return np.asarray(seconds / np.timedelta64(1, "s"))
+    rounded = array if pa.types.is_float64(array.type) else array.cast(pa.float64(), safe=False)
+    return exact(rounded, array) if pa.types.is_integer(array.type) else floats(rounded)
+
+
+def _constant(value: str | None, rows: int, kind: Kind, names: Names) -> Column:
+    """Repeat the value of a partition, or nothing for a column this part does not have."""
+    cell = None if value is None or value.lower() in MISSING else value
+    if kind == "time":
+        return np.full(rows, np.datetime64(cell or "NaT", "ns"))
+    cells = pa.array([cell], pa.string())
+    if kind == "text":
+        labels = names.labels(cells)
+        return Labels(np.repeat(labels.codes, rows), labels.names)
+    return np.repeat(numbers(cells, ".")[0], rows)

@@ -1,0 +1,285 @@
+"""Message definitions: from the text in the bag to the fields a person can name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, TypeAlias, cast
+
+from rosbags.interfaces import MessageDefinitionFormat, Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+from formats.limits import DEPTH, TooMuchError
+from formats.rosbag.decoding.definition_bounds import check_idl, checked, msg_text
+from formats.rosbag.decoding.msg_language import plain_types
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rosbags.interfaces import Connection
+    from rosbags.interfaces.typing import FieldDesc, Typesdict
+    from rosbags.typesys.store import Typestore
+
+    from formats.table import Kind
+
+TIME, DURATION = "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"
+HEADER = "std_msgs/msg/Header"
+STAMP = "header.stamp"
+
+#: NumPy's code of each base type, without the byte order.
+CODES = {
+    "bool": "u1", "byte": "i1", "char": "u1",
+    "int8": "i1", "int16": "i2", "int32": "i4", "int64": "i8",
+    "uint8": "u1", "uint16": "u2", "uint32": "u4", "uint64": "u8",
+    "float32": "f4", "float64": "f8",
+}  # fmt: skip
+#: Lists of these are images, point clouds and the like: never columns.
+BLOBS = {"byte", "char", "int8", "uint8"}
+MD5_OF_NOTHING = "d41d8cd98f00b204e9800998ecf8427e"
+#: What rosbags knows of itself, whatever a file says of them.
+BUILT_IN = get_typestore(Stores.EMPTY).fielddefs
+#: What a message without fields is given by the ROS 2 tools: one byte that means nothing.
+FILLER = "structure_needs_at_least_one_member"
+_FILLED: tuple[str, FieldDesc] = FILLER, (Nodetype.BASE, ("uint8", 0))
+
+Path: TypeAlias = tuple[str, ...]
+
+
+class UnusableError(Exception):
+    """Messages of a connection cannot be decoded; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """One field of a message, or one list of numbers or texts.
+
+    Parameters
+    ----------
+    kind : {"number", "text", "time", "numbers", "texts"}
+    base : str
+        The base type, or `TIME` or `DURATION`.
+    path : tuple of str
+        The members that lead to the value or to the list.
+    inner : tuple of str
+        The members that lead on from each element, where the elements are messages.
+    names : tuple of str or None
+        What names the elements: the path of the list ``name`` beside a list of values, or
+        ("name",) where each element is a message with the text ``name``.
+    """
+
+    kind: Kind
+    base: str
+    path: Path
+    inner: Path = ()
+    names: Path | None = None
+
+    @property
+    def name(self) -> str:
+        """The dotted path by which a person asks for it."""
+        return ".".join(self.path + self.inner)
+
+
+@dataclass(frozen=True)
+class Definition:
+    """How the messages of one connection are laid out.
+
+    Parameters
+    ----------
+    type : str
+        Name of the message type, as ``sensor_msgs/msg/JointState``.
+    ros1 : bool
+        Serialised as ROS 1 does; as CDR if not.
+    types : dict
+        This type and those it is made of, as rosbags parses them.
+    leaves : dict of str to Leaf
+        By name, in the order of the definition.
+    compile : callable
+        Makes the store that decodes single messages.
+    origin : str
+        Where the definition is from, if not from the file.
+    """
+
+    type: str
+    ros1: bool
+    types: Typesdict
+    leaves: dict[str, Leaf]
+    compile: Callable[[], Typestore]
+    origin: str = ""
+
+    @cached_property
+    def store(self) -> Typestore:
+        """What decodes single messages; rosbags writes a class for each type, which takes it 1 ms."""
+        return self.compile()
+
+    @property
+    def stamped(self) -> bool:
+        """The message begins with a standard header."""
+        begins = self.members(self.type)[:1] == [("header", (Nodetype.NAME, HEADER))]
+        return begins and STAMP in self.leaves
+
+    def members(self, type_name: str) -> list[tuple[str, FieldDesc]]:
+        """Return the names and types of a message's members."""
+        return _members(self.types, type_name)
+
+
+def _members(types: Typesdict, type_name: str) -> list[tuple[str, FieldDesc]]:
+    if type_name not in types:
+        raise UnusableError(f"the definition of {type_name} is missing")
+    return types[type_name][1]
+
+
+def define(connection: Connection, *, ros1: bool) -> Definition:
+    """Find the definition of a connection's messages: in the file, else among the standard types.
+
+    Parameters
+    ----------
+    connection : rosbags.interfaces.Connection
+    ros1 : bool
+
+    Returns
+    -------
+    Definition
+
+    Raises
+    ------
+    UnusableError
+        There is no definition, or not one that can be used.
+    """
+    reasons = []
+    for find, origin in ((_from_file, ""), (_from_standard, "ROS 1 Noetic" if ros1 else "ROS 2 Humble")):
+        try:
+            types, compiled = find(connection, ros1=ros1)
+            leaves = find_leaves(types, connection.msgtype)
+        except UnusableError as error:
+            reasons.append(str(error))
+        else:
+            return Definition(connection.msgtype, ros1, types, leaves, compiled, origin)
+    raise UnusableError(reasons[0])
+
+
+def _from_file(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callable[[], Typestore]]:
+    text = connection.msgdef.data
+    blank_on_purpose = ros1 and connection.digest == MD5_OF_NOTHING
+    if connection.msgdef.format == MessageDefinitionFormat.NONE or not (text.strip() or blank_on_purpose):
+        raise UnusableError("the file has no definition of it")
+    try:
+        types = checked(
+            _types_from_msg(msg_text(text), connection.msgtype)
+            if connection.msgdef.format == MessageDefinitionFormat.MSG
+            else _types_from_idl(text)
+        )
+    except TooMuchError as error:
+        raise UnusableError(str(error)) from error
+    except Exception as error:  # a damaged text makes rosbags' parser fail in any way
+        raise UnusableError("its definition in the file cannot be parsed") from error
+    types = {name: ([], fields or [_FILLED]) for name, (_, fields) in types.items()}
+    return types | BUILT_IN, partial(_compiled, types)
+
+
+def _compiled(types: Typesdict) -> Typestore:
+    # A store of its own: two connections may define one type differently.
+    store = get_typestore(Stores.EMPTY)
+    store.register({name: types[name] for name in types if name not in store.fielddefs})
+    return store
+
+
+def _types_from_msg(text: str, name: str) -> Typesdict:
+    types = plain_types(text, name)
+    return get_types_from_msg(text, name) if types is None else types
+
+
+def _types_from_idl(text: str) -> Typesdict:
+    types: Typesdict = {}
+    check_idl(text)
+    for part in text.split("=" * 80 + "\n"):
+        if part.strip():
+            types.update(get_types_from_idl(part.partition("\n")[2] if part.startswith("IDL: ") else part))
+    return types
+
+
+def _from_standard(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callable[[], Typestore]]:
+    """Take a standard type, if its hash is the one the recorder noted (ROS 2 did not always)."""
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    known = connection.msgtype in store.fielddefs
+    if known and ros1:
+        known = connection.digest == store.generate_msgdef(connection.msgtype)[1]
+    elif known and connection.digest:
+        known = connection.digest == store.hash_rihs01(connection.msgtype)
+    if not known:
+        raise UnusableError("it is not a standard type")
+    return store.fielddefs, lambda: store
+
+
+def find_leaves(types: Typesdict, type_name: str) -> dict[str, Leaf]:
+    """Return the fields of a message by name, in the order of its definition.
+
+    Parameters
+    ----------
+    types : dict
+        As rosbags parses them.
+    type_name : str
+
+    Returns
+    -------
+    dict of str to Leaf
+
+    Raises
+    ------
+    UnusableError
+        A type it is made of is missing, or not supported.
+    """
+    return {leaf.name: leaf for leaf in _leaves(types, type_name)}
+
+
+def _leaves(types: Typesdict, type_name: str, path: Path = (), within: Path = ()) -> Iterator[Leaf]:
+    if type_name in within:
+        raise UnusableError(f"the definition of {type_name} contains itself")
+    if len(within) >= DEPTH:
+        raise UnusableError(f"its members nest deeper than {DEPTH}")
+    within = (*within, type_name)
+    members = _members(types, type_name)
+    texts = {name for name, desc in members if _list_of(desc, "string")}
+    for name, desc in members:
+        here = (*path, name)
+        if name == FILLER:
+            continue
+        if desc[0] == Nodetype.BASE or desc[0] == Nodetype.NAME:
+            if (leaf := _scalar(desc, here)) is not None:
+                yield leaf
+            else:
+                yield from _leaves(types, cast("str", desc[1]), here, within)
+            continue
+        element = desc[1][0]
+        if element[0] == Nodetype.NAME and element[1] not in {TIME, DURATION}:
+            yield from _inner_leaves(types, element[1], here, within)
+        elif (leaf := _scalar(element, here)) is not None and leaf.base not in BLOBS and leaf.kind != "time":
+            beside = (*path, "name") if "name" in texts and name != "name" else None
+            yield Leaf("texts" if leaf.kind == "text" else "numbers", leaf.base, here, names=beside)
+
+
+def _inner_leaves(types: Typesdict, type_name: str, path: Path, within: Path) -> Iterator[Leaf]:
+    """Fields of messages in a list: one list each. Lists within lists are left out."""
+    inner = list(_leaves(types, type_name, within=within))
+    named = any(leaf.path == ("name",) and leaf.kind == "text" for leaf in inner)
+    for leaf in inner:
+        if leaf.kind in {"number", "text"}:
+            beside = ("name",) if named and leaf.path != ("name",) else None
+            yield Leaf("numbers" if leaf.kind == "number" else "texts", leaf.base, path, leaf.path, beside)
+
+
+def _scalar(desc: FieldDesc, path: Path) -> Leaf | None:
+    if desc[0] == Nodetype.NAME:
+        kinds: dict[str, Kind] = {TIME: "time", DURATION: "number"}
+        return Leaf(kinds[desc[1]], desc[1], path) if desc[1] in kinds else None
+    base = cast("str", desc[1][0])
+    if base != "string" and base not in CODES:
+        raise UnusableError(f"the type {base} of its member {'.'.join(path)} is not supported")
+    return Leaf("text" if base == "string" else "number", base, path)
+
+
+def _list_of(desc: FieldDesc, base: str) -> bool:
+    return (
+        desc[0] in {Nodetype.ARRAY, Nodetype.SEQUENCE}
+        and desc[1][0][0] == Nodetype.BASE
+        and desc[1][0][1][0] == base
+    )

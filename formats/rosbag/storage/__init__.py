@@ -1,0 +1,1 @@
+"""The files that bags are kept in: ROS 1, MCAP and SQLite."""

@@ -1,0 +1,259 @@
+"""Messages out of the chunks of a ROS 1 bag or an MCAP file, many chunks at a time.
+
+Both formats write messages in chunks, compressed or not, and an index: for each connection the log
+time of every message and its place in the chunk. Chunks are joined until they have `RUN_BYTES`, and
+what the index says of their messages is gathered and checked with NumPy: no message is touched in
+Python. Walking 385 k messages one by one takes rosbags 2 to 3 s, this 0.1 s without decompression.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeAlias
+
+import numpy as np
+
+from formats.limits import Allowance
+from formats.rosbag.storage.raw_messages import Messages
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from formats.rosbag.storage.raw_messages import Index
+
+#: Chunks are joined until they have this many bytes: enough to make NumPy's calls cheap.
+RUN_BYTES = 8 << 20
+#: Decompressing in more threads than this would be faster than what is done with the messages.
+_MOST_THREADS = 4
+#: `Messages.order` of the first byte of the n-th chunk is n times this: chunks are smaller.
+_ORDER = 1 << 40
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Where a chunk and its index stand in the file.
+
+    Parameters
+    ----------
+    position, stored : int
+        Of the bytes that `unpack` takes.
+    unpack : callable
+        Makes the contents of them.
+    slow : bool
+        It is worth a thread.
+    first : int
+        The least log time in it, ns.
+    index : tuple of (int, int, int), optional
+        Of each connection its number, where its entries begin in the file, and how many there are.
+        None if there is no index; the chunk is then walked.
+    """
+
+    position: int
+    stored: int
+    unpack: Callable[[bytes], bytes | memoryview]
+    slow: bool
+    first: int
+    index: tuple[tuple[int, int, int], ...] | None
+
+
+class Layout(Protocol):
+    """How one format writes indexes and messages."""
+
+    entry: np.dtype[Any]
+
+    def entries(self, of: NDArray[Any]) -> tuple[Index, Index]:
+        """Return the log times in ns and the places in the chunk of entries of an index."""
+
+    def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
+        """Return starts and sizes of the payloads of the messages whose records begin at these places.
+
+        Raises an error, a ValueError or another, where there is no message of this connection and time.
+        """
+
+    def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
+        """Make the index of a chunk that has none."""
+
+
+#: Messages by the number of their connection, all in one buffer.
+Run: TypeAlias = dict[int, Messages]
+_Unpacked: TypeAlias = tuple[int, Chunk, bytes | memoryview]
+
+
+def opened(file: BinaryIO | None) -> BinaryIO:
+    """Return the file of a reader that rosbags opens and closes.
+
+    Parameters
+    ----------
+    file : binary file or None
+
+    Returns
+    -------
+    binary file
+
+    Raises
+    ------
+    ValueError
+    """
+    if file is None:
+        raise ValueError("not open")
+    return file
+
+
+def runs(
+    file: BinaryIO, chunks: Sequence[Chunk], wanted: Collection[int], layout: Layout, size: int = RUN_BYTES
+) -> Iterator[Run]:
+    """Read the messages of some connections, each in the order of its log times.
+
+    Parameters
+    ----------
+    file : binary file
+    chunks : sequence of Chunk
+        In the order of the file.
+    wanted : collection of int
+        Numbers of connections.
+    layout : Layout
+    size : int
+        Bytes of chunks that are joined; 1 reads as little ahead as can be.
+
+    Yields
+    ------
+    dict of int to Messages
+        No message is earlier than one of its connection that was yielded before.
+
+    Raises
+    ------
+    Exception
+        Of any kind, where the file is damaged. What comes before the damage was yielded.
+    """
+    chosen = sorted(
+        (chunk.first, rank, chunk)
+        for rank, chunk in enumerate(chunks)
+        if chunk.index is None or any(connection in wanted for connection, _, _ in chunk.index)
+    )
+    if not chosen:
+        return
+    horizons = [first for first, _, _ in chosen[1:]]
+    kept: Run = {}
+    joined: list[_Unpacked] = []
+    length = 0
+    unpacked = _unpacked(file, [(rank, chunk) for _, rank, chunk in chosen], ahead=size > 1)
+    allowance = Allowance(os.fstat(file.fileno()).st_size)
+    for (first, rank, chunk), horizon in zip(chosen, [*horizons, None], strict=True):
+        try:
+            joined.append((rank, chunk, next(unpacked)))
+            allowance.take(len(joined[-1][2]))
+        except Exception:
+            yield _split(_locate(file, joined, kept, wanted, layout), first)[0]
+            raise
+        length += len(joined[-1][2])
+        if horizon is not None and length >= size:
+            # Chunks may overlap in time: what is later than the first message of the next one waits.
+            run, kept = _split(_locate(file, joined, kept, wanted, layout), horizon)
+            joined, length = [], 0
+            yield run
+    yield _locate(file, joined, kept, wanted, layout)
+
+
+def _unpacked(
+    file: BinaryIO, chunks: Sequence[tuple[int, Chunk]], *, ahead: bool
+) -> Iterator[bytes | memoryview]:
+    """Yield the contents of chunks; some are decompressed ahead, where that is what takes the time."""
+    if not (ahead and any(chunk.slow for _, chunk in chunks)):
+        for _, chunk in chunks:
+            yield chunk.unpack(_read(file, chunk.position, chunk.stored))
+        return
+    threads = min(_MOST_THREADS, os.cpu_count() or 1)
+    with ThreadPoolExecutor(threads) as pool:
+        waiting: deque[Any] = deque()
+        for _, chunk in chunks:
+            # Reading stays in this thread, for the file has one position.
+            waiting.append(pool.submit(chunk.unpack, _read(file, chunk.position, chunk.stored)))
+            if len(waiting) > threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+
+
+def _read(file: BinaryIO, position: int, size: int) -> bytes:
+    file.seek(position)
+    data = file.read(size)
+    if len(data) != size:
+        raise EOFError(f"{size} bytes were to be at {position}, {len(data)} are")
+    return data
+
+
+def _locate(
+    file: BinaryIO, joined: Sequence[_Unpacked], kept: Run, wanted: Collection[int], layout: Layout
+) -> Run:
+    """Find the messages of some chunks; those that were kept come first in the new buffer."""
+    pieces: list[bytes | memoryview] = []
+    run: dict[int, list[Messages]] = {}
+    begin = 0
+    for connection, messages in kept.items():
+        pieces += [messages.payload(row) for row in range(len(messages))]
+        starts = begin + np.cumsum(messages.sizes) - messages.sizes
+        run[connection] = [Messages(b"", starts, messages.sizes, messages.times, messages.order)]
+        begin += int(messages.sizes.sum())
+    found: dict[int, list[tuple[NDArray[Any], int, int, int, int]]] = {}
+    for rank, chunk, data in joined:
+        end = begin + len(data)
+        for connection, entries in _entries(file, chunk, data, wanted, layout):
+            found.setdefault(connection, []).append((entries, begin, end, rank, chunk.first))
+        pieces.append(data)
+        begin = end
+    buffer = b"".join(pieces)
+    for connection, parts in found.items():
+        entries, *rest = zip(*parts, strict=True)
+        # Joined as bytes: NumPy compares the names of all fields first, which takes three times as long.
+        times, places = layout.entries(np.frombuffer(b"".join(entries), layout.entry))
+        lengths = [len(of_chunk) for of_chunk in entries]
+        bases, ends, ranks, firsts = (np.repeat(np.array(of_chunk), lengths) for of_chunk in rest)
+        records = bases + places
+        if ((places < 0) | (records >= ends)).any():
+            raise ValueError("an index points beyond its chunk")
+        starts, sizes = layout.payloads(buffer, connection, times, records)
+        if ((sizes < 0) | (starts + sizes > ends)).any():
+            raise ValueError("a message is longer than its chunk")
+        if (times < firsts).any():
+            raise ValueError("a message is earlier than its chunk")
+        run.setdefault(connection, []).append(Messages(b"", starts, sizes, times, ranks * _ORDER + places))
+    return {
+        connection: Messages(
+            buffer,
+            *(
+                np.concatenate([getattr(part, name) for part in parts])
+                for name in ("starts", "sizes", "times", "order")
+            ),
+        ).sorted()
+        for connection, parts in run.items()
+    }
+
+
+def _entries(
+    file: BinaryIO, chunk: Chunk, data: bytes | memoryview, wanted: Collection[int], layout: Layout
+) -> Iterator[tuple[int, NDArray[Any]]]:
+    if chunk.index is None:
+        yield from ((c, entries) for c, entries in layout.walk(data).items() if c in wanted)
+        return
+    for connection, begin, count in chunk.index:
+        if count and connection in wanted:
+            raw = _read(file, begin, count * layout.entry.itemsize)
+            yield connection, np.frombuffer(raw, layout.entry)
+
+
+def _split(run: Run, horizon: int) -> tuple[Run, Run]:
+    """Part messages into those before a time and the others; leave out connections without any."""
+    before: Run = {}
+    others: Run = {}
+    for connection, messages in run.items():
+        count = int(np.searchsorted(messages.times, horizon))
+        if count:
+            before[connection] = messages.take(slice(None, count))
+        if count < len(messages):
+            others[connection] = messages.take(slice(count, None))
+    return before, others

@@ -1,0 +1,228 @@
+"""The SQLite files of rosbag2.
+
+Read here rather than with rosbags: its reader refuses a whole file when one of its types has
+no definition, as ROS 2 records them, and cannot open a path with ``?``, ``#`` or ``%`` in it.
+"""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+)
+
+from formats.copies import named
+from formats.limits import CHUNK_BYTES, TooMuchError
+from formats.rosbag.storage.chunks import RUN_BYTES
+from formats.rosbag.storage.db3_rows import Leaves
+from formats.rosbag.storage.raw_messages import astray, collected
+from formats.sqlite_pages import BrokenError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
+    from io import BufferedReader
+
+    from formats.rosbag.storage.chunks import Run
+
+_UNKNOWN = MessageDefinition(MessageDefinitionFormat.NONE, "")
+#: Name, type and place in the key of the columns that `Leaves` reads.
+_PLAIN = [("id", "INTEGER", 1), ("topic_id", "INTEGER", 0), ("timestamp", "INTEGER", 0), ("data", "BLOB", 0)]
+#: Log times and keys are compared with their index by one sum, of what is left over these.
+_PRIMES = 1_000_003, 1_009
+FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+
+
+class Db3File:
+    """One file, with the interface of rosbags' own readers of files.
+
+    Parameters
+    ----------
+    path : Path
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.connections: list[Connection] = []
+        #: First and last log time of each connection that has messages, by its id.
+        self.spans: dict[int, tuple[int, int]] = {}
+        self._database: sqlite3.Connection | None = None
+        self._file: BufferedReader | None = None
+        self._leaves: Leaves | None = None
+
+    def open(self) -> None:
+        """Read what topics there are."""
+        # immutable: SQLite must neither wait for locks nor write anything beside the user's file.
+        # The garbage collector may close it from any thread.
+        with named(str(self.path)) as path:
+            self._database = sqlite3.connect(
+                f"{Path(path).absolute().as_uri()}?immutable=1", uri=True, check_same_thread=False
+            )
+            # Without a question it does not open the file.
+            with suppress(sqlite3.Error, MemoryError):
+                self._database.execute("PRAGMA schema_version")
+        try:
+            self._read_topics(self._database)
+        except MemoryError as error:
+            self.close()
+            # Damaged pages may have SQLite ask for more than there is.
+            raise sqlite3.DatabaseError("its pages are damaged: SQLite ran out of memory") from error
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._database is not None:
+            self._database.close()
+            self._database = self._leaves = None
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _read_topics(self, database: sqlite3.Connection) -> None:
+        _refuse_what_calculates(database)
+        self._leaves = self._plain(database)
+        spans = self._leaves.spans() if self._leaves else _spans(database)
+        if not all(isinstance(time, int) for _, *ends in spans.values() for time in ends):
+            # SQLite takes anything in any column.
+            raise ValueError("a log time is no whole number")
+        self._check_times(database)
+        definitions = self._read_definitions(database)
+        columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
+        digest = "type_description_hash" if "type_description_hash" in columns else "''"
+        for topic, name, type_name, serialization, type_hash in database.execute(
+            f"SELECT id, name, type, serialization_format, {digest} FROM topics ORDER BY id"  # noqa: S608  no outside text
+        ):
+            self.connections.append(
+                Connection(
+                    topic,
+                    name,
+                    type_name,
+                    _definition(definitions.get(type_name, []), type_hash or ""),
+                    type_hash or "",
+                    spans.get(topic, (0,))[0],
+                    ConnectionExtRosbag2(serialization, []),
+                    self,
+                )
+            )
+        self.spans = {topic: (start, end) for topic, (_, start, end) in spans.items()}
+
+    def _check_times(self, database: sqlite3.Connection) -> None:
+        """Refuse log times that cannot be, as salvage sets them aside: SQLite has no checksums."""
+        if self._leaves is not None:
+            numbers, times = self._leaves.times()
+        else:
+            query = "SELECT id, timestamp FROM messages ORDER BY id"
+            numbers, times = np.array(database.execute(query).fetchall(), np.int64).reshape(-1, 2).T
+        wrong = numbers[astray(times)]
+        if len(wrong):
+            raise ValueError(f"the log time of message {wrong[0]} is over an hour from those beside it")
+        if self._leaves is None:
+            return
+        # One time that differs changes the sum, and SQLite adds it up without giving rows to Python.
+        summed = int((np.fmod(times, _PRIMES[0]) * (np.fmod(numbers, _PRIMES[1]) + 1)).sum())
+        for name in _indexes_of_time(database):
+            query = "SELECT count(*), sum((timestamp % ?) * (id % ? + 1)) FROM messages INDEXED BY "
+            (told,) = database.execute(f'{query}"{name}"', _PRIMES)
+            if told != (len(times), summed if len(times) else None):
+                raise ValueError("its log times are not those of their index")
+
+    def _plain(self, database: sqlite3.Connection) -> Leaves | None:
+        """Return what reads the messages in bulk, if they are as all recorders write them."""
+        columns = [
+            (name, kind, key) for _, name, kind, _, _, key in database.execute("PRAGMA table_info(messages)")
+        ]
+        if columns != _PLAIN:
+            return None
+        ((root,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE lower(name) = 'messages'")
+        query = "SELECT data FROM messages WHERE id = ?"
+        self._file = self.path.open("rb")
+        try:
+            return Leaves(self._file, root, lambda number: database.execute(query, (number,)).fetchone()[0])
+        except (BrokenError, IndexError):
+            return None
+
+    @staticmethod
+    def _read_definitions(database: sqlite3.Connection) -> dict[str, list[tuple[str, MessageDefinition]]]:
+        """Return the definitions of each type, with their hashes."""
+        columns = {row[1] for row in database.execute("PRAGMA table_info(message_definitions)")}
+        if not columns:
+            return {}
+        digest = "type_description_hash" if "type_description_hash" in columns else "''"
+        found: dict[str, list[tuple[str, MessageDefinition]]] = {}
+        for type_name, encoding, text, type_hash in database.execute(
+            f"SELECT topic_type, encoding, encoded_message_definition, {digest} FROM message_definitions"  # noqa: S608  no outside text
+        ):
+            if encoding in FORMATS:
+                definition = MessageDefinition(FORMATS[encoding], text)
+                found.setdefault(type_name, []).append((type_hash or "", definition))
+        return found
+
+    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
+        """Read the messages of some connections.
+
+        Parameters
+        ----------
+        wanted : collection of int
+            Their numbers.
+        size : int
+            Bytes that are read at a time.
+
+        Yields
+        ------
+        dict of int to Messages
+            In the order of the log times.
+        """
+        if self._database is None:
+            raise ValueError("not open")
+        if self._leaves is not None:
+            yield from self._leaves.runs(wanted, size)
+            return
+        places = ",".join("?" * len(wanted))
+        query = (
+            "SELECT topic_id, timestamp, data FROM messages"  # noqa: S608  only question marks are put in
+            f" WHERE topic_id IN ({places}) ORDER BY timestamp, id"
+        )
+        yield from collected(self._database.execute(query, tuple(wanted)), size)
+
+
+def _indexes_of_time(database: sqlite3.Connection) -> list[str]:
+    """Return the names of the indexes that hold the log times of all messages, and nothing else."""
+    names = [row[1] for row in database.execute("PRAGMA index_list(messages)") if not row[4]]
+    quoted = [name.replace('"', '""') for name in names]
+    columns = {name: [row[2] for row in database.execute(f'PRAGMA index_info("{name}")')] for name in quoted}
+    return [name for name, held in columns.items() if held == ["timestamp"]]
+
+
+def _definition(known: Sequence[tuple[str, MessageDefinition]], type_hash: str) -> MessageDefinition:
+    """Return the definition that a topic's hash says, or the only one; none where it may be another."""
+    of_hash = [definition for own, definition in known if own == type_hash != ""]
+    first, *others = of_hash or [definition for _, definition in known] or [_UNKNOWN]
+    return first if all(one == first for one in others) else _UNKNOWN
+
+
+def _spans(database: sqlite3.Connection) -> dict[int, tuple[int, int, int]]:
+    """Return how many messages each topic has, and its first and last log time in ns."""
+    query = "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
+    return {topic: (count, start, end) for topic, count, start, end in database.execute(query)}
+
+
+def _refuse_what_calculates(database: sqlite3.Connection) -> None:
+    """Refuse a file whose tables are views or make up values: such a query need never end."""
+    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, CHUNK_BYTES)
+    database.execute("PRAGMA trusted_schema = OFF")
+    for name, kind, root, statement in database.execute(
+        "SELECT name, type, rootpage, sql FROM sqlite_master"
+        " WHERE lower(name) IN ('topics', 'messages', 'message_definitions')"
+    ):
+        if kind != "table" or not root or re.search(r"\bAS\b", str(statement), re.IGNORECASE):
+            raise TooMuchError(f"its {name} are no plain table")

@@ -1,0 +1,395 @@
+"""The readable pieces of a damaged bag, and their messages in the order of the log times."""
+
+from __future__ import annotations
+
+import mmap
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from formats.limits import CONNECTIONS, Allowance, TooMuchError, unpacked_limit
+from formats.recovery import Recovery
+from formats.rosbag.storage.raw_messages import WILD, Messages
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+    from rosbags.interfaces import Connection
+
+    Index = NDArray[np.int64]
+    Span = tuple[int, int]
+
+#: `Messages.order` of the first byte of the n-th piece is n times this: pieces are smaller.
+_ORDER = 1 << 40
+#: Bytes of messages that may wait for others which are earlier.
+_WAITING = 1 << 30
+_WAITING_PARTS = 50_000
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Messages that lie together, each vouched for by all that the file says of it.
+
+    Parameters
+    ----------
+    rows : ndarray of int64, shape (n, 4)
+        Number of the connection, log time in ns, where the payload begins in the contents, its size.
+    load : callable
+        Returns the contents.
+    """
+
+    rows: Index
+    load: Callable[[], bytes]
+
+    @property
+    def first(self) -> int:
+        """The least log time, ns."""
+        return int(self.rows[:, 1].min())
+
+    @property
+    def last(self) -> int:
+        """The greatest log time, ns."""
+        return int(self.rows[:, 1].max())
+
+
+class SalvagedFile(ABC):
+    """What can be read of one file of a bag, as the readers of whole files give it.
+
+    Parameters
+    ----------
+    path : Path
+
+    Attributes
+    ----------
+    connections : list of Connection
+    spans : dict of int to (int, int)
+        First and last log time in ns of each connection, by its number.
+    recovery : Recovery
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.connections: list[Connection] = []
+        self.spans: dict[int, tuple[int, int]] = {}
+        self.recovery = Recovery()
+        self.pieces: list[Piece] = []
+        #: First and last log time of what can be read, as it lies in the file; None where something is lost.
+        self.walk: list[Span | None] = []
+        self.data: mmap.mmap | bytes = b""
+
+    def open(self) -> None:
+        """Find the readable pieces."""
+        with self.path.open("rb") as file:
+            self.data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        try:
+            self.recovery.bytes_expected = len(self.data)
+            self._allowance = Allowance(len(self.data))
+            known = self.scan()
+            self._settle(known)
+        except BaseException:
+            self.close()
+            raise
+
+    def take(self, found: Index, kept: Index, load: Callable[[], bytes], damage: str = "") -> None:
+        """Take the messages that can be trusted of those that were found together.
+
+        Parameters
+        ----------
+        found, kept : ndarray, shapes (n, 4) and (m, 4)
+            As for `timeline`.
+        load : callable
+            As for `Piece`.
+        damage : str
+            What is wrong, where `found` is not all there was.
+        """
+        self.recovery.aside += len(found) - len(kept)
+        self.walk += timeline(found, kept)
+        if len(kept):
+            self.pieces.append(Piece(kept, load))
+        if damage:
+            self.lose(damage)
+
+    def unpacked(self, load: Callable[[], bytes], stored: int, size: int) -> bytes | str:
+        """Unpack a chunk, or say why that cannot be.
+
+        Parameters
+        ----------
+        load : callable
+            Returns the contents: no more than `size` bytes.
+        stored, size : int
+            Bytes in the file, and those that the file says they become.
+
+        Returns
+        -------
+        bytes or str
+
+        Raises
+        ------
+        TooMuchError
+            All chunks together become more than a file may.
+        """
+        self._allowance.take(min(size, unpacked_limit(stored)))
+        try:
+            return load()
+        except Exception as error:  # noqa: BLE001 - the libraries that unpack raise anything
+            return " ".join(str(error).split())[:120] or type(error).__name__
+
+    def lose(self, damage: str) -> None:
+        """Note that something is lost here.
+
+        Parameters
+        ----------
+        damage : str
+        """
+        if damage not in self.recovery.damage:
+            self.recovery.damage.append(damage)
+        if not self.walk or self.walk[-1] is not None:
+            self.walk.append(None)
+
+    def close(self) -> None:
+        """Close the file."""
+        if isinstance(self.data, mmap.mmap):
+            self.data.close()
+        self.data = b""
+
+    @abstractmethod
+    def scan(self) -> dict[int, Connection]:
+        """Fill `salvaged_file` and `recovery`; return the connections that are known, by their number."""
+
+    def _settle(self, known: dict[int, Connection]) -> None:
+        """Keep the messages of known connections, and count them."""
+        if len(known) > CONNECTIONS:
+            raise TooMuchError(f"it has more than {CONNECTIONS:,} connections")
+        numbers = np.array(sorted(known), dtype=np.int64)
+        kept = []
+        for piece in self.pieces:
+            right = np.isin(piece.rows[:, 0], numbers)
+            self.recovery.aside += int(np.count_nonzero(~right))
+            if right.any():
+                kept.append(piece if right.all() else Piece(piece.rows[right], piece.load))
+        self.pieces = kept
+        counts: dict[int, int] = {}
+        for piece in kept:
+            for number, rows in _by_connection(piece.rows):
+                times = rows[:, 1]
+                start, end = self.spans.get(number, (int(times.min()), int(times.max())))
+                self.spans[number] = min(start, int(times.min())), max(end, int(times.max()))
+                counts[number] = counts.get(number, 0) + len(times)
+        self.connections = [
+            connection._replace(msgcount=counts.get(number, 0)) for number, connection in known.items()
+        ]
+        self.recovery.read = sum(counts.values())
+        self.recovery.first = min((start for start, _ in self.spans.values()), default=None)
+        if self.recovery.expected is not None:
+            self.recovery.expected = max(self.recovery.expected, self.recovery.read)
+
+    def runs(self, wanted: Collection[int], size: int = 0) -> Iterator[dict[int, Messages]]:  # noqa: ARG002 - as `rosbag.containers.Reader` has it
+        """Read the messages of some connections.
+
+        Parameters
+        ----------
+        wanted : collection of int
+            Their numbers.
+        size : int
+            Not used: pieces are read one by one.
+
+        Yields
+        ------
+        dict of int to Messages
+            No message is earlier than one of its connection that was yielded before.
+        """
+        numbers = np.array(sorted(wanted), dtype=np.int64)
+        chosen = sorted(
+            (piece.first, rank, piece)
+            for rank, piece in enumerate(self.pieces)
+            if np.isin(piece.rows[:, 0], numbers).any()
+        )
+        waiting: dict[int, list[Messages]] = {}
+        for k, (_, rank, piece) in enumerate(chosen):
+            for number, messages in _messages(piece, rank, numbers).items():
+                waiting.setdefault(number, []).append(messages)
+            horizon = chosen[k + 1][0] if k + 1 < len(chosen) else None
+            before, waiting = _parted(waiting, horizon)
+            held = [len(part.buffer) for parts in waiting.values() for part in parts]
+            if sum(held) > _WAITING or len(held) > _WAITING_PARTS:
+                raise TooMuchError("its chunks overlap in time: too much would have to be held in memory")
+            if before:
+                yield before
+
+
+def _messages(piece: Piece, rank: int, wanted: Index) -> dict[int, Messages]:
+    """Read the messages of a piece, by connection."""
+    contents = piece.load()
+    found = {}
+    for number, rows in _by_connection(piece.rows[np.isin(piece.rows[:, 0], wanted)]):
+        order = rank * _ORDER + rows[:, 2]
+        found[number] = Messages(contents, rows[:, 2], rows[:, 3], rows[:, 1], order).sorted()
+    return found
+
+
+def _by_connection(rows: Index) -> Iterator[tuple[int, Index]]:
+    """Yield the rows of each connection, in one pass however many there are."""
+    if not len(rows):
+        return
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    for part in np.split(rows, np.flatnonzero(np.diff(rows[:, 0])) + 1):
+        yield int(part[0, 0]), part
+
+
+def _parted(
+    waiting: dict[int, list[Messages]], horizon: int | None
+) -> tuple[dict[int, Messages], dict[int, list[Messages]]]:
+    """Part messages into those before a time, and the others; the latter in buffers of their own."""
+    before: dict[int, Messages] = {}
+    others: dict[int, list[Messages]] = {}
+    for number, parts in waiting.items():
+        ready = []
+        for part in parts:
+            count = len(part) if horizon is None else int(np.searchsorted(part.times, horizon))
+            if count:
+                ready.append(part.take(slice(None, count)))
+            if count < len(part):
+                rest = part.take(slice(count, None))
+                # In a buffer of its own, so that the contents of its chunk need not be kept.
+                own = rest if len(rest.buffer) == rest.sizes.sum() else joined([rest])
+                others.setdefault(number, []).append(own)
+        if ready:
+            before[number] = ready[0] if len(ready) == 1 else joined(ready).sorted()
+    return before, others
+
+
+def joined(parts: Sequence[Messages]) -> Messages:
+    """Join messages in one buffer that holds nothing else.
+
+    Parameters
+    ----------
+    parts : sequence of Messages
+
+    Returns
+    -------
+    Messages
+        In the order given.
+    """
+    buffer = b"".join(part.payload(row) for part in parts for row in range(len(part)))
+    sizes = np.concatenate([part.sizes for part in parts])
+    times = np.concatenate([part.times for part in parts])
+    order = np.concatenate([part.order for part in parts])
+    return Messages(buffer, np.cumsum(sizes) - sizes, sizes, times, order)
+
+
+def rows_of(found: Sequence[tuple[int, int, int, int]]) -> Index:
+    """Return the table of a piece.
+
+    Parameters
+    ----------
+    found : sequence of (int, int, int, int)
+        As `Piece.rows` has them. Times beyond the year 2262 are left out.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 4)
+    """
+    return np.array([row for row in found if 0 <= row[1] < 2**63], dtype=np.int64).reshape(-1, 4)
+
+
+def tame(rows: Index) -> Index:
+    """Leave out the messages whose time is far from that of the others.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, 4)
+
+    Returns
+    -------
+    ndarray, shape (m, 4)
+    """
+    if not len(rows):
+        return rows
+    return np.asarray(rows[np.abs(rows[:, 1] - int(np.median(rows[:, 1]))) <= WILD])
+
+
+def agreed(told: Sequence[tuple[bool, Any]]) -> Any | None:
+    """Return what a file says of something, if it does not contradict itself.
+
+    Parameters
+    ----------
+    told : sequence of (bool, object)
+        Whether a checksum vouches for it, and what is said.
+
+    Returns
+    -------
+    object or None
+    """
+    trusted = [what for vouched, what in told if vouched] or [what for _, what in told]
+    return trusted[0] if all(what == trusted[0] for what in trusted) else None
+
+
+def join_told(told: dict[int, list[tuple[bool, Any]]], more: dict[int, list[tuple[bool, Any]]]) -> None:
+    """Add what else a file says of its connections, by their numbers, to what it said before."""
+    for number, said in more.items():
+        before = told.setdefault(number, [])
+        before += [one for one in said if one not in before[-8:]]
+
+
+def timeline(found: Index, kept: Index) -> list[Span | None]:
+    """Return the times of messages that follow each other, and None between them where some are left out.
+
+    Parameters
+    ----------
+    found, kept : ndarray, shapes (n, 4) and (m, 4)
+        Rows of a piece in the order of the file, and those of them that are kept.
+
+    Returns
+    -------
+    list of (int, int) or None
+        ns
+    """
+    right = np.isin(found[:, 2], kept[:, 2])
+    edges = np.flatnonzero(np.diff(right)) + 1
+    spans: list[Span | None] = []
+    for part in np.split(np.arange(len(found)), edges):
+        if len(part):
+            times = found[part, 1]
+            spans.append((int(times.min()), int(times.max())) if right[part[0]] else None)
+    return spans
+
+
+def lost_between(spans: Sequence[Span | None], end: int | None) -> list[tuple[int | None, int | None]]:
+    """Return the stretches of time in which something was lost.
+
+    Parameters
+    ----------
+    spans : sequence of (int, int) or None
+        First and last log time of what can be read, in the order of the file; None where something
+        was lost.
+    end : int or None
+        When the log ended, where that is known.
+
+    Returns
+    -------
+    list of (int or None, int or None)
+        ns
+    """
+    lost: list[tuple[int | None, int | None]] = []
+    before: int | None = None
+    waiting = False
+    for span in spans:
+        if span is None:
+            waiting = True
+            continue
+        first, last = span
+        if waiting:
+            after = first if before is None else max(first, before)
+            if lost and lost[-1][1] == before is not None:
+                lost[-1] = lost[-1][0], after
+            else:
+                lost.append((before, after))
+            waiting = False
+        before = last if before is None else max(before, last)
+    if waiting:
+        lost.append((before, max(end, before) if end is not None and before is not None else end))
+    return lost

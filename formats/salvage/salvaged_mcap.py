@@ -1,0 +1,371 @@
+"""MCAP without its end, its index or some of its bytes: every chunk that is whole.
+
+Records follow each other from the first byte on (https://mcap.dev/spec), and each says how long it
+is. Where one does not add up, the next chunk is looked for. A message is taken where the checksum of
+its chunk is right; in a chunk without one, where the index behind the chunk names it too.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from binascii import crc32
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+
+from formats.limits import CHUNK_BYTES
+from formats.rosbag.storage.unpacking import unpack
+from formats.salvage.salvaged_file import SalvagedFile, agreed, join_told, lost_between, rows_of, tame
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_RECORD = 9
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX = 0x03, 0x04, 0x05, 0x06, 0x07
+_STATISTICS, _DATA_END, _FOOTER = 0x0B, 0x0F, 0x02
+_MAGIC = b"\x89MCAP0\r\n"
+#: Opcode, length, first and last time, size, checksum; then the name of the compression.
+_CHUNK_BEGINS = re.compile(rb"\x06.{36}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd)", re.DOTALL)
+_ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
+_FORMATS = {
+    "ros2msg": MessageDefinitionFormat.MSG,
+    "ros2idl": MessageDefinitionFormat.IDL,
+    "omgidl": MessageDefinitionFormat.IDL,
+}
+
+
+@dataclass
+class _Told:
+    """What the file says of its channels, and of the log as a whole."""
+
+    schemas: dict[int, list[tuple[bool, Any]]] = field(default_factory=dict)
+    channels: dict[int, list[tuple[bool, Any]]] = field(default_factory=dict)
+    #: Number of messages by channel, and the last log time.
+    counts: dict[int, int] | None = None
+    end: int | None = None
+
+
+class BrokenError(ValueError):
+    """A record does not add up."""
+
+
+class SalvagedMcap(SalvagedFile):
+    """What can be read of one MCAP file."""
+
+    def scan(self) -> dict[int, Connection]:
+        """Walk through the records of the file."""
+        self._told = _Told()
+        self._loose: list[tuple[int, int, int, int]] = []
+        self._unchecked = False
+        self.recovery.bytes_read = at = len(_MAGIC)
+        size, ended = len(self.data), False
+        while at < size and not ended:
+            try:
+                at, ended = self._record(at)
+            except BrokenError as error:
+                following = self._next_chunk(at + 1)
+                self._lose(
+                    str(error) if following else f"cut off at byte {size:,}, in {error}: its index is missing"
+                )
+                at = following or size
+        self._end_loose()
+        if not ended and not self.recovery.damage:
+            self._lose(f"cut off at byte {size:,}: the end of the file and with it the index are missing")
+        told, recovery = self._told, self.recovery
+        recovery.checked = not self._unchecked
+        recovery.whole_known = ended
+        if told.counts is not None:
+            recovery.expected = sum(told.counts.values())
+        recovery.lost = lost_between(self.walk, told.end) if recovery.damaged else []
+        return self._connections()
+
+    def _lose(self, damage: str) -> None:
+        self._end_loose()
+        self.lose(damage)
+
+    def _record(self, at: int) -> tuple[int, bool]:
+        """Read one record; return where the next begins, and whether it was the last."""
+        if at + _RECORD > len(self.data):
+            raise BrokenError(f"a record at byte {at:,}")
+        code, length = struct.unpack_from("<BQ", self.data, at)
+        begin, end = at + _RECORD, at + _RECORD + length
+        if code == 0 or 0x0F < code < 0x80:
+            raise BrokenError(f"there is no record at byte {at:,}")
+        if end > len(self.data):
+            if code == _CHUNK:
+                self._note_cut_chunk(begin)
+            raise BrokenError(f"a {'chunk' if code == _CHUNK else 'record'} that begins at byte {at:,}")
+        try:
+            end = self._content(code, begin, end)
+        except (struct.error, UnicodeDecodeError, IndexError) as error:
+            raise BrokenError(f"the record at byte {at:,} contradicts itself") from error
+        self.recovery.bytes_read += end - at
+        return end, code == _FOOTER
+
+    def _content(self, code: int, begin: int, end: int) -> int:
+        """Take in what a record says; return where the next begins."""
+        if code == _CHUNK:
+            return self._chunk(begin, end)
+        if code in {_SCHEMA, _CHANNEL}:
+            _note(self._told, code, self.data[begin:end], vouched=False)
+        elif code == _MESSAGE:
+            self._message(begin, end)
+        elif code == _STATISTICS:
+            self._statistics(self.data[begin:end])
+        elif code == _DATA_END:
+            self._data_end(begin - _RECORD, *struct.unpack("<I", self.data[begin:end]))
+        elif code == _FOOTER:
+            self._footer(begin, *struct.unpack("<QQI", self.data[begin:end]))
+            if self.data[end:] != _MAGIC:
+                raise BrokenError(f"the end of the file, behind byte {end:,},")
+        return end
+
+    def _next_chunk(self, start: int) -> int | None:
+        """Find the next place where a whole chunk may begin."""
+        for match in _CHUNK_BEGINS.finditer(self.data, start):
+            at = match.start()
+            try:
+                _, _, end = _head(self.data, at + _RECORD)
+            except (struct.error, BrokenError):
+                continue
+            if end <= len(self.data) and end - at - _RECORD == struct.unpack_from("<Q", self.data, at + 1)[0]:
+                return at
+        return None
+
+    def _note_cut_chunk(self, begin: int) -> None:
+        """Take from the head of a chunk that is cut off when the log went on to at least."""
+        if begin + 16 <= len(self.data):
+            start, end = struct.unpack_from("<QQ", self.data, begin)
+            before = max((span[1] for span in self.walk if span), default=start)
+            # Far from what is before it, the head is no chunk's.
+            if start <= end < 2**63 and abs(start - before) < 600 * 10**9 and end - start < 600 * 10**9:
+                self.recovery.goes_on = max(end, before)
+
+    def _chunk(self, begin: int, end: int) -> int:
+        """Read a chunk and the index behind it; return where that ends."""
+        self._end_loose()
+        head, contents, chunk_end = _head(self.data, begin)
+        if chunk_end != end:
+            raise BrokenError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
+        index, end = self._index(end)
+        start, last, size, checksum, packing = head
+        load = partial(self._load, contents, end=chunk_end, packing=packing, size=size, checksum=checksum)
+        raw = self.unpacked(load, chunk_end - contents, size)
+        if isinstance(raw, str):
+            self._lose(f"the chunk at byte {begin - _RECORD:,} cannot be read ({raw})")
+            return end
+        told = _Told()
+        found, whole = _messages_in(raw, told, vouched=bool(checksum))
+        rows = kept = rows_of(found)
+        agrees = True
+        if not checksum:
+            self._unchecked = True
+            kept = _confirmed(rows, index, start, last)
+            agrees = len(kept) == len(found) and _complete(rows, index)
+        damage = "" if whole else f"the chunk at byte {begin - _RECORD:,} contradicts itself"
+        if packing and not checksum and not (whole and agrees):
+            # One changed byte of packed data changes others, and no index shows in which values.
+            kept, damage = rows[:0], f"the chunk at byte {begin - _RECORD:,} contradicts its index"
+        else:
+            join_told(self._told.schemas, told.schemas)
+            join_told(self._told.channels, told.channels)
+        self.take(rows, kept, load, damage)
+        return end
+
+    def _load(self, begin: int, *, end: int, packing: str, size: int, checksum: int) -> bytes:
+        raw = unpack(self.data[begin:end], packing, size)
+        if len(raw) != size:
+            raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
+        if checksum and crc32(raw) != checksum:
+            raise ValueError("its checksum is wrong")
+        return raw
+
+    def _index(self, at: int) -> tuple[dict[int, Any], int]:
+        """Read the records of the index behind a chunk: entries by channel."""
+        index: dict[int, Any] = {}
+        while at + _RECORD + 6 <= len(self.data):
+            code, length, channel, size = struct.unpack_from("<BQHI", self.data, at)
+            if code != _INDEX or length != 6 + size or size % _ENTRY.itemsize:
+                break
+            begin, end = at + _RECORD + 6, at + _RECORD + length
+            if end > len(self.data):
+                break
+            index[channel] = np.frombuffer(self.data[begin:end], _ENTRY)
+            at = end
+        return index, at
+
+    def _message(self, begin: int, end: int) -> None:
+        """Take a message that is in no chunk; no checksum and no index vouches for it."""
+        channel, _, time, _ = struct.unpack_from("<HIQQ", self.data, begin)
+        if end - begin < 22:
+            raise BrokenError(f"a message at byte {begin - _RECORD:,}")
+        self._loose.append((channel, time, begin + 22, end - begin - 22))
+        if end - self._loose[0][2] > CHUNK_BYTES >> 5:
+            self._end_loose()
+
+    def _end_loose(self) -> None:
+        if not self._loose:
+            return
+        first, last = self._loose[0][2], self._loose[-1][2] + self._loose[-1][3]
+        found = [(channel, time, begin - first, size) for channel, time, begin, size in self._loose]
+        self._loose = []
+        self._unchecked = True
+        self.take(rows := rows_of(found), tame(rows), lambda: self.data[first:last])
+
+    def _statistics(self, content: bytes) -> None:
+        end, size = struct.unpack_from("<QI", content, 34)
+        if size % 10 or size != len(content) - 46:
+            raise BrokenError("the statistics")
+        counts = dict(struct.iter_unpack("<HQ", content[46:]))
+        if sum(counts.values()) != struct.unpack_from("<Q", content)[0]:
+            raise BrokenError("the statistics")
+        self._told.counts = counts
+        self._told.end = end if 0 < end < 2**63 and counts else None
+
+    def _data_end(self, at: int, checksum: int) -> None:
+        self._end_loose()
+        if not checksum:
+            return
+        found = 0
+        for begin in range(0, at, 1 << 24):
+            found = crc32(self.data[begin : min(begin + (1 << 24), at)], found)
+        if found != checksum:
+            self.recovery.damage.append("the checksum of the data is wrong")
+        else:
+            self._unchecked = False
+
+    def _footer(self, begin: int, summary: int, _: int, checksum: int) -> None:
+        # The checksum covers the summary and the footer up to itself.
+        right = not checksum or (0 < summary <= begin and crc32(self.data[summary : begin + 16]) == checksum)
+        if not right:
+            self.recovery.damage.append("the checksum of the summary is wrong")
+            self._told.counts = self._told.end = None
+
+    def _connections(self) -> dict[int, Connection]:
+        known = {}
+        for number, told in self._told.channels.items():
+            channel = agreed(told)
+            if channel is None:
+                self.recovery.damage.append(f"channel {number} is described twice, each time differently")
+                continue
+            schema_number, topic, encoding = channel
+            if encoding != "cdr":
+                self.recovery.damage.append(
+                    f"{topic} is encoded as {encoding[:20]!r}; only 'cdr' can be read"
+                )
+                continue
+            schema = agreed(self._told.schemas.get(schema_number, []) or [(False, None)])
+            name, schema_encoding, text = schema or ("__schemaless__", "", "")
+            known[number] = Connection(
+                number,
+                topic,
+                name,
+                MessageDefinition(_FORMATS.get(schema_encoding, MessageDefinitionFormat.NONE), text),
+                "",
+                0,
+                ConnectionExtRosbag2(encoding, []),
+                self,
+            )
+        return known
+
+
+def _head(data: Any, begin: int) -> tuple[tuple[int, int, int, int, str], int, int]:
+    """Return first and last time, size, checksum and packing of a chunk, where its contents begin and end."""
+    start, last, size, checksum, letters = struct.unpack_from("<QQQII", data, begin)
+    packing = bytes(data[begin + 32 : begin + 32 + min(letters, 8)])
+    if (start > last and size) or packing not in {b"", b"lz4", b"zstd"}:
+        raise BrokenError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
+    (stored,) = struct.unpack_from("<Q", data, begin + 32 + letters)
+    contents = begin + 40 + letters
+    return (start, last, size, checksum, packing.decode()), contents, contents + stored
+
+
+def _records(raw: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield code, begin and end of the records in a chunk; the last has no end where it does not fit."""
+    at = 0
+    while at < len(raw):
+        if at + _RECORD > len(raw):
+            yield 0, at, -1
+            return
+        code, length = struct.unpack_from("<BQ", raw, at)
+        at += _RECORD
+        if at + length > len(raw) or code == 0:
+            yield code, at, -1
+            return
+        yield code, at, at + length
+        at += length
+
+
+def _messages_in(raw: bytes, told: _Told, *, vouched: bool) -> tuple[list[tuple[int, int, int, int]], bool]:
+    """Return the messages of a chunk as rows of a piece, and whether all of it added up."""
+    found: list[tuple[int, int, int, int]] = []
+    for code, begin, end in _records(raw):
+        if end < 0:
+            return found, False
+        try:
+            if code == _MESSAGE:
+                channel, _, time, _ = struct.unpack_from("<HIQQ", raw, begin)
+                if end - begin < 22:
+                    return found, False
+                found.append((channel, time, begin + 22, end - begin - 22))
+            elif code in {_SCHEMA, _CHANNEL}:
+                _note(told, code, raw[begin:end], vouched=vouched)
+        except (struct.error, UnicodeDecodeError, BrokenError):
+            return found, False
+    return found, True
+
+
+def _confirmed(rows: Any, index: dict[int, Any], start: int, last: int) -> Any:
+    """Keep the messages that the index names at the same place and time.
+
+    Those of channels without an index, as the writer may leave it out or the cut takes it, must lie
+    within the times of the chunk.
+    """
+    named = {
+        channel: set(zip(entries["time"].tolist(), entries["place"].tolist(), strict=True))
+        for channel, entries in index.items()
+    }
+    # A record begins with 9 bytes, a message with 22.
+    keep = [
+        (time, begin - 31) in named[channel] if channel in named else start <= time <= last
+        for channel, time, begin, _ in rows.tolist()
+    ]
+    return rows[np.array(keep, dtype=bool)]
+
+
+def _complete(rows: Any, index: dict[int, Any]) -> bool:
+    """Tell whether there are as many messages of each channel as the index names."""
+    return all(np.count_nonzero(rows[:, 0] == channel) == len(entries) for channel, entries in index.items())
+
+
+def _note(told: _Told, code: int, content: bytes, *, vouched: bool) -> None:
+    """Take in what a record says of a schema or a channel."""
+    (number,) = struct.unpack_from("<H", content)
+    if code == _SCHEMA:
+        at, texts = 2, []
+        for _ in range(3):
+            at, text = _text(content, at)
+            texts.append(text)
+        kept: Any = tuple(texts)
+        where = told.schemas
+    else:
+        (schema,) = struct.unpack_from("<H", content, 2)
+        at, topic = _text(content, 4)
+        at, encoding = _text(content, at)
+        (size,) = struct.unpack_from("<I", content, at)
+        at, kept, where = at + 4 + size, (schema, topic, encoding), told.channels
+    if at != len(content):
+        raise BrokenError(f"the description of {number}")
+    join_told(where, {number: [(vouched, kept)]})
+
+
+def _text(content: bytes, at: int) -> tuple[int, str]:
+    (size,) = struct.unpack_from("<I", content, at)
+    end = at + 4 + size
+    if end > len(content):
+        raise BrokenError("a text")
+    return end, content[at + 4 : end].decode()

@@ -1,0 +1,331 @@
+"""ROS 1 bags without their end, their index or some of their bytes: every chunk that is whole.
+
+Records follow each other from the first byte on (http://wiki.ros.org/Bags/Format/2.0): a header of
+named fields, then data, each with its length. Where one does not add up, the next chunk is looked
+for. The format has no checksums (bz2 has its own): a message is taken where the index behind its
+chunk names it too, or where there is no such index, as in the last chunk before a cut.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag1.reader import normalize
+from rosbags.typesys.msg import normalize_msgtype
+
+from formats.limits import CHUNK_BYTES, TooMuchError
+from formats.rosbag.storage.unpacking import unpack
+from formats.salvage.msg_checksum import checksum
+from formats.salvage.ros1_records import SECOND, BrokenError, Record, fields_of, read_record, records
+from formats.salvage.salvaged_file import SalvagedFile, agreed, join_told, lost_between, rows_of, tame
+
+_MAGIC = b"#ROSBAG V2.0\n"
+_MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
+_CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")
+#: The header of a chunk has three short fields.
+_LONGEST_CHUNK_HEADER = 80
+
+
+@dataclass
+class _Told:
+    """What the file says of its connections, and of the log as a whole."""
+
+    connections: dict[int, list[tuple[bool, Any]]] = field(default_factory=dict)
+    index: int | None = None
+    chunks: int = 0
+    #: Connections and chunks that its header promises in the index at the end of the file, and those
+    #: that stand there.
+    promised: int = 0
+    indexed: int = 0
+    #: Messages and the last log time, from the index at the end of the file.
+    counts: int = 0
+    counted: int = 0
+    end: int = 0
+
+
+class SalvagedRos1(SalvagedFile):
+    """What can be read of one ROS 1 bag."""
+
+    def scan(self) -> dict[int, Connection]:
+        """Walk through the records of the file."""
+        self._told = _Told()
+        self._open: list[tuple[int, int, int, int]] = []
+        self._unchecked = False
+        self.recovery.bytes_read = at = len(_MAGIC)
+        size = len(self.data)
+        while at < size:
+            try:
+                at = self._record(at)
+            except TooMuchError:
+                raise
+            except (BrokenError, struct.error, UnicodeDecodeError, ValueError) as error:
+                what = str(error) if isinstance(error, BrokenError) else f"a record at byte {at:,}"
+                following = self._next_chunk(at + 1)
+                self._lose(f"{what} is damaged" if following else f"cut off at byte {size:,}, in {what}")
+                at = following or size
+        self._end_open()
+        told, recovery = self._told, self.recovery
+        if told.index is None and not recovery.damage:
+            self._lose(f"cut off at byte {size:,}: its header is missing")
+        elif told.index == 0:
+            self._lose("its index is missing: the recording was not closed properly")
+        elif told.index is not None and told.index >= size:
+            # Says more than where the last record is cut.
+            recovery.damage = [text for text in recovery.damage if not text.startswith("cut off")]
+            self._lose(f"cut off at byte {size:,} of at least {told.index:,}: its index is missing")
+            recovery.bytes_expected = told.index
+        elif told.indexed < told.promised and not recovery.damage:
+            of = f"{told.indexed:,} of {told.promised:,} records"
+            self._lose(f"cut off at byte {size:,}, in its index: {of} are there")
+        recovery.whole_known = bool(told.index)
+        if told.counted and told.counted == told.chunks:
+            recovery.expected = told.counts
+        recovery.checked = not self._unchecked
+        recovery.lost = lost_between(self.walk, told.end or None) if recovery.damaged else []
+        return self._connections()
+
+    def _lose(self, damage: str) -> None:
+        self._end_open()
+        self.lose(damage)
+
+    def _record(self, at: int) -> int:
+        """Read one record; return where the next begins."""
+        record = read_record(self.data, at)
+        end = record.end
+        if end > len(self.data):
+            if record.code == _CHUNK:
+                self._cut_chunk(record)
+            what = "chunk" if record.code == _CHUNK else "record"
+            raise BrokenError(f"a {what} that begins at byte {at:,}")
+        match record.code:
+            case 5:
+                end = self._chunk(at, record)
+            case 2:
+                self._message(record)
+            case 3:
+                self._told.index = record.number(b"index_pos", "<Q")
+                self._told.chunks = record.number(b"chunk_count")
+                self._told.promised = self._told.chunks + record.number(b"conn_count")
+            case 7:
+                self._told.indexed += at >= (self._told.index or 0)
+                _note(self._told, record, self.data[record.begin : record.end], vouched=False)
+            case 6:
+                self._chunk_info(record)
+            case 4:
+                pass
+            case _:
+                raise BrokenError(f"a record at byte {at:,}")
+        self.recovery.bytes_read += end - at
+        return end
+
+    def _next_chunk(self, start: int) -> int | None:
+        """Find the next place where a whole chunk begins."""
+        for match in _CHUNK_FIELD.finditer(self.data, start):
+            for at in range(match.start() - 8, max(start, match.start() - _LONGEST_CHUNK_HEADER) - 1, -1):
+                (length,) = struct.unpack_from("<I", self.data, at)
+                if not match.end() - at - 4 <= length <= _LONGEST_CHUNK_HEADER:
+                    continue
+                try:
+                    record = read_record(self.data, at)
+                except (BrokenError, struct.error):
+                    continue
+                if record.code == _CHUNK and record.end <= len(self.data):
+                    return at
+        return None
+
+    def _chunk(self, at: int, record: Record) -> int:
+        """Read a chunk and the index behind it; return where that ends."""
+        self._end_open()
+        if record.begin == record.end:
+            # Never closed: its messages follow as records of the file.
+            return record.end
+        packing, size = record.fields.get(b"compression", b"").decode(), record.number(b"size")
+        index, end = self._index(record.end)
+        load = partial(self._load, record.begin, record.end, packing, size)
+        raw = self.unpacked(load, record.end - record.begin, size)
+        if isinstance(raw, str):
+            self._lose(f"the chunk at byte {at:,} cannot be read ({raw})")
+            return end
+        vouched = packing == "bz2"
+        self._unchecked = self._unchecked or not vouched
+        told = _Told()
+        found, whole = _messages_in(raw, told, vouched=vouched)
+        rows = rows_of([row[:4] for row in found])
+        kept, agrees = (rows, True) if vouched else _settled(found, index)
+        damage = "" if whole else f"the chunk at byte {at:,} contradicts itself"
+        if packing == "lz4" and not (whole and agrees):
+            # One changed byte of packed data changes others, and no index shows in which values.
+            kept, damage = rows[:0], f"the chunk at byte {at:,} contradicts its index"
+        else:
+            join_told(self._told.connections, told.connections)
+        self.take(rows, kept, load, damage)
+        return end
+
+    def _cut_chunk(self, record: Record) -> None:
+        """Take the whole messages of a chunk that is cut off, if it is not packed."""
+        if record.fields.get(b"compression") != b"none" or len(self.data) - record.begin > CHUNK_BYTES:
+            return
+        first, last = record.begin, len(self.data)
+        found, _ = _messages_in(self.data[first:last], self._told, vouched=False)
+        rows = rows_of([row[:4] for row in found])
+        self._unchecked = True
+        self.take(rows, tame(rows), lambda: self.data[first:last])
+
+    def _load(self, begin: int, end: int, packing: str, size: int) -> bytes:
+        raw = unpack(self.data[begin:end], packing, size)
+        if len(raw) != size:
+            raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
+        return raw
+
+    def _index(self, at: int) -> tuple[dict[int, set[tuple[int, int]]], int]:
+        """Read the records of the index behind a chunk: times and places by connection."""
+        index: dict[int, set[tuple[int, int]]] = {}
+        while at < len(self.data):
+            try:
+                record = read_record(self.data, at)
+                if record.code != _INDEX or record.end > len(self.data):
+                    break
+                if record.number(b"count") * 12 != record.end - record.begin or record.number(b"ver") != 1:
+                    break
+                connection = record.number(b"conn")
+            except (BrokenError, struct.error):
+                break
+            numbers = np.frombuffer(self.data[record.begin : record.end], "<u4")
+            entries = numbers.reshape(-1, 3).astype(np.int64)
+            times = entries[:, 0] * SECOND + entries[:, 1]
+            index[connection] = set(zip(times.tolist(), entries[:, 2].tolist(), strict=True))
+            at = record.end
+        return index, at
+
+    def _message(self, record: Record) -> None:
+        """Take a message of a chunk that was never closed."""
+        row = (record.number(b"conn"), record.time(), record.begin, record.end - record.begin)
+        self._open.append(row)
+        if record.end - self._open[0][2] > CHUNK_BYTES >> 5:
+            self._end_open()
+
+    def _end_open(self) -> None:
+        if not self._open:
+            return
+        first, last = self._open[0][2], self._open[-1][2] + self._open[-1][3]
+        found = [(number, time, begin - first, size) for number, time, begin, size in self._open]
+        self._open = []
+        self._unchecked = True
+        self.take(rows := rows_of(found), tame(rows), lambda: self.data[first:last])
+
+    def _chunk_info(self, record: Record) -> None:
+        content = self.data[record.begin : record.end]
+        if len(content) != 8 * record.number(b"count"):
+            raise BrokenError("the index")
+        self._told.counted += 1
+        self._told.indexed += 1
+        self._told.counts += sum(count for _, count in struct.iter_unpack("<II", content))
+        self._told.end = max(self._told.end, record.time(b"end_time"))
+
+    def _connections(self) -> dict[int, Connection]:
+        known = {}
+        for number, told in self._told.connections.items():
+            fitting = [what for _, what in told if _fits(what)]
+            said = agreed(told) or (fitting[0] if len(set(fitting)) == 1 else None)
+            if said is None:
+                self.recovery.damage.append(f"connection {number} is described twice, each time differently")
+                continue
+            topic, kind, digest, text, caller = said
+            if not _fits(said):
+                # Perhaps it is a standard type, which its checksum tells.
+                self.recovery.damage.append(f"the definition of {topic} is not the one its checksum is of")
+                text = ""
+            known[number] = Connection(
+                number,
+                topic,
+                kind,
+                MessageDefinition(MessageDefinitionFormat.MSG, text),
+                digest,
+                0,
+                ConnectionExtRosbag1(caller, None),
+                self,
+            )
+        return known
+
+
+def _messages_in(
+    raw: bytes, told: _Told, *, vouched: bool
+) -> tuple[list[tuple[int, int, int, int, int, int]], bool]:
+    """Return the messages of a chunk, and whether all of it added up.
+
+    Each is a row of a piece, and where its record begins: also where that of the connection just
+    before it begins, at which some writers let the index point.
+    """
+    found: list[tuple[int, int, int, int, int, int]] = []
+    earlier = None
+    for at, record in records(raw):
+        try:
+            if record is None or record.code not in {_MESSAGE, _CONNECTION}:
+                return found, False
+            if record.code == _CONNECTION:
+                _note(told, record, raw[record.begin : record.end], vouched=vouched)
+                earlier = at if earlier is None else earlier
+                continue
+            found.append(
+                (
+                    record.number(b"conn"),
+                    record.time(),
+                    record.begin,
+                    record.end - record.begin,
+                    at,
+                    at if earlier is None else earlier,
+                )
+            )
+            earlier = None
+        except (BrokenError, struct.error, UnicodeDecodeError, ValueError):
+            return found, False
+    return found, True
+
+
+def _settled(
+    found: list[tuple[int, int, int, int, int, int]], index: dict[int, set[tuple[int, int]]]
+) -> tuple[Any, bool]:
+    """Keep the messages that the index names at the same place and time, where there is an index.
+
+    Tell too whether index and messages are the same.
+    """
+    named, unnamed = [], []
+    for row in found:
+        connection, time, _, _, at, earlier = row
+        if connection not in index:
+            unnamed.append(row[:4])
+        elif (time, at) in index[connection] or (time, earlier) in index[connection]:
+            named.append(row[:4])
+    rows = rows_of(named + unnamed)
+    # Those without an index are compared with the others of their chunk.
+    agrees = len(named) == sum(map(len, index.values())) == len(found) - len(unnamed)
+    return tame(rows) if unnamed else rows, agrees
+
+
+def _fits(said: tuple[str, str, str, str, str | None]) -> bool:
+    """Tell whether a definition has the checksum noted beside it, as far as there is one."""
+    _, kind, digest, text, _ = said
+    found = checksum(text, kind) if re.fullmatch("[0-9a-f]{32}", digest) and text.strip() else None
+    return found in {None, digest}
+
+
+def _note(told: _Told, record: Record, content: bytes, *, vouched: bool) -> None:
+    """Take in what a record says of a connection."""
+    number, topic = record.number(b"conn"), record.fields.get(b"topic", b"").decode()
+    about = fields_of(content)
+    if not topic or b"type" not in about:
+        raise BrokenError(f"the description of connection {number}")
+    kept = (
+        normalize(topic),
+        normalize_msgtype(about[b"type"].decode()),
+        about.get(b"md5sum", b"").decode(),
+        about.get(b"message_definition", b"").decode(),
+        about.get(b"callerid", b"").decode() or None,
+    )
+    join_told(told.connections, {number: [(vouched, kept)]})

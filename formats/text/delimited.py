@@ -1,0 +1,390 @@
+"""Tables of text: CSV and its kin, plain or compressed."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from io import FileIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pc
+
+from formats.content import STANDARD_INPUT, TextStream
+from formats.errors import DamagedError, FormatError
+from formats.recovery import HINT, Recovery
+from formats.salvage.salvaged_text import SalvagedText
+from formats.table import BATCH_ROWS, Field, Source, Stream
+from formats.text import plain_tables
+from formats.text.cell_values import MISSING, MISSING_SPELLINGS, Names, floats, kind_of, numbers, times
+from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line
+from formats.text.formulas import unguarded
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from formats.table import Batch, Column, Kind
+
+#: Read to tell delimiter, decimal sign and kinds.
+_HEAD_BYTES = 1 << 18
+#: How far to look for the first value of a column that is empty there.
+_LOOK_AHEAD_BYTES = 1 << 28
+#: Parsed at once: a larger block falls out of the processor's cache and is slower.
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass
+class _Finding:
+    """Something wrong with some cells or rows: the first of them in words, and how many."""
+
+    first: str
+    what: str
+    count: int = 0
+
+    def __str__(self) -> str:
+        return self.first if self.count == 1 else f"{self.first} ({self.count} such {self.what})"
+
+
+#: By what is wrong, or by the column whose cells are.
+_Findings: TypeAlias = dict[tuple[str, str], _Finding]
+
+
+class DelimitedSource(Source):
+    """A CSV, TSV or semicolon table.
+
+    Rows are counted as a spreadsheet does, from the first line of the file; blank lines
+    after the header are not counted. A column whose cells are all empty in the first 256 MiB
+    is one of numbers.
+
+    Parameters
+    ----------
+    path : str
+        As the user named it.
+    file : str
+        Where it is.
+    salvage : bool
+        Read a table that is cut off in the middle of a row up to that row.
+
+    Attributes
+    ----------
+    skipped : int
+        Rows set aside in the last reading, for they have more fields than the header or were cut off.
+
+    Raises
+    ------
+    FormatError
+    """
+
+    def __init__(self, path: str, file: str, *, salvage: bool = False) -> None:
+        super().__init__(path, "csv")
+        self._file = file
+        self.recovery = Recovery("rows", bytes_expected=Path(file).stat().st_size) if salvage else None
+        stream = self._open()
+        try:
+            head = stream.read(_HEAD_BYTES)
+            whole = not stream.read(1)
+        finally:
+            stream.close()
+        # The cut may fall inside a character; the last line of a part is not used.
+        text = head.decode("utf-8", "strict" if whole else "ignore")
+        self._dialect: Dialect = examine(self._label, text, whole=whole)
+        self.remarks = [
+            *([f"packed with {stream.packing}"] if stream.packing else []),
+            *([stream.encoding.upper()] if stream.encoding != "utf-8" else []),
+            *self._dialect.remarks,
+        ]
+        self._said: dict[tuple[str, str], str] = {}
+        self._kinds: dict[str, Kind] = {}
+        self._kinds = dict(zip(self._dialect.names, self._look_ahead(), strict=True))
+        self.skipped = 0
+        self._count: int | None = None
+
+    def _open(self) -> TextStream:
+        kind = TextStream if self.recovery is None else SalvagedText
+        return kind(self._label, self._file)
+
+    @property
+    def _label(self) -> str:
+        return STANDARD_INPUT if self.path == "-" else self.path
+
+    def streams(self) -> tuple[Stream, ...]:
+        """Return the one table; its rows are counted once it has been read.
+
+        Returns
+        -------
+        tuple of Stream
+        """
+        fields = tuple(Field(name, kind) for name, kind in self._kinds.items() if name)
+        return (Stream("", "table", fields, count=self._count),)
+
+    def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
+        """Read the named columns, in the order of the file.
+
+        Parameters
+        ----------
+        topic : str
+            Always "".
+        fields : sequence of str
+        batch_rows : int
+            Largest number of rows in one batch.
+
+        Yields
+        ------
+        dict of str to ndarray or Labels
+
+        Raises
+        ------
+        FormatError
+            No such column, or no row that fits the header.
+        DamagedError
+            The compressed data are cut off or corrupt.
+        """
+        for name in fields:
+            if topic or not name or name not in self._kinds:
+                raise FormatError(self._label, f"has no column {name!r}")
+        findings: _Findings = {}
+        names = {field: Names(unguarded) for field in fields}
+        count = 0
+        for rows, block in self._rows([self._dialect.names.index(field) for field in fields], findings):
+            for begin in range(0, len(rows), batch_rows):
+                part = slice(begin, begin + batch_rows)
+                yield {
+                    field: self._column(field, block[j].slice(begin, batch_rows), rows[part], names, findings)
+                    for j, field in enumerate(fields)
+                }
+            count += len(rows)
+        self.remarks = [remark for remark in self.remarks if remark not in self._said.values()]
+        self._said |= {key: str(finding) for key, finding in findings.items()}
+        self.remarks += self._said.values()
+        if fields and not count:
+            raise FormatError(
+                self._label, f"has no row that fits its header: {next(iter(findings.values()), '')}"
+            )
+        self._count = count if fields else self._count
+
+    def _column(
+        self,
+        field: str,
+        cells: pa.Array,
+        rows: NDArray[np.int64],
+        names: dict[str, Names],
+        findings: _Findings,
+    ) -> Column:
+        kind = self._kinds[field]
+        if kind == "text":
+            return names[field].labels(cells)
+        if pa.types.is_floating(cells.type):
+            return floats(cells)
+        values: Column
+        values, bad = times(cells) if kind == "time" else numbers(cells, self._dialect.decimal)
+        if bad.any():
+            j = int(np.argmax(bad))
+            what = "a time" if kind == "time" else "a number"
+            first = f"row {rows[j]}: {field} is {_shorten(cells[j].as_py())}, not {what}"
+            findings.setdefault(("cells", field), _Finding(first, "cells")).count += int(bad.sum())
+        return values
+
+    def _rows(
+        self, places: list[int], findings: _Findings
+    ) -> Iterator[tuple[NDArray[np.int64], list[pa.Array]]]:
+        """Read the cells of some fields, with the number of each row: as numbers, else as text."""
+        done = 0
+        if places and self.recovery is None:
+            kinds = {
+                j: pa.float64() if self._kinds.get(self._dialect.names[j]) == "number" else pa.string()
+                for j in places
+            }
+            try:
+                said, width = self._dialect, len(self._dialect.names)
+                with (
+                    self._rows_alone() as stream,
+                    closing(
+                        plain_tables.columns(stream, said.delimiter, said.decimal, width, kinds)
+                    ) as blocks,
+                ):
+                    for block in blocks:
+                        begin = self._dialect.first_row + done
+                        done += len(block[0])
+                        yield np.arange(begin, begin + len(block[0])), block
+            except (plain_tables.OddError, OSError):
+                pass
+            else:
+                self.skipped = 0
+                return
+        # Once more from the beginning, without the rows that were passed on.
+        for rows, block in self._texts(places, findings):
+            known = int(np.searchsorted(rows, self._dialect.first_row + done))
+            if known < len(rows):
+                yield rows[known:], [cells.slice(known) for cells in block]
+
+    def _rows_alone(self) -> TextStream | FileIO:
+        """Open the file after its header."""
+        stream = TextStream(self._label, self._file)
+        stream.read(self._dialect.offset)
+        if stream.packing or stream.encoding != "utf-8" or stream.nul_bytes:
+            return stream
+        stream.close()
+        file = FileIO(self._file)
+        file.seek(self._dialect.offset + stream.mark_bytes)
+        return file
+
+    def _texts(
+        self, places: list[int], findings: _Findings
+    ) -> Iterator[tuple[NDArray[np.int64], list[pa.Array]]]:
+        """Read the cells of some fields as text, whatever the rows are like."""
+        if not places:
+            return
+        keys = [str(j) for j in range(len(self._dialect.names))]
+        uneven: list[tuple[int, str]] = []
+
+        def keep(row: Any) -> str:
+            uneven.append((row.number, row.text))
+            return "skip"
+
+        self.skipped = 0
+        stream = self._open()
+        mend = _Mending(self._label, self._dialect, places, uneven, findings)
+        try:
+            stream.read(self._dialect.offset)
+            reader = pc.open_csv(
+                stream,
+                read_options=pc.ReadOptions(use_threads=False, block_size=_BLOCK_BYTES, column_names=keys),
+                parse_options=pc.ParseOptions(
+                    delimiter=self._dialect.delimiter, newlines_in_values=True, invalid_row_handler=keep
+                ),
+                convert_options=pc.ConvertOptions(
+                    include_columns=[keys[j] for j in places],
+                    column_types=dict.fromkeys(keys, pa.string()),
+                    strings_can_be_null=True,
+                    null_values=list(MISSING_SPELLINGS),
+                ),
+            )
+            for batch in reader:
+                yield mend(batch.columns)
+            yield mend(
+                [pa.array([], pa.string()) for _ in places], last=True, cut=not stream.ended_in_newline
+            )
+        except pa.ArrowInvalid as error:
+            after = f"after row {mend.row - 1}"
+            what = "a quote that is not closed" if "straddl" in str(error) else str(error).splitlines()[0]
+            raise DamagedError(self._label, f"{after}: {what}", hint="open it in an editor there") from error
+        finally:
+            self.skipped = mend.skipped
+            stream.close()
+        if self.recovery is not None and isinstance(stream, SalvagedText):
+            stream.account(self.recovery, mend.row - self._dialect.first_row - self.skipped, mend.row)
+            self.remarks += [text for text in self.recovery.sentences() if text not in self.remarks]
+        if stream.nul_bytes:
+            passed_over = f"{stream.nul_bytes} NUL bytes passed over, as a power cut leaves them"
+            findings["bytes", "NUL"] = _Finding(passed_over, "bytes", 1)
+        if stream.quote_marks % 2:
+            odd = "an odd number of quote marks: where one is not closed, rows are read as one text"
+            findings["bytes", "quote"] = _Finding(odd, "bytes", 1)
+
+    def _look_ahead(self) -> list[Kind]:
+        """Decide the kinds, reading on for columns that are empty in the first rows."""
+        kinds = list(self._dialect.kinds)
+        open_places = [j for j, kind in enumerate(kinds) if kind is None and self._dialect.names[j]]
+        size = 0
+        for _, block in self._rows(open_places, {}):
+            for j, cells in zip(open_places, block, strict=True):
+                if kinds[j] is None:
+                    kinds[j] = kind_of(cells.drop_null()[:SAMPLE_ROWS].to_pylist(), self._dialect.decimal)
+            size += _BLOCK_BYTES
+            if size >= _LOOK_AHEAD_BYTES or all(kinds[j] is not None for j in open_places):
+                break
+        return [kind or "number" for kind in kinds]
+
+
+class _Mending:
+    """Puts rows with too few fields back in their places, filled up; counts those with too many."""
+
+    def __init__(
+        self,
+        path: str,
+        dialect: Dialect,
+        places: list[int],
+        uneven: list[tuple[int, str]],
+        findings: _Findings,
+    ) -> None:
+        self.row = dialect.first_row
+        self.skipped = 0
+        self._path = path
+        self._dialect = dialect
+        self._places = places
+        self._uneven = uneven
+        self._findings = findings
+        self._first = self.row
+
+    def __call__(
+        self, block: list[pa.Array], *, last: bool = False, cut: bool = False
+    ) -> tuple[NDArray[np.int64], list[pa.Array]]:
+        """Return the numbers of the rows and their cells.
+
+        Uneven rows after the last even one of a block wait for the next, for the parser reads
+        ahead; the `last` block takes all. `cut` says that the file does not end in a newline.
+        """
+        count = len(block[0])
+        here = 0
+        while here < len(self._uneven) and (last or self._number(here) - self.row - here < count):
+            here += 1
+        rows = np.arange(self.row, self.row + count + here)
+        self.row += len(rows)
+        if not here:
+            return rows, block
+        even = np.delete(rows, [self._number(j) - rows[0] for j in range(here)])
+        mended: list[tuple[int, list[str]]] = []
+        for j in range(here):
+            fields = self._fields(self._number(j), self._uneven[j][1], cut=cut and j == here - 1)
+            if fields:
+                mended.append((self._number(j), fields))
+        del self._uneven[:here]
+        added = np.array([number for number, _ in mended], dtype=np.int64)
+        rows = np.concatenate([even, added])
+        order = np.argsort(rows, kind="stable")
+        filled = [
+            pa.concat_arrays([cells, self._cells(place, mended)]).take(pa.array(order))
+            for cells, place in zip(block, self._places, strict=True)
+        ]
+        return rows[order], filled
+
+    def _number(self, j: int) -> int:
+        # The parser counts the rows of data from 1.
+        return self._first - 1 + self._uneven[j][0]
+
+    def _fields(self, row: int, text: str, *, cut: bool) -> list[str]:
+        """Split an uneven row; nothing where it is set aside."""
+        if not text.strip():
+            return []
+        fields = split_line(text, self._dialect.delimiter)
+        width = len(self._dialect.names)
+        while len(fields) > width and not fields[-1].strip():
+            fields.pop()
+        if cut and len(fields) < width:
+            what = f"cut off in row {row}: its last row has {len(fields)} of {width} fields"
+            raise DamagedError(self._path, what, hint=HINT)
+        if len(fields) > width:
+            self._note(
+                "long", f"row {row} has {len(fields)} fields where the header names {width}: set aside"
+            )
+            self.skipped += 1
+            return []
+        if len(fields) < width:
+            self._note("short", f"row {row} has {len(fields)} of {width} fields: the others are empty")
+        return fields
+
+    def _note(self, key: str, first: str) -> None:
+        self._findings.setdefault(("rows", key), _Finding(first, "rows")).count += 1
+
+    @staticmethod
+    def _cells(place: int, mended: list[tuple[int, list[str]]]) -> pa.Array:
+        cells = [fields[place] if place < len(fields) else "" for _, fields in mended]
+        return pa.array([None if cell.strip().lower() in MISSING else cell for cell in cells], pa.string())
+
+
+def _shorten(text: str) -> str:
+    return repr(text if len(text) <= 40 else text[:39] + "…")

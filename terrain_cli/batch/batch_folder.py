@@ -1,0 +1,319 @@
+"""The folder of a batch: one keeper at a time, and every file in it whole or as it was.
+
+manifest.jsonl     one line for each input dealt with
+segments.parquet   the mission table: the segments of all inputs
+summary.json       the same for people who read that first
+results/           one file for each input
+configurations/    the options, rover and model files behind the hashes of the manifest
+.state/            the lock, the records, and what is being written
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from formats.errors import CannotWriteError, shown
+from formats.output.whole_files import explained
+from terrain_cli.batch import durable_files
+from terrain_cli.batch.manifest import Entry, Manifest
+from terrain_cli.batch.mission_records import Records
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from terrain_cli.batch.mission_records import Pointer
+
+MANIFEST, RESULTS, CONFIGURATIONS, STATE = "manifest.jsonl", "results", "configurations", ".state"
+_LOCK, _RECORDS, _NEW, _ASSEMBLED = "lock", "records", "new", "assembled"
+#: What is written to where it lies; all else is made anew and put in its place.
+GROWING = (MANIFEST, f"{STATE}/{_LOCK}", f"{STATE}/{_RECORDS}")
+#: Bytes of an input's own name in that of its result, of the 255 that file systems take.
+_STEM_BYTES = 120
+
+
+class Folder:
+    """The folder of a batch, as the manifest describes it.
+
+    Parameters
+    ----------
+    path : str
+    writable : bool
+        Whether to make and lock the folder. Read only, it may be missing, and another process may
+        be writing to it.
+
+    Attributes
+    ----------
+    path, state : Path
+    manifest : Manifest
+    latest : dict of str to Entry
+        The entry that holds, by location; in the order in which they were written.
+    holders : dict of (str, str) to str
+        The location that stands for a content (hash) under a configuration.
+    kept : dict of (str, str) to tuple
+        Pointer to the record of a content under a configuration.
+
+    Raises
+    ------
+    CannotWriteError
+        Another batch holds it, or nothing can be written here.
+    """
+
+    def __init__(self, path: str, *, writable: bool = True) -> None:
+        self.path = Path(path)
+        self._root = Path(os.path.realpath(path))
+        self.state = self.path / STATE
+        self._lock = -1
+        self.records: Records | None = None
+        if writable:
+            self._take()
+        self.manifest = Manifest(self.path / MANIFEST, writable=writable)
+        self.latest: dict[str, Entry] = {}
+        self.holders: dict[tuple[str, str], str] = {}
+        self.kept: dict[tuple[str, str], Pointer] = {}
+        for entry in self.manifest.entries:
+            self._note(entry)
+        if writable:
+            pointers = self.kept.values()
+            self.records = Records(
+                self.state / _RECORDS, max((offset + length for offset, length, _ in pointers), default=0)
+            )
+            self.kept = {key: kept for key, kept in self.kept.items() if self.records.read(kept)}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Let go of the folder."""
+        self.manifest.close()
+        if self.records:
+            self.records.close()
+        if self._lock >= 0:
+            os.close(self._lock)
+
+    def _take(self) -> None:
+        if shown(str(self.path)) != str(self.path):
+            raise CannotWriteError(str(self.path), "the folder of a batch needs a path that is text (UTF-8)")
+        with explained(str(self.path)):
+            self.path.mkdir(parents=True, exist_ok=True)
+            for folder in (self.state, self.path / RESULTS, self.path / CONFIGURATIONS):
+                if folder.is_symlink():
+                    raise CannotWriteError(str(folder), "is a link: a batch writes in its own folder")
+                folder.mkdir(exist_ok=True)
+            # The lock is the system's, and dies with the process; the file only shows where it is.
+            lock = self.state / _LOCK
+            self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                holder = os.pread(self._lock, 32, 0).decode("ascii", "replace").strip()
+                os.close(self._lock)
+                raise CannotWriteError(
+                    str(self.path),
+                    f"another batch is at work here (process {holder or 'unknown'})",
+                    hint="wait for its end, or give another folder with -o",
+                ) from None
+            os.ftruncate(self._lock, 0)
+            os.pwrite(self._lock, f"{os.getpid()}\n".encode(), 0)
+            for rest in self.state.iterdir():
+                # Half-written files of a process that was killed.
+                if rest.name not in {_LOCK, _RECORDS, _ASSEMBLED} and not rest.is_dir():
+                    rest.unlink()
+
+    def _note(self, entry: Entry) -> None:
+        # Taken out, so that the last one written stands last.
+        before = self.latest.pop(entry.location, None)
+        if before and before.sha256:
+            key = before.sha256, before.configuration
+            if self.holders.get(key) == entry.location:
+                del self.holders[key]
+        self.latest[entry.location] = entry
+        if entry.sha256 is None:
+            return
+        key = entry.sha256, entry.configuration
+        if entry.status != "duplicate":
+            self.holders.setdefault(key, entry.location)
+        if entry.record:
+            self.kept[key] = entry.record
+
+    def add(self, entry: Entry) -> None:
+        """Write an entry of the manifest.
+
+        Parameters
+        ----------
+        entry : Entry
+
+        Raises
+        ------
+        CannotWriteError
+        """
+        self.manifest.add(entry)
+        self._note(entry)
+
+    def record(self, key: tuple[str, str]) -> bytes | None:
+        """Return what was computed of a content under a configuration.
+
+        Parameters
+        ----------
+        key : (str, str)
+
+        Returns
+        -------
+        bytes or None
+            None if nothing was, or it is damaged.
+        """
+        kept = self.kept.get(key)
+        return self.records.read(kept) if kept and self.records else None
+
+    def put(self, name: str, data: bytes) -> None:
+        """Write a file whole.
+
+        Parameters
+        ----------
+        name : str
+            Below the folder.
+        data : bytes
+
+        Raises
+        ------
+        CannotWriteError
+        """
+        durable_files.put(data, self.state / _NEW, self.path / name)
+
+    def publish(self, name: str) -> None:
+        """Put a file that lies ready in `state` beside the manifest.
+
+        Parameters
+        ----------
+        name : str
+
+        Raises
+        ------
+        CannotWriteError
+        """
+        durable_files.place(self.state / name, self.path / name)
+
+    @property
+    def assembled(self) -> bytes:
+        """What the mission table in the folder was made of, as it was noted."""
+        return durable_files.read_all(self.state / _ASSEMBLED)
+
+    @assembled.setter
+    def assembled(self, note: bytes) -> None:
+        durable_files.put(note, self.state / _NEW, self.state / _ASSEMBLED)
+
+    def remove(self, name: str | None) -> None:
+        """Remove a file that is not to be taken for a result any more.
+
+        Parameters
+        ----------
+        name : str or None
+
+        Raises
+        ------
+        CannotWriteError
+        """
+        # A manifest that someone has changed is not to lead out of the folder.
+        if name and re.fullmatch(rf"{RESULTS}/[^/]+", name):
+            durable_files.remove(self.path / name)
+
+    def has_result(self, entry: Entry, name: str) -> bool:
+        """Tell whether the result of an input is there as it was written.
+
+        Parameters
+        ----------
+        entry : Entry
+        name : str
+            Where it belongs.
+
+        Returns
+        -------
+        bool
+        """
+        if entry.result != name:
+            return False
+        try:
+            status = (self.path / name).lstat()
+        except OSError:
+            return False
+        return status.st_size == entry.result_bytes
+
+    def own(self, location: str) -> bool:
+        """Tell whether a file was written by a batch into this folder, and is no input.
+
+        Parameters
+        ----------
+        location : str
+
+        Returns
+        -------
+        bool
+        """
+        return belongs(self._root, location)
+
+
+def belongs(root: Path, file: str) -> bool:
+    """Tell whether a file has a name that a batch into a folder writes.
+
+    Parameters
+    ----------
+    root : Path
+        The folder, without links.
+    file : str
+        Links in its name are followed; what is at the end of one may belong there, or the link itself.
+
+    Returns
+    -------
+    bool
+    """
+    above, own = os.path.split(file)
+    itself = Path(os.path.realpath(above), own)
+    for place in (itself, Path(os.path.realpath(itself))) if itself.is_symlink() else (itself,):
+        if not place.is_relative_to(root):
+            continue
+        parts = place.relative_to(root).parts
+        if parts[:1] and parts[0] in {RESULTS, CONFIGURATIONS, STATE}:
+            return True
+        if len(parts) == 1 and parts[0].startswith(("segments.", "manifest.", "summary.")):
+            return True
+    return False
+
+
+def is_batch(path: str) -> bool:
+    """Tell whether a batch has written into a folder.
+
+    Parameters
+    ----------
+    path : str
+
+    Returns
+    -------
+    bool
+    """
+    return os.path.isfile(Path(path, STATE, _RECORDS))  # noqa: PTH113 - Path may raise
+
+
+def result_name(location: str, kind: str) -> str:
+    """Return where the result of an input belongs, below the folder.
+
+    Parameters
+    ----------
+    location : str
+    kind : {"parquet", "csv"}
+
+    Returns
+    -------
+    str
+        Its own name for people, and a hash of all of its location: inputs of one name in two
+        folders have two results, and none leads out of the folder.
+    """
+    own = location.rstrip("/").rpartition("/")[2]
+    readable = re.sub(r"[^\w.+=-]", "_", own, flags=re.ASCII).lstrip(".")[:_STEM_BYTES] or "input"
+    digest = sha256(location.encode("utf-8", "surrogateescape")).hexdigest()[:16]
+    return f"{RESULTS}/{readable}-{digest}.{kind}"

@@ -1,0 +1,370 @@
+"""From inputs to entries of the manifest: the one who decides, and who alone writes."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict, deque
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from formats.errors import NotFoundError
+from terrain_cli.batch import decisions
+from terrain_cli.batch.batch_folder import result_name
+from terrain_cli.batch.durable_files import uninterrupted
+from terrain_cli.batch.manifest import Entry
+from terrain_cli.batch.worker_tasks import Estimate, Failure, Identify, Reply, Restore, failure
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from terrain_cli.batch.batch_folder import Folder
+    from terrain_cli.batch.batch_input import Input
+    from terrain_cli.batch.decisions import Wish
+    from terrain_cli.batch.worker_pool import Pool
+    from terrain_cli.batch.worker_tasks import Job, Task
+
+#: What an input costs beyond its bytes, in bytes: for the time that remains.
+_OVERHEAD = 1_000_000
+
+
+@dataclass(eq=False)
+class _Case:
+    """An input for which something is to be done."""
+
+    item: Input
+    sha256: str | None
+    #: Whether its content may be that of another input: decided before anything is computed.
+    shared: bool = False
+    begun: bool = False
+    finished: bool = False
+    restored: bool = False
+    #: What it is known under, where that is not what was asked for.
+    configuration: str | None = None
+
+
+@dataclass
+class Tally:
+    """How far a batch has come.
+
+    Parameters
+    ----------
+    total : int
+        Inputs for which something is to be done.
+    counts : Counter
+        Of those finished: "ok", "restored", "failed", "duplicate". Of the others: "as before", and
+        "failed before".
+    bytes_total, bytes_done : int
+        With something for each input, however small.
+    failures : dict of str to Entry
+        Those of the inputs of this run that failed, now or before and unchanged; by location.
+    salvaged : list of Entry
+        Those of the damaged inputs that were read in this run.
+    """
+
+    total: int = 0
+    counts: Counter[str] = field(default_factory=Counter)
+    bytes_total: int = 0
+    bytes_done: int = 0
+    failures: dict[str, Entry] = field(default_factory=dict)
+    salvaged: list[Entry] = field(default_factory=list)
+
+    @property
+    def done(self) -> int:
+        """Inputs that something was done for."""
+        return sum(self.counts[name] for name in ("ok", "restored", "failed", "duplicate"))
+
+
+class Keeper:
+    """Has done what is to be done, and writes down what became of it.
+
+    Inputs are begun in the order in which they are added. Of inputs with the same content the
+    first is done, and the others are marked as its duplicates: a candidate waits until the
+    contents of all earlier ones of its size are known. A content that was computed before, under
+    whatever name, is not computed again.
+
+    Parameters
+    ----------
+    folder : Folder
+    pool : Pool
+    job : Job
+    wish : Wish
+
+    Attributes
+    ----------
+    tally : Tally
+    """
+
+    def __init__(self, folder: Folder, pool: Pool, job: Job, wish: Wish) -> None:
+        self._folder, self._pool, self._job, self._wish = folder, pool, job, wish
+        self.tally = Tally()
+        self._queue: deque[_Case] = deque()
+        self._ready: deque[tuple[_Case, Task]] = deque()
+        self._running: dict[int, tuple[_Case, Task]] = {}
+        self._tickets = 0
+        #: Cases that are not decided on yet, by size, in their order.
+        self._open: defaultdict[int | None, deque[_Case]] = defaultdict(deque)
+        #: Duplicates that were left as they are; what they copy may change yet.
+        self._copies: list[Input] = []
+        self._paths = {location: entry.path for location, entry in folder.latest.items()}
+        self._sizes = Counter(entry.size for entry in folder.latest.values() if entry.sha256)
+
+    def add(self, items: Iterable[Input]) -> None:
+        """Take on inputs.
+
+        Parameters
+        ----------
+        items : iterable of Input
+
+        Raises
+        ------
+        CannotWriteError
+            As from `step`.
+        """
+        cases = []
+        for item in items:
+            entry = self._folder.latest.get(item.location)
+            if decisions.reason(item, self._folder, self._wish) is None and entry:
+                self._leave(item, entry)
+            elif item.problem:
+                self._unreadable(item, entry)
+            else:
+                known = entry.sha256 if entry and decisions.same(item, entry) else None
+                cases.append(_Case(item, known))
+        self._sizes.update(case.item.size for case in cases)
+        for case in cases:
+            size = case.item.size
+            case.shared = size is None or self._sizes[size] > 1
+            self._open[size].append(case)
+            self._paths[case.item.location] = case.item.path
+            self.tally.total += 1
+            self.tally.bytes_total += (size or 0) + _OVERHEAD
+        self._queue.extend(cases)
+
+    @property
+    def idle(self) -> bool:
+        """Whether there is nothing left to do."""
+        return not (self._queue or self._ready or self._running)
+
+    def step(self, seconds: float) -> None:
+        """Send out what can be done, and write down what was.
+
+        Parameters
+        ----------
+        seconds : float
+            To wait for an answer, at the most.
+
+        Raises
+        ------
+        CannotWriteError
+            The disk is full, or nothing can be written for another reason. What is in the folder
+            is whole.
+        TerrainError
+            There are no workers any more.
+        """
+        self._send()
+        for ticket, reply in self._pool.collect(seconds):
+            self._answered(*self._running.pop(ticket), reply)
+        if self.idle and self._copies:
+            copies = [item for item in self._copies if decisions.reason(item, self._folder, self._wish)]
+            self._copies.clear()
+            self.tally.counts["as before"] -= len(copies)
+            self.add(copies)
+
+    def _send(self) -> None:
+        while self._pool.free > 0 and (self._ready or self._queue):
+            if self._ready:
+                case, task = self._ready.popleft()
+                self._submit(case, task)
+                continue
+            case = self._queue.popleft()
+            case.begun = True
+            if case.sha256 is not None:
+                self._decide(case.item.size)
+            elif case.shared:
+                self._submit(case, Identify(case.item, self._job))
+            else:
+                # Nothing else has its size: it is read once, to hash and to estimate.
+                self._submit(case, Estimate(case.item, self._job))
+
+    def _submit(self, case: _Case, task: Task) -> None:
+        self._tickets += 1
+        self._running[self._tickets] = case, task
+        self._pool.submit(self._tickets, task)
+
+    def _answered(self, case: _Case, task: Task, reply: Reply) -> None:
+        case.sha256 = case.sha256 or reply.sha256
+        if reply.failure or not isinstance(task, Identify):
+            holder = self._holder(case)
+            if holder != case.item.location and not reply.failure:
+                # Nobody said how large it was, and another had the same content.
+                self._duplicate(case, holder)
+            else:
+                self._finish(case, reply)
+        self._decide(case.item.size)
+
+    def _key(self, case: _Case) -> tuple[str, str]:
+        return decisions.key(str(case.sha256), self._folder, self._wish)
+
+    def _holder(self, case: _Case) -> str:
+        return self._folder.holders.get(self._key(case), case.item.location)
+
+    def _decide(self, size: int | None) -> None:
+        """Say what is to be done for the first cases of one size, as far as their content is known."""
+        waiting = self._open[size]
+        while waiting and waiting[0].begun and (waiting[0].finished or waiting[0].sha256):
+            case = waiting.popleft()
+            if case.finished or case.sha256 is None:
+                continue
+            holder = self._holder(case)
+            if holder != case.item.location:
+                self._duplicate(case, holder)
+                continue
+            key = self._key(case)
+            record = None if self._wish.force else self._folder.record(key)
+            if record is not None:
+                case.restored, case.configuration = True, key[1]
+            self._folder.holders[case.sha256, self._configuration(case)] = case.item.location
+            self._ready.append(
+                (
+                    case,
+                    Estimate(case.item, self._job, case.sha256)
+                    if record is None
+                    else Restore(case.item, self._job, case.sha256, record),
+                )
+            )
+
+    def _leave(self, item: Input, entry: Entry) -> None:
+        if entry.status == "duplicate":
+            self._copies.append(item)
+        if entry.status == "failed":
+            self.tally.counts["failed before"] += 1
+            self.tally.failures[entry.location] = entry
+        else:
+            self.tally.counts["as before"] += 1
+
+    def _unreadable(self, item: Input, before: Entry | None) -> None:
+        self.tally.total += 1
+        self.tally.bytes_total += _OVERHEAD
+        case = _Case(item, None)
+        why = failure(item.problem) if item.problem else Failure("FormatError", "cannot be read")
+        reply = Reply(failure=why)
+        if isinstance(item.problem, NotFoundError):
+            # No input, but a name. What was made of it before it was taken away stays.
+            self._count(case, self._failed(case, reply, why))
+        elif before and before.status == "failed" and before.error == why.error:
+            # Said already; a manifest does not grow by looking.
+            self._count(case, before)
+        else:
+            self._finish(case, reply)
+
+    def _duplicate(self, case: _Case, holder: str) -> None:
+        entry = replace(
+            self._entry(case, Reply(case.sha256)),
+            configuration=self._key(case)[1],
+            status="duplicate",
+            duplicate_of=self._paths[holder],
+            exit_code=None,
+        )
+        before = self._folder.latest.get(case.item.location)
+        self._folder.remove(before.result if before else None)
+        self._write(case, entry)
+
+    def _finish(self, case: _Case, reply: Reply) -> None:
+        before = self._folder.latest.get(case.item.location)
+        if reply.failure:
+            # No result may lie there for which the manifest does not speak.
+            self._folder.remove(before.result if before else None)
+            entry = self._failed(case, reply, reply.failure)
+        else:
+            entry = self._keep(case, reply)
+            if before and before.result != entry.result:
+                self._folder.remove(before.result)
+        self._write(case, entry)
+
+    def _failed(self, case: _Case, reply: Reply, why: Failure) -> Entry:
+        return replace(
+            self._entry(case, reply),
+            status="failed",
+            error_class=why.error_class,
+            error=why.error if case.item.path in why.error else f"{case.item.path}: {why.error}",
+            hint=why.hint or None,
+            exit_code=why.exit_code,
+            passing=why.passing,
+        )
+
+    def _keep(self, case: _Case, reply: Reply) -> Entry:
+        """Write the record and the result: before the manifest speaks of them."""
+        kept = self._folder.kept.get((str(case.sha256), self._configuration(case)))
+        if reply.record and self._folder.records:
+            kept = self._folder.records.add(reply.record)
+        name = result_name(case.item.location, self._job.kind)
+        self._folder.put(name, reply.result)
+        return replace(self._entry(case, reply), record=kept, result=name, result_bytes=len(reply.result))
+
+    def _configuration(self, case: _Case) -> str:
+        return case.configuration or self._wish.configuration
+
+    def _entry(self, case: _Case, reply: Reply) -> Entry:
+        return Entry(
+            path=case.item.path,
+            location=case.item.location,
+            size=case.item.size,
+            stamp=case.item.stamp,
+            sha256=case.sha256,
+            configuration=self._configuration(case),
+            versions=self._job.versions,
+            status="ok",
+            exit_code=0,
+            samples=reply.samples,
+            set_aside=reply.set_aside,
+            segments=reply.segments,
+            recovered=reply.recovered,
+            recovered_of=reply.recovered_of,
+            warnings=reply.warnings,
+            seconds=round(reply.seconds, 3),
+            finished=datetime.now(UTC).isoformat(timespec="milliseconds"),
+        )
+
+    def _write(self, case: _Case, entry: Entry) -> None:
+        before = self._folder.latest.get(entry.location)
+        # An interruption between the two would be told of one input fewer than is kept.
+        with uninterrupted():
+            if entry.status != "duplicate" or before is None or _told(entry) != _told(before):
+                self._folder.add(entry)
+            self._count(case, entry)
+
+    def lost(self) -> None:
+        """Write down what was kept before, is damaged now, and was not among the inputs.
+
+        Raises
+        ------
+        CannotWriteError
+        """
+        for entry in list(self._folder.latest.values()):
+            if entry.status == "ok" and (str(entry.sha256), entry.configuration) not in self._folder.kept:
+                text = f"{entry.path}: what was kept of it is damaged"
+                failed = replace(
+                    entry,
+                    status="failed",
+                    error_class="DamagedError",
+                    error=text,
+                    hint="give it as an input again",
+                    exit_code=65,
+                    passing=True,
+                    record=None,
+                )
+                self._folder.add(failed)
+                self.tally.failures[entry.location] = failed
+
+    def _count(self, case: _Case, entry: Entry) -> None:
+        case.finished = True
+        self.tally.counts["restored" if case.restored and entry.status == "ok" else entry.status] += 1
+        self.tally.bytes_done += (case.item.size or 0) + _OVERHEAD
+        if entry.status == "failed":
+            self.tally.failures[entry.location] = entry
+        elif entry.recovered_of:
+            self.tally.salvaged.append(entry)
+
+
+def _told(entry: Entry) -> tuple[object, ...]:
+    return entry.status, entry.size, entry.stamp, entry.sha256, entry.configuration, entry.duplicate_of

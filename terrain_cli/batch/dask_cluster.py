@@ -1,0 +1,272 @@
+"""Workers of Dask distributed (extra `distributed`): a cluster that users already run.
+
+The cluster reads inputs and hands back bytes; only the keeper writes. So the guarantees are those
+of one machine, and a worker that dies costs the time it has spent: the scheduler gives its task to
+another. On each worker the task runs in a process of its own, as it does on one machine, for the
+same end to its time and memory.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import threading
+import time
+from multiprocessing.connection import wait
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+from terrain_cli.batch.worker import Child
+from terrain_cli.batch.worker_tasks import Failure, Reply
+from terrain_cli.errors import ConfigurationError, TerrainError, UsageError
+
+if TYPE_CHECKING:
+    from terrain_cli.batch.worker_tasks import Task
+
+#: Seconds to reach the scheduler, and for a first worker to be there.
+_PATIENCE = 10.0
+_SCHEMES = ("tcp://", "tls://", "ws://", "wss://", "ucx://")
+_ENCRYPTED = ("tls://", "wss://")
+_of_thread = threading.local()
+
+
+class SchedulerError(TerrainError):
+    """The cluster cannot be used."""
+
+    exit_code = 66
+
+
+class Cluster:
+    """The workers of a Dask scheduler.
+
+    Parameters
+    ----------
+    address : str
+        Such as ``tcp://host:8786``.
+    timeout, memory
+        As for `LocalPool`.
+
+    Raises
+    ------
+    ConfigurationError
+        The extra is not installed.
+    SchedulerError
+        The scheduler cannot be reached, has no workers, or versions differ.
+    """
+
+    def __init__(self, address: str, timeout: float | None = None, memory: int | None = None) -> None:
+        try:
+            import distributed
+        except ModuleNotFoundError:
+            raise ConfigurationError(
+                "--scheduler needs Dask distributed, which is not installed",
+                hint="pip install 'terrain-est[distributed]'",
+            ) from None
+        _check_address(address)
+        # It tells of each connection that ends; what matters is told below.
+        logging.disable(logging.CRITICAL)
+        self._address, self._limits = address, (timeout, memory)
+        self._run = uuid4().hex
+        self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._client: Any = None
+        self._tickets: dict[Any, int] = {}
+        try:
+            make: Any = distributed.Client
+            self._client = make(address, timeout=_PATIENCE, set_as_default=False)
+        except Exception as error:  # each kind of connection has errors of its own
+            raise SchedulerError(
+                f"{address}: no scheduler answers: {' '.join(str(error).split())}",
+                hint="start one with: dask scheduler",
+            ) from error
+        try:
+            self._client.wait_for_workers(1, timeout=_PATIENCE)
+            _check_versions(address, self._client)
+        except TimeoutError:
+            self.close()
+            raise SchedulerError(
+                f"{address}: the scheduler has no workers", hint=f"start some with: dask worker {address}"
+            ) from None
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def free(self) -> int:
+        """Tasks that can be submitted now."""
+        # One more for each thread: none waits for the keeper to answer.
+        try:
+            return 2 * int(sum(self._client.nthreads().values())) - len(self._tickets)
+        except OSError:
+            raise self._gone() from None
+
+    def submit(self, ticket: int, task: Task) -> None:
+        """Have a task done.
+
+        Parameters
+        ----------
+        ticket : int
+        task : Task
+        """
+        key = f"terrain-est-{self._run}-{ticket}"
+        future = self._client.submit(run_apart, task, *self._limits, key=key, pure=False)
+        self._tickets[future] = ticket
+        future.add_done_callback(self._done.put)
+
+    def collect(self, seconds: float) -> list[tuple[int, Reply]]:
+        """Return what was done.
+
+        Parameters
+        ----------
+        seconds : float
+            To wait at the most.
+
+        Returns
+        -------
+        list of (int, Reply)
+
+        Raises
+        ------
+        SchedulerError
+            The scheduler has gone.
+        """
+        done = []
+        try:
+            future = self._done.get(timeout=seconds)
+            while True:
+                done.append((self._tickets.pop(future), self._reply(future)))
+                future = self._done.get_nowait()
+        except queue.Empty:
+            pass
+        # A scheduler that comes back has forgotten what it was asked.
+        if self._client.status != "running":
+            raise self._gone()
+        return done
+
+    def close(self) -> None:
+        """Take back all work."""
+        with contextlib.suppress(Exception):
+            self._client.cancel(list(self._tickets), force=True)
+        self._tickets.clear()
+        with contextlib.suppress(Exception):
+            self._client.close(timeout=0.5)
+
+    def _gone(self) -> SchedulerError:
+        return SchedulerError(
+            f"{self._address}: the scheduler has gone",
+            hint="run the same command again when it is back: what is done is kept",
+        )
+
+    def _reply(self, future: Any) -> Reply:
+        if future.status == "finished":
+            reply: Reply = future.result()
+            return reply
+        if future.status in {"cancelled", "lost"}:
+            raise self._gone()
+        error = future.exception()
+        text = f"the cluster could not do it: {' '.join(str(error).split())[:300]}"
+        return Reply(failure=Failure("WorkerLostError", text, "run again", passing=True))
+
+
+def _check_address(address: str) -> None:
+    """Refuse what cannot be connected to: a client that is made for it takes long to end."""
+    from distributed.comm.addressing import get_address_host_port
+    from distributed.security import Security
+
+    try:
+        if not address.startswith(_SCHEMES):
+            raise ValueError
+        get_address_host_port(address, strict=True)
+    except ValueError:
+        raise UsageError(
+            f"--scheduler {address}: no address of a scheduler", hint="such as tcp://host:8786"
+        ) from None
+    of_client = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
+    certified = of_client["ssl_context"] is not None
+    if address.startswith(_ENCRYPTED) and not certified:
+        raise UsageError(
+            f"--scheduler {address}: no certificates for it",
+            hint="distributed.comm.tls in Dask's configuration",
+        )
+
+
+def tell_versions() -> dict[str, str]:
+    """Return the versions that must be the same everywhere: they give the numbers, or are sent.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    from importlib.metadata import version
+
+    from terrain_cli.batch.configuration import versions
+
+    return {**versions(), **{name: version(name) for name in ("dask", "distributed")}}
+
+
+def _check_versions(address: str, client: Any) -> None:
+    """Refuse workers that would compute with other versions, or not understand what they are sent."""
+    own = tell_versions()
+    told: dict[str, Any] = {}
+    try:
+        told["the scheduler"] = client.run_on_scheduler(tell_versions)
+    except Exception as error:  # noqa: BLE001 - whatever it cannot import
+        told["the scheduler"] = error
+    workers = client.run(tell_versions, on_error="return")
+    told |= {f"worker {name}": numbers for name, numbers in workers.items()}
+    for place, theirs in told.items():
+        if not isinstance(theirs, dict):
+            what = f"cannot say its versions ({type(theirs).__name__}: {theirs})"
+        else:
+            what = ", ".join(
+                f"{'has ' * (not n)}{name} {theirs.get(name)} instead of {own[name]}"
+                for n, name in enumerate(name for name in own if theirs.get(name) != own[name])
+            )
+        if what:
+            raise SchedulerError(
+                f"{address}: {place} {what}",
+                hint=f"install terrain-est {own['terrain-est']} and the same "
+                "versions of Python and its packages everywhere",
+            )
+
+
+def run_apart(task: Task, timeout: float | None, memory: int | None) -> Reply:
+    """Do a task in a process beside the worker: what the cluster calls.
+
+    Parameters
+    ----------
+    task : Task
+    timeout : float or None
+        Seconds.
+    memory : int or None
+        Bytes.
+
+    Returns
+    -------
+    Reply
+    """
+    child: Child | None = getattr(_of_thread, "child", None)
+    if child is None or not child.alive or _of_thread.limits != (timeout, memory):
+        if child is not None:
+            child.close()
+        child = _of_thread.child = Child(timeout, memory)
+        _of_thread.limits = timeout, memory
+    reply = None if child.ready else _answer(child)
+    if reply is None:
+        child.begin(task)
+        reply = _answer(child)
+    if reply is None:
+        raise TypeError("a worker process answered a task with nothing")
+    if not child.alive:
+        child.close()
+        _of_thread.child = None
+    return reply
+
+
+def _answer(child: Child) -> Reply | None:
+    """Wait for a process to be ready, or for its answer."""
+    while True:
+        wait([child.fileno()], min(max(child.deadline - time.monotonic(), 0.0), 60.0))
+        reply = child.collect()
+        if reply is not None or child.ready:
+            return reply

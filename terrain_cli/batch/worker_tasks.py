@@ -1,0 +1,304 @@
+"""What a worker does: pure functions of what it is sent, but for the input it reads."""
+
+from __future__ import annotations
+
+import errno
+import tempfile
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from formats.errors import CannotWriteError, FormatError, NotFoundError, shown
+from terrain_cli.batch import input_discovery, remote_inputs
+from terrain_cli.errors import TerrainError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from terrain_cli.batch.batch_input import Input
+    from terrain_cli.presentation.segment_table import Table
+    from terrain_cli.rover import Rover
+    from terrain_cli.run.settings import Settings
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why there is no result.
+
+    Parameters
+    ----------
+    error_class, error, hint : str
+    exit_code : int
+        What `terrain-est estimate` would have ended with.
+    passing : bool
+        It may be gone next time.
+    """
+
+    error_class: str
+    error: str
+    hint: str = ""
+    exit_code: int = 1
+    passing: bool = False
+
+
+@dataclass
+class Reply:
+    """What a worker hands back.
+
+    Parameters
+    ----------
+    sha256 : str or None
+        Hash of the content, as far as it was read.
+    failure : Failure or None
+    result, record : bytes
+        The file of the result, and the record for the mission table.
+    samples, set_aside, segments, recovered, recovered_of, warnings, seconds
+        As in `Entry`.
+    """
+
+    sha256: str | None = None
+    failure: Failure | None = None
+    result: bytes = b""
+    record: bytes = b""
+    samples: int | None = None
+    set_aside: int | None = None
+    segments: int | None = None
+    recovered: float | None = None
+    recovered_of: str | None = None
+    warnings: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def tell(self, account: dict[str, Any]) -> None:
+        """Take what there is to tell from the account of an input.
+
+        Parameters
+        ----------
+        account : dict
+            From `one_log.run`.
+        """
+        wheels, salvage = account["wheels"], account["salvage"]
+        self.samples = sum(wheel["samples"] for wheel in wheels)
+        self.set_aside = sum(wheel["samples"] - wheel["used"] for wheel in wheels)
+        self.warnings = list(dict.fromkeys(remark for wheel in wheels for remark in wheel["remarks"]))
+        if salvage and (salvage["damage"] or salvage["set_aside"]):
+            self.recovered, self.recovered_of = salvage["fraction"], salvage["fraction_of"]
+
+
+class Task(Protocol):
+    """Something a worker can be sent to do."""
+
+    def run(self) -> Reply:
+        """Do it. What it raises is a failure of this task alone."""
+        ...
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is the same for all inputs of a batch.
+
+    Parameters
+    ----------
+    rover : Rover
+    settings : Settings
+        With the model itself, which a worker need not find.
+    crs : str or None
+    kind : {"parquet", "csv"}
+        Of the results.
+    largest : int
+        Bytes that are copied from a store at the most.
+    versions : dict of str to str
+        Of the keeper.
+    """
+
+    rover: Rover
+    settings: Settings
+    crs: str | None
+    kind: str
+    largest: int
+    versions: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Hash an input whose content may be known already."""
+
+    item: Input
+    job: Job
+
+    def run(self) -> Reply:
+        """Return its hash."""
+        started = time.monotonic()
+        with opened(self.item, self.job.largest) as path:
+            reply = Reply(input_discovery.content_hash(path))
+        reply.seconds = time.monotonic() - started
+        return reply
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Do what `terrain-est estimate` does for one input."""
+
+    item: Input
+    job: Job
+    sha256: str | None = None
+
+    def run(self) -> Reply:
+        """Return its result, or why there is none."""
+        reply, started, path = Reply(self.sha256), time.monotonic(), ""
+        try:
+            _check_versions(self.job.versions)
+            with opened(self.item, self.job.largest) as path:
+                reply.sha256 = self.sha256 or input_discovery.content_hash(path)
+                self._estimate(path, reply)
+        except Exception as error:  # noqa: BLE001 - one input must not stop the rest
+            reply.failure = failure(error, path, self.item.path)
+            reply.result = reply.record = b""
+        reply.seconds = time.monotonic() - started
+        return reply
+
+    def _estimate(self, path: str, reply: Reply) -> None:
+        from terrain_cli import estimation
+        from terrain_cli.batch import mission_records
+        from terrain_cli.run import one_log
+
+        outcome = one_log.run(path, self.job.rover, self.job.settings)
+        reply.tell(outcome.account)
+        if outcome.error:
+            raise outcome.error
+        table = {**outcome.table, "source": [self.item.path] * len(outcome.table["source"])}
+        reply.segments = len(table["source"])
+        reply.result = as_file(table, self.job)
+        reply.record = mission_records.encode(table, estimation.join(outcome.estimates), outcome.account)
+
+
+@dataclass(frozen=True)
+class Restore:
+    """Write a result again whose record is there."""
+
+    item: Input
+    job: Job
+    sha256: str
+    record: bytes
+
+    def run(self) -> Reply:
+        """Return the result as it was."""
+        from terrain_cli.batch import mission_records
+
+        table, _, account = mission_records.decode(self.record, self.item.path)
+        reply = Reply(self.sha256, result=as_file(table, self.job), segments=len(table["source"]))
+        reply.tell(account)
+        return reply
+
+
+def as_file(table: Table, job: Job) -> bytes:
+    """Return the bytes of the file that `terrain-est estimate -o` would write.
+
+    Parameters
+    ----------
+    table : dict
+    job : Job
+
+    Returns
+    -------
+    bytes
+    """
+    import formats
+    from terrain_cli.presentation import segment_table
+
+    with tempfile.TemporaryDirectory(prefix="terrain-est-") as folder:
+        file = Path(folder, f"result.{job.kind}")
+        formats.write_table(table, str(file), crs=segment_table.reference_system(table, job.crs))
+        return file.read_bytes()
+
+
+@contextmanager
+def opened(item: Input, largest: int) -> Iterator[str]:
+    """Give the path of an input, which must be what it was when it was found.
+
+    Parameters
+    ----------
+    item : Input
+    largest : int
+        Bytes that are copied from a store at the most.
+
+    Yields
+    ------
+    str
+
+    Raises
+    ------
+    NotFoundError
+        It is not there, or changed while it was read.
+    """
+    if remote_inputs.is_address(item.location):
+        with remote_inputs.copied(item, largest) as copy:
+            yield copy
+        return
+    input_discovery.check_unchanged(item)
+    yield item.location
+    input_discovery.check_unchanged(item)
+
+
+def _check_versions(keeper: dict[str, str]) -> None:
+    from terrain_cli.batch.configuration import versions
+
+    own = versions()
+    differ = [
+        f"{name} {own.get(name)} instead of {number}"
+        for name, number in keeper.items()
+        if own.get(name) != number
+    ]
+    if differ:
+        raise WorkerDiffersError(
+            f"a worker has {', '.join(differ)}", hint="install the same versions everywhere"
+        )
+
+
+class WorkerDiffersError(TerrainError):
+    """A worker that joined later runs other versions than the keeper."""
+
+
+def failure(error: BaseException, path: str = "", label: str = "") -> Failure:
+    """Say why a task failed.
+
+    Parameters
+    ----------
+    error : BaseException
+    path, label : str
+        Where the worker read the input, and how people name it.
+
+    Returns
+    -------
+    Failure
+    """
+    name = type(error).__name__
+    if _memory_was_short(error):
+        return Failure(
+            "MemoryError",
+            f"{label}: out of memory" if label else "out of memory",
+            "run again with fewer --jobs or more --memory, or cut the input into smaller files",
+            1,
+            passing=True,
+        )
+    path = shown(path)
+    text = str(error).replace(path, label) if path else str(error)
+    if isinstance(error, TerrainError | FormatError):
+        hint = error.hint.replace(path, label) if path else error.hint
+        passing = isinstance(error, NotFoundError | CannotWriteError | WorkerDiffersError)
+        return Failure(name, text, hint, error.exit_code, passing=passing)
+    prefix = f"{label}: " if label else ""
+    passing = isinstance(error, OSError)
+    return Failure(name, f"{prefix}unexpected {name}: {text}", "", 1, passing=passing)
+
+
+def _memory_was_short(error: BaseException | None) -> bool:
+    """Tell whether memory is behind an error, whatever it was turned into on its way."""
+    while error is not None:
+        if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+            return True
+        if isinstance(error, RuntimeError) and "can't start new thread" in str(error):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

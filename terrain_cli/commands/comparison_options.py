@@ -1,0 +1,164 @@
+"""What the verbs that compare a model with measurements share: their options, and reading for them."""
+
+from __future__ import annotations
+
+from functools import partial, reduce
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from terrain_cli.commands import options
+from terrain_cli.vocabulary.choices import CUT_SAMPLES
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from terrain_cli.commands.progress import Progress
+    from terrain_cli.comparison import Comparison
+    from terrain_cli.models import ModelFile
+    from terrain_cli.rover import Rover
+    from terrain_cli.windows.cut_windows import Windows
+
+_CUTTING = (
+    options.segments,
+    click.option(
+        "--min-samples",
+        type=click.IntRange(3, options.MOST_SAMPLES),
+        metavar="N",
+        help=f"Fewest samples of a window that auto cuts.  [{CUT_SAMPLES}]",
+    ),
+    options.window_distance,
+    options.window_samples,
+    options.where,
+    options.salvage,
+    options.largest,
+    click.option(
+        "--seed",
+        type=click.IntRange(0),
+        default=0,
+        show_default=True,
+        metavar="N",
+        help="Of the resampling behind intervals and tests.",
+    ),
+    options.jobs("Processes that fit wheels and effects; what comes out is the same."),
+    options.verbose,
+)
+
+
+def cutting(command: options.F) -> options.F:
+    """Add the options by which windows are cut, samples are kept and chance is drawn."""
+    return reduce(lambda decorated, option: option(decorated), reversed(_CUTTING), command)
+
+
+def read(context: click.Context, model: Sequence[ModelFile], progress: Progress) -> list[Windows]:
+    """Read every input, with all that the models need, and cut it into windows.
+
+    Parameters
+    ----------
+    context : click.Context
+        Of a verb with `cutting`, inputs, --rover and --wheel.
+    model : sequence of ModelFile
+    progress : Progress
+
+    Returns
+    -------
+    list of Windows
+        Of every wheel of every input that has usable samples.
+
+    Raises
+    ------
+    InputError
+        No sample can be used.
+    """
+    import formats
+    from terrain_cli.errors import InputError
+    from terrain_cli.processes import parallel
+    from terrain_cli.telemetry.long.excerpt import MOST_ROWS
+
+    paths = formats.expand(context.params["inputs"])
+    most = MOST_ROWS // len(paths)
+    rover = options.load_rover(context.params["rover"], paths)
+    own = {option.lstrip("-") for parameter in context.command.params for option in parameter.opts}
+    # What is compared is cut as `estimate` cuts it.
+    options.with_defaults(
+        context, {name: v for name, v in rover.estimate.items() if name in own and name != "model"}
+    )
+    context.with_resource(parallel.jobs(context.params["jobs"]))
+    effects = {effect.id: effect for file in model for effect in file.model.effects}
+    cut: list[Windows] = []
+    for path in paths:
+        progress.say(path, "reading")
+        cut += _cut(path, rover, list(effects.values()), most, context.params, progress)
+        progress.advance()
+    if not cut:
+        raise InputError(
+            f"{', '.join(paths)}: no sample can be used",
+            hint="terrain-est inspect shows what each channel is read from",
+        )
+    return cut
+
+
+def _cut(
+    path: str, rover: Rover, effects: Sequence[Any], most: int, given: Mapping[str, Any], progress: Progress
+) -> list[Windows]:
+    import formats
+    from terrain_cli import telemetry
+    from terrain_cli.telemetry.wheel_samples import Notice
+    from terrain_cli.windows import cut_windows
+
+    where = telemetry.Condition(given["where"]) if given["where"] else None
+    source = formats.open_source(path, salvage=given.get("salvage", False))
+    wheels = telemetry.read_source(
+        source, rover, wheels=given["wheels"], where=where, effects=effects, compared=True, most=most
+    )
+    for sentence in source.recovery.sentences() if source.recovery else ():
+        progress.tell(f"{path}: {sentence}")
+    for remark in dict.fromkeys(r for samples in wheels for r in samples.remarks if isinstance(r, Notice)):
+        progress.tell(f"{path}: {remark}")
+    for samples in wheels if given["verbose"] else ():
+        used = f"{len(samples.usable)} of {len(samples)} samples used"
+        told = [f"{name}: {how}" for name, how in samples.origins.items()]
+        progress.tell("\n  ".join([f"{samples.source}  {samples.wheel}: {used}", *told]))
+    return [
+        cut_windows.cut(
+            samples,
+            given["segments"],
+            min_samples=given["min_samples"],
+            window_samples=given["window_samples"],
+            window_distance=given["window_distance"],
+        )
+        for samples in wheels
+        if len(samples.usable)
+    ]
+
+
+def compared(
+    cut: Sequence[Windows],
+    file: ModelFile,
+    seed: int,
+    progress: Progress,
+    like: Comparison | None = None,
+) -> Comparison:
+    """Compare a model with windows that were read.
+
+    Parameters
+    ----------
+    cut : sequence of Windows
+    file : ModelFile
+    seed : int
+    progress : Progress
+    like : Comparison, optional
+        Of another model with the same windows, whose blocks are taken.
+
+    Returns
+    -------
+    Comparison
+    """
+    from dataclasses import replace
+
+    from terrain_cli.improvement.change_trial import fitted
+    from terrain_cli.telemetry.long.excerpt import notes
+
+    say = partial(progress.say, str(file.path or file.model.base))
+    found = fitted(cut, file, like=like, seed=seed, progress=say)
+    return replace(found, warnings=[*notes([windows.samples for windows in cut]), *found.warnings])

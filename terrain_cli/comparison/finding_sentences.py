@@ -1,0 +1,173 @@
+"""Findings in words."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from terrain_cli.comparison.comparison_outcome import FEWEST_BLOCKS
+from terrain_cli.vocabulary.english import counted, listed
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.comparison.shapes import Shape
+
+#: Part of a finding's size below which a picture of the residuals would surprise who has read its sentence.
+_HIDDEN = 0.3
+#: Times its noise at which a channel's error is more than that.
+ABOVE = 1.15
+#: SI unit → the one a person reads, and the factor to it.
+_SHOWN = {"rad": ("°", math.degrees(1.0)), "rad/s": ("°/s", math.degrees(1.0)), "1": ("", 1.0)}
+#: Drivers with one of their own.
+_OWN = {"sinkage": ("mm", 1e3), "angular_velocity": ("rad/s", 1.0)}
+_CHANNELS = {
+    "torque": ("torque", "N m", 1.0),
+    "drawbar_pull": ("drawbar pull", "N", 1.0),
+    "sinkage": ("sinkage", "mm", 1e3),
+}
+_NAMES = {
+    "velocity": "speed",
+    "angular_velocity": "wheel speed",
+    "pass_number": "pass",
+    "wheel_angle": "angle of the wheel",
+}
+
+
+def of(
+    channel: str,
+    shape: Shape,
+    amplitude: float,
+    label: str,
+    alternatives: Sequence[str],
+    unit: str,
+    seen: float = 1.0,
+) -> str:
+    """Say a finding in one sentence.
+
+    Parameters
+    ----------
+    channel : str
+    shape : Shape
+    amplitude : float
+        Measured less predicted, SI.
+    label : str
+        Meaning of a label's code.
+    alternatives : sequence of str
+        Drivers that vary so much alike that it may be theirs.
+    unit : str
+        SI unit of the driver.
+    seen : float
+        Part of the amplitude that shows in the residuals.
+
+    Returns
+    -------
+    str
+    """
+    name, shown, factor = _CHANNELS[channel]
+    size = f"{_number(abs(amplitude) * factor)} {shown}"
+    verb = "under-predicted" if amplitude > 0.0 else "over-predicted"
+    driver = named(shape.driver)
+    if shape.name == "constant":
+        text = f"{name} is {verb} by {size} throughout"
+    elif shape.name == "periodic":
+        times = 2.0 * math.pi / (shape.at or 1.0)
+        text = f"{name} swings by ± {size} about its prediction, {times:.0f} times in a turn of the wheel"
+    elif shape.name == "label":
+        text = f"{name} is {verb} by {size} where {driver} is {label}, against the others"
+    elif shape.name == "step":
+        text = f"{name} is {verb} by {size} above {driver} {_at(shape.at or 0.0, shape.driver, unit)}"
+    else:
+        low, high = (_at(value, shape.driver, unit) for value in (shape.low, shape.high))
+        if shape.name == "quadratic":
+            text = (
+                f"{name} is {verb} by {size} at both ends of {driver}, {low} and {high}, against the middle"
+            )
+        else:
+            text = f"{name} is more and more {verb} as {driver} rises: by {size} from {low} to {high}"
+        if shape.name == "saturating":
+            text += f", most of it in the first {_at(shape.at or 0.0, shape.driver, unit)}"
+    if seen < _HIDDEN:
+        left = f"{_number(abs(amplitude) * seen * factor)} {shown}"
+        text += f"; the fitted soil takes up all but {left} of that"
+    if alternatives:
+        text += f" (or with {listed([named(other) for other in alternatives], 'or')}, which varied alike)"
+    return text
+
+
+def missed(channel: str, error: float) -> str:
+    """Say by how much a channel is missed.
+
+    Parameters
+    ----------
+    channel : str
+    error : float
+        Held out, root mean square, SI.
+
+    Returns
+    -------
+    str
+    """
+    name, shown, factor = _CHANNELS[channel]
+    return f"the held-out error of {name} is {_number(error * factor)} {shown}"
+
+
+def named(driver: str) -> str:
+    """Return what a driver is called.
+
+    Parameters
+    ----------
+    driver : str
+
+    Returns
+    -------
+    str
+    """
+    return _NAMES.get(driver, driver.replace("_", " "))
+
+
+def _at(value: float, driver: str, unit: str) -> str:
+    shown, factor = _OWN.get(driver) or _SHOWN.get(unit, (unit, 1.0))
+    gap = "" if shown in ("", "°", "°/s") else " "
+    return f"{_number(value * factor)}{gap}{shown}"
+
+
+def _number(value: float) -> str:
+    """Write two significant digits at the most; whole numbers of three and more as they are."""
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value:g}"
+    text = f"{value:.{max(0, 1 - math.floor(math.log10(abs(value))))}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def beyond_noise(comparison: Comparison, times: float = ABOVE) -> str:
+    """Say of which channels the held-out error is more than noise where no finding says why.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    times : float
+        The noise, from which on it is.
+
+    Returns
+    -------
+    str
+        Empty where there are none.
+    """
+    ratios = {
+        name.replace("_", " "): errors.heldout_rmse / errors.noise
+        for name, errors in comparison.channels.items()
+        if errors.heldout_rmse > times * errors.noise > 0.0
+    }
+    if not ratios:
+        return ""
+    told = [
+        f"{ratio:.{1 if ratio < 10.0 else 0}f} times the noise of {name}" for name, ratio in ratios.items()
+    ]
+    unknown = (
+        f"{counted(comparison.blocks, 'independent stretch', 'es')} of data do not tell what it follows"
+        if comparison.blocks < FEWEST_BLOCKS
+        else "follows nothing beyond chance"
+    )
+    return f"the held-out error is {listed(told)}, but {unknown}"

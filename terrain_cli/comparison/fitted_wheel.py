@@ -1,0 +1,440 @@
+"""One wheel, fitted: its channels, its parameters sample by sample, predictions and residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import (
+    drivers,
+    prediction,
+    residual_noise,
+    smoothed_channels,
+    smoothed_covariance,
+    smoothed_fit,
+    smoothed_model,
+    whitening,
+)
+from terrain_cli.comparison.expected_forces import from_conditions
+from terrain_cli.comparison.neighbours import from_neighbours
+from terrain_cli.estimation.wheel_fit import fit
+from terrain_cli.estimation.wheel_fit.unknowns import unknowns
+from terrain_cli.windows.cut_windows import at_rows, by_terrain
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from terrain_cli.comparison.comparison_outcome import Driver
+    from terrain_cli.comparison.whitening import Whitening
+    from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknown
+    from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.windows.cut_windows import Windows
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Drivers whose noise is that of the slip computed from them.
+_WITH_SLIP = ("velocity", "angular_velocity")
+#: Channels that a model without effects reads, explains or is compared with.
+_READ = (*smoothed_channels.NOISY, *_WITH_SLIP, "torque", "drawbar_pull")
+#: Most samples to which one soil is fitted.
+_MOST_COMMON = 30_000
+#: Mean square of the residuals, in units of the noise, from which on a model misses something.
+_MISFIT = 1.5
+#: The same of one channel, from which on another fit is tried, and taken if it is less off.
+_NOTICED = 1.1
+#: Share of the measurements for which a fit has no prediction that is too large.
+_MISSING = 0.02
+#: Times that test points are weighed anew by what the model leaves of them, and how many tell that.
+_WEIGHED, _FEWEST = 3, 10
+#: Prior standard deviations within which a search begins.
+_FAR = 3.0
+#: Blocks that a misfit is taken to have at the most, and samples of one at least.
+_BLOCKS, _LEAST_BLOCK = 40, 24
+#: Longest memory of noise, in samples, that is waited for: beyond it neighbours tell too little.
+_LONGEST = 25
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How models are fitted.
+
+    Parameters
+    ----------
+    fixed : mapping of str to float or array_like
+        Parameters held; the others are sought.
+    priors : mapping of str to Prior
+    shared : collection of str
+        Parameters of the soil with one value for all windows of a wheel.
+    noise : Noise or None
+        Of the sensors; learnt from the data if not given.
+    """
+
+    fixed: Mapping[str, ArrayLike]
+    priors: Mapping[str, Prior]
+    shared: Collection[str]
+    noise: Noise | None
+
+
+class Wheel:
+    """A wheel and the model fitted to it.
+
+    Parameters
+    ----------
+    windows : Windows
+    model : Model
+    settings : Settings
+    segment : ndarray of int, shape (n,), optional
+        Segment of each usable sample, where the windows are no segments but join several.
+    further : collection of str
+        Channels that are kept although the model does not read them.
+    """
+
+    def __init__(
+        self,
+        windows: Windows,
+        model: Model,
+        settings: Settings,
+        segment: Index | None = None,
+        further: Collection[str] = (),
+    ) -> None:
+        self.windows, self.model, self.settings, self.further = windows, model, settings, further
+        self.window: Index = np.repeat(np.arange(len(windows)), np.diff(windows.bounds))
+        self.segment: Index = self.window if segment is None else segment
+        samples = windows.samples
+        self.geometry = samples.geometry.wheel
+        # What was computed for an effect is counted the way the wheel turns; measured channels are not.
+        every = {**samples.channels, **samples.drivers}
+        read = {*_READ, *further, *(name for effect in model.effects for name in effect.reads)}
+        columns = {name: at_rows(column, windows.rows) for name, column in every.items() if name in read}
+        self.channels: dict[str, Array] = {
+            name: column for name, column in columns.items() if np.isfinite(column).any()
+        }
+        self.ordered = samples.time is not None
+        self.fit: Fit = fit(
+            model,
+            self.geometry,
+            self.channels,
+            windows.bounds,
+            fixed=settings.fixed,
+            priors=settings.priors,
+            shared=settings.shared,
+            noise=settings.noise,
+            given="sinkage" if "sinkage" in self.channels else "load",
+            correlated=self.ordered,
+        )
+        self.sought = sought = unknowns(
+            model,
+            fixed=settings.fixed,
+            priors=settings.priors,
+            shared=settings.shared,
+            windows=len(windows),
+        )
+        #: Parameters sought: of every window, and common to all of them.
+        self.soil = tuple(u.name for u in sought.local)
+        self.common = tuple(u.name for u in sought.shared)
+        self.logarithmic = frozenset(u.name for u in (*sought.local, *sought.shared) if u.logarithm)
+        #: Width of the prior of each, of a logarithm as a share of the value.
+        self.prior = {u.name: u.sd for u in (*sought.local, *sought.shared)}
+        self.parameters = self._parameters(settings)
+        self.series = np.concatenate([samples.stretch[windows.rows], [0]])[: len(windows.rows)]
+        self._robust()
+
+    def __len__(self) -> int:
+        return len(self.windows.rows)
+
+    def _robust(self) -> None:
+        """Take the soil from a fit that a wrong model does not lead astray, where the fit went wrong."""
+        if not self.measured:
+            return
+        known = self.fit.dof > 0.0
+        ratio = float(self.fit.chi2[known].sum() / self.fit.dof[known].sum()) if known.any() else 1.0
+        lost = self._lost()
+        # Of test points load and slip were set, and are exact.
+        astray = ratio >= _MISFIT or not self.ordered or lost
+        levels = {name: level.deviation for name, level in self.noise.items()}
+        before = self._off(levels)
+        if not astray and not before > _NOTICED:
+            return
+        data = self.least_squares_data()
+        t, common = self.beginning()
+        # That fit can have gone astray in what is common too: none of its effects is where others begin.
+        starts = product((t, None), (common, np.zeros_like(common)) if len(common) else (common,))
+        first, sizes = (self.fit, dict(self.parameters)), self._sizes()
+        solution = smoothed_fit.search(self.model, self.sought, data, starts)
+        for _ in range(_WEIGHED if not self.ordered else 0):
+            data = smoothed_model.with_noise_of(data, solution.residual, _FEWEST)
+            solution = smoothed_fit.solve(self.model, self.sought, data, solution.t, solution.common)
+        self.take(solution, data)
+        worse = self.ordered and all(size >= sizes[name] for name, size in self._sizes().items())
+        if (not astray and self._off(levels) >= before) or (worse and not lost):
+            self._forget()
+            self.fit, self.parameters = first
+
+    def _sizes(self) -> dict[str, float]:
+        """Return the mean square of the residuals of each channel that has any."""
+        left = {name: error for name, error in self.residuals.items() if np.isfinite(error).any()}
+        return {name: float(np.nanmean(error**2)) for name, error in left.items()}
+
+    def _off(self, levels: Mapping[str, float]) -> float:
+        """Return the largest mean square of the residuals of a channel, in units of its noise's."""
+        sizes = self._sizes().items()
+        return max((size / levels[name] ** 2 for name, size in sizes if levels[name] > 0.0), default=0.0)
+
+    def _forget(self) -> None:
+        for name in ("predicted", "residuals", "noise"):
+            self.__dict__.pop(name, None)
+
+    def _lost(self) -> bool:
+        """Tell whether the fit went to a soil without friction, or one that does not carry the load."""
+        if "tan_phi" in self.parameters and np.any(self.parameters["tan_phi"] <= 0.0):
+            return True
+        there = {name: np.isfinite(column) for name, column in self.measured.items()}
+        missing = sum(int((own & ~np.isfinite(self.predicted[name])).sum()) for name, own in there.items())
+        return missing > _MISSING * sum(int(own.sum()) for own in there.values())
+
+    def beginning(self) -> tuple[Array, Array]:
+        """Return where a search begins: at the fit, in prior standard deviations from the prior means."""
+        local = [self._sought_value(u) for u in self.sought.local]
+        shared = [float(np.ravel(self._sought_value(u))[0]) for u in self.sought.shared]
+        t = np.stack(local, axis=1) if local else np.zeros((len(self.windows), 0))
+        return np.clip(t, -_FAR, _FAR), np.array(shared)
+
+    def _sought_value(self, unknown: Unknown) -> Array:
+        column = self.parameters[unknown.name]
+        number = np.log(np.maximum(column, 1e-300)) if unknown.logarithm else column
+        return np.asarray((number - unknown.mean) / unknown.sd)
+
+    def least_squares_data(self, white: Whitening | None = None) -> smoothed_model.Data:
+        """Prepare a fit by `smoothed_fit.solve`.
+
+        Parameters
+        ----------
+        white : Whitening, optional
+            Of what is left; what changes from sample to sample in the channels if not given.
+
+        Returns
+        -------
+        quiet.Data
+        """
+        known, use = smoothed_channels.without_noise(
+            self.record, self.quiet(smoothed_channels.GAP), load_tells_sinkage=self.model.base == "wong-reece"
+        )
+        blocks = max(len(self) // _LEAST_BLOCK, 1) if self.ordered else len(self)
+        return smoothed_model.Data(
+            self.geometry,
+            known,
+            self.measured,
+            use,
+            white or self._noise_of_channels(),
+            self.window,
+            len(self.windows),
+            min(blocks, _BLOCKS),
+        )
+
+    def _noise_of_channels(self) -> Whitening:
+        """Return the noise before anything is fitted; of test points what repeated ones differ by."""
+        found = whitening.of_channels(self.measured, self.group if self.ordered else np.arange(len(self)))
+        if self.ordered:
+            return found
+        levels = [self.noise[name].deviation for name in found.channels]
+        least = np.sqrt(np.diag(found.covariance))
+        known = [
+            level if np.isfinite(level) and level > 0.0 else size
+            for level, size in zip(levels, least, strict=True)
+        ]
+        return whitening.Whitening(found.channels, np.diag(np.square(known)))
+
+    def take(self, solution: smoothed_fit.Solution, data: smoothed_model.Data) -> None:
+        """Replace what was fitted.
+
+        Parameters
+        ----------
+        solution : least_squares.Solution
+        data : quiet.Data
+        """
+        self._forget()
+        self.fit = smoothed_covariance.as_fit(data, solution, self.fit)
+        self.parameters.update(smoothed_covariance.parameters(solution))
+
+    def _parameters(self, settings: Settings) -> dict[str, Array]:
+        """Return every parameter of every window; those of windows without samples are never used."""
+        count = len(self.windows)
+        found: dict[str, Array] = {}
+        for name in (*self.model.soil, *self.model.parameters):
+            if name in self.fit.values:
+                column = np.asarray(self.fit.values[name], dtype=float)
+            elif name in self.fit.shared:
+                column = np.full(count, self.fit.shared[name])
+            else:
+                column = np.broadcast_to(np.asarray(settings.fixed[name], dtype=float), (count,))
+            usual = np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else 1.0
+            found[name] = np.where(np.isfinite(column), column, usual)
+        return found
+
+    @cached_property
+    def group(self) -> Index:
+        """Number of the part within which samples are neighbours: of one stretch and one segment."""
+        change = np.concatenate([[False], (np.diff(self.series) != 0) | (np.diff(self.segment) != 0)])
+        return np.cumsum(change[: len(self)]).astype(np.intp)
+
+    @cached_property
+    def record(self) -> smoothed_channels.Record:
+        """What was measured, without the model."""
+        return smoothed_channels.Record(self.channels, self.window, self.group if self.ordered else None)
+
+    @cached_property
+    def one_soil(self) -> tuple[Wheel, Index] | None:
+        """The model fitted with one soil to all segments of each terrain.
+
+        With its samples ordered by terrain, and which usable sample of this wheel each of them is; None
+        where each segment is on a terrain of its own.
+        """
+        return self._joined(1)
+
+    def on_common_soil(self) -> tuple[Wheel, Index] | None:
+        """Return the same, of evenly thinned samples if they are many.
+
+        Returns
+        -------
+        wheel : Wheel
+        order : ndarray of int
+        """
+        step = max(1, -(-len(self) // _MOST_COMMON))
+        return self.one_soil if step == 1 else self._joined(step)
+
+    def _joined(self, step: int) -> tuple[Wheel, Index] | None:
+        found = by_terrain(self.windows, step)
+        if found is None:
+            return None
+        joined, order = found
+        return Wheel(joined, self.model, self.settings, self.segment[order], self.further), order
+
+    def of_samples(self, rows: Index | slice = slice(None)) -> dict[str, Array]:
+        """Return the parameters of some usable samples.
+
+        Parameters
+        ----------
+        rows : ndarray of int or slice
+
+        Returns
+        -------
+        dict of str to ndarray
+        """
+        window = self.window[rows]
+        return {name: column[window] for name, column in self.parameters.items()}
+
+    @cached_property
+    def read(self) -> dict[str, Array]:
+        """The channels from which to predict: torque and pull, if effects read them, from the conditions."""
+        wanted = {*self.further, *(name for effect in self.model.effects for name in effect.reads)}
+        read = dict(self.channels)
+        for name in ("torque", "drawbar_pull"):
+            if name in wanted and name in read:
+                read[name] = from_conditions(self.channels[name], self.channels, self.window)
+        return read
+
+    @cached_property
+    def measured(self) -> dict[str, Array]:
+        """Channels that are compared, as measured."""
+        return {name: self.channels[name] for name in prediction.compared(self.model, self.channels)}
+
+    @cached_property
+    def predicted(self) -> dict[str, Array]:
+        """The same as predicted."""
+        return prediction.values(self.model, self.geometry, self.read, self.of_samples)
+
+    @cached_property
+    def residuals(self) -> dict[str, Array]:
+        """Measured less predicted."""
+        return {name: column - self.predicted[name] for name, column in self.measured.items()}
+
+    @cached_property
+    def noise(self) -> dict[str, residual_noise.NoiseLevel]:
+        """Noise of the residuals."""
+        if self.ordered:
+            return {name: residual_noise.of_series(e, self.group) for name, e in self.residuals.items()}
+        table = self.run_under
+        levels = {}
+        for name, error in self.residuals.items():
+            level = residual_noise.of_points(error, self.window, table)
+            if not np.isfinite(level):
+                level = residual_noise.of_neighbours(error, self.window, table)
+            levels[name] = residual_noise.NoiseLevel(level, 0)
+        return levels
+
+    @cached_property
+    def run_under(self) -> Array:
+        """Slip and load of steady test points, else slip and sinkage, as `Record.conditions`."""
+        return self.record.conditions(("slip", "load") if "load" in self.channels else ("slip", "sinkage"))
+
+    @property
+    def memory(self) -> int:
+        """Samples after which the noise of all channels is another one."""
+        return min(max((level.forgotten for level in self.noise.values()), default=0), _LONGEST)
+
+    @cached_property
+    def drivers(self) -> dict[str, Driver]:
+        """What the residuals may follow."""
+        return drivers.of_wheel(self.windows)
+
+    def quiet(self, gap: int) -> dict[str, Array]:
+        """Return all channels of the usable samples as effects may read them, without their own noise.
+
+        Load, sinkage, slip and speeds come from their neighbours, torque and pull from the conditions.
+
+        Parameters
+        ----------
+        gap : int
+            Samples left out on either side when they are interpolated from their neighbours.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        if not self.ordered:
+            return dict(self.read)
+        reach = max(3, gap // 2)
+        return {
+            name: from_neighbours(column, self.group, gap=gap, reach=reach)
+            if name in (*smoothed_channels.NOISY, *_WITH_SLIP)
+            else column
+            for name, column in self.read.items()
+        }
+
+    def smoothed(self, gap: int, rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Return channels and drivers of some usable samples, without the samples' own noise.
+
+        Load and slip are interpolated from neighbours; the sinkage is the model's own under these
+        two, as soil that varies would otherwise be in the sinkage of neighbours and in the residual
+        alike. Steady test points have no neighbours: their load and slip are set, and count as exact.
+
+        Parameters
+        ----------
+        gap : int
+            Samples left out on either side.
+        rows : ndarray of int
+
+        Returns
+        -------
+        channels, drivers : dict of str to ndarray, shape (n,)
+        """
+        channels = {name: column[rows] for name, column in self.quiet(gap).items()}
+        if self.model.base == "wong-reece" and {"load", "sinkage"} <= channels.keys():
+            kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
+            sunk = prediction.values(
+                self.model, self.geometry, kept, lambda some: self.of_samples(rows[some]), ("sinkage",)
+            )
+            channels["sinkage"] = sunk["sinkage"]
+        found = {name: driver.values[rows] for name, driver in self.drivers.items()}
+        found.update(
+            {name: channels[name] for name in (*smoothed_channels.NOISY, *_WITH_SLIP) if name in found}
+        )
+        return channels, found

@@ -1,0 +1,280 @@
+"""Predictions of blocks by fits that have not seen them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from terrain_cli.comparison import prediction
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.fitted_wheel import Wheel
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Parts in turn left out of a segment that is a single block.
+PARTS = 4
+#: Farthest that a parameter moves when a block is left out, in widths of its prior.
+FARTHEST = 2.0
+#: Mean square of a change, in units of the noise, from which on it is looked at twice.
+_FAR = 0.05
+#: Samples differentiated at a time.
+_SLAB = 65_536
+
+
+def folds(window: Index, block: Index) -> Index:
+    """Cut windows into what is left out in turn: blocks, or parts of a window that is a single block.
+
+    Parameters
+    ----------
+    window, block : ndarray of int, shape (n,)
+        The samples of a window are contiguous.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+    """
+    fold = block.copy()
+    free = int(block.max(initial=0)) + 1
+    change = np.flatnonzero(np.diff(window)) + 1
+    for low, high in pairwise([0, *change.tolist(), len(window)]):
+        if high - low > 1 and np.all(block[low:high] == block[low]):
+            parts = min(PARTS, high - low)
+            fold[low:high] = free + (np.arange(high - low) * parts) // (high - low)
+            free += parts
+    return np.unique(fold, return_inverse=True)[1].astype(np.intp)
+
+
+def predict(
+    wheel: Wheel, block: Index, scale: Mapping[str, float], inputs: Mapping[str, Array] | None = None
+) -> dict[str, Array]:
+    """Predict every sample by a fit of the other blocks.
+
+    The fit without a block is one step of Gauss and Newton away from the fit of all: exactly so for
+    a model that is linear in its parameters. The prediction is the model's at that place, or, where that
+    has left a curved valley of the fit, the linear one, which follows the valley (`nearer`).
+
+    Parameters
+    ----------
+    wheel : Wheel
+    block : ndarray of int, shape (n,)
+    scale : dict of str to float
+        Channel → standard deviation that weighs its residuals.
+    inputs : mapping of str to ndarray, shape (n,), optional
+        Channels from which to predict, in place of the wheel's own.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        Channel → prediction.
+    """
+    fold = folds(wheel.window, block)
+    cell, moved = _without(wheel, fold, scale)
+
+    def parameters(rows: Index) -> dict[str, Array]:
+        found = wheel.of_samples(rows)
+        for column, name in enumerate((*wheel.soil, *wheel.common)):
+            width = FARTHEST * wheel.prior[name]
+            move = np.clip(moved[cell[rows], column], -width, width)
+            found[name] = found[name] * np.exp(move) if name in wheel.logarithmic else found[name] + move
+            if name in wheel.model.parameters:
+                own = wheel.model.parameters[name]
+                found[name] = np.clip(found[name], own.lower, own.upper)
+        if "sinkage_exponent" in found:
+            found["sinkage_exponent"] = np.maximum(found["sinkage_exponent"], 0.1)
+        return found
+
+    channels = wheel.read if inputs is None else inputs
+    there = tuple(wheel.measured)
+    out = prediction.values(wheel.model, wheel.geometry, channels, parameters, there)
+    whole = (
+        wheel.predicted
+        if inputs is None
+        else prediction.values(wheel.model, wheel.geometry, channels, wheel.of_samples, there)
+    )
+    change = {name: np.nan_to_num((out[name] - whole[name]) / scale[name]) for name in there}
+    far = np.flatnonzero(_per_fold(change, fold)[fold] > _FAR)
+    if len(far):
+        some = {name: column[far] for name, column in channels.items()}
+        names = (*wheel.soil, *wheel.common)
+        tables = prediction.derivatives(
+            wheel.model, wheel.geometry, some, lambda rows: wheel.of_samples(far[rows]), names
+        )
+        here = wheel.of_samples(far)
+        unit = np.stack([here[n] if n in wheel.logarithmic else np.ones(len(far)) for n in names], axis=1)
+        step = moved[cell[far]] * unit
+        linear = {
+            name: np.nan_to_num(np.einsum("np,np->n", tables[name], step) / scale[name]) for name in there
+        }
+        chosen = nearer(linear, {name: column[far] for name, column in change.items()}, fold[far])
+        for name in there:
+            out[name][far[chosen]] = (whole[name][far] + linear[name] * scale[name])[chosen]
+    return out
+
+
+def nearer(linear: Mapping[str, Array], change: Mapping[str, Array], fold: Index) -> NDArray[np.bool_]:
+    """Tell for which samples a prediction linear in the parameters is the better one without their fold.
+
+    Where parameters make up for one another the fit lies in a valley, which is curved. A step along its
+    tangent leaves it, and the model predicts there what no fit of the other blocks would; the linear
+    prediction stays. So the one that changes less over a fold is taken.
+
+    Parameters
+    ----------
+    linear, change : mapping of str to ndarray, shape (n,)
+        Channel → change of the prediction, in units of the noise: linear, and the model's own.
+    fold : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    return (_per_fold(linear, fold) < _per_fold(change, fold))[fold]
+
+
+def _per_fold(change: Mapping[str, Array], fold: Index) -> Array:
+    """Return the mean square of a change over the samples and channels of each fold."""
+    squares = np.asarray(sum(column**2 for column in change.values()))
+    count = len(change) * np.bincount(fold)
+    return np.asarray(np.bincount(fold, squares) / np.maximum(count, 1))
+
+
+def _without(wheel: Wheel, fold: Index, scale: Mapping[str, float]) -> tuple[Index, Array]:
+    """Return the cell of each sample, and how far a cell's parameters move when its fold is left out.
+
+    In the unit sought: logarithms of parameters that are positive.
+    """
+    local, common = len(wheel.soil), len(wheel.common)
+    size = local + common
+    pairs, cell = np.unique(np.stack([wheel.window, fold]), axis=1, return_inverse=True)
+    cell = cell.ravel().astype(np.intp)
+    information, score = np.zeros((pairs.shape[1], size, size)), np.zeros((pairs.shape[1], size))
+    for start in range(0, len(wheel), _SLAB):
+        rows = slice(start, min(start + _SLAB, len(wheel)))
+        parameters = wheel.of_samples(rows)
+        tables = prediction.derivatives(
+            wheel.model,
+            wheel.geometry,
+            wheel.read,
+            wheel.of_samples,
+            (*wheel.soil, *wheel.common),
+            rows,
+        )
+        order = np.argsort(cell[rows], kind="stable")
+        present, firsts = np.unique(cell[rows][order], return_index=True)
+        for name, table in tables.items():
+            for column, parameter in enumerate((*wheel.soil, *wheel.common)):
+                if parameter in wheel.logarithmic:
+                    table[:, column] *= parameters[parameter]
+            error = wheel.residuals[name][rows]
+            known = np.isfinite(error)
+            slope = np.where(known[:, None], table, 0.0)[order] / scale[name]
+            error = np.where(known, error, 0.0)[order] / scale[name]
+            for label, low, high in zip(present, firsts, np.append(firsts[1:], len(order)), strict=True):
+                information[label] += slope[low:high].T @ slope[low:high]
+                score[label] += slope[low:high].T @ error[low:high]
+    prior = np.diag([wheel.prior[name] ** -2.0 for name in (*wheel.soil, *wheel.common)])
+    own = wheel.model.parameters
+    low, high = (
+        np.array([getattr(own[name], side) if name in own else end for name in wheel.common])
+        for side, end in (("lower", -np.inf), ("upper", np.inf))
+    )
+    # All samples have the same ones; of a positive one the logarithm moves, which no bounds end.
+    here = np.array([wheel.of_samples(slice(0, 1))[name][0] for name in wheel.common])
+    farthest = FARTHEST * np.array([wheel.prior[name] for name in wheel.common])
+    reach = (np.maximum(low - here, -farthest), np.minimum(high - here, farthest))
+    return cell, leave_out(information, score, pairs[0], pairs[1], prior, local, reach)
+
+
+def leave_out(
+    information: Array,
+    score: Array,
+    window: Index,
+    fold: Index,
+    prior: Array,
+    local: int,
+    reach: tuple[Array, Array] | None = None,
+) -> Array:
+    """Return how the parameters of each cell move when its fold is left out.
+
+    A common parameter that would go beyond its bounds stops there, and the others make do with that.
+
+    Parameters
+    ----------
+    information : ndarray, shape (cells, size, size)
+    score : ndarray, shape (cells, size)
+    window, fold : ndarray of int, shape (cells,)
+    prior : ndarray, shape (size, size)
+    local : int
+        Parameters that each window has of its own: the first ones.
+    reach : tuple of ndarray, shape (size - local,), optional
+        How far the common ones may move, down and up.
+
+    Returns
+    -------
+    ndarray, shape (cells, size)
+    """
+    windows = int(window.max()) + 1
+    whole, pull = np.zeros((windows, *prior.shape)), np.zeros((windows, len(prior)))
+    np.add.at(whole, window, information)
+    np.add.at(pull, window, score)
+    every = _reduce(whole, pull, prior, local)
+    left, right = every.left.sum(axis=0) + prior[local:, local:], every.right.sum(axis=0)
+    base = every.solve(left, right)
+    common = base[0, local:]
+    low, high = reach if reach is not None else (np.full_like(common, end) for end in (-np.inf, np.inf))
+    limits = (common + np.minimum(low, 0.0), common + np.maximum(high, 0.0))
+    moved = np.zeros_like(score)
+    order = np.argsort(fold, kind="stable")
+    for cells in np.split(order, np.flatnonzero(np.diff(fold[order])) + 1):
+        touched = window[cells]
+        rest = _reduce(whole[touched] - information[cells], pull[touched] - score[cells], prior, local)
+        without = rest.solve(
+            left + (rest.left - every.left[touched]).sum(axis=0),
+            right + (rest.right - every.right[touched]).sum(axis=0),
+            limits,
+        )
+        moved[cells] = without - base[touched]
+    return moved
+
+
+class _Reduced(NamedTuple):
+    """Windows whose own parameters are eliminated, and what they say of the common ones."""
+
+    own: Array
+    gain: Array
+    left: Array
+    right: Array
+
+    def solve(self, left: Array, right: Array, limits: tuple[Array, Array] | None = None) -> Array:
+        """Return the parameters of each window and the common ones behind them, shape (windows, size)."""
+        common = np.linalg.solve(left, right) if len(right) else right
+        if limits is not None:
+            held = (common < limits[0]) | (common > limits[1])
+            if held.any():
+                common = np.clip(common, *limits)
+                free = ~held
+                rest = right[free] - left[np.ix_(free, held)] @ common[held]
+                common[free] = np.linalg.solve(left[np.ix_(free, free)], rest)
+        return np.concatenate(
+            [self.own - self.gain @ common, np.broadcast_to(common, (len(self.own), len(common)))], axis=1
+        )
+
+
+def _reduce(information: Array, score: Array, prior: Array, local: int) -> _Reduced:
+    inverse = np.linalg.inv(information[:, :local, :local] + prior[:local, :local])
+    mixed = information[:, :local, local:]
+    gain = inverse @ mixed
+    return _Reduced(
+        np.einsum("wab,wb->wa", inverse, score[:, :local]),
+        gain,
+        information[:, local:, local:] - np.einsum("wab,wac->wbc", mixed, gain),
+        score[:, local:] - np.einsum("wab,wa->wb", gain, score[:, :local]),
+    )

@@ -1,0 +1,91 @@
+"""As few soils as the data speak for: segments are joined where one soil predicts as well as several."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import blocks, held_out, smoothed_model
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.fitted_wheel import Wheel
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Standard errors by which several soils have to predict better than one to be kept.
+_SURE = 1.0
+#: Parts of a log that are left out in turn, and samples of one at least.
+_PARTS, _SHORTEST = 24, 10
+
+
+def as_few_as_predict(
+    wheels: Sequence[Wheel], progress: Callable[[str], None] = lambda _: None
+) -> tuple[list[Wheel], list[str]]:
+    """Join the segments of wheels of which one soil for each terrain predicts no worse.
+
+    A model without something that follows the drive needs a new soil at every turn; with it, one is
+    enough, and that shows only where the soils are joined.
+
+    Parameters
+    ----------
+    wheels : sequence of Wheel
+        Fitted.
+    progress : callable
+
+    Returns
+    -------
+    list of Wheel
+    list of str
+        What has to be said about it.
+    """
+    result, told = [], []
+    for wheel in wheels:
+        progress(f"one soil or several under wheel {wheel.windows.samples.wheel}")
+        one = wheel.one_soil
+        # Samples in another order would be in other blocks than those of the model compared with.
+        if one is None or np.any(np.diff(one[1]) != 1):
+            result.append(wheel)
+            continue
+        fewer = one[0]
+        part = _parts(wheel)
+        difference = _loss(fewer, wheel, part) - _loss(wheel, wheel, part)
+        error = (
+            float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
+        )
+        if float(difference.sum()) <= _SURE * error:
+            result.append(fewer)
+            samples = wheel.windows.samples
+            told.append(
+                f"{samples.source}: wheel {samples.wheel}: one soil predicts as well as those of "
+                f"{len(wheel.windows)} segments, which are taken as {len(fewer.windows)}"
+            )
+        else:
+            result.append(wheel)
+    return result, told
+
+
+def _parts(wheel: Wheel) -> Index:
+    """Cut the samples into what is left out in turn."""
+    return blocks.fine([len(wheel)], _SHORTEST if wheel.ordered else 1, most=_PARTS)[0].astype(np.intp)
+
+
+def _loss(wheel: Wheel, like: Wheel, part: Index) -> Array:
+    """Return the held-out loss by part, in units of what the second wheel leaves."""
+    scale = {}
+    for name, error in like.residuals.items():
+        level = like.noise[name].deviation
+        rms = float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else 1.0
+        scale[name] = max(level, 0.2 * rms, 1e-300) if np.isfinite(level) else max(rms, 1e-300)
+    out = held_out.predict(wheel, part, scale)
+    total = np.zeros(int(part.max(initial=0)) + 1)
+    for name, measured in wheel.measured.items():
+        error = (measured - out[name]) / scale[name]
+        error = np.where(np.isfinite(measured) & ~np.isfinite(error), smoothed_model.NO_ANSWER, error)
+        total += np.bincount(part, np.nan_to_num(smoothed_model.bounded(np.nan_to_num(error))), len(total))
+    return total

@@ -1,0 +1,152 @@
+"""What is known of the residuals of one wheel, sample by sample, and its terms in cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison.score_test import Cell
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.shapes import Shape
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Samples whose terms are computed at a time.
+_SLAB = 8192
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Derivatives of one channel's prediction by the parameters that were fitted.
+
+    Parameters
+    ----------
+    soil : ndarray, shape (n, q)
+        By those of which every group has its own.
+    common : ndarray, shape (n, m)
+        By those common to all.
+    """
+
+    soil: Array
+    common: Array
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Residuals of one wheel, and what they may follow.
+
+    Slip, load and sinkage as measured carry noise, which is in the residual and in anything computed
+    from them alike: the two would be correlated where nothing is missing. Derivatives and drivers are
+    therefore those at values interpolated from neighbouring samples (Durbin 1954), see `neighbours`.
+
+    Parameters
+    ----------
+    residuals : dict of str to ndarray, shape (n,)
+        Channel → measured less predicted; NaN where one of them is not known.
+    slopes : dict of str to Slopes
+    drivers : dict of str to ndarray, shape (n,)
+        Labels by their codes; NaN where not known.
+    group, block : ndarray of int, shape (n,)
+        Soil and block of each sample, counted over all wheels; samples of one group are contiguous.
+    """
+
+    residuals: Mapping[str, Array]
+    slopes: Mapping[str, Slopes]
+    drivers: Mapping[str, Array]
+    group: Index
+    block: Index
+
+    def __len__(self) -> int:
+        return len(self.group)
+
+    def terms(self, channel: str, shapes: Sequence[Shape], rows: slice) -> Array:
+        """Evaluate the terms of a channel: derivatives by the common parameters, then shapes.
+
+        Parameters
+        ----------
+        channel : str
+        shapes : sequence of Shape
+        rows : slice
+
+        Returns
+        -------
+        ndarray, shape (samples, m + shapes)
+        """
+        common = self.slopes[channel].common[rows]
+        out = np.zeros((len(common), common.shape[1] + len(shapes)))
+        out[:, : common.shape[1]] = common
+        for column, shape in enumerate(shapes, start=common.shape[1]):
+            if shape.name == "constant":
+                out[:, column] = 1.0
+            elif shape.driver in self.drivers:
+                out[:, column] = np.nan_to_num(shape(self.drivers[shape.driver][rows]))
+        return out
+
+    def cells(self, channel: str, shapes: Sequence[Shape], columns: Index, weight: float) -> Iterator[Cell]:
+        """Yield the samples of a channel by block and group.
+
+        Parameters
+        ----------
+        channel : str
+        shapes : sequence of Shape
+        columns : ndarray of int
+            Places of the terms among those of all channels.
+        weight : float
+
+        Yields
+        ------
+        Cell
+        """
+        residual = self.residuals.get(channel)
+        if residual is None or len(self) == 0:
+            return
+        change = (self.group[1:] != self.group[:-1]) | (self.block[1:] != self.block[:-1])
+        ends = np.append(np.flatnonzero(change) + 1, len(self))
+        known = np.isfinite(residual)
+        error = np.where(known, residual, 0.0)
+        for start in range(0, len(self), _SLAB):
+            stop = min(start + _SLAB, len(self))
+            use = known[start:stop, None]
+            terms = np.where(use, self.terms(channel, shapes, slice(start, stop)), 0.0)
+            soil = np.where(use, self.slopes[channel].soil[start:stop], 0.0)
+            inside = ends[np.searchsorted(ends, start, side="right") : np.searchsorted(ends, stop)]
+            for low, high in zip([start, *inside], [*inside, stop], strict=True):
+                part = slice(low - start, high - start)
+                yield Cell(
+                    int(self.group[low]),
+                    int(self.block[low]),
+                    columns,
+                    weight,
+                    error[low:high],
+                    soil[part],
+                    terms[part],
+                )
+
+    def less(self, channel: str, shapes: Sequence[Shape], coefficients: Array, soil: Array) -> Array:
+        """Take fitted terms and changes of the soil off a residual.
+
+        Parameters
+        ----------
+        channel : str
+        shapes : sequence of Shape
+        coefficients : ndarray, shape (m + shapes,)
+        soil : ndarray, shape (groups, q)
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        residual = self.residuals[channel].copy()
+        for start in range(0, len(self), _SLAB):
+            slab = slice(start, start + _SLAB)
+            residual[slab] -= self.terms(channel, shapes, slab) @ coefficients
+            residual[slab] -= np.einsum("nq,nq->n", self.slopes[channel].soil[slab], soil[self.group[slab]])
+        return residual

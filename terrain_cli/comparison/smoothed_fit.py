@@ -1,0 +1,367 @@
+"""Least squares on channels without their own noise: a fit that a wrong model does not lead astray.
+
+The fit of `estimation.wheel_fit` takes load, sinkage and slip for noisy and is the best there is where the
+model is right. Where something is missing it puts the blame on them: soils come out that no prior would
+allow. Here they count as exact (`quiet`), and what the model cannot explain counts as noise that lasts for
+a block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from terrain_cli.comparison import smoothed_model
+from terrain_cli.comparison.whitening import Whitening
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.smoothed_model import Data
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+    from terrain_cli.mechanics.wheel_model import Model
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+_ITERATIONS, _ROUNDS, _TRIES = 12, 2, 6
+#: Samples of a window with which a search is begun.
+_ROUGH = 400
+#: Times that a neutral soil's stiffness is corrected.
+_CARRIED = 3
+#: Change of the cost, as a share, at which the search is over.
+_SETTLED = 1e-5
+#: Share of a sinkage, and of the samples, from which on a change is more than a small one.
+_FAR = 0.1
+#: Independent values that a misfit has in a block.
+_PER_BLOCK = 4.0
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A model fitted to the samples of one wheel.
+
+    Parameters
+    ----------
+    model : Model
+    unknowns : Unknowns
+    t, common : ndarray, shape (w, q) and (m,)
+        In prior standard deviations from the prior means.
+    residual : ndarray, shape (n, c)
+        In units of the noise.
+    design : ndarray, shape (n, c, q + m)
+        Derivatives of the prediction, in the same units, by t and common.
+    spread : float
+        Variance of the misfit in units of the noise's, as it counts against the prior.
+    cost : float
+    """
+
+    model: Model
+    unknowns: Unknowns
+    t: Array
+    common: Array
+    residual: Array
+    design: Array
+    spread: float
+    cost: float
+
+    @property
+    def merit(self) -> float:
+        """Cost with the prior's part: what a search makes small."""
+        return _cost(self.residual, self.t, self.common, 1.0)
+
+    def of_samples(self, window: Index) -> dict[str, Array]:
+        """Return every parameter of some samples.
+
+        Parameters
+        ----------
+        window : ndarray of int, shape (n,)
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        return smoothed_model.parameters(self.unknowns, self.t[window], self.common, window)
+
+
+def solve(
+    model: Model, sought: Unknowns, data: Data, t: Array, common: Array, *, rounds: int = _ROUNDS
+) -> Solution:
+    """Fit a model, by the method of Levenberg and Marquardt.
+
+    Parameters
+    ----------
+    model : Model
+    sought : Unknowns
+    data : Data
+    t, common : ndarray, shape (w, q) and (m,)
+        Where the search begins.
+    rounds : int
+        Times that the misfit is weighed against the prior anew.
+
+    Returns
+    -------
+    Solution
+    """
+    low, high = _range(sought.local), _range(sought.shared)
+    t, common = np.clip(t, *low), np.clip(common, *high)
+    guess = _carrying(model, sought, data, t, common)
+    state = _linear(model, sought, data, t, common, guess)
+    spread = _spread(data, state.left)
+    for _ in range(rounds):
+        damping = 1e-3
+        cost = _cost(state.left, t, common, spread)
+        for _ in range(_ITERATIONS):
+            before = cost
+            for _ in range(_TRIES):
+                step, shift = _step(data, state, t, common, spread, damping)
+                new_t = np.clip(t + np.clip(step, -_steps(sought.local), _steps(sought.local)), *low)
+                new_common = np.clip(
+                    common + np.clip(shift, -_steps(sought.shared), _steps(sought.shared)), *high
+                )
+                trial = _linear(model, sought, data, new_t, new_common, state.sinkage)
+                if _far(trial.sinkage, state.sinkage):
+                    # Too far for one step of Newton: the soil may not carry the load at all.
+                    exact = _carrying(model, sought, data, new_t, new_common, state.sinkage)
+                    trial = _linear(model, sought, data, new_t, new_common, exact)
+                new_cost = _cost(trial.left, new_t, new_common, spread)
+                if new_cost < cost:
+                    t, common, state, cost = new_t, new_common, trial, new_cost
+                    damping = max(damping / 5.0, 1e-9)
+                    break
+                damping *= 8.0
+            if before - cost < _SETTLED * before:
+                break
+        weighed = _spread(data, state.left)
+        if abs(np.log(weighed / spread)) < 0.1:
+            break
+        spread = weighed
+        # Sinkages anew: some may have been out of reach before.
+        guess = _carrying(model, sought, data, t, common, state.sinkage)
+        state = _linear(model, sought, data, t, common, guess)
+    guess = _carrying(model, sought, data, t, common, state.sinkage)
+    state = _linear(model, sought, data, t, common, guess)
+    return Solution(
+        model,
+        sought,
+        t,
+        common,
+        state.left,
+        state.design,
+        spread,
+        float(smoothed_model.bounded(state.left).sum()),
+    )
+
+
+def search(
+    model: Model, sought: Unknowns, data: Data, beginnings: Iterable[tuple[Array | None, Array]]
+) -> Solution:
+    """Fit a model from several beginnings, of which a part of the samples chooses one.
+
+    Parameters
+    ----------
+    model : Model
+    sought : Unknowns
+    data : Data
+    beginnings : iterable of (ndarray of shape (w, q) or None, ndarray of shape (m,))
+        Soils and what is common to them; the neutral soil for None.
+
+    Returns
+    -------
+    Solution
+    """
+    rough = smoothed_model.thinned(
+        data, np.arange(0, len(data.use), max(1, len(data.use) // (_ROUGH * data.windows)))
+    )
+    tried = [
+        solve(
+            model,
+            sought,
+            rough,
+            neutral(model, sought, rough, common) if soil is None else soil,
+            common,
+            rounds=1,
+        )
+        for soil, common in beginnings
+    ]
+    best = min(tried, key=lambda one: one.merit)
+    return solve(model, sought, data, best.t, best.common)
+
+
+def neutral(model: Model, sought: Unknowns, data: Data, common: Array) -> Array:
+    """Return the soil expected before anything is known, as stiff as the measured sinkage says.
+
+    Parameters
+    ----------
+    model : Model
+    sought : Unknowns
+    data : Data
+    common : ndarray, shape (m,)
+
+    Returns
+    -------
+    ndarray, shape (w, q)
+    """
+    t = np.zeros((data.windows, len(sought.local)))
+    names = [u.name for u in sought.local]
+    if "stiffness" not in names or "sinkage" not in data.measured or model.base == "linear":
+        return t
+    column = names.index("stiffness")
+    for _ in range(_CARRIED):
+        sunk = _carrying(model, sought, data, t, common)
+        if sunk is None:
+            return t
+        with np.errstate(invalid="ignore", divide="ignore"):
+            # Twice as deep is, for an ordinary soil, nearly three times as stiff.
+            off = 1.5 * np.log(sunk / data.measured["sinkage"])
+        for label in range(data.windows):
+            own = off[(data.window == label) & data.use]
+            usual = float(np.median(own[np.isfinite(own)])) if np.isfinite(own).any() else 1.0
+            t[label, column] += np.clip(usual, -2.0, 2.0) / sought.local[column].sd
+    return np.clip(t, *_range(sought.local))
+
+
+class _State(NamedTuple):
+    """Residuals, design, and the sinkages that were predicted."""
+
+    left: Array
+    design: Array
+    sinkage: Array | None
+
+
+def _linear(
+    model: Model, sought: Unknowns, data: Data, t: Array, common: Array, guess: Array | None
+) -> _State:
+    """Return residuals and design."""
+    names = [u.name for u in (*sought.local, *sought.shared)]
+    numbers = smoothed_model.parameters(sought, t[data.window], common, data.window)
+    if guess is None:
+        found, tables = smoothed_model.forecast(model, data, numbers, names, order=smoothed_model.ORDER)
+    else:
+        found, tables, guess = smoothed_model.nearby(model, data, numbers, names, guess)
+    slope = [u.slope(t[:, j])[data.window] for j, u in enumerate(sought.local)]
+    slope += [np.full(len(data.window), float(u.slope(common[j]))) for j, u in enumerate(sought.shared)]
+    scale = np.stack(slope, axis=1) if slope else np.zeros((len(data.window), 0))
+    design = data.white({name: table * scale for name, table in tables.items()}, data.seen)
+    left = smoothed_model.residual(data, found)
+    # Where there is no answer there is no slope either.
+    design[np.all(np.abs(left) >= smoothed_model.NO_ANSWER, axis=1)] = 0.0
+    return _State(left, design, guess)
+
+
+def _carrying(
+    model: Model, sought: Unknowns, data: Data, t: Array, common: Array, guess: Array | None = None
+) -> Array | None:
+    """Return the sinkages at which the soil carries the load; None where these are given."""
+    if "sinkage" in data.inputs or model.base == "linear":
+        return None
+    numbers = smoothed_model.parameters(sought, t[data.window], common, data.window)
+    whole = replace(data, white=Whitening(("sinkage",), np.eye(1)))
+    return smoothed_model.forecast(model, whole, numbers, order=smoothed_model.ORDER, guess=guess)[0][
+        "sinkage"
+    ]
+
+
+def _far(sinkage: Array | None, before: Array | None) -> bool:
+    """Tell whether sinkages have moved so far that one step does not find them."""
+    if sinkage is None or before is None:
+        return False
+    known = np.isfinite(before)
+    near = np.abs(sinkage[known] - before[known]) <= _FAR * before[known]
+    return float(np.mean(near)) < 1.0 - _FAR if known.any() else True
+
+
+def _cost(left: Array, t: Array, common: Array, spread: float) -> float:
+    return float(smoothed_model.bounded(left).sum() / spread + (t**2).sum() + (common**2).sum())
+
+
+def _spread(data: Data, left: Array) -> float:
+    """Weigh the misfit against the prior: beyond the noise it has few independent values in a block."""
+    count = max(int(data.seen.sum()), 1)
+    ratio = float(smoothed_model.bounded(left).sum()) / count
+    beyond = max(ratio - 1.0, 0.0)
+    return 1.0 + beyond * float(max(count / (_PER_BLOCK * data.blocks * left.shape[1]), 1.0))
+
+
+def weights(left: Array) -> Array:
+    """Return the weights of Huber.
+
+    Parameters
+    ----------
+    left : ndarray
+        Residuals in units of the noise.
+
+    Returns
+    -------
+    ndarray
+        1 within `BEND`.
+    """
+    return np.asarray(np.minimum(1.0, smoothed_model.BEND / np.maximum(np.abs(left), 1e-300)))
+
+
+def moments(design: Array, left: Array, cell: Index, cells: int) -> tuple[Array, Array]:
+    """Sum up the normal equations by cell.
+
+    Parameters
+    ----------
+    design : ndarray, shape (n, c, p)
+    left : ndarray, shape (n, c)
+    cell : ndarray of int, shape (n,)
+    cells : int
+
+    Returns
+    -------
+    information : ndarray, shape (cells, p, p)
+    score : ndarray, shape (cells, p)
+    """
+    p = design.shape[2]
+    information, score = np.zeros((cells, p, p)), np.zeros((cells, p))
+    weight = weights(left)
+    order = np.argsort(cell, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
+        if len(rows) == 0:
+            continue
+        label = cell[rows[0]]
+        table = design[rows].reshape(-1, p)
+        own = weight[rows].ravel()
+        information[label] = (table * own[:, None]).T @ table
+        score[label] = table.T @ (own * left[rows].ravel())
+    return information, score
+
+
+def _step(
+    data: Data, state: _State, t: Array, common: Array, spread: float, damping: float
+) -> tuple[Array, Array]:
+    left, design, _ = state
+    q = t.shape[1]
+    information, score = moments(design, left, data.window, data.windows)
+    information /= spread
+    score /= spread
+    own = information[:, :q, :q]
+    diagonal = np.einsum("wii->wi", own)
+    own = own + np.eye(q) * (1.0 + damping * diagonal)[:, None, :] * np.eye(q)
+    inverse = np.linalg.inv(own)
+    mixed = information[:, :q, q:]
+    pull = score[:, :q] - t
+    gain = inverse @ mixed
+    shared = information[:, q:, q:].sum(axis=0)
+    shared = shared + np.diag(1.0 + damping * np.diag(shared))
+    shared -= np.einsum("wab,wac->bc", mixed, gain)
+    right = score[:, q:].sum(axis=0) - common - np.einsum("wab,wa->b", gain, pull)
+    shift = np.linalg.solve(shared, right) if len(right) else right
+    step = np.einsum("wab,wb->wa", inverse, pull) - gain @ shift
+    return step, shift
+
+
+def _range(some: Sequence[Unknown]) -> tuple[Array, Array]:
+    # Friction never drives a wheel on.
+    low = [max(u.lower, -u.mean / u.sd) if u.name == "tan_phi" else u.lower for u in some]
+    return np.array(low), np.array([u.upper for u in some])
+
+
+def _steps(some: Sequence[Unknown]) -> Array:
+    return np.array([u.step for u in some])

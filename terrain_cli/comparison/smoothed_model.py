@@ -1,0 +1,355 @@
+"""Channels without their own noise, what a model predicts from them, and what it leaves.
+
+Load, sinkage and slip are interpolated from neighbouring samples and count as exact; sinkage follows from
+the load. What is left of torque, pull and sinkage is in units of its noise, and wild values are bounded
+(Huber 1964). `smoothed_fit` fits models to them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.mechanics.dual import slopes, value
+from terrain_cli.mechanics.wheel_model import predict
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.whitening import Whitening
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
+    from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Deviations of the noise beyond which a residual weighs less.
+BEND = 3.0
+#: Residual, in deviations, where the model has no answer.
+NO_ANSWER = 10.0
+#: Nodes on each arc while parameters are sought and differentiated: forces right to 1e-4.
+ORDER = 6
+#: Samples predicted at a time.
+_SLAB = 65_536
+_STIFFNESS = "stiffness"
+#: Share of the load by which what the soil carries may be off one step from a sinkage.
+_CARRIES = 0.2
+
+
+@dataclass(frozen=True)
+class Data:
+    """Samples of one wheel, and what is to be explained of them.
+
+    Parameters
+    ----------
+    geometry : WheelGeometry
+    inputs : mapping of str to ndarray, shape (n,)
+        What a model predicts from. The sinkage is one of them only where it cannot be predicted.
+    measured : mapping of str to ndarray, shape (n,)
+    use : ndarray of bool, shape (n,)
+    white : Whitening
+        Of the channels that are explained.
+    window : ndarray of int, shape (n,)
+    windows, blocks : int
+    """
+
+    geometry: WheelGeometry
+    inputs: Mapping[str, Array]
+    measured: Mapping[str, Array]
+    use: NDArray[np.bool_]
+    white: Whitening
+    window: Index
+    windows: int
+    blocks: int
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which channels are known of which samples, shape (n, c)."""
+        return np.stack([np.isfinite(self.measured[n]) & self.use for n in self.white.channels], axis=1)
+
+
+def with_noise_of(data: Data, left: Array, fewest: int) -> Data:
+    """Take what a model leaves for the noise.
+
+    Parameters
+    ----------
+    data : Data
+    left : ndarray, shape (n, c)
+        In units of the noise as it is.
+    fewest : int
+        Samples, known in every channel, that tell it.
+
+    Returns
+    -------
+    Data
+    """
+    seen = data.seen.all(axis=1)
+    if np.count_nonzero(seen) < fewest:
+        return data
+    bounded_left = np.clip(left[seen], -BEND, BEND)
+    root = np.linalg.cholesky(data.white.covariance)
+    # No channel is taken for better than it was.
+    size, axes = np.linalg.eigh(bounded_left.T @ bounded_left / len(bounded_left))
+    scatter = (axes * np.maximum(size, 1.0)) @ axes.T
+    return replace(data, white=replace(data.white, covariance=root @ scatter @ root.T))
+
+
+def parameters(sought: Unknowns, t: Array, common: Array, window: Index) -> dict[str, Array]:
+    """Return every parameter of some samples.
+
+    Parameters
+    ----------
+    sought : Unknowns
+    t : ndarray, shape (n, q)
+        Of each sample.
+    common : ndarray, shape (m,) or (n, m)
+    window : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+    """
+    n = len(window)
+    found = {
+        name: np.broadcast_to(number, (n,)) if number.ndim == 0 else number[window]
+        for name, number in sought.fixed.items()
+    }
+    for column, unknown in enumerate(sought.local):
+        found[unknown.name] = unknown.value(t[:, column])
+    for column, unknown in enumerate(sought.shared):
+        found[unknown.name] = np.broadcast_to(unknown.value(np.asarray(common[..., column])), (n,))
+    return found
+
+
+def forecast(
+    model: Model,
+    data: Data,
+    numbers: Mapping[str, Array],
+    by: Sequence[str] = (),
+    *,
+    order: int | None = None,
+    guess: Array | None = None,
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Predict the channels, and differentiate them.
+
+    Parameters
+    ----------
+    model : Model
+    data : Data
+    numbers : mapping of str to ndarray, shape (n,)
+        Every parameter of every sample.
+    by : sequence of str
+        Parameters.
+    order : int, optional
+        Nodes on each arc.
+    guess : ndarray, shape (n,), optional
+        Sinkages near those that are sought, in m; NaN where there is none.
+
+    Returns
+    -------
+    values : dict of str to ndarray, shape (n,)
+        NaN where not predictable.
+    tables : dict of str to ndarray, shape (n, len(by))
+    """
+    names, n = data.white.channels, len(data.use)
+    given = "sinkage" if "sinkage" in data.inputs else "load"
+    # The base linear takes both; so does what is to be compared with it.
+    both = given == "sinkage" and "load" in data.inputs
+    needed = {"slip", given, *(("load",) if both else ()), *model.needs} & data.inputs.keys()
+    fine = np.ones(n, dtype=bool)
+    for name in needed:
+        fine &= np.isfinite(data.inputs[name])
+    if "sinkage" in needed:
+        fine &= data.inputs["sinkage"] > 0.0
+    found = {name: np.full(n, np.nan) for name in names}
+    tables = {name: np.zeros((n, len(by))) for name in names}
+    rows = np.flatnonzero(fine)
+    for start in range(0, len(rows), _SLAB):
+        some = rows[start : start + _SLAB]
+        # On its way a search meets soils that do not carry the load: no prediction, and no warning.
+        inputs = {name: column[some] for name, column in data.inputs.items()}
+        own = {name: column[some] for name, column in numbers.items()}
+        with np.errstate(all="ignore"):
+            if both and model.base == "wong-reece":
+                part, along = _carrying(model, data, inputs, own, by, order)
+            else:
+                along = {}
+                part = predict(
+                    model,
+                    data.geometry,
+                    inputs,
+                    own,
+                    given="sinkage" if given == "sinkage" else "load",
+                    by=by,
+                    order=order,
+                    start=None if guess is None else guess[some],
+                )
+        for name in names:
+            number = getattr(part, name)
+            if number is None:
+                continue
+            found[name][some] = value(number)
+            by_stiffness = slopes(number).get(_STIFFNESS, 0.0)
+            for column, parameter in enumerate(by):
+                slope = slopes(number).get(parameter)
+                if slope is not None:
+                    tables[name][some, column] = slope + by_stiffness * along.get(parameter, 0.0)
+    return found, {name: np.where(np.isfinite(table), table, 0.0) for name, table in tables.items()}
+
+
+def _carrying(
+    model: Model,
+    data: Data,
+    inputs: Mapping[str, Array],
+    numbers: Mapping[str, Array],
+    by: Sequence[str],
+    order: int | None,
+) -> tuple[Prediction, dict[str, Array]]:
+    """Predict from load and sinkage both: with the stiffness at which the soil carries that load there.
+
+    From either alone, torque and pull would have the noise of it, and what the base linear predicts
+    from both would look the better for that. The load carried is linear in the stiffness.
+
+    Returns
+    -------
+    Prediction
+    dict of str to ndarray
+        Derivative of the stiffness by each parameter, for the total ones.
+    """
+    known = {**numbers, _STIFFNESS: np.maximum(numbers[_STIFFNESS], 1.0)}
+    first = predict(model, data.geometry, inputs, known, by=(_STIFFNESS,), order=order).balance
+    carrying = known[_STIFFNESS] - value(first) / slopes(first)[_STIFFNESS]
+    known = {**known, _STIFFNESS: np.where(carrying > 0.0, carrying, np.nan)}
+    every = tuple(dict.fromkeys((*by, _STIFFNESS)))
+    part = predict(model, data.geometry, inputs, known, by=every, order=order)
+    steep = slopes(part.balance)[_STIFFNESS]
+    along = {name: -slopes(part.balance).get(name, 0.0) / steep for name in by}
+    return part, along
+
+
+def nearby(
+    model: Model, data: Data, numbers: Mapping[str, Array], by: Sequence[str], guess: Array
+) -> tuple[dict[str, Array], dict[str, Array], Array]:
+    """Predict from sinkages close to those at which the soil carries the load, without seeking a root.
+
+    With the load carried less the load there is b(z) at a guess z, the sinkage is z − b/b', and what
+    follows from it moves along; derivatives are total ones.
+
+    Parameters
+    ----------
+    model : Model
+        Of the base wong-reece.
+    data : Data
+    numbers : mapping of str to ndarray, shape (n,)
+    by : sequence of str
+    guess : ndarray, shape (n,)
+        Sinkages as the sensor would show them; NaN where there is no prediction.
+
+    Returns
+    -------
+    values : dict of str to ndarray, shape (n,)
+    tables : dict of str to ndarray, shape (n, len(by))
+    sinkage : ndarray, shape (n,)
+    """
+    names, n = data.white.channels, len(data.use)
+    found = {name: np.full(n, np.nan) for name in names}
+    tables = {name: np.zeros((n, len(by))) for name in names}
+    moved = np.full(n, np.nan)
+    fine = np.isfinite(guess) & (guess > 0.0)
+    for name in {"slip", "load", *model.needs} & data.inputs.keys():
+        fine &= np.isfinite(data.inputs[name])
+    rows = np.flatnonzero(fine)
+    for start in range(0, len(rows), _SLAB):
+        some = rows[start : start + _SLAB]
+        with np.errstate(all="ignore"):
+            part = predict(
+                model,
+                data.geometry,
+                {**{name: column[some] for name, column in data.inputs.items()}, "sinkage": guess[some]},
+                {name: column[some] for name, column in numbers.items()},
+                by=(*by, "sinkage"),
+                order=ORDER,
+            )
+        steep = np.broadcast_to(slopes(part.balance).get("sinkage", 0.0), (len(some),))
+        steep = np.where(np.abs(steep) > 0.0, steep, np.inf)
+        step = np.clip(-value(part.balance) / steep, -0.5 * guess[some], guess[some])
+        # So far from the load there may be no sinkage that carries it.
+        near = np.abs(value(part.balance)) <= _CARRIES * np.abs(data.inputs["load"][some])
+        # Nor one that bears less the deeper the wheel is.
+        near &= steep > 0.0
+        moved[some] = np.where(near, guess[some] + step, np.nan)
+        along = [np.broadcast_to(-slopes(part.balance).get(p, 0.0) / steep, (len(some),)) for p in by]
+        for name in names:
+            if name == "sinkage":
+                found[name][some] = guess[some] + step
+                for column, slope in enumerate(along):
+                    tables[name][some, column] = slope
+                continue
+            number = getattr(part, name)
+            by_sinkage = slopes(number).get("sinkage", 0.0)
+            found[name][some] = value(number) + by_sinkage * step
+            for column, parameter in enumerate(by):
+                tables[name][some, column] = slopes(number).get(parameter, 0.0) + by_sinkage * along[column]
+    return found, {name: np.where(np.isfinite(table), table, 0.0) for name, table in tables.items()}, moved
+
+
+def residual(data: Data, predicted: Mapping[str, Array]) -> Array:
+    """Return what is left of the channels, in units of the noise.
+
+    Parameters
+    ----------
+    data : Data
+    predicted : mapping of str to ndarray, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (n, c)
+        0 where nothing is measured; `NO_ANSWER` in every channel where something is and there is no
+        prediction.
+    """
+    seen = data.seen
+    errors = {name: data.measured[name] - predicted[name] for name in data.white.channels}
+    lost = seen & np.stack([~np.isfinite(errors[name]) for name in data.white.channels], axis=1)
+    result = data.white({name: np.nan_to_num(error) for name, error in errors.items()}, seen)
+    result[lost.any(axis=1)] = NO_ANSWER * seen[lost.any(axis=1)]
+    return result
+
+
+def bounded(errors: Array) -> Array:
+    """Return squares that grow only in proportion beyond `BEND`.
+
+    Parameters
+    ----------
+    errors : ndarray
+
+    Returns
+    -------
+    ndarray
+    """
+    size = np.abs(errors)
+    return np.where(size < BEND, size**2, BEND * (2.0 * size - BEND))
+
+
+def thinned(data: Data, rows: Index) -> Data:
+    """Keep some samples.
+
+    Parameters
+    ----------
+    data : Data
+    rows : ndarray of int
+
+    Returns
+    -------
+    Data
+    """
+    return replace(
+        data,
+        inputs={name: column[rows] for name, column in data.inputs.items()},
+        measured={name: column[rows] for name, column in data.measured.items()},
+        use=data.use[rows],
+        window=data.window[rows],
+    )

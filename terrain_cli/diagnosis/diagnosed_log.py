@@ -1,0 +1,165 @@
+"""The first steps of a diagnosis: the model as it is on the soils that the data speak for, and scores."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import blocks
+from terrain_cli.comparison import one_soil_or_several as comparison_soils
+from terrain_cli.comparison.compare import ENOUGH_RUNS, fit_wheels, of_fitted
+from terrain_cli.comparison.findings import Residuals
+from terrain_cli.comparison.fitted_wheel import Settings
+from terrain_cli.diagnosis import refits, screening, several_soils
+from terrain_cli.diagnosis.alarm import ENOUGH_BLOCKS
+from terrain_cli.estimation import estimators
+from terrain_cli.telemetry.long.excerpt import notes
+from terrain_cli.windows import joined_inputs
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison import Comparison, Finding
+    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable
+    from terrain_cli.diagnosis.refits import Ground
+    from terrain_cli.diagnosis.screening import Screened
+    from terrain_cli.effects import Effect
+    from terrain_cli.models import ModelFile
+    from terrain_cli.windows.cut_windows import Windows
+
+    Index = NDArray[np.intp]
+
+#: Correlation between neighbouring blocks for less of which they are not joined.
+_UNRELATED = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """What is asked: the model, and the effects that it may lack."""
+
+    file: ModelFile
+    effects: list[Effect]
+    seed: int
+    progress: Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Log:
+    """What is known of the data before any effect is fitted.
+
+    Parameters
+    ----------
+    data : Ground
+        The samples on the soils that were chosen, with the model as it is.
+    block : list of ndarray of int, shape (n,)
+        Block of every usable sample of each wheel.
+    comparison : Comparison
+        Of the model as it is, each segment on a soil of its own.
+    hypotheses : list of Hypothesis
+        What may be missing.
+    not_testable : list of NotTestable
+    failures : list of Finding
+        Where the model fails on these soils.
+    """
+
+    data: Ground
+    block: list[Index]
+    comparison: Comparison
+    hypotheses: Sequence[Hypothesis]
+    not_testable: list[NotTestable]
+    failures: list[Finding] = field(default_factory=list)
+    screened: Screened | None = None
+
+    @property
+    def found(self) -> Screened:
+        """The scores of all effects; there once the step `effect_scores` was taken."""
+        assert self.screened is not None  # noqa: S101 - the order of the steps
+        return self.screened
+
+
+def soils(case: Case, wheels: Sequence[Windows]) -> Log:
+    """Fit the model, and find how many soils the data speak for."""
+    read = notes([windows.samples for windows in wheels])
+    joined = joined_inputs.by_wheel(wheels, case.effects)
+    held, priors, noise = estimators.assumed(joined, case.file)
+    settings = Settings(held, priors, [name for name in case.file.shared if name not in held], noise)
+    further = tuple(dict.fromkeys(name for effect in case.effects for name in effect.reads))
+    fitted, warnings = fit_wheels(joined, case.file.model, settings, further=further, progress=case.progress)
+    few, joined_soils = comparison_soils.as_few_as_predict(fitted, case.progress)
+    comparison = of_fitted(
+        few, seed=case.seed, warnings=[*read, *warnings, *joined_soils], progress=case.progress
+    )
+    block = [one.blocks for one in comparison.wheels]
+    hypotheses, not_testable = screening.hypotheses(case.file, few, case.effects)
+    cut = refits.ground(few, block, several_soils.MOST_SAMPLES)
+    case.progress("one soil or several")
+    chosen, own = several_soils.on_fewer(cut, block, hypotheses, case.progress)
+    chosen, notes_of_soils = several_soils.on_more(chosen, own, hypotheses, case.progress)
+    if any(wheel.one_soil for wheel in chosen.wheels):
+        hypotheses, alike = screening.on_changing_soil(hypotheses)
+        not_testable = [*not_testable, *alike]
+    comparison = replace(comparison, warnings=[*comparison.warnings, *notes_of_soils])
+    return Log(
+        data=chosen, block=own, comparison=comparison, hypotheses=hypotheses, not_testable=list(not_testable)
+    )
+
+
+def scores(case: Case, log: Log) -> Log:
+    """Score every effect without a refit, on blocks long enough to be unrelated."""
+    case.progress("scoring every effect")
+    found = screening.screen(log.data.wheels, log.block, log.hypotheses, case.seed)
+    fitted = [wheel.fit for wheel in log.data.wheels]
+    other_soils = any(one.fit is not fit for one, fit in zip(log.comparison.wheels, fitted, strict=True))
+    if other_soils and (longer := _longer_blocks(log, found)):
+        log = longer
+        found = screening.screen(log.data.wheels, log.block, log.hypotheses, case.seed)
+    failures = list(log.comparison.failures)
+    if other_soils:
+        failures = _findings(log, case.seed)
+    return replace(
+        log, screened=found, failures=failures, not_testable=[*log.not_testable, *found.not_testable]
+    )
+
+
+def _longer_blocks(log: Log, found: Screened) -> Log | None:
+    """Join blocks whose scores are related; None where runs are blocks, or none are related."""
+    count = len(found.blocks)
+    runs = [wheel.windows.samples.labels.get("run") for wheel in log.data.wheels]
+    if any(label is not None and len(label.names) >= ENOUGH_RUNS for label in runs):
+        return None
+    label = blocks.merged(
+        found.blocks,
+        np.zeros(count, dtype=np.intp),
+        fewest=min(ENOUGH_BLOCKS, count),
+        independent=_UNRELATED,
+    )
+    if int(label.max(initial=0)) + 1 == count:
+        return None
+    data = replace(
+        log.data,
+        block=[label[one] for one in log.data.block],
+        data=[replace(part, blocks=int(label.max()) + 1) for part in log.data.data],
+    )
+    return replace(log, data=data, block=[label[one] for one in log.block])
+
+
+def _findings(log: Log, seed: int) -> list[Finding]:
+    """Search the residuals on other soils for findings."""
+    wheels: Sequence[Wheel] = log.data.wheels
+    levels = {name: errors.noise for name, errors in log.comparison.channels.items()}
+    scale = {
+        name: float(
+            np.sqrt(
+                np.nanmean(np.concatenate([w.residuals[name] for w in wheels if name in w.residuals]) ** 2)
+            )
+        )
+        for name in levels
+        if any(name in wheel.residuals for wheel in wheels)
+    }
+    scale = {name: size for name, size in scale.items() if size > 0.0}
+    return Residuals(wheels, log.block, scale).findings(levels, seed) if scale else []

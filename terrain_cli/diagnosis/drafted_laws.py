@@ -1,0 +1,330 @@
+"""Laws for what no effect of the catalogue explains: a quantity, one driver, and a simple shape.
+
+A draft is a file such as a user writes, units included, and goes the way of every other effect from
+there: fitted, held out, judged.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.diagnosis import signatures
+from terrain_cli.diagnosis.screening import DRIVEN_BEFORE
+from terrain_cli.effects.laws import effect_file, grammar
+from terrain_cli.effects.laws.effect_keys import LONGEST_NAME
+from terrain_cli.effects.laws.law_names import ON_DEMAND
+from terrain_cli.errors import TerrainError
+from terrain_cli.mechanics.effect import QUANTITIES
+from terrain_cli.toml import toml_text
+from terrain_cli.vocabulary.channels import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.effects import Effect
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Quantities that a draft changes: what a channel shows, then what is in the ground.
+SHOWN = tuple(UNITS)
+IN_THE_GROUND = ("tan_phi", "cohesion", "stiffness", "shear_modulus")
+#: Drivers of which no law is made: place and clock stand for something else.
+_NO_CAUSE = frozenset({"time", "x", "y", "elevation", "longitude", "latitude", "torque", "drawbar_pull"})
+#: Shapes, the plainest first.
+FORMS = ("constant", "linear", "magnitude", "quadratic", "saturating", "step", "periodic")
+ANGLE = "wheel_angle"
+#: How large a law of a quantity may well be: at least this, or this part of what was measured.
+_USUAL, _PART = {"torque": 0.3, "drawbar_pull": 3.0, "sinkage": 0.002}, 0.1
+#: The same of a property of the soil, as a part of it.
+_OF_SOIL = 0.2
+#: Part of a driver's range at which a saturating law has most of its effect.
+_BEND = 0.3
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A law that may be added.
+
+    Parameters
+    ----------
+    changes : str
+        A quantity.
+    driver : str
+        Empty for one that follows nothing.
+    form : str
+        One of `FORMS`.
+    text : str
+        The file.
+    effect : Effect
+    """
+
+    changes: str
+    driver: str
+    form: str
+    text: str
+    effect: Effect
+
+
+def drivers(wheel: Wheel) -> dict[str, Array]:
+    """Return what a draft may follow: numbers that vary and that a law can read.
+
+    Parameters
+    ----------
+    wheel : Wheel
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+    """
+    found = {}
+    no_cause = _NO_CAUSE if wheel.one_soil is None else _NO_CAUSE | {DRIVEN_BEFORE}
+    for name, driver in wheel.drivers.items():
+        known = driver.values[np.isfinite(driver.values)]
+        varies = len(known) > 0 and float(np.ptp(known)) > 1e-9 * max(float(np.abs(known).max()), 1e-300)
+        if not driver.labels and name not in no_cause and varies and grammar.written(name):
+            found[name] = driver.values
+    return found
+
+
+def screen(
+    wheel: Wheel, values: Mapping[str, Array], channels: Mapping[str, Array], rows: Index
+) -> Iterator[tuple[str, str, str, dict[str, Array]]]:
+    """Yield the signatures of all drafts without writing them.
+
+    What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves.
+
+    Parameters
+    ----------
+    wheel : Wheel
+    values : mapping of str to ndarray, shape (n,)
+        Of the drivers, at the rows.
+    channels, rows
+        As for `signatures.of_effects`.
+
+    Yields
+    ------
+    changes, driver, form : str
+    tables : dict of str to ndarray, shape (n, columns)
+        By channel.
+    """
+    shown = [name for name in SHOWN if name in wheel.measured]
+    inner = [name for name in IN_THE_GROUND if name in wheel.model.soil]
+    for changes in (*shown, *inner):
+        law = f"{changes} + a" if changes in shown else f"{changes} * (1 + a)"
+        unit = QUANTITIES[changes] if changes in shown else "1"
+        effect = effect_file.parse(_text("probe", "probe", changes, law, {"a": (unit, 0.0, 1.0)}, [], {}))
+        found = next(iter(signatures.of_effects(wheel, [effect], channels, rows)))
+        if changes in shown:
+            yield changes, "", "constant", found.tables
+        for driver, column in values.items():
+            if driver == changes:
+                continue
+            forms = ("periodic",) if driver == ANGLE else ("step",) if _on_or_off(column) else FORMS[1:-1]
+            for form in forms if changes in shown or driver != ANGLE else ():
+                shapes = _shapes(form, column, own_offset=changes in shown)
+                if shapes is not None:
+                    shapes = np.nan_to_num(shapes)
+                    yield changes, driver, form, {c: t * shapes for c, t in found.tables.items()}
+
+
+def _on_or_off(column: Array) -> bool:
+    """Whether a driver has two values, of which neither is rare: there, all forms are one."""
+    low, high = np.nanquantile(column, [0.02, 0.98])
+    return bool(high > low and np.isin(column[np.isfinite(column)], (low, high)).all())
+
+
+def _shapes(form: str, column: Array, *, own_offset: bool) -> Array | None:  # noqa: PLR0911 - one a form
+    """Return the columns of a shape: with a constant where the law has an offset of its own."""
+    low, high = (float(v) for v in np.nanquantile(column, [0.02, 0.98]))
+    one = np.ones_like(column)
+    size = _size(column)
+    if form == "periodic":
+        return np.stack([np.sin(column), np.cos(column)], axis=1)
+    if form == "linear":
+        return np.stack([column / size, one], axis=1) if own_offset else (column / size)[:, None]
+    if form == "magnitude":
+        return (np.abs(column) / size)[:, None] if low < 0.0 < high else None
+    if form == "quadratic":
+        return ((column / size) ** 2)[:, None]
+    if form == "saturating":
+        if len(np.unique(column[np.isfinite(column)][:5000])) < 4:
+            return None
+        return np.tanh(column / (_BEND * size))[:, None]
+    if form == "step":
+        at = _threshold(column)
+        return np.where(column > at, 1.0, 0.0)[:, None] if high > low else None
+    return one[:, None]
+
+
+def _size(column: Array) -> float:
+    """Return how large a driver usually gets; of one that is nearly always 0, how large it is then."""
+    usual = float(np.abs(np.nanquantile(column, [0.02, 0.98])).max())
+    return usual if usual > 0.0 else max(float(np.nanmax(np.abs(column))), 1e-300)
+
+
+def _spread(column: Array) -> float:
+    """Return by how much a driver usually differs from its middle."""
+    low, high = np.nanquantile(column, [0.02, 0.98])
+    return float(0.5 * (high - low)) or _size(column)
+
+
+def usual(changes: str, measured: Array) -> float:
+    """Return how large a law may well be.
+
+    Parameters
+    ----------
+    changes : str
+        A quantity.
+    measured : ndarray
+        What was measured of it, of any length; empty where it is none of the channels.
+
+    Returns
+    -------
+    float
+        In the quantity's SI unit; of a property of the soil as a part of it.
+    """
+    if changes not in SHOWN:
+        return _OF_SOIL
+    known = measured[np.isfinite(measured)]
+    size = float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
+    return _rounded(max(_USUAL[changes], _PART * size))
+
+
+def _threshold(column: Array) -> float:
+    """Return where a step is: between the two levels of a flag, else at the middle of the values."""
+    known = column[np.isfinite(column)]
+    levels = np.unique(known)
+    if len(levels) <= 3:
+        return float(0.5 * (levels[0] + levels[1])) if len(levels) > 1 else float(levels[0])
+    return float(np.median(known))
+
+
+def write(  # noqa: C901 - one branch for each form
+    changes: str, driver: str, form: str, column: Array | None, unit: str = "", *, usual: float
+) -> Draft | None:
+    """Write a draft.
+
+    Parameters
+    ----------
+    changes, driver, form : str
+    column : ndarray or None
+        Values of the driver.
+    unit : str
+        Of a driver that is no channel, if it is known.
+    usual : float
+        How large the law may well be.
+
+    Returns
+    -------
+    Draft or None
+        None where the units of the driver do not allow the form.
+    """
+    shown = changes in SHOWN
+    own = QUANTITIES[changes] if shown else "1"
+    of = _unit(driver, unit)
+    per = own if of in ("", "1") else f"{own}/({of})" if own != "1" else f"1/({of})"
+    size = 1.0
+    if column is not None:
+        size = _size(column)
+    read = grammar.written(driver)
+    parameters: dict[str, tuple[str, float, float]] = {}
+    if form == "constant":
+        term, parameters["a"] = "a", (own, 0.0, usual)
+    elif form == "linear":
+        term, parameters["a"] = f"a * {read}", (per, 0.0, usual / size)
+        if shown and column is not None:
+            # Of what is never near 0 the slope and the offset are large, and nearly cancel.
+            slope = _rounded(usual / _spread(column))
+            parameters["a"] = (per, 0.0, slope)
+            term, parameters["b"] = f"{term} + b", (own, 0.0, _rounded(max(usual, slope * size)))
+    elif form == "periodic":
+        term = f"a * sin({read}) + b * cos({read})"
+        parameters["a"] = parameters["b"] = (own, 0.0, usual)
+    elif form == "magnitude":
+        term, parameters["a"] = f"a * abs({read})", (per, 0.0, usual / size)
+    elif form == "quadratic":
+        squared = own if of in ("", "1") else f"{own}/({of})/({of})"
+        term, parameters["a"] = f"a * {read}^2", (squared, 0.0, usual / size**2)
+    elif form == "saturating":
+        term = f"a * tanh({read} / s)"
+        parameters["a"] = (own, 0.0, usual)
+        parameters["s"] = (of or "1", _rounded(_BEND * size), _rounded(_BEND * size))
+    else:
+        assert column is not None  # noqa: S101 - a step is of a driver
+        at = _rounded(_threshold(column)) or 1e-12
+        term = f"a * where({read} > at, 1, 0)"
+        parameters["a"] = (own, 0.0, usual)
+        parameters["at"] = (of or "1", at, 0.01 * size)
+    law = f"{changes} + {term}" if shown else f"{changes} * (1 + {term})"
+    name = _id(changes, driver, form)
+    what = changes.replace("_", " ").capitalize()
+    title = f"{what} follows {driver or 'nothing: an offset'} ({form}; empirical)"
+    columns = {driver: unit} if unit and driver not in {*CHANNELS, *ON_DEMAND} else {}
+    text = _text(name, title, changes, law, parameters, [driver] if driver else [], columns)
+    try:
+        effect = effect_file.parse(text)
+    except TerrainError:
+        return None
+    if form == "step":
+        # A threshold has no slope: it stays where it was found.
+        effect = replace(
+            effect,
+            parameters=tuple(replace(p, shape=p.name == "at" or p.shape) for p in effect.parameters),
+        )
+    return Draft(changes, driver, form, text, effect)
+
+
+def _id(changes: str, driver: str, form: str) -> str:
+    """Name a draft; of a long driver no more than there is room for."""
+    room = LONGEST_NAME - len(f"{changes}-with--{form}")
+    follows = f"with-{driver[:room]}" if driver else "offset"
+    return re.sub(r"[^a-z0-9]+", "-", f"{changes}-{follows}-{form}".lower()).strip("-")
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.3g}")
+
+
+def _unit(driver: str, unit: str) -> str:
+    channel = CHANNELS.get(driver)
+    if channel is not None and channel.unit is not None:
+        return channel.unit.symbol
+    return unit
+
+
+def _text(
+    name: str,
+    title: str,
+    changes: str,
+    law: str,
+    parameters: Mapping[str, tuple[str, float, float]],
+    needs: Sequence[str],
+    columns: Mapping[str, str],
+) -> str:
+    lines = [
+        f"id = {toml_text.value(name)}",
+        f"title = {toml_text.value(title)}",
+        f"changes = {toml_text.value(changes)}",
+        f"law = {toml_text.value(law)}",
+        f"needs = {toml_text.value(list(needs))}",
+        'reference = "empirical: drafted from the data, no physics behind it"',
+    ]
+    if columns:
+        lines += ["[columns]", *(f"{toml_text.key(k)} = {toml_text.value(v)}" for k, v in columns.items())]
+    for parameter, (unit, null, scale) in parameters.items():
+        lines += [
+            f"[parameters.{parameter}]",
+            f"unit = {toml_text.value(unit)}",
+            f"null = {toml_text.value(null)}",
+            f"scale = {toml_text.value(scale)}",
+        ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,1 @@
+"""The drive that settles what a log leaves open."""

@@ -1,0 +1,267 @@
+"""Short drives in which one or two things vary, starting from the conditions of a log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli.comparison.comparison_outcome import UNITS
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison.smoothed_model import Data
+
+    Array = NDArray[np.float64]
+
+#: Hz.
+RATE = 10.0
+#: K by which a motor is warmed.
+_WARMER = 40.0
+#: m/s, where no speed was measured.
+_SPEED = 0.1
+#: Sinkage goes with the load to this power where no model predicts it: Bekker's 2/(2n + 1) for n = 1.
+_SINKS = 2.0 / 3.0
+#: s in which a wheel goes from half of its speed to twice of it, or back.
+_SPURT = 5.0
+#: Shares of the load that are left on a lifted wheel, and that a heavy one carries.
+_LIFTED, _HEAVY = 0.1, 2.0
+#: Share of the usual speed below which a wheel that stops and turns round is left out: laws of speed are
+#: not meant for it.
+_MOVING = 0.2
+#: Turned round while the wheel drives backwards.
+_MIRRORED = ("pitch", "roll")
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What a log is like in the middle.
+
+    Parameters
+    ----------
+    load, speed, slip, sinkage : float
+        N, m/s, 1, m.
+    others : dict of str to float
+        Medians of the further channels, in SI units.
+    radius : float
+        Of the wheel in m.
+    """
+
+    load: float
+    speed: float
+    slip: float
+    sinkage: float
+    others: dict[str, float]
+    radius: float
+
+    @classmethod
+    def of(cls, data: Data) -> Conditions:
+        """Look them up.
+
+        Parameters
+        ----------
+        data : quiet.Data
+
+        Returns
+        -------
+        Conditions
+        """
+        known = {**data.measured, **data.inputs}
+        middle = {
+            name: float(np.nanmedian(column[data.use]))
+            for name, column in known.items()
+            if np.isfinite(column[data.use]).any()
+        }
+        slip = float(np.clip(round(middle["slip"], 2), 0.05, 0.6))
+        radius = data.geometry.radius
+        turning = radius * (1.0 - slip) * abs(middle.get("angular_velocity", _SPEED / radius))
+        speed = abs(middle.get("velocity", turning)) or _SPEED
+        # Without a load cell a model knows only the sinkage, and a load is but the share of what it was.
+        load = middle.get("load", 1.0)
+        return cls(load, float(np.clip(speed, 1e-3, 10.0)), slip, middle.get("sinkage", 0.0), middle, radius)
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """A drive.
+
+    Parameters
+    ----------
+    text : str
+        For a person.
+    part : dict
+        A `[[part]]` of a drive file of `terrain-est simulate`; load and speed are shares of `load` and
+        `speed` there, which are those of the conditions.
+    varies : frozenset of str
+        Channels without which it shows nothing; "speed" is that of the wheel or its centre.
+    """
+
+    text: str
+    part: dict[str, Any]
+    varies: frozenset[str] = frozenset()
+
+    def possible(self, channels: Collection[str]) -> bool:
+        """Tell whether a log has what varies.
+
+        Parameters
+        ----------
+        channels : collection of str
+
+        Returns
+        -------
+        bool
+        """
+        return self.varies <= drivers(channels) | {"load", "slip"}
+
+    def drive(self, at: Conditions) -> dict[str, Array]:
+        """Drive it, without noise.
+
+        Parameters
+        ----------
+        at : Conditions
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            time; load and slip as measured; every channel of the course, counted the way the wheel turns.
+        """
+        from terrain_cli import simulation
+        from terrain_cli.simulation import course, perfect_sensors
+
+        options = {"part": [self.part], "load": max(at.load, 0.1), "speed": at.speed}
+        scenario = simulation.read(None, options)
+        time = np.arange(0.0, scenario.duration, 1.0 / RATE)
+        ride = course.ride(scenario, course.plan(scenario), scenario.wheels[0])
+        here = {"time": time, **ride.at(time)}
+        back = np.where(here["velocity"] < 0.0, -1.0, 1.0)
+        speed = perfect_sensors.wheel_speed(np.abs(here["velocity"]), here["slip"], at.radius)
+        here |= {"angular_velocity": back * speed}
+        here |= {name: back * here[name] for name in _MIRRORED}
+        here["sinkage"] = at.sinkage * (here["load"] / scenario.load) ** _SINKS
+        moving = np.abs(here["velocity"]) > _MOVING * at.speed
+        return {name: np.asarray(column, dtype=float)[moving] for name, column in here.items()}
+
+
+def drivers(channels: Collection[str]) -> frozenset[str]:
+    """Return what drives channels: the speed for those of the wheel and its rates.
+
+    Parameters
+    ----------
+    channels : collection of str
+
+    Returns
+    -------
+    frozenset of str
+    """
+    speed = {"velocity", "angular_velocity", "wheel_angle"}
+    found = {"speed" if name in speed else name for name in channels}
+    if any(f"{name}_rate" in found for name in UNITS):
+        found.add("rates")
+    return frozenset(found)
+
+
+def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
+    """List manoeuvres, the plainest first.
+
+    Parameters
+    ----------
+    at : Conditions
+    seconds : float
+        Length of each.
+
+    Returns
+    -------
+    list of Manoeuvre
+    """
+    warm = round(at.others.get("motor_temperature", 25.0))
+    calm = {"duration": seconds, "slip": at.slip, "load": 1.0, "speed": 1.0, "motor_temperature": warm}
+    for name in ("pitch", "slip_angle"):
+        angle = round(float(np.degrees(at.others.get(name, 0.0))), 1)
+        if angle:
+            calm[f"{name}_deg"] = angle
+    around = f"for {seconds:.0f} s on the same ground"
+    here = f"at slip {at.slip:.2f}"
+    loaded = f"{at.load:.3g} N on the wheel"
+    loads = ", ".join(f"{at.load * share:.3g}" for share in (0.6, 1.0)) + f" and {at.load * 1.4:.3g} N"
+    speeds = ", ".join(f"{at.speed * share:.2g}" for share in (0.4, 1.0)) + f" and {at.speed * 2.5:.2g} m/s"
+    spurts = [0.5, 2.0] * max(2, round(seconds / (2.0 * _SPURT)))
+    sweep = [0.05, 0.6, 0.05, 0.6, 0.05]
+    quick = [max(at.slip - 0.15, 0.05), min(at.slip + 0.25, 0.7)] * max(2, round(seconds / 6.0))
+
+    def made(text: str, *varies: str, **part: Any) -> Manoeuvre:
+        whole = {name: value for name, value in {**calm, **part}.items() if value is not None}
+        return Manoeuvre(f"{text}, {around}", whole, frozenset(varies))
+
+    loading = {"steps": [1.0, 0.6, 1.4] * 2}
+    pacing = {"steps": [1.0, 0.4, 2.5] * 2}
+    return [
+        made(f"drive with {loads} on the wheel in turn, {here}", "load", load=loading),
+        made(f"drive at {speeds} in turn, {here} with {loaded}", "speed", speed=pacing),
+        made(f"sweep the slip from 0.05 to 0.6 and back, with {loaded}", "slip", slip=sweep),
+        made(f"drive up and down a slope of 12°, {here}", "pitch", pitch_deg=[0.0, 12.0, -12.0, 12.0, 0.0]),
+        made(
+            f"drive forwards and back in reverse, {here}",
+            "speed",
+            speed={"steps": [1.0, 1.0, 0.0, -1.0, -1.0]},
+        ),
+        made(
+            f"drive while the motor warms from {warm} to {warm + _WARMER:.0f} °C, {here}",
+            "motor_temperature",
+            motor_temperature=[warm, warm + _WARMER],
+        ),
+        made(
+            f"drive out, back and out again on the same track, {here}",
+            "pass_number",
+            drive="passes",
+            speed=None,
+        ),
+        made(
+            f"drive turns to either side with slip angles of up to 12°, {here}",
+            "slip_angle",
+            drive="turns",
+            slip_angle_deg=None,
+        ),
+        made(
+            f"change the slip every 3 s from {quick[0]:.2f} to {quick[1]:.2f} and back, with {loaded}",
+            "rates",
+            slip={"steps": quick},
+        ),
+        made(
+            f"accelerate and brake between {at.speed * 0.5:.2g} and {at.speed * 2.0:.2g} m/s, {here}",
+            "speed",
+            "angular_velocity_rate",
+            speed=spurts,
+        ),
+        made(
+            f"lift the wheel until {at.load * _LIFTED:.2g} N are left on it, and turn it at {speeds}",
+            "load",
+            "speed",
+            load=_LIFTED,
+            speed=pacing,
+        ),
+        made(
+            f"drive with {at.load:.3g} and {at.load * _HEAVY:.3g} N on the wheel in turn, {here}",
+            "load",
+            load={"steps": [1.0, _HEAVY] * 3},
+        ),
+        made(
+            f"sweep the slip from 0.05 to 0.6 and back with {loads} on the wheel in turn",
+            "load",
+            "slip",
+            load={"steps": [1.0, 0.6, 1.4]},
+            slip=[0.05, 0.6] * 3 + [0.05],
+        ),
+        made(
+            f"sweep the slip from 0.05 to 0.6 and back at {speeds}, at each with {loads} in turn",
+            "load",
+            "slip",
+            "speed",
+            load={"steps": [1.0, 0.6, 1.4] * 3},
+            speed={"steps": [speed for speed in (1.0, 0.4, 2.5) for _ in range(3)]},
+            slip=[0.05, 0.6] * 9 + [0.05],
+        ),
+    ]

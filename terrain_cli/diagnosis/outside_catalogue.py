@@ -1,0 +1,235 @@
+"""What no effect of the catalogue explains: a channel, a driver, and a drafted law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
+from terrain_cli.diagnosis import effect_scores as scoring
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, Unknown
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.processes import parallel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.diagnosis.drafted_laws import Draft
+    from terrain_cli.diagnosis.refits import Ground, Refit
+
+    Array = NDArray[np.float64]
+
+#: Drafts that are fitted.
+_FITTED = 6
+#: Samples that are screened.
+_MOST = 4_000
+#: Gain in the sum of squares that a further parameter has to bring to be worth it.
+_PRICE = 6.0
+#: Part of the misfit that the best effect has to leave, and a draft to take, for the draft to stand.
+_LEFT = 0.12
+#: Drivers whose noise is in the residual too.
+_QUIET = ("slip", "load", "sinkage", "velocity", "angular_velocity")
+#: A plainer draft, or one of a channel, is taken that explains as much within this share.
+_PLAINER = 0.03
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A draft that was fitted.
+
+    Parameters
+    ----------
+    draft : Draft
+    refit : Refit
+    hypothesis : Hypothesis
+    extra : list of dict of str to ndarray
+        Its driver, where that is no channel.
+    """
+
+    draft: Draft
+    refit: Refit
+    hypothesis: Hypothesis
+    extra: list[dict[str, Array]]
+
+
+def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tried]:
+    """Find the laws with one driver that explain most.
+
+    Parameters
+    ----------
+    data : Ground
+    base : Refit
+    progress : callable
+
+    Returns
+    -------
+    list of Tried
+        The best first; empty where none predicts better.
+    """
+    progress("drafting laws")
+    ranked: dict[tuple[str, str, str], float] = {}
+    columns: dict[str, Array] = {}
+    for wheel in data.wheels:
+        rows = np.arange(0, len(wheel), max(1, len(wheel) * len(data.wheels) // _MOST))
+        known = signatures.evidence(wheel, rows)
+        values = {
+            name: known.channels[name] if name in _QUIET and name in known.channels else column[rows]
+            for name, column in drafted_laws.drivers(wheel).items()
+        }
+        # What a law takes off is the same however the samples are cut into blocks.
+        one_block = np.zeros(len(rows), dtype=np.intp)
+        for changes, driver, form, tables in drafted_laws.screen(wheel, values, known.channels, rows):
+            width = next(iter(tables.values())).shape[1]
+            table = known.whitened(tables, width)
+            found, _ = scoring.scores(known.residual, known.soil, table, wheel.window[rows], one_block, 1)
+            _, _, gain = found.fit(np.arange(width))
+            key = (changes, driver, form)
+            ranked[key] = ranked.get(key, 0.0) + gain - _PRICE * width
+        for driver, column in values.items():
+            columns.setdefault(driver, column)
+    written: list[tuple[Draft, Hypothesis, list[dict[str, Array]]]] = []
+    for changes, driver, form in _varied(ranked):
+        draft = drafted_laws.write(
+            changes, driver, form, columns.get(driver), _unit(data, driver), usual=_usual(data, changes)
+        )
+        if draft is None or signatures.possible(data.wheels[0].model, draft.effect):
+            continue
+        model = data.wheels[0].model
+        one = Hypothesis(
+            draft.effect.id,
+            draft.effect.title,
+            Model(model.base, (*model.effects, draft.effect)),
+            effects=(draft.effect,),
+        )
+        written.append((draft, one, _extra(data, driver)))
+    tried = parallel.each(
+        partial(_tried, data), written, lambda one: progress(f"fitting the draft {one[0].effect.id}")
+    )
+    tried.sort(key=lambda one: float(one.refit.loss.sum()))
+    return _plainest(tried, base)
+
+
+def _tried(data: Ground, written: tuple[Draft, Hypothesis, list[dict[str, Array]]]) -> Tried:
+    draft, one, extra = written
+    return Tried(draft, refits.refit(data, one, extra), one, extra)
+
+
+def _unit(data: Ground, driver: str) -> str:
+    return next((w.drivers[driver].unit for w in data.wheels if driver in w.drivers), "")
+
+
+def _usual(data: Ground, changes: str) -> float:
+    measured = [part.measured[changes][part.use] for part in data.data if changes in part.measured]
+    return drafted_laws.usual(changes, np.concatenate(measured) if measured else np.empty(0))
+
+
+def _extra(data: Ground, driver: str) -> list[dict[str, Array]]:
+    """Return the driver where it is none of the channels that models read, nor what they predict."""
+    return [
+        {driver: wheel.drivers[driver].values[rows]}
+        if driver in wheel.drivers and driver not in {*part.inputs, *part.measured}
+        else {}
+        for wheel, rows, part in zip(data.wheels, data.rows, data.data, strict=True)
+    ]
+
+
+def _varied(ranked: dict[tuple[str, str, str], float]) -> list[tuple[str, str, str]]:
+    """Choose the best, of each quantity and driver at most two forms."""
+    chosen: list[tuple[str, str, str]] = []
+    for key in sorted(ranked, key=lambda key: -ranked[key]):
+        same = sum(other[:2] == key[:2] for other in chosen)
+        if ranked[key] > 0.0 and same < 2:
+            chosen.append(key)
+        if len(chosen) == _FITTED:
+            break
+    return chosen
+
+
+def _plainest(tried: list[Tried], base: Refit) -> list[Tried]:
+    """Put in front a draft of a channel, or a plainer one, that explains nearly as much."""
+    if not tried:
+        return tried
+    gains = [float((base.loss - one.refit.loss).sum()) for one in tried]
+    if gains[0] <= 0.0:
+        return []
+    near = [one for one, gain in zip(tried, gains, strict=True) if gain >= (1.0 - _PLAINER) * gains[0]]
+    first = min(
+        near,
+        key=lambda one: (
+            one.draft.changes not in drafted_laws.SHOWN,
+            drafted_laws.FORMS.index(one.draft.form),
+        ),
+    )
+    return [first, *(one for one in tried if one is not first)]
+
+
+def beats(tried: Sequence[Tried], effect: Refit) -> bool:
+    """Tell whether a draft predicts better than an effect, beyond chance.
+
+    Parameters
+    ----------
+    tried : sequence of Tried
+        The best first.
+    effect : Refit
+
+    Returns
+    -------
+    bool
+    """
+    return bool(tried) and refit_ranking.beats(tried[0].refit, effect)
+
+
+def verdict(
+    base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence[str]
+) -> tuple[Unknown | None, bool]:
+    """Tell whether a draft explains what no effect does.
+
+    Parameters
+    ----------
+    base, effect : Refit
+        Without anything, and with the best effect of the catalogue.
+    tried : sequence of Tried
+        The best first.
+    family : sequence of str
+
+    Returns
+    -------
+    unknown : Unknown or None
+        A draft that predicts better than every effect.
+    alone : bool
+        Whether the effects leave so much that they are none of the story.
+    """
+    if not tried:
+        return None, False
+    count = sum(int(np.count_nonzero(one)) for one in base.residuals)
+    misfit = float(base.loss.sum()) - min(count, float(min(effect.loss.sum(), tried[0].refit.loss.sum())))
+    left = float((effect.loss - tried[0].refit.loss).sum())
+    if misfit <= 0.0 or left <= 0.0 or (family and not beats(tried, effect)):
+        return None, False
+    draft = tried[0].draft
+    explained = float(np.clip((base.loss - tried[0].refit.loss).sum() / misfit, 0.0, 1.0))
+    channel = draft.changes if draft.changes in drafted_laws.SHOWN else _channel(base, tried[0].refit)
+    errors = [one.heldout[channel] ** 2 for one in (base, effect, tried[0].refit)]
+    # Where noise lasts, a misfit that lasts weighs little, and a small one that does not, as much as that.
+    much = errors[1] - errors[2] >= _LEFT * (errors[0] - errors[2])
+    alone = not family or (left >= _LEFT * misfit and much)
+    follows = f"follows {draft.driver.replace('_', ' ')}" if draft.driver else "is off by a constant"
+    head = "No effect of the catalogue explains it" if alone else "A law of one driver predicts it better"
+    sentence = (
+        f"{head}: {channel.replace('_', ' ')} {follows} ({draft.form}), "
+        f"which accounts for {explained:.0%} of the misfit."
+    )
+    return Unknown(channel, draft.driver, draft.form, explained, sentence, draft.text), alone
+
+
+def _channel(base: Refit, refit: Refit) -> str:
+    """Return the channel whose held-out error falls most, in units of its noise."""
+    falls = {
+        name: base.heldout[name] / refit.heldout[name] for name in refit.heldout if refit.heldout[name] > 0.0
+    }
+    return max(falls, key=lambda name: falls[name])

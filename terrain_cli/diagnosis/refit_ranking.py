@@ -1,0 +1,127 @@
+"""What can be said of models that were fitted: which is better, and which could be in nature."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.comparison import smoothed_covariance
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
+    from terrain_cli.diagnosis.refits import Ground, Refit
+
+    Array = NDArray[np.float64]
+
+#: Standard errors by which a model has to be better than another, and within which it is as good.
+_SURE, _EQUAL = 2.0, 1.0
+
+
+def error(difference: Array) -> float:
+    """Return the standard error of a sum over blocks.
+
+    Parameters
+    ----------
+    difference : ndarray, shape (blocks,)
+
+    Returns
+    -------
+    float
+        Infinite where there is but one block.
+    """
+    return float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
+
+
+def beats(one: Refit, other: Refit) -> bool:
+    """Tell whether one model predicts better than another, beyond chance.
+
+    Parameters
+    ----------
+    one, other : Refit
+
+    Returns
+    -------
+    bool
+    """
+    gain = other.loss - one.loss
+    return float(gain.sum()) > _SURE * error(gain)
+
+
+def as_good(one: Refit, other: Refit) -> bool:
+    """Tell whether one model predicts no worse than another.
+
+    Parameters
+    ----------
+    one, other : Refit
+
+    Returns
+    -------
+    bool
+    """
+    difference = one.loss - other.loss
+    return float(difference.sum()) <= _EQUAL * error(difference)
+
+
+def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
+    """Tell whether a parameter of an effect ran to the end of what it can be.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+    one : Refit
+
+    Returns
+    -------
+    bool
+    """
+    own = hypothesis.parameters
+    for solution in one.solutions:
+        for column, unknown in enumerate(solution.unknowns.shared):
+            parameter = own.get(unknown.name)
+            if parameter is None or parameter.shape:
+                continue
+            if parameter.at_bound(float(unknown.value(solution.common[column]))):
+                return True
+    return False
+
+
+def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
+    """Tell whether an effect went, beyond doubt, to where nature has none: friction that drives, say.
+
+    Parameters
+    ----------
+    data : Ground
+    hypothesis : Hypothesis
+    one : Refit
+
+    Returns
+    -------
+    bool
+    """
+    bounded = [effect for effect in hypothesis.effects if effect.limits]
+    for part, solution in zip(data.data, one.solutions, strict=True) if bounded else ():
+        _, covariance = smoothed_covariance.covariance(part, solution)
+        fitted = zip(solution.unknowns.shared, solution.common, strict=True)
+        values = {unknown.name: float(unknown.value(place)) for unknown, place in fitted}
+        if any(any(effect.imitations(values, covariance)) for effect in bounded):
+            return True
+    return False
+
+
+def incredible(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
+    """Tell whether an effect ran to the end of what it can be, or to where nature has none.
+
+    Parameters
+    ----------
+    data : Ground
+    hypothesis : Hypothesis
+    one : Refit
+
+    Returns
+    -------
+    bool
+    """
+    return at_bounds(hypothesis, one) or imitates(data, hypothesis, one)

@@ -1,0 +1,181 @@
+"""A diagnosis in words."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from terrain_cli.comparison.comparison_outcome import FEWEST_BLOCKS
+from terrain_cli.comparison.finding_sentences import ABOVE, beyond_noise, missed
+from terrain_cli.models import STRESSES
+from terrain_cli.vocabulary.english import counted, listed
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from terrain_cli.comparison import Finding
+    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, Size
+
+#: Times its noise from which on the error of a channel is a misfit, whatever can be told of it.
+_GROSS = 1.5
+#: Part of the size of a channel from which on an error is large, where no noise is known.
+_LARGE = 0.2
+#: Part of the misfit that a finding told of the channel that is missed most must account for.
+_TOLD = 0.2
+#: Part of the largest error beyond noise, in terms of it, from which on a channel is among those missed.
+_STANDS_OUT = 0.5
+#: How a verdict ends where a law of its own was drafted.
+OFFER = "--draft FILE.toml writes the law."
+
+
+def verdict(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection[str] = ()) -> str:
+    """Say the verdict to a person, and what to do next.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    failures : sequence of Finding
+        Of the model on the soils of the diagnosis, the strongest first.
+    changed : collection of str
+        Channels that what is most likely missing changes by itself, without the soil.
+
+    Returns
+    -------
+    str
+    """
+    if diagnosis.verdict == "none":
+        if diagnosis.alarm.p_value < diagnosis.alarm.level:
+            return (
+                "Something stands out, but nothing that is added predicts held-out data better: leave the "
+                "model as it is."
+            )
+        beyond = beyond_noise(diagnosis.comparison, _GROSS) or _too_few(diagnosis)
+        return (
+            f"{beyond[0].upper()}{beyond[1:]}."
+            if beyond
+            else "Nothing is missing that these data could show."
+        )
+    seen = _seen(diagnosis, failures, changed)
+    if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
+        return f"{seen}{diagnosis.unknown.sentence} {OFFER}"
+    named = {one.effect: one for one in diagnosis.candidates}
+    first = named[diagnosis.family[0]]
+    if diagnosis.verdict == "effect":
+        return (
+            f"{seen}Most likely {_told(first)}; add it with: "
+            f"terrain-est model add FILE {first.effect} --data INPUT…"
+        )
+    return seen + _family(diagnosis, first)
+
+
+def _family(diagnosis: Diagnosis, first: Candidate) -> str:
+    """Say what remains of several effects, or of one that is not sure."""
+    others = list(diagnosis.family[1:])
+    better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
+    told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
+    if diagnosis.together:
+        add = f"add both with: terrain-est model add FILE {' '.join(diagnosis.together)} --data INPUT…"
+        better = f" Two effects together explain more than any alone; {add}"
+        if first.effect == STRESSES == diagnosis.together[0]:
+            return f"{told} together with {listed(others, 'or')} explain more than any effect alone; {add}"
+        if {*diagnosis.together} == {first.effect, *others}:
+            both = listed(diagnosis.together)
+            return f"{both[0].upper()}{both[1:]} together explain more than any effect alone; {add}"
+    if not others:
+        blocks = diagnosis.comparison.blocks
+        doubt = (
+            f"{blocks} independent stretches of data are too few to be sure of the name"
+            if blocks < FEWEST_BLOCKS
+            else "something is left over, or this very drive would not show it often enough to be sure of "
+            "the name"
+        )
+        return f"Probably {_told(first)}, but {doubt}.{better}"
+    return f"{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
+
+
+def _too_few(diagnosis: Diagnosis) -> str:
+    """Say by how much the model is off where there are too few data to tell noise from what is missing."""
+    blocks = diagnosis.comparison.blocks
+    off = [
+        f"{one.name.replace('_', ' ')} by {one.nrmse:.0%}"
+        for one in diagnosis.comparison.channels.values()
+        if not math.isfinite(one.noise) and one.nrmse > _LARGE
+    ]
+    if blocks >= FEWEST_BLOCKS or not off:
+        return ""
+    table = (
+        "; the table shows what each effect would leave"
+        if any(one.refitted for one in diagnosis.candidates)
+        else ""
+    )
+    data = counted(blocks, "independent stretch", "es")
+    return f"the model misses {listed(off)} of its size, which {data} of data cannot tell from chance{table}"
+
+
+def with_draft(sentence: str, path: str) -> str:
+    """Say where the law of a verdict is, once it was written.
+
+    Parameters
+    ----------
+    sentence : str
+        From `verdict`.
+    path : str
+
+    Returns
+    -------
+    str
+    """
+    return sentence.replace(OFFER, f"The law is in {path}.")
+
+
+def _seen(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection[str]) -> str:
+    """Say where the model fails, in a channel where who looks at it finds it.
+
+    The soil that is fitted spreads a misfit: what is wrong in one channel may be explained best by
+    something in another, of a size that nobody measured there.
+    """
+    if not failures:
+        return ""
+    first = failures[0]
+    ratios = {
+        name: diagnosis.heldout[name] / errors.noise
+        for name, errors in diagnosis.comparison.channels.items()
+        if name in diagnosis.heldout and errors.noise > 0.0
+    }
+    most = max(ratios, key=lambda name: ratios[name], default="")
+    if first.channel in changed or ratios.get(most, 0.0) < ABOVE:
+        told = [first]
+    else:
+        least = 1.0 + _STANDS_OUT * (ratios[most] - 1.0)
+        there = [one for one in failures if ratios.get(one.channel, math.inf) >= least]
+        told = [one for one in there if one is first or one.share >= _TOLD]
+    sentence = told[0].sentence if told else missed(most, diagnosis.heldout[most])
+    return f"{sentence[0].upper()}{sentence[1:]}. "
+
+
+def _told(one: Candidate) -> str:
+    sizes = sizes_text(one, " = ")
+    return f"{one.effect} ({sizes})" if sizes else one.effect
+
+
+def sizes_text(one: Candidate, sign: str = " ") -> str:
+    """Write the parameters of a candidate, as far as the data tell them.
+
+    Parameters
+    ----------
+    one : Candidate
+    sign : str
+        Between name and value.
+
+    Returns
+    -------
+    str
+    """
+    known = {name: size for name, size in one.sizes.items() if math.isfinite(size.value)}
+    return ", ".join(f"{name}{sign}{_text(size)}" for name, size in known.items())
+
+
+def _text(size: Size) -> str:
+    unit = "" if size.unit in ("", "1") else f" {size.unit}"
+    error = f" ± {size.se:.2g}" if size.se == size.se else ""
+    return f"{size.value:.3g}{error}{unit}"

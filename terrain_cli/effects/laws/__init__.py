@@ -1,0 +1,1 @@
+"""Laws of users: read from a text, checked, and evaluated."""

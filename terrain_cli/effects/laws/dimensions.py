@@ -1,0 +1,269 @@
+"""Units of a user's effect: what a text such as ``N s/rad`` is in SI.
+
+A dimension is a product of powers of kg, m, s, K and A. Angles are plain numbers. The stiffness of
+Bekker's law is in Pa/m^n with n the sinkage exponent, so m^n stands beside them as if it were a
+unit of its own.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from dataclasses import dataclass
+from fractions import Fraction
+from math import tau
+from typing import NoReturn
+
+from terrain_cli.errors import ConfigurationError
+from terrain_cli.vocabulary import units
+
+_BASE = ("kg", "m", "s", "K", "A", "m^n")
+#: Bounds of the text of a unit: characters, brackets, powers.
+_LONGEST = 60
+_DEEPEST = 5
+_HIGHEST = 12
+#: Largest size, over that of the SI unit.
+_LARGEST = 1e30
+_FORM = "such as N s/rad, kPa, Pa/m^1.5, %/K or N/(m/s); 1 for a plain number"
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """A product of powers.
+
+    Parameters
+    ----------
+    powers : tuple of Fraction
+        Of kg, m, s, K, A and m^n.
+    """
+
+    powers: tuple[Fraction, ...] = (Fraction(0),) * len(_BASE)
+
+    def __mul__(self, other: Dimension) -> Dimension:
+        """Multiply."""
+        return Dimension(tuple(a + b for a, b in zip(self.powers, other.powers, strict=True)))
+
+    def __truediv__(self, other: Dimension) -> Dimension:
+        """Divide."""
+        return self * other ** Fraction(-1)
+
+    def __pow__(self, exponent: Fraction) -> Dimension:
+        """Raise to a power."""
+        return Dimension(tuple(power * exponent for power in self.powers))
+
+    def __str__(self) -> str:
+        """Return its common SI unit, or its base units."""
+        return _COMMON.get(self) or " ".join(
+            unit if power == 1 else f"{unit.replace('m^n', '(m^n)')}^{power}"
+            for unit, power in zip(_BASE, self.powers, strict=True)
+            if power
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """What a unit is in SI.
+
+    Parameters
+    ----------
+    factor : float
+        SI value of one.
+    dimension : Dimension
+    """
+
+    factor: float
+    dimension: Dimension
+
+    def __mul__(self, other: Scale) -> Scale:
+        """Multiply."""
+        return Scale(self.factor * other.factor, self.dimension * other.dimension)
+
+    def __truediv__(self, other: Scale) -> Scale:
+        """Divide."""
+        return Scale(self.factor / other.factor, self.dimension / other.dimension)
+
+    def __pow__(self, exponent: Fraction) -> Scale:
+        """Raise to a power."""
+        return Scale(self.factor ** float(exponent), self.dimension**exponent)
+
+
+def _of(**powers: int) -> Dimension:
+    return Dimension(tuple(Fraction(powers.get(unit, 0)) for unit in _BASE))
+
+
+PLAIN = _of()
+METRE = _of(m=1)
+SECOND = _of(s=1)
+#: m^n, with n the sinkage exponent.
+METRE_TO_N = Dimension((*PLAIN.powers[:-1], Fraction(1)))
+#: By the dimensions of `terrain_cli.units`.
+_MEASURES = {
+    "length": METRE,
+    "angle": PLAIN,
+    "coordinate": PLAIN,
+    "force": _of(kg=1, m=1, s=-2),
+    "torque": _of(kg=1, m=2, s=-2),
+    "angular speed": _of(s=-1),
+    "speed": _of(m=1, s=-1),
+    "acceleration": _of(m=1, s=-2),
+    "current": _of(A=1),
+    "temperature": _of(K=1),
+    "time": SECOND,
+    "pressure": _of(kg=1, m=-1, s=-2),
+    "mass": _of(kg=1),
+    "ratio": PLAIN,
+}
+#: Units of parameters that no channel has.
+_FURTHER = {
+    "MPa": Scale(1e6, _MEASURES["pressure"]),
+    "J": Scale(1.0, _MEASURES["torque"]),
+    "W": Scale(1.0, _of(kg=1, m=2, s=-3)),
+    "V": Scale(1.0, _of(kg=1, m=2, s=-3, A=-1)),
+    "Hz": Scale(1.0, _of(s=-1)),
+    "rev": Scale(tau, PLAIN),
+    "1": Scale(1.0, PLAIN),
+}
+_SYMBOL = re.compile(r"1(?![0-9.])|°[A-Za-z]?|%|[A-Za-zμ]+")
+_POWER = re.compile(
+    r"\^?(?P<number>[+-]?[0-9]{1,4}(?:\.[0-9]{1,4})?)"
+    r"|\^(?:\((?P<open>n)?(?P<more>[+-]?[0-9]{1,4}(?:\.[0-9]{1,4}|/[1-9][0-9]?)?)?\)|(?P<n>n)(?![A-Za-z]))"
+)
+_JOINT = re.compile(r"\s*/\s*|\s*[·*⋅∙]\s*|\s+(?!\))|\.(?=[A-Za-z])")
+
+
+def parse(text: str) -> Scale:
+    """Read the text of a unit.
+
+    Parameters
+    ----------
+    text : str
+        Symbols with powers, joined by spaces or dots, and divided by /: ``N s/rad``, ``kPa``,
+        ``Pa/m^1.5``, ``%/K``, ``N/(m/s)``, ``Pa/m^n``; ``1`` or nothing for a plain number.
+
+    Returns
+    -------
+    Scale
+        K and °C are both a step of one kelvin.
+
+    Raises
+    ------
+    ConfigurationError
+        It is no unit.
+    """
+    return _UnitReader(text).unit()
+
+
+class _UnitReader:
+    """Reads the text of a unit from left to right."""
+
+    def __init__(self, text: str) -> None:
+        self.whole = text.strip()
+        plain = unicodedata.normalize("NFKC", self.whole[: 2 * _LONGEST].replace("º", "°"))
+        self.text = plain.replace("−", "-").replace("**", "^")
+        self.place = self.depth = 0
+
+    def fail(self, problem: str, advice: str = _FORM) -> NoReturn:
+        shown = self.whole if len(self.whole) <= _LONGEST else self.whole[: _LONGEST - 1] + "…"
+        raise ConfigurationError(f"{shown!r} {problem}", hint=advice)
+
+    def take(self, pattern: re.Pattern[str]) -> re.Match[str] | None:
+        match = pattern.match(self.text, self.place)
+        if match:
+            self.place = match.end()
+        return match
+
+    def unit(self) -> Scale:
+        if len(self.whole) > _LONGEST:
+            self.fail(f"is longer than {_LONGEST} characters")
+        if self.text in {"", "-"}:
+            return Scale(1.0, PLAIN)
+        scale = self.product()
+        if self.place < len(self.text):
+            self.fail("is not a known unit: there is a ) too many")
+        if any(abs(power) > _HIGHEST for power in scale.dimension.powers):
+            self.fail(f"is not a unit: powers go up to {_HIGHEST}")
+        if not 1.0 / _LARGEST <= scale.factor <= _LARGEST:
+            self.fail("is not a unit: its size is beyond all bounds")
+        return scale
+
+    def product(self) -> Scale:
+        scale, divided = self.factor(), False
+        while self.place < len(self.text) and self.text[self.place] != ")":
+            joint = self.take(_JOINT)
+            if joint is None:
+                self.fail(f"is not a known unit from {self.text[self.place :]!r} on")
+            if "/" in joint[0]:
+                scale, divided = scale / self.factor(), True
+            elif divided:
+                self.fail("can be read in two ways", "put all that divides into brackets: N/(m s)")
+            else:
+                scale = scale * self.factor()
+        return scale
+
+    def factor(self) -> Scale:
+        if self.text.startswith("(", self.place):
+            self.place += 1
+            self.depth += 1
+            if self.depth > _DEEPEST:
+                self.fail("has too many brackets")
+            scale = self.product()
+            if not self.text.startswith(")", self.place):
+                self.fail("has a ( that is never closed")
+            self.place += 1
+            self.depth -= 1
+            return scale
+        symbol = self.take(_SYMBOL)
+        if symbol is None:
+            self.fail(f"is not a known unit from {self.text[self.place :]!r} on")
+        return self.raised(self.known(symbol[0]), self.take(_POWER))
+
+    def known(self, symbol: str) -> Scale:
+        if symbol in _FURTHER:
+            return _FURTHER[symbol]
+        unit = units.parse(symbol)
+        if unit is None:
+            advice = "write kg or m/s^2: g is a mass to some and an acceleration to others"
+            what = "" if symbol == self.whole else f": {symbol!r}"
+            self.fail(f"is not a known unit{what}", advice if symbol == "g" else _FORM)
+        return Scale(unit.factor, _MEASURES[unit.dimension])
+
+    def raised(self, scale: Scale, power: re.Match[str] | None) -> Scale:
+        if power is None:
+            return scale
+        number = Fraction(power["number"] or power["more"] or 0)
+        if abs(number) > _HIGHEST:
+            self.fail(f"is not a unit: powers go up to {_HIGHEST}")
+        raised = scale**number
+        if not (power["open"] or power["n"]):
+            return raised
+        if scale != Scale(1.0, METRE):
+            self.fail("is not a unit: only m can have the power n, the sinkage exponent")
+        return raised * Scale(1.0, METRE_TO_N)
+
+
+_COMMON = {PLAIN: "a plain number"} | {
+    parse(text).dimension: text
+    for text in (
+        *(
+            "kg",
+            "m",
+            "s",
+            "K",
+            "A",
+            "m²",
+            "m/s",
+            "m/s²",
+            "1/s",
+            "1/s²",
+            "1/m",
+            "1/K",
+            "N",
+            "N m",
+            "Pa",
+            "W",
+            "V",
+        ),
+        *("N/m", "N s", "N s/m", "N m s", "N m s²", "N/K", "N m/K", "N m/A", "1/N", "1/Pa", "Pa/m"),
+        *("Pa s", "Pa/m^n", "Pa/m^(n-1)", "kg/m³", "N/m³", "s/m", "s²/m"),
+    )
+}

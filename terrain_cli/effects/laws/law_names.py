@@ -1,0 +1,201 @@
+"""The names that a user's law may read: of channels, of the model's quantities, of the wheel."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from terrain_cli.effects.laws.expression import FUNCTIONS
+from terrain_cli.effects.laws.grammar import RESERVED
+from terrain_cli.errors import nearest
+from terrain_cli.mechanics.effect import QUANTITIES
+from terrain_cli.vocabulary.channels import CHANNELS, LABEL
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+#: Always known, whatever is measured.
+OF_THE_WHEEL = {"wheel_radius": "m", "width": "m", "gravity": "m/s²"}
+#: To be listed among the needs: rover.toml may lack them, and only a log with time has a wheel's angle.
+ON_DEMAND = {"grouser_height": "m", "grouser_count": "1", "wheel_angle": "rad"}
+#: Known once the radius is; at the nodes under the rim; with the shear stress.
+ENTRY_ANGLE = {"entry_angle": "rad"}
+UNDER_THE_RIM = {"angle": "rad", "depth": "m"}
+SHEARED = {"shear_displacement": "m"}
+
+_STRESSES = ("normal_stress", "shear_stress")
+_FORCES = ("torque", "drawbar_pull")
+_RATE = "_rate"
+_MEASURED = "measured_"
+
+
+def reached(changes: str) -> dict[str, str]:
+    """Return what is known without being listed among the needs when a quantity is changed.
+
+    Parameters
+    ----------
+    changes : str
+        One of `QUANTITIES`.
+
+    Returns
+    -------
+    dict of str to str
+        Name → unit: what the model has computed by then, and the wheel's constants.
+    """
+    order = list(QUANTITIES)
+    known = order[: order.index(changes) + 1]
+    if changes == "slip":
+        known.append("load")
+    if changes in _FORCES:
+        # Both are known before either is changed; the stresses are integrated and gone.
+        known = [name for name in order if name not in _STRESSES]
+    units = {name: QUANTITIES[name] for name in known} | OF_THE_WHEEL
+    if order.index(changes) > order.index("radius"):
+        units |= ENTRY_ANGLE
+    if changes in _STRESSES:
+        units |= UNDER_THE_RIM
+    if changes == "shear_stress":
+        units |= SHEARED
+    return units
+
+
+def measured(needs: Collection[str], columns: Mapping[str, str]) -> dict[str, str]:
+    """Return what a law may read because its effect needs it.
+
+    Parameters
+    ----------
+    needs : collection of str
+    columns : mapping of str to str
+        Units of further columns, where they are stated.
+
+    Returns
+    -------
+    dict of str to str
+        Name → unit. The torque and the drawbar pull are `measured_torque` and `measured_drawbar_pull`.
+    """
+    return {_MEASURED + name if name in _FORCES else name: _unit(name, columns) for name in needs}
+
+
+def is_column(name: str) -> bool:
+    """Say whether a need is a further column, or the rate of one, and not a channel.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    bool
+    """
+    return not {name, name.removesuffix(_RATE)} & (CHANNELS.keys() | ON_DEMAND.keys())
+
+
+def _unit(name: str, columns: Mapping[str, str]) -> str:
+    if name in columns or name in ON_DEMAND:
+        return columns.get(name) or ON_DEMAND.get(name, "1")
+    channel = CHANNELS.get(name)
+    if channel is not None and channel.unit is not None:
+        return channel.unit.symbol
+    if name.endswith(_RATE):
+        return f"{_unit(name.removesuffix(_RATE), columns) or 1}/s"
+    return "1"
+
+
+def refused_need(name: str) -> str:  # noqa: PLR0911 - one for each reason
+    """Say why a name cannot be among the needs of an effect.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+        Nothing if it can.
+    """
+    if name in OF_THE_WHEEL:
+        return f"{name} is always known"
+    if name in ENTRY_ANGLE:
+        return "entry_angle follows from the sinkage and is always known"
+    if name in _of_the_model() - CHANNELS.keys():
+        return f"{name} is a quantity of the model, which nothing measures"
+    if name.removeprefix(_MEASURED) in _FORCES and name.startswith(_MEASURED):
+        return f"the channel is {name.removeprefix(_MEASURED)}"
+    channel = CHANNELS.get(name) or CHANNELS.get(name.removesuffix(_RATE))
+    if channel is not None and channel.dimension == LABEL:
+        return f"{channel.name} is a label, not a number"
+    if name in RESERVED:
+        return f"{name} is a word of the language of laws"
+    return ""
+
+
+def refused_parameter(name: str) -> str:
+    """Say whose name a parameter would take.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+        Nothing if it is free.
+    """
+    if name in RESERVED:
+        return "a word of the language of laws"
+    if name in CHANNELS or name in ON_DEMAND:
+        return "a channel"
+    if name in _of_the_model() or name in OF_THE_WHEEL:
+        return "a quantity of the model"
+    if name.removesuffix(_RATE) in CHANNELS or name.removeprefix(_MEASURED) in CHANNELS:
+        return "a channel"
+    return ""
+
+
+def _of_the_model() -> set[str]:
+    return QUANTITIES.keys() | UNDER_THE_RIM.keys() | SHEARED.keys()
+
+
+def unreadable(name: str, changes: str, known: Collection[str], needs: Collection[str]) -> tuple[str, str]:
+    """Say why a law cannot read a name, and what to do about it.
+
+    Parameters
+    ----------
+    name : str
+    changes : str
+        What the law changes.
+    known : collection of str
+        All that it can read.
+    needs : collection of str
+        As the effect lists them.
+
+    Returns
+    -------
+    problem, advice : str
+    """
+    channel = name.removeprefix(_MEASURED) if name.removeprefix(_MEASURED) in _FORCES else name
+    if name in _FORCES and changes not in _FORCES:
+        return (
+            f"{name} is not known yet where {changes} is changed",
+            f"the sensor's is {_MEASURED}{name}, with {_needs(needs, name)}",
+        )
+    if name in ENTRY_ANGLE or name in _of_the_model() - CHANNELS.keys():
+        return (
+            f"{name} is not known where {changes} is changed",
+            f"known there: {', '.join(reached(changes))}",
+        )
+    if refused_need(channel):
+        return refused_need(channel), ""
+    if not is_column(channel):
+        return f"{name} is read and not listed in needs", _needs(needs, channel)
+    everything = {*known, *CHANNELS, *FUNCTIONS} - {
+        name for name, channel in CHANNELS.items() if channel.dimension == LABEL
+    }
+    return (
+        f"there is no {name}{nearest(name, everything)}",
+        f"a parameter stands in [parameters.{name}], a further column of the data in {_needs(needs, name)}",
+    )
+
+
+def _needs(needs: Collection[str], name: str) -> str:
+    return f"needs = {json.dumps([*needs, name])}"

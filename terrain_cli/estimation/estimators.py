@@ -1,0 +1,382 @@
+"""The estimator that goes with a model, and the fit of a whole model to the windows of a wheel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from terrain_cli import estimation
+from terrain_cli.errors import InputError, UsageError
+from terrain_cli.models.assumptions import K_FACTOR
+from terrain_cli.rover import NOISY
+from terrain_cli.telemetry.derive.effect_inputs import CONSTANTS
+from terrain_cli.vocabulary.channels import CHANNELS
+from terrain_cli.vocabulary.choices import FIT_SAMPLES
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
+    from terrain_cli.models import ModelFile
+    from terrain_cli.rover import Noise as SensorNoise
+    from terrain_cli.telemetry import Samples
+    from terrain_cli.telemetry.wheel_samples import Geometry
+    from terrain_cli.vocabulary.choices import LineMethod, Method
+    from terrain_cli.windows.cut_windows import Windows
+
+    Array = NDArray[np.float64]
+
+#: Parameters of the soil that the summary shows by segment: key, unit in it, and that unit in SI.
+SHOWN = (
+    ("shear_modulus", "k", "_mm", 1e3),
+    ("stiffness", "keq", "_kPa_per_m_n", 1e-3),
+    ("sinkage_exponent", "n", "", 1.0),
+)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Estimates of the windows of a wheel, and what they were made with.
+
+    Parameters
+    ----------
+    estimates : WindowEstimates
+    account : dict or None
+        The model, its parameters and the noise, as the summary shows them; None for the line.
+    """
+
+    estimates: WindowEstimates
+    account: dict[str, Any] | None = None
+
+
+def choose(
+    method: Method, model: ModelFile | str | Path | None = None, *, robust: bool = False
+) -> ModelFile | None:
+    """Return the model that is to be fitted whole.
+
+    Parameters
+    ----------
+    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
+    model : ModelFile, str or Path, optional
+        A base or a model file; the linear model if not given, but "wong-reece" for that method.
+    robust : bool
+
+    Returns
+    -------
+    ModelFile or None
+        None where the estimators of the line do.
+
+    Raises
+    ------
+    UsageError
+        Model, method and robustness contradict each other.
+    ConfigurationError
+        The model file is wrong.
+    """
+    file = None
+    if model is not None or method == "wong-reece":
+        # Not for the line, which needs nothing of it.
+        from terrain_cli import models
+
+        file = (
+            models.resolve(str(model or method)) if model is None or isinstance(model, str | Path) else model
+        )
+    name = str(file.path or file.model.base) if file else "linear"
+    if file is not None and method == "wong-reece" and file.model.base != "wong-reece":
+        raise UsageError(
+            f"--method wong-reece is not for the base {file.model.base} of --model {name}",
+            hint="leave out --method: what fits the model is chosen",
+        )
+    if file is None or file.plain:
+        if robust:
+            raise UsageError(
+                "--robust is for the full model, or one with effects",
+                hint="add --method wong-reece, or --model FILE",
+            )
+        return None
+    if method not in {"auto", "wong-reece"}:
+        raise UsageError(
+            f"--method {method} is an estimator of the line, and --model {name} is more than that",
+            hint="leave out --method, or --model",
+        )
+    return file
+
+
+def estimate_lines(
+    windows: Windows, method: LineMethod = "auto", *, min_samples: int | None = None, folds: int | None = None
+) -> WindowEstimates:
+    """Estimate cohesion and friction angle in every window of a wheel.
+
+    Parameters
+    ----------
+    windows : Windows
+    method : {"auto", "least-squares", "ridge", "recursive"}
+    min_samples : int, optional
+        Windows with fewer get the status "too-few-samples"; 5 if not given.
+    folds : int, optional
+        Choose δ of the ridge over so many contiguous blocks instead of leaving one sample out.
+
+    Returns
+    -------
+    WindowEstimates
+        In SI units and rad; of the samples in which the wheel does not skid.
+    """
+    samples, windows = windows.samples, windows.on_line()
+    return estimation.estimate_windows(
+        windows.x,
+        windows.y,
+        windows.bounds,
+        **windows.measured(),
+        **samples.geometry.line,
+        method=method,
+        min_samples=FIT_SAMPLES if min_samples is None else min_samples,
+        correlated=samples.time is not None,
+        folds=folds,
+    )
+
+
+def estimate(
+    windows: Windows,
+    method: Method = "auto",
+    file: ModelFile | None = None,
+    *,
+    min_samples: int | None = None,
+    folds: int | None = None,
+    robust: bool = False,
+) -> Fitted:
+    """Estimate the soil in every window of a wheel.
+
+    Parameters
+    ----------
+    windows : Windows
+    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
+    file : ModelFile, optional
+        From `choose`: the model to fit whole. Its effects have one value of each parameter for all
+        windows.
+    min_samples, folds
+        As for `estimate_lines`.
+    robust : bool
+
+    Returns
+    -------
+    Fitted
+    """
+    of_line = cast("LineMethod", "auto" if file else method)
+    line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)
+    if file is None:
+        return Fitted(line)
+    channels = _channels(windows, file)
+    held, because = _held(windows.samples.geometry, file, [channels])
+    fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust)
+    return Fitted(_with_soil(fit, line), _account(windows, file, fit, held, because))
+
+
+def _channels(windows: Windows, file: ModelFile) -> dict[str, Array]:
+    """Return what is measured of the usable samples, and what the effects use."""
+    samples, rows = windows.samples, windows.rows
+    for effect in file.model.effects:
+        for name in effect.needs:
+            if name not in samples.drivers and name not in CONSTANTS:
+                raise InputError(
+                    f"{samples.source}: wheel {samples.wheel}: was read without {name} of effect {effect.id}",
+                    hint="read it with the model: read(path, model=…)",
+                )
+    channels = {name: column[rows] for name, column in samples.drivers.items()}
+    channels |= cast("dict[str, Array]", windows.measured())
+    pull = samples.channels.get("drawbar_pull")
+    if pull is not None and np.isfinite(pull[rows]).any():
+        channels["drawbar_pull"] = pull[rows]
+    return channels
+
+
+def assumed(
+    several: Sequence[Windows], file: ModelFile
+) -> tuple[dict[str, float], dict[str, Prior], Noise | None]:
+    """Return what a fit takes for known before it has seen the data of some wheels.
+
+    Parameters
+    ----------
+    several : sequence of Windows
+        Of one rover.
+    file : ModelFile
+
+    Returns
+    -------
+    held : dict of str to float
+        Parameters that are not sought: those of the file, and those whose channels a wheel lacks.
+    priors : dict of str to Prior
+    noise : Noise or None
+        Of the sensors, if rover.toml gives it for every channel that the fit weighs.
+    """
+    every: list[dict[str, Array]] = []
+    measured: set[str] = set()
+    for windows in several:
+        samples, rows = windows.samples, windows.rows
+        there = {
+            name: column[rows]
+            for name, column in {**samples.drivers, **samples.channels}.items()
+            if np.isfinite(column[rows]).any()
+        }
+        every.append(there)
+        measured |= there.keys() & set(NOISY)
+    samples = several[0].samples
+    given = {name: samples.noise[name] for name in measured & samples.noise.keys()}
+    held, _ = _held(samples.geometry, file, every)
+    return held, _priors(samples, file), _noise(given) if given.keys() == measured else None
+
+
+def _priors(samples: Samples, file: ModelFile) -> dict[str, Prior]:
+    # Only whole models need this: it takes as long to import as a short log to estimate.
+    from terrain_cli.estimation.wheel_fit import Prior
+
+    return {"shear_modulus": Prior.factor(samples.geometry.shear_modulus, K_FACTOR), **file.priors}
+
+
+def _held(
+    geometry: Geometry, file: ModelFile, wheels: Sequence[Mapping[str, Array]]
+) -> tuple[dict[str, float], dict[str, str]]:
+    """Return the parameters held, and why where the file does not say so."""
+    held, because = dict(file.fixed), {}
+    for name, parameter in file.model.parameters.items():
+        idle = parameter.idle(wheels)
+        if idle and name not in held:
+            held[name] = parameter.null
+            because[name] = idle
+    said = "shear_modulus" in {*file.fixed, *file.priors, *file.shared}
+    if file.model.base == "linear" and not said:
+        held["shear_modulus"] = geometry.shear_modulus
+    return held, because
+
+
+def _fit(
+    windows: Windows,
+    file: ModelFile,
+    channels: Mapping[str, Array],
+    held: Mapping[str, float],
+    min_samples: int,
+    *,
+    robust: bool,
+) -> Fit:
+    from terrain_cli.estimation import wheel_fit
+
+    samples = windows.samples
+    priors = _priors(samples, file)
+
+    def run(noise: Noise | None) -> Fit:
+        return wheel_fit.fit(
+            file.model,
+            samples.geometry.wheel,
+            channels,
+            windows.bounds,
+            fixed=held,
+            priors=priors,
+            shared=[name for name in file.shared if name not in held],
+            noise=noise,
+            robust=robust,
+            correlated=samples.time is not None,
+            min_samples=min_samples,
+        )
+
+    given = {name: noise for name, noise in samples.noise.items() if name in channels}
+    try:
+        if not set(NOISY) & (channels.keys() - given.keys()):
+            return run(_noise(given))
+        fit = run(None)
+        # What is not known of the sensors is learnt first, with all of them unknown.
+        return run(_noise(given, fit.noise)) if given else fit
+    except InputError as error:
+        raise InputError(f"{samples.source}: wheel {samples.wheel}: {error}", hint=error.hint) from None
+
+
+def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noise:
+    from terrain_cli.estimation.wheel_fit import Noise
+
+    relative = {name: noise.relative for name, noise in given.items()}
+    absolute = {name: noise.absolute for name, noise in given.items()}
+    if others is None:
+        return Noise(relative, absolute)
+    return Noise(
+        {name: value for name, value in others.relative.items() if name not in given} | relative,
+        {name: value for name, value in others.absolute.items() if name not in given} | absolute,
+    )
+
+
+def _with_soil(fit: Fit, line: WindowEstimates) -> WindowEstimates:
+    from terrain_cli.estimation import wheel_fit
+
+    soil: dict[str, Any] = {
+        name: column
+        for parameter in ("shear_modulus", "stiffness", "sinkage_exponent")
+        if parameter in fit.values
+        for name, column in (
+            (parameter, fit.values[parameter]),
+            (f"{parameter}_se", fit.errors[parameter]),
+        )
+    }
+    return replace(wheel_fit.as_window_estimates(fit, line), n=fit.n, **soil)
+
+
+def _account(
+    windows: Windows, file: ModelFile, fit: Fit, held: Mapping[str, float], because: Mapping[str, str]
+) -> dict[str, Any]:
+    """Say what a wheel was fitted with, as the summary shows it."""
+    names = [*file.model.parameters, *(name for name in file.shared if name not in file.model.parameters)]
+    return {
+        "base": file.model.base,
+        "effects": [effect.id for effect in file.model.effects],
+        "parameters": {name: _parameter(name, file, fit, held, because.get(name)) for name in names},
+        "noise": _noise_account(windows, fit),
+        "missed": int(np.count_nonzero(fit.excess > 1.0)),
+        "unsettled": int(np.count_nonzero(~fit.converged & (fit.n > 0))),
+        "segments": [_segment(fit, j) for j in range(len(fit))],
+    }
+
+
+def _parameter(
+    name: str, file: ModelFile, fit: Fit, held: Mapping[str, float], because: str | None
+) -> dict[str, Any]:
+    factor = file.factor(name)
+    entry = {"unit": file.units[name], "held": name in held, "because": because}
+    if name in held:
+        return {"value": held[name] / factor, "se": None, **entry, "fixed_by_data": None}
+    return {
+        "value": fit.shared[name] / factor,
+        "se": fit.shared_errors[name] / factor,
+        **entry,
+        # The same in all windows, save that nothing is determined in one without samples.
+        "fixed_by_data": not bool(fit.undetermined[name].all()),
+    }
+
+
+def _noise_account(windows: Windows, fit: Fit) -> dict[str, Any]:
+    channels = [name for name in CHANNELS if name in {*fit.noise.relative, *fit.noise.absolute}]
+    given = windows.samples.noise
+    return {
+        name: {
+            "relative": float(fit.noise.relative.get(name, 0.0)),
+            "absolute": float(fit.noise.absolute.get(name, 0.0)),
+            "unit": CHANNELS[name].unit.symbol,  # type: ignore[union-attr]
+            "given": name in given,
+        }
+        for name in channels
+    }
+
+
+def _segment(fit: Fit, j: int) -> dict[str, Any]:
+    """Return the soil of a window as far as the table has no column for it."""
+    entry: dict[str, Any] = {"segment": j + 1}
+    for parameter, key, unit, scale in SHOWN:
+        for part, column in (("", fit.values.get(parameter)), ("_se", fit.errors.get(parameter))):
+            known = column is not None and np.isfinite(column[j])
+            entry[f"{key}{part}{unit}"] = float(column[j]) * scale if column is not None and known else None
+    entry["at_bound"] = [name for name, there in fit.bounded.items() if bool(there[j])]
+    entry["not_fixed_by_data"] = [name for name in fit.names if bool(fit.undetermined[name][j])]
+    ratio = fit.chi2[j] / fit.dof[j] if fit.dof[j] > 0.0 else np.nan
+    entry["chi2_per_dof"] = float(ratio) if np.isfinite(ratio) else None
+    return entry

@@ -1,0 +1,1 @@
+"""Estimators of the line y = c + x tan φ."""

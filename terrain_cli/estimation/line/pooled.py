@@ -1,0 +1,165 @@
+"""One estimate from many windows of the same soil."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from terrain_cli.estimation.line.window_estimates import WindowEstimates
+
+    Array = NDArray[np.float64]
+
+#: Errors below this share of the strength and of 1 (Pa, or in tan φ) do not weigh more than that:
+#: exact windows would otherwise make the normal equations singular.
+_SMALLEST = 1e-6
+#: Correlations are not believed nearer to ±1 than this: no inverse would be left of them.
+_UNSURE = 1e-9
+
+
+@dataclass(frozen=True)
+class PooledEstimate:
+    """Estimate from windows of one soil, NaN where not known.
+
+    Parameters
+    ----------
+    windows, separable : int
+        Windows pooled, and those among them that tell c from φ.
+    c, c_se, phi, phi_se, corr : float
+        Pa and rad, with the correlation of the errors of c and φ.
+    sigma_star, strength, strength_se : float
+        Stress at which the strength is not correlated with φ, and the strength there, Pa.
+    strength_between, phi_between : float
+        Standard deviations of the soil from window to window, beyond the windows' own errors,
+        Pa and rad.
+    c_mean, c_spread, phi_mean, phi_spread : float
+        Plain mean and standard deviation over the separable windows, Pa and rad.
+    """
+
+    windows: int = 0
+    separable: int = 0
+    c: float = np.nan
+    c_se: float = np.nan
+    phi: float = np.nan
+    phi_se: float = np.nan
+    corr: float = np.nan
+    sigma_star: float = np.nan
+    strength: float = np.nan
+    strength_se: float = np.nan
+    strength_between: float = np.nan
+    phi_between: float = np.nan
+    c_mean: float = np.nan
+    c_spread: float = np.nan
+    phi_mean: float = np.nan
+    phi_spread: float = np.nan
+
+
+def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledEstimate:
+    """Combine windows by generalised least squares with random effects.
+
+    Each window gives its strength at one common stress and its tan φ, with the covariance of
+    the two; each is weighted by the inverse of that covariance plus the variance of the soil
+    between windows (DerSimonian & Kacker 2007). What the sensors' noise does to φ is the same
+    in every window: it is not averaged out.
+
+    All windows whose errors are known take part. One that cannot tell c from φ still knows its
+    strength, and strengths at several stresses fix the line between them; leaving out negative
+    c would bias c. Windows of too few samples are passed over.
+
+    Parameters
+    ----------
+    estimates : WindowEstimates
+    select : array_like of int or bool, optional
+        The windows of one soil and wheel; by default all.
+
+    Returns
+    -------
+    PooledEstimate
+    """
+    chosen = slice(None) if select is None else np.asarray(select)
+    status = estimates.status[chosen]
+    columns = np.array(
+        [getattr(estimates, name)[chosen] for name in ("c", "c_se", "phi", "phi_se", "corr", "phi_bias")]
+    )
+    # Of estimates without error the correlation is not known, nor needed.
+    columns[4, columns[1] == 0.0] = 0.0
+    used = np.isfinite(columns).all(axis=0) & (status != "too-few-samples")
+    separable = used & (status != "not-separable")
+    plain = (*_mean_and_spread(columns[0, separable]), *_mean_and_spread(columns[2, separable]))
+    cohesion, cohesion_se, angle, angle_se, correlation, bias = columns[:, used]
+    if len(cohesion) == 0:
+        return PooledEstimate()
+
+    tan_phi = np.tan(angle)
+    tan_se, tan_bias = angle_se * (1.0 + tan_phi**2), bias * (1.0 + tan_phi**2)
+    pivots = -correlation * cohesion_se / np.where(tan_se > 0.0, tan_se, np.inf)
+    stress = float(pivots.mean())
+    value = np.array([cohesion + stress * tan_phi, tan_phi])
+    # A window's strength at its own σ* is uncorrelated with tan φ; moving it to the common
+    # stress brings in the error of tan φ, and the shared part of that error.
+    lever = np.array([stress - pivots, np.ones_like(pivots)])
+    shared = lever * tan_bias
+    own = lever[:, None] * lever * np.maximum(tan_se**2 - tan_bias**2, 0.0)
+    own[0, 0] += cohesion_se**2 * (1.0 - correlation**2)
+    own[[0, 1], [0, 1]] += (_SMALLEST * np.array([[1.0 + np.abs(value[0]).max()], [1.0]])) ** 2
+
+    between = np.array([_between(value[a], own[a, a], shared[a]) for a in (0, 1)])
+    own[[0, 1], [0, 1]] += between[:, None] + _UNSURE * (own[[0, 1], [0, 1]] + shared**2)
+    own, each = np.moveaxis(own, -1, 0), shared.T[:, :, None]
+    weight = np.linalg.inv(own + each * shared.T[:, None, :])
+    share = np.linalg.inv(weight.sum(axis=0)) @ weight
+    strength, slope = np.einsum("wab,bw->a", share, value)
+    # What each independent error does to strength and slope: rounding makes no sum of squares negative.
+    moved = np.concatenate([*(share @ np.linalg.cholesky(own)), (share @ each).sum(axis=0)], axis=1)
+    by_strength, by_slope = moved
+    by_c, var_t = by_strength - stress * by_slope, by_slope @ by_slope
+    to_pivot = -(by_strength @ by_slope) / var_t
+    c_se, strength_se = (float(np.linalg.norm(by)) for by in (by_c, by_strength + to_pivot * by_slope))
+    return PooledEstimate(
+        windows=len(cohesion),
+        separable=int(separable.sum()),
+        c=float(strength - stress * slope),
+        c_se=c_se,
+        phi=float(np.arctan(slope)),
+        phi_se=float(np.sqrt(var_t) / (1.0 + slope**2)),
+        corr=float(np.clip(by_c @ by_slope / (c_se * np.sqrt(var_t)), -1.0, 1.0)) if c_se > 0.0 else np.nan,
+        sigma_star=float(stress + to_pivot),
+        strength=float(strength + to_pivot * slope),
+        strength_se=strength_se,
+        strength_between=float(np.sqrt(between[0])),
+        phi_between=float(np.sqrt(between[1]) / (1.0 + slope**2)),
+        c_mean=plain[0],
+        c_spread=plain[1],
+        phi_mean=plain[2],
+        phi_spread=plain[3],
+    )
+
+
+def _between(value: Array, own: Array, shared: Array) -> float:
+    """Variance between windows by the method of moments: the scatter that errors do not explain.
+
+    A shared error scatters the windows only as far as it differs between them. Nothing is known
+    of it from one window, or where one window outweighs all others.
+    """
+    weight = 1.0 / (own + shared**2)
+    total = weight.sum()
+    others = weight * (1.0 - weight / total)
+    if others.sum() <= _SMALLEST * total:
+        return 0.0
+
+    def scatter(values: Array) -> float:
+        return float(np.sum(weight * (values - np.sum(weight * values) / total) ** 2))
+
+    unexplained = scatter(value) - scatter(shared) - np.sum(others * own)
+    return float(max(unexplained, 0.0) / others.sum())
+
+
+def _mean_and_spread(values: Array) -> tuple[float, float]:
+    """Mean, and standard deviation where there are two values or more."""
+    if len(values) == 0:
+        return np.nan, np.nan
+    return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else np.nan

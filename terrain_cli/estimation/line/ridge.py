@@ -1,0 +1,307 @@
+"""Ridge regression of the line, equation [27], with δ chosen by cross-validation.
+
+The paper penalises c² + tan²φ, a sum of unlike units: δ would change with the unit of stress.
+Here the columns 1 and x of the design are first scaled to unit root mean square, so that both
+parameters, c and rms(x) tan φ, are stresses, and
+
+    Σ (y − c − x tan φ)² + n δ (c² + (rms(x) tan φ)²)
+
+is minimised. δ has no unit and does not depend on n. The scaled design has the eigenvalues
+1 ± m, m = mean(x)/rms(x), so a δ well below 1 leaves the strength at the mean stress as it is
+and acts on the split of it between c and φ alone, which is what a window of almost constant
+stress leaves open: δ draws both parts towards equal shares, c = x tan φ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation.line.moments import X, Y, segment_sum
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.line.moments import Bounds, Moments
+
+    Array = NDArray[np.float64]
+
+#: Values of δ tried: two per decade.
+DELTAS = np.logspace(-8.0, 0.0, 17)
+
+#: Samples of a window from which on windows are worked on one by one, for all δ, ...
+_LONG = 512
+#: ... so many samples at a time: few enough to stay in the processor's cache.
+_TOGETHER = 1024
+#: The same for sums of powers, and where in their rows 1, u, … u⁵ and e, e u, … e u⁴ stand.
+_PIECE, _U, _E = 4096, (4, 0, 1, 2, 3, 5), (6, 8, 9, 10, 7)
+#: Largest leverage of which powers above the fourth are left out: 6 · 10⁻¹⁵ at the most.
+_SLIGHT = 1e-3
+
+
+@dataclass(frozen=True)
+class Ridge:
+    """Ridge estimates of windows.
+
+    Parameters
+    ----------
+    cohesion, tan_phi : ndarray, shape (w,)
+        c in Pa.
+    delta : ndarray, shape (w,)
+        The δ of `DELTAS` with the smallest error of prediction; the least of them if equal.
+    gain : ndarray, shape (2, 2, w)
+        Derivatives of (stress at the mean x, tan φ) by those of the least-squares line.
+    """
+
+    cohesion: Array
+    tan_phi: Array
+    delta: Array
+    gain: Array
+
+
+def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: int | None) -> Ridge:
+    """Fit each window by ridge regression.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        In Pa.
+    bounds : ndarray of int, shape (w + 1,)
+    moments : Moments
+        Of these windows.
+    folds : int or None
+        As for `losses`.
+
+    Returns
+    -------
+    Ridge
+    """
+    return choose(moments, losses(x, y, bounds, moments, folds=folds))
+
+
+def losses(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: int | None) -> Array:
+    """Sum the squared errors of prediction of what is left out of each window.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+        In Pa.
+    bounds : ndarray of int, shape (w + 1,)
+    moments : Moments
+        Of these windows.
+    folds : int or None
+        Leave one of so many contiguous blocks out, at least 2; None leaves one sample out, by
+        the exact identity residual/(1 − leverage).
+
+    Returns
+    -------
+    ndarray, shape (17, w)
+        For each of `DELTAS`, in Pa².
+    """
+    design = _scaled(moments)
+    if folds is None:
+        return _leave_one_out(design, x, y, bounds)
+    return _leave_block_out(design, x, y, bounds, folds)
+
+
+def choose(moments: Moments, loss: Array) -> Ridge:
+    """Fit each window with the δ of which the error of prediction is least.
+
+    Parameters
+    ----------
+    moments : Moments
+    loss : ndarray, shape (17, w)
+        From `losses`.
+
+    Returns
+    -------
+    Ridge
+    """
+    design = _scaled(moments)
+    delta = DELTAS[np.argmin(loss, axis=0)]
+    cohesion, slope, (cohesion_mean, cohesion_shared, slope_mean, slope_shared) = _solve(design, delta)
+    gain = np.array(
+        [
+            [
+                cohesion_mean + design.mean_x * slope_mean,
+                (cohesion_shared + design.mean_x * slope_shared) * design.variance * design.scale,
+            ],
+            [slope_mean / design.scale, slope_shared * design.variance],
+        ]
+    )
+    return Ridge(cohesion, slope / design.scale, delta, gain)
+
+
+@dataclass(frozen=True)
+class _Design:
+    """Windows with the columns 1 and x / scale; sums are divided by n."""
+
+    count: Array
+    scale: Array
+    mean_x: Array
+    mean_y: Array
+    variance: Array
+    covariance: Array
+    plus: Array
+    minus: Array
+
+
+def _scaled(moments: Moments) -> _Design:
+    count, varies = np.maximum(moments.count, 1.0), moments.varies(X)
+    variance = np.where(varies, moments[0, X, X], 0.0) / count
+    scale = np.sqrt(moments.mean[X] ** 2 + variance)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    mean_x, variance = moments.mean[X] / scale, variance / scale**2
+    # The eigenvalues 1 ± m; their product is the variance, and the smaller one would cancel.
+    larger = 1.0 + np.abs(mean_x)
+    smaller = variance / larger
+    return _Design(
+        count,
+        scale,
+        mean_x,
+        moments.mean[Y],
+        variance,
+        np.where(varies, moments[0, X, Y], 0.0) / (count * scale),
+        np.where(mean_x < 0.0, smaller, larger),
+        np.where(mean_x < 0.0, larger, smaller),
+    )
+
+
+def _solve(design: _Design, delta: Array | float) -> tuple[Array, Array, tuple[Array, Array, Array, Array]]:
+    """Return c, rms(x) tan φ and the derivatives of both by the mean of y and the covariance of x and y."""
+    plus, minus = 0.5 / (design.plus + delta), 0.5 / (design.minus + delta)
+    even, odd = plus * design.plus, minus * design.minus
+    gains = (even + odd, plus - minus, even - odd, plus + minus)
+    cohesion = gains[0] * design.mean_y + gains[1] * design.covariance
+    slope = gains[2] * design.mean_y + gains[3] * design.covariance
+    return cohesion, slope, gains
+
+
+def _leave_one_out(design: _Design, x: Array, y: Array, bounds: Bounds) -> Array:
+    """Sum the squared residuals of samples left out, shape (deltas, w)."""
+    cohesion, slope, _ = _solve(design, DELTAS[:, None])
+    # Shares of the leverage of a sample.
+    plus, minus = (
+        0.5 / (design.count * (eigenvalue + DELTAS[:, None])) for eigenvalue in (design.plus, design.minus)
+    )
+    loss = np.empty(cohesion.shape)
+    if len(x) < _LONG * len(design.count):
+        scaled = x / np.repeat(design.scale, np.diff(bounds))
+        even, odd = (1.0 + scaled) ** 2, (1.0 - scaled) ** 2
+        window = np.repeat(np.arange(len(design.count)), np.diff(bounds))
+        for row, (c, t, p, m) in enumerate(zip(cohesion, slope, plus, minus, strict=True)):
+            kept = 1.0 - p[window] * even
+            kept -= m[window] * odd
+            residual = (y - c[window] - t[window] * scaled) / np.maximum(kept, 1e-12)
+            loss[row] = segment_sum(residual * residual, bounds)
+        return loss
+    for j, (begin, end) in enumerate(pairwise(bounds)):
+        own = x[begin:end], y[begin:end]
+        fits = cohesion[:, j], slope[:, j], plus[:, j], minus[:, j]
+        found = _by_powers(design, j, *own, *fits)
+        loss[:, j] = _by_samples(design.scale[j], *own, *fits) if found is None else found
+    return loss
+
+
+def _by_samples(
+    scale: float, x: Array, y: Array, cohesion: Array, slope: Array, plus: Array, minus: Array
+) -> Array:
+    """Sum the squared residuals of samples left out of one window, shape (deltas,)."""
+    total = np.zeros(len(DELTAS))
+    # Both are sums of three rows, for all δ a product of matrices, too small for BLAS to take threads.
+    ones = np.ones_like(slope)
+    factors = np.array([[ones, -cohesion, -slope], [ones, -plus, -minus]]).transpose(0, 2, 1)
+    factors = np.ascontiguousarray(factors)
+    for first in range(0, len(x), _TOGETHER):
+        scaled, part = x[first : first + _TOGETHER] / scale, y[first : first + _TOGETHER]
+        ones = np.ones_like(scaled)
+        residual, kept = factors @ np.array(
+            [[part, ones, scaled], [ones, (1.0 + scaled) ** 2, (1.0 - scaled) ** 2]]
+        )
+        residual /= np.maximum(kept, 1e-12, out=kept)
+        total += np.einsum("ij,ij->i", residual, residual)
+    return total
+
+
+def _by_powers(
+    design: _Design,
+    j: int,
+    x: Array,
+    y: Array,
+    cohesion: Array,
+    slope: Array,
+    plus: Array,
+    minus: Array,
+) -> Array | None:
+    """Sum the squared residuals of samples left out of window j, None where one has much leverage.
+
+    With u the distance of x from its mean, in units of the scale, and e the residual of least
+    squares, what is left of a sample is e plus a line in u, and its leverage h is a parabola in u.
+    (1 − h)⁻² = 1 + 2 h + 3 h² + 4 h³ + 5 h⁴ + …, so that sums of products of e and powers of u do
+    for all δ.
+    """
+    scale, mean = design.scale[j], design.mean_x[j]
+    h0 = plus * design.plus[j] ** 2 + minus * design.minus[j] ** 2
+    h1, h2 = 2.0 * (plus * design.plus[j] - minus * design.minus[j]), plus + minus
+    ends = np.array([[x.min()], [x.max()]]) / scale - mean if len(x) else np.zeros((2, 1))
+    if not (h0 + ends * (h1 + ends * h2)).max() < _SLIGHT:
+        return None
+    least = design.covariance[j] / design.variance[j] if design.variance[j] else 0.0
+    powers, rows = np.zeros((4, 11)), np.empty((11, _PIECE))
+    rows[_U[0]] = 1.0
+    for first in range(0, len(x), _PIECE):
+        some = rows[:, : min(_PIECE, len(x) - first)]
+        u, e = some[_U[1]], some[_E[0]]
+        np.multiply(x[first : first + _PIECE], 1.0 / scale, out=u)
+        u -= mean
+        np.multiply(u, -least, out=e)
+        e += y[first : first + _PIECE]
+        e -= design.mean_y[j]
+        for before, row in (*pairwise(_U[1:]), *pairwise(_E)):
+            np.multiply(some[before], u, out=some[row])
+        # 1, u⁵, e and e u⁴ times all: too small for BLAS to take threads.
+        powers += some[4:8] @ some.T
+    # Σ u⁰ … u¹⁰, Σ e u⁰ … e u⁹ and Σ e² u⁰ … e² u⁸.
+    plain = np.append(powers[0].take(_U[:5]), powers[1].take(_U))
+    mixed = np.append(powers[0].take(_E), powers[1].take(_E))
+    square = np.append(powers[2].take(_E), powers[3].take(_E[1:]))
+    series = np.zeros((9, len(DELTAS)))
+    for factor in (5.0, 4.0, 3.0, 2.0, 1.0):
+        longer = h0 * series
+        longer[1:] += h1 * series[:-1]
+        longer[2:] += h2 * series[:-2]
+        series = longer
+        series[0] += factor
+    level, turn = design.mean_y[j] - cohesion - slope * mean, least - slope
+    return np.asarray(
+        np.einsum("kd,k->d", series, square)
+        + 2.0 * (level * (mixed[:9] @ series) + turn * (mixed[1:] @ series))
+        + level**2 * (plain[:9] @ series)
+        + 2.0 * level * turn * (plain[1:10] @ series)
+        + turn**2 * (plain[2:] @ series)
+    )
+
+
+def _leave_block_out(design: _Design, x: Array, y: Array, bounds: Bounds, folds: int) -> Array:
+    """Sum the squared residuals of blocks left out, shape (deltas, w)."""
+    count = np.diff(bounds)
+    starts = bounds[:-1, None] + count[:, None] * np.arange(folds) // folds
+    edges = np.append(starts.ravel(), bounds[-1])
+    block = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
+    scaled = x / design.scale[block // folds]
+    held = segment_sum(np.array([np.ones_like(x), scaled, scaled * scaled, y, scaled * y]), edges)
+    held = held.reshape(5, len(count), folds)
+    ones, x1, x2, y1, xy = held.sum(axis=2, keepdims=True) - held
+    loss = np.empty((len(DELTAS), len(count)))
+    for row, delta in enumerate(DELTAS):
+        # The penalty n δ is that of the whole window, whose fit is being judged.
+        penalty = design.count[:, None] * delta
+        determinant = (ones + penalty) * (x2 + penalty) - x1 * x1
+        cohesion = ((x2 + penalty) * y1 - x1 * xy) / determinant
+        slope = ((ones + penalty) * xy - x1 * y1) / determinant
+        residual = y - cohesion.ravel()[block] - slope.ravel()[block] * scaled
+        loss[row] = segment_sum(residual * residual, bounds)
+    return loss

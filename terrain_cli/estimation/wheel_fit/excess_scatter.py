@@ -1,0 +1,91 @@
+"""How much more the residuals of a window scatter in the long run than the sensors' noise says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation.line.correlation import samples_per_independent
+from terrain_cli.estimation.line.moments import segment_sum
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.line.moments import Bounds
+
+    Array = NDArray[np.float64]
+
+#: Standard deviations beyond chance at which a scatter is larger, or a sample remembers the last one.
+_PLAIN, _MEMORY = 3.0, 2.0
+
+
+def excess(residual: Array, seen: NDArray[np.bool_], bounds: Bounds, dof: Array) -> Array:
+    """Return the variance of whitened residuals, the largest of the channels'.
+
+    It is not known on which of them an estimate hangs. What may be chance is not counted, and a
+    variance below 1 is no reason to trust a window more than its sensors.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (outputs, n)
+        Of variance 1 in truth.
+    seen : ndarray of bool, shape (outputs, n)
+    bounds : ndarray of int, shape (w + 1,)
+    dof : ndarray, shape (w,)
+        Degrees of freedom of all outputs together.
+
+    Returns
+    -------
+    ndarray, shape (w,)
+        1 or more.
+    """
+    number = segment_sum(seen.astype(float), bounds)
+    total = np.maximum(number.sum(axis=0), 1.0)
+    # The fit takes its share of every channel's scatter.
+    size = np.maximum(number * np.clip(dof / total, 1.0 / total, 1.0), 1.0)
+    variance = segment_sum(residual**2, bounds) / size
+    variance = np.where(variance > 1.0 + _PLAIN * np.sqrt(2.0 / size), variance, 1.0)
+    return np.asarray(variance.max(axis=0, initial=1.0))
+
+
+def memory(rows: Array, bounds: Bounds, *, together: bool = False) -> Array:
+    """Return how many samples make an independent one.
+
+    The autocorrelation is taken as that of a first-order process above white noise, from lags 1
+    and 2 (see `correlation`). What may be chance is not counted.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (r, n)
+        Series of mean zero, such as the parts of a score.
+    bounds : ndarray of int, shape (w + 1,)
+    together : bool
+        The windows are pieces of one series with one autocorrelation.
+
+    Returns
+    -------
+    ndarray, shape (r, w), or (r, 1) if `together`
+        1 or more.
+    """
+    sums = []
+    for lag in (0, 1, 2):
+        product = np.zeros_like(rows)
+        product[:, lag:] = rows[:, lag:] * rows[:, : rows.shape[1] - lag]
+        for step in range(lag):
+            first = bounds[:-1] + step
+            product[:, first[first < bounds[-1]]] = 0.0
+        sums.append(segment_sum(product, bounds))
+    length = np.maximum(np.diff(bounds).astype(float), 1.0)
+    number = length
+    if together:
+        sums = [part.sum(axis=1, keepdims=True) for part in sums]
+        number, length = length.sum(keepdims=True), length.mean(keepdims=True)
+    power, *lagged = sums
+    one, two = (np.divide(part, power, out=np.zeros_like(power), where=power > 0.0) for part in lagged)
+    # At least two independent samples: fewer cannot be told from a drift.
+    most = np.broadcast_to(np.maximum(1.0 - 2.0 / length, 0.0), one.shape)
+    one = np.where(one > _MEMORY / np.sqrt(number), np.clip(one, 0.0, most), 0.0)
+    decay = np.clip(np.divide(two, one, out=np.zeros_like(one), where=one > 0.0), one, most)
+    share = np.divide(one, decay, out=np.zeros_like(one), where=decay > 0.0)
+    return samples_per_independent(decay, share, length)

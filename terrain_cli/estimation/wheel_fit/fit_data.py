@@ -1,0 +1,261 @@
+"""The samples of a fit: which channels are taken as given, and which the model has to explain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from terrain_cli.estimation.line.moments import Bounds
+    from terrain_cli.mechanics.wheel_model import Given, Model
+
+    Array = NDArray[np.float64]
+
+#: The balance of the load that the soil carries and the one on it: always zero in truth.
+BALANCE = "balance"
+#: Samples worked on at a time: few enough for their derivatives to fit into memory that is used again.
+_BLOCK = 16_384
+
+
+@dataclass(frozen=True)
+class Data:
+    """Samples of some windows.
+
+    Parameters
+    ----------
+    channels : dict of str to ndarray, shape (n,)
+        All finite where the model reads them.
+    inputs : tuple of str
+        Channels from which the model predicts; their noise passes through it.
+    outputs : tuple of str
+        What it predicts: channels, or `BALANCE`.
+    measured, seen : ndarray, shape (outputs, n)
+        Values of the outputs, and where there are any.
+    bounds : ndarray of int, shape (w + 1,)
+    windows : ndarray of int, shape (w,)
+        Which windows of the whole they are.
+    excess : ndarray, shape (w,)
+        By how much larger the variances of all noise are taken to be than the sensors' own: 1 unless
+        the model misses a window by more than noise.
+    """
+
+    channels: dict[str, Array]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    measured: Array
+    seen: NDArray[np.bool_]
+    bounds: Bounds
+    windows: NDArray[np.intp]
+    excess: Array
+
+    @property
+    def count(self) -> NDArray[np.intp]:
+        """Samples of each window."""
+        return np.diff(self.bounds)
+
+    def take(self, rows: NDArray[np.intp], count: NDArray[np.intp], windows: NDArray[np.intp]) -> Data:
+        """Return some of the samples.
+
+        Parameters
+        ----------
+        rows : ndarray of int
+            Ordered by window.
+        count : ndarray of int, shape (w,)
+            Samples of each window that stays.
+        windows : ndarray of int, shape (w,)
+            These windows, counted within this data.
+
+        Returns
+        -------
+        Data
+        """
+        return Data(
+            {name: column[rows] for name, column in self.channels.items()},
+            self.inputs,
+            self.outputs,
+            self.measured[:, rows],
+            self.seen[:, rows],
+            np.concatenate([[0], np.cumsum(count)]),
+            self.windows[windows],
+            self.excess[windows],
+        )
+
+    def rows_of(self, windows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the samples of some windows.
+
+        Parameters
+        ----------
+        windows : ndarray of int
+            Counted within this data.
+
+        Returns
+        -------
+        ndarray of int
+        """
+        count = self.count[windows]
+        ends = np.cumsum(count)
+        return np.arange(ends[-1] if len(ends) else 0) + np.repeat(self.bounds[windows] - ends + count, count)
+
+    def only(self, windows: NDArray[np.intp]) -> Data:
+        """Return the samples of some windows.
+
+        Parameters
+        ----------
+        windows : ndarray of int
+            Counted within this data.
+
+        Returns
+        -------
+        Data
+        """
+        return self.take(self.rows_of(windows), self.count[windows], windows)
+
+    def thin(self, most: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Choose evenly spread samples of every window.
+
+        Parameters
+        ----------
+        most : int
+            Of each window.
+
+        Returns
+        -------
+        rows : ndarray of int
+        count : ndarray of int, shape (w,)
+            Chosen of each window.
+        """
+        count = np.minimum(self.count, most)
+        ends = np.cumsum(count)
+        place = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - count, count)
+        spread = np.repeat(self.count / np.maximum(count, 1), count)
+        return np.repeat(self.bounds[:-1], count) + ((place + 0.5) * spread).astype(np.intp), count
+
+    def blocks(self, size: int = _BLOCK) -> Iterator[NDArray[np.intp]]:
+        """Yield runs of whole windows.
+
+        Parameters
+        ----------
+        size : int
+            Samples at the most, save in a window that has more.
+
+        Yields
+        ------
+        ndarray of int
+            Windows, counted within this data.
+        """
+        first, last, windows = 0, 0, len(self.windows)
+        while last < windows:
+            last = int(np.searchsorted(self.bounds, self.bounds[first] + size, side="right")) - 1
+            last = min(max(last, first + 1), windows)
+            yield np.arange(first, last)
+            first = last
+
+
+def collect(
+    model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given
+) -> tuple[Data, NDArray[np.intp]]:
+    """Sort channels into what is given and what is predicted, and leave out samples that tell nothing.
+
+    Parameters
+    ----------
+    model : Model
+    channels : mapping of str to array_like, shape (n,)
+        SI units; NaN where not measured.
+    bounds : array_like of int, shape (w + 1,)
+    given : {"sinkage", "load"}
+
+    Returns
+    -------
+    data : Data
+    rows : ndarray of int
+        The samples kept.
+
+    Raises
+    ------
+    InputError
+        A channel is missing.
+    ValueError
+        Arrays of different length, or bounds that do not go from 0 to n.
+    """
+    columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}
+    bounds = np.asarray(bounds, dtype=np.intp)
+    n = int(bounds[-1]) if bounds.ndim == 1 and bounds.size else -1
+    if n < 0 or bounds[0] != 0 or np.any(np.diff(bounds) < 0):
+        raise ValueError("bounds must rise from 0 to the number of samples")
+    if any(column.shape != (n,) for column in columns.values()):
+        raise ValueError("the channels must be one-dimensional and as long as the bounds say")
+    # A channel without a single value is not there.
+    columns = {name: column for name, column in columns.items() if n == 0 or np.isfinite(column).any()}
+    inputs, outputs = _parts(model, columns, given)
+    needed = [name for name in (*inputs, *model.needs) if name in columns]
+    if BALANCE in outputs and "load" not in model.needs:
+        # A sample without load still has its torque.
+        needed.remove("load")
+    measured = np.array([np.zeros(n) if name == BALANCE else columns[name] for name in outputs])
+    if BALANCE in outputs:
+        measured[outputs.index(BALANCE)] += 0.0 * columns["load"]
+    seen = np.isfinite(measured)
+    usable = seen.any(axis=0)
+    for name in needed:
+        usable &= np.isfinite(columns[name])
+    rows = np.flatnonzero(usable)
+    if len(rows) == 0 and n > 0:
+        raise InputError(
+            f"no sample has {' and '.join(dict.fromkeys(needed))} together with a channel to explain",
+            hint="terrain-est inspect shows what each channel is read from",
+        )
+    kept = {name: column[rows] for name, column in columns.items()}
+    if "load" in kept:
+        kept["load"] = np.where(np.isfinite(kept["load"]), kept["load"], 0.0)
+    return (
+        Data(
+            kept,
+            inputs,
+            outputs,
+            np.nan_to_num(measured[:, rows]),
+            seen[:, rows],
+            np.searchsorted(rows, bounds).astype(np.intp),
+            np.arange(len(bounds) - 1),
+            np.ones(len(bounds) - 1),
+        ),
+        rows,
+    )
+
+
+def _parts(
+    model: Model, columns: Mapping[str, Array], given: Given
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return inputs and outputs."""
+    must: tuple[str, ...]
+    explained: tuple[str, ...]
+    if model.base == "linear":
+        must, explained = ("load", "sinkage", "slip"), ("torque", "drawbar_pull")
+    elif given == "load":
+        must, explained = ("load", "slip"), ("sinkage", "torque", "drawbar_pull")
+    else:
+        must, explained = ("sinkage", "slip"), ("torque", "drawbar_pull")
+    for name in must:
+        if name not in columns:
+            loaded = name == "sinkage" and model.base == "wong-reece" and "load" in columns
+            raise InputError(
+                f"the model cannot be fitted without {name.replace('_', ' ')}",
+                hint="the sinkage can be solved from the load instead (given load)"
+                if loaded
+                else "terrain-est inspect shows what each channel is read from",
+            )
+    outputs = tuple(name for name in explained if name in columns)
+    if given == "sinkage" and model.base == "wong-reece" and "load" in columns:
+        return ("load", *must), (BALANCE, *outputs)
+    if not outputs:
+        raise InputError(
+            f"nothing to fit the model to: none of {', '.join(explained)} is measured".replace("_", " ")
+        )
+    return must, outputs

@@ -1,0 +1,293 @@
+"""What a fit of the wheel–soil model gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from terrain_cli.estimation.line.window_estimates import LARGEST_CONDITION, LARGEST_PHI_OPEN
+from terrain_cli.vocabulary.choices import LARGEST_PHI
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
+    from terrain_cli.estimation.wheel_fit.posterior import Posterior
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+    from terrain_cli.mechanics.wheel_model import Model
+
+    Array = NDArray[np.float64]
+
+#: A parameter that would be open by more than this many of its prior's standard deviations, had
+#: all priors been ten times as wide, is known from the priors rather than from the data.
+LARGEST_OPEN = 1.0
+_AT_BOUND = 1e-9
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters of windows, with what must be known to trust them; SI units, tan φ as a number.
+
+    Values ± 1.96 standard errors are 95 % intervals.
+
+    Parameters
+    ----------
+    model : Model
+    n : ndarray of int, shape (w,)
+        Samples used.
+    values, errors : dict of str to ndarray, shape (w,)
+        Every parameter of the soil and its standard error: 0 where it is fixed, the same in all
+        windows where it is shared, NaN in windows without samples. Of k and keq the median.
+    shared, shared_errors : dict of str to float
+        Parameters with one value for all windows: those of the effects that are sought, and those
+        of the soil that were asked for.
+    names : tuple of str
+        Parameters sought: each window's own, then the shared ones.
+    covariance : ndarray, shape (w, p, p)
+        Of these, in their own units; shared ones and their influence on the others included.
+    shared_covariance : ndarray, shape (q, q)
+    sigma_star, strength, strength_se : ndarray, shape (w,)
+        Stress at which the strength c + σ* tan φ is not correlated with tan φ, or 0 where that is
+        negative, that strength and its standard error, Pa. NaN where c or φ is fixed.
+    undetermined : dict of str to ndarray of bool, shape (w,)
+        For each parameter sought, whether the data leave it open: had all priors been ten times as
+        wide, its standard error would exceed that of its prior as it is; or it ran to its bound.
+        A shared one is so in all windows or in none.
+    bounded : dict of str to ndarray of bool, shape (w,)
+        For each parameter of a window's own, whether the data would take it beyond what soils have: φ
+        beyond 0 to 60°. Value and error are then those of the soils
+        that remain (a normal distribution cut off at the bound).
+    phi_open : ndarray, shape (w,)
+        Standard error of φ had there been no prior on it, rad, from what noise cannot have feigned.
+    noise : Noise
+    noise_from : {"given", "differences", "residuals"}
+        Where the noise comes from: what the caller said; second differences of the channels,
+        scaled by the residuals; an equal share of all channels, scaled by the residuals.
+    chi2, dof : ndarray, shape (w,)
+        Sum of squares of the residuals in terms of the noise, and their degrees of freedom.
+    inflation : ndarray, shape (w,)
+        By how much the errors' variances were raised, as residuals are larger than the noise or
+        correlated in time. What may be chance is not counted.
+    excess : ndarray, shape (w,)
+        By how much larger the variances of the noise were taken to be than the sensors' own, as the
+        model misses a window by so much that otherwise its errors were larger than those of the
+        priors; 1 elsewhere.
+    residuals, prediction : dict of str to ndarray, shape (n,)
+        Of "load" (the load on the wheel less the one carried), "torque", "drawbar_pull" and
+        "sinkage", where measured: measured less predicted, and predicted, from the measured
+        channels. NaN in samples not used.
+    rmse : dict of str to ndarray, shape (w,)
+    converged : ndarray of bool, shape (w,)
+    min_samples : int
+    """
+
+    model: Model
+    n: NDArray[np.intp]
+    values: dict[str, Array]
+    errors: dict[str, Array]
+    shared: dict[str, float]
+    shared_errors: dict[str, float]
+    names: tuple[str, ...]
+    covariance: Array
+    shared_covariance: Array
+    sigma_star: Array
+    strength: Array
+    strength_se: Array
+    undetermined: dict[str, NDArray[np.bool_]]
+    bounded: dict[str, NDArray[np.bool_]]
+    phi_open: Array
+    noise: Noise
+    noise_from: Literal["given", "differences", "residuals"]
+    chi2: Array
+    dof: Array
+    inflation: Array
+    excess: Array
+    residuals: dict[str, Array]
+    prediction: dict[str, Array]
+    rmse: dict[str, Array]
+    converged: NDArray[np.bool_]
+    min_samples: int
+
+    def __len__(self) -> int:
+        return len(self.n)
+
+    @property
+    def phi(self) -> Array:
+        """Friction angle, rad."""
+        return np.asarray(np.arctan(self.values["tan_phi"]))
+
+    @property
+    def phi_se(self) -> Array:
+        """Standard error of the friction angle, rad."""
+        return np.asarray(self.errors["tan_phi"] / (1.0 + self.values["tan_phi"] ** 2))
+
+    def correlation(self, a: str, b: str) -> Array:
+        """Correlation of the errors of two parameters.
+
+        Parameters
+        ----------
+        a, b : str
+            Of `names`, or fixed.
+
+        Returns
+        -------
+        ndarray, shape (w,)
+            NaN where one of them is fixed.
+        """
+        cov, var_a, var_b = (_between(self.names, self.covariance, x, y) for x, y in ((a, b), (a, a), (b, b)))
+        bottom = np.sqrt(var_a * var_b)
+        ratio = np.divide(cov, bottom, out=np.full_like(cov, np.nan), where=bottom > 0.0)
+        return np.asarray(np.clip(ratio, -1.0, 1.0))
+
+    @property
+    def condition_number(self) -> Array:
+        """Condition number of the errors of c and tan φ, both scaled: 100 is a correlation of −0.9998."""
+        r = np.abs(self.correlation("cohesion", "tan_phi"))
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.sqrt((1.0 + r) / (1.0 - r)))
+
+    def _at_bound(self, name: str) -> NDArray[np.bool_]:
+        return self.bounded.get(name, np.zeros(len(self), dtype=bool))
+
+    @property
+    def status(self) -> NDArray[np.str_]:
+        """Status of each window, by the names and the limits of `estimation.WindowEstimates`.
+
+        "not-separable" is where the data, without a prior on φ, leave it open by more than ± 6°.
+        """
+        phi = self.phi
+        return np.select(
+            [
+                self.n < self.min_samples,
+                ~(self.phi_open <= LARGEST_PHI_OPEN) | ~self.converged,
+                self.condition_number > LARGEST_CONDITION,
+                ~((self.values["cohesion"] >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI))
+                | self._at_bound("cohesion")
+                | self._at_bound("tan_phi"),
+            ],
+            ["too-few-samples", "not-separable", "ill-conditioned", "out-of-range"],
+            "ok",
+        )
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The part of `Fit` that is about parameters: fields of the same names."""
+
+    values: dict[str, Array]
+    errors: dict[str, Array]
+    shared: dict[str, float]
+    shared_errors: dict[str, float]
+    names: tuple[str, ...]
+    covariance: Array
+    shared_covariance: Array
+    sigma_star: Array
+    strength: Array
+    strength_se: Array
+    undetermined: dict[str, NDArray[np.bool_]]
+    bounded: dict[str, NDArray[np.bool_]]
+    phi_open: Array
+
+
+def parameters(
+    soil: Sequence[str], sought: Unknowns, found: Posterior, known: NDArray[np.bool_], spread: float
+) -> Parameters:
+    """Turn unknowns into parameters in their own units.
+
+    Parameters
+    ----------
+    soil : sequence of str
+        Names of the soil's parameters.
+    sought : Unknowns
+    found : Posterior
+    known : ndarray of bool, shape (w,)
+        Windows with samples.
+    spread : float
+        Factor on all standard errors, for noise that is itself estimated.
+
+    Returns
+    -------
+    Parameters :
+        What `Fit` says of them.
+    """
+    windows = len(found.t)
+    unknowns, q = (*sought.local, *sought.shared), len(sought.shared)
+    names = tuple(u.name for u in unknowns)
+    through = found.gain @ found.shared
+    own = found.own + through @ np.swapaxes(found.gain, 1, 2)
+    corner = np.broadcast_to(found.shared, (windows, q, q))
+    inside = np.block([[own, through], [np.swapaxes(through, 1, 2), corner]])
+    inside *= spread**2
+    t = np.concatenate([found.t, np.broadcast_to(found.common, (windows, q))], axis=1)
+    width = np.sqrt(np.einsum("waa->wa", inside))
+    blank = np.where(known, 1.0, np.nan)
+    units = np.array([u.slope(t[:, column]) for column, u in enumerate(unknowns)])
+    units = units.reshape(len(unknowns), windows)
+    covariance = inside * units.T[:, :, None] * units.T[:, None, :] * blank[:, None, None]
+    values, errors, undetermined, bounded = {}, {}, {}, {}
+    for column, unknown in enumerate(unknowns):
+        name, there = unknown.name, t[:, column]
+        at_bound = (there <= unknown.lower + _AT_BOUND) | (there >= unknown.upper - _AT_BOUND)
+        if column < found.at_bound.shape[1]:
+            at_bound = at_bound | found.at_bound[:, column]
+            bounded[name] = at_bound & known
+        undetermined[name] = (found.wide[:, column] > LARGEST_OPEN) | at_bound | ~known
+        if name in soil:
+            values[name] = unknown.value(there) * blank
+            errors[name] = width[:, column] * units[column] * blank
+    for name in soil:
+        if name in sought.fixed:
+            values[name] = np.broadcast_to(sought.fixed[name], (windows,)) * blank
+            errors[name] = np.zeros(windows) * blank
+    common = list(zip(sought.shared, np.asarray(found.common), strict=True))
+    shared_units = np.array([float(u.slope(number)) for u, number in common])
+    shared_covariance = found.shared * spread**2 * np.outer(shared_units, shared_units)
+    shared_errors = np.sqrt(np.diagonal(shared_covariance)).tolist()
+    pivot = {"cohesion", "tan_phi"} <= set(names)
+    var_c, cov, var_t = (
+        _between(names, covariance, a, b)
+        for a, b in (("cohesion", "cohesion"), ("cohesion", "tan_phi"), ("tan_phi", "tan_phi"))
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # Where c and φ err the same way no stress makes their errors cancel, and none below 0 is one.
+        sigma_star = np.maximum(-cov / var_t, 0.0) if pivot else np.full(windows, np.nan)
+        strength_se = np.sqrt(np.maximum(var_c + 2.0 * sigma_star * cov + sigma_star**2 * var_t, 0.0))
+    return Parameters(
+        values={name: values[name] for name in soil},
+        errors={name: errors[name] for name in soil},
+        shared={u.name: float(u.value(number)) for u, number in common},
+        shared_errors={u.name: error for u, error in zip(sought.shared, shared_errors, strict=True)},
+        names=names,
+        covariance=covariance,
+        shared_covariance=shared_covariance,
+        sigma_star=sigma_star,
+        strength=values["cohesion"] + sigma_star * values["tan_phi"],
+        strength_se=strength_se,
+        undetermined=undetermined,
+        bounded=bounded,
+        phi_open=_open(names, found.sure, values["tan_phi"], unknowns) * blank,
+    )
+
+
+def _open(names: tuple[str, ...], sure: Array, tan_phi: Array, unknowns: Sequence[Unknown]) -> Array:
+    """Return the standard error of φ without the information of its own prior.
+
+    Removing one unit of information from an unknown of variance v leaves v/(1 − v).
+    """
+    if "tan_phi" not in names:
+        return np.zeros(len(sure))
+    column = names.index("tan_phi")
+    variance = sure[:, column] ** 2
+    rest = np.maximum(1.0 - variance, 0.0)
+    alone = np.sqrt(np.divide(variance, rest, out=np.full_like(rest, np.inf), where=rest > 0.0))
+    return np.asarray(alone * unknowns[column].sd / (1.0 + tan_phi**2))
+
+
+def _between(names: tuple[str, ...], covariance: Array, a: str, b: str) -> Array:
+    if a not in names or b not in names:
+        return np.zeros(len(covariance))
+    return covariance[:, names.index(a), names.index(b)]

@@ -1,0 +1,366 @@
+"""The most probable unknowns: Gauss–Newton steps of all windows at once.
+
+Unknowns of a window meet those of another only through the shared ones. The normal equations are
+an arrow, and eliminating each window's own block leaves one small system for the shared unknowns:
+no matrix ever spans two windows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation.wheel_fit.linearised import equations
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+
+    Array = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+ITERATIONS = 40
+#: A step this small, in posterior standard deviations, is the last one.
+TOLERANCE = 0.1
+#: Iterations after which steps that turn back without shrinking to half are shortened, and how far.
+_PATIENCE, _SHORTEST = 5, 0.1
+#: How far rounding may take a variance above that of the prior, as a share.
+_ROUNDING = 1e-6
+#: What holds an unknown at its bound.
+_STIFF = 1e12
+
+
+@dataclass
+class State:
+    """Where the search stands.
+
+    Parameters
+    ----------
+    t, common : ndarray, shape (w, p) and (q,)
+        Unknowns of each window, and shared ones.
+    latent : ndarray, shape (inputs, n)
+        True values of the inputs.
+    converged : ndarray of bool, shape (w,)
+    merit : ndarray, shape (w,)
+        Sum of squares of residuals and of local unknowns.
+    """
+
+    t: Array
+    common: Array
+    latent: Array
+    converged: Mask
+    merit: Array
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Normal equations of windows, without the priors.
+
+    Parameters
+    ----------
+    information : ndarray, shape (w, p + q, p + q)
+    score : ndarray, shape (w, p + q)
+    misfit : ndarray, shape (w,)
+    """
+
+    information: Array
+    score: Array
+    misfit: Array
+
+
+def initial(data: Data, t: Array, common: Array) -> State:
+    """Begin a search with the measured values for the true ones.
+
+    Parameters
+    ----------
+    data : Data
+    t, common : ndarray, shape (w, p) and (q,)
+
+    Returns
+    -------
+    State
+    """
+    windows = len(t)
+    latent = np.array([data.channels[name] for name in data.inputs])
+    return State(t.copy(), common.copy(), latent, np.zeros(windows, dtype=bool), np.full(windows, np.inf))
+
+
+def solve(
+    problem: Problem, data: Data, start: State, *, order: int | None, iterations: int = ITERATIONS
+) -> State:
+    """Find the most probable unknowns.
+
+    Parameters
+    ----------
+    problem : Problem
+    data : Data
+    start : State
+        Changed in place.
+    order : int or None
+        Nodes on each arc.
+    iterations : int
+        At the most.
+
+    Returns
+    -------
+    State
+    """
+    sought, state = problem.unknowns, start
+    windows, shared = len(data.windows), len(sought.shared) > 0
+    # Where a search with fewer nodes has ended one short step is enough to tell.
+    settled = state.converged.copy()
+    state.converged[:] = data.count == 0
+    state.merit[:] = np.inf
+    share, before, last = np.ones(windows), np.full(windows, np.inf), np.zeros_like(state.t)
+    active, part = np.flatnonzero(~state.converged), data
+    if len(active) < windows:
+        part = data.only(active)
+    for iteration in range(iterations):
+        if len(active) == 0:
+            break
+        rows = slice(None) if part is data else data.rows_of(active)
+        latent = state.latent[:, rows]
+        normal = accumulate(problem, part, state.t[active], state.common, latent, order=order)
+        state.latent[:, rows] = latent
+        state.merit[active] = normal.misfit + np.sum(state.t[active] ** 2, axis=1)
+        step, shift, length = newton(normal, sought, state.t[active], state.common)
+        # The weights move along with the unknowns, so that no sum of squares tells whether a step
+        # was too long; steps that swing to and fro do.
+        back = np.sum(step * last[active], axis=1) < 0.0
+        swings = (iteration >= _PATIENCE) & back & (length > 0.25 * before[active])
+        share[active] = np.clip(np.where(swings, 0.5, 2.0) * share[active], _SHORTEST, 1.0)
+        before[active], last[active] = length, step
+        state.t[active] += share[active, None] * step
+        state.common += shift
+        done = (length <= TOLERANCE**2) & ((iteration > 0) | settled[active])
+        # A guess at which the model gives no number tells nothing.
+        done &= np.einsum("waa->w", normal.information) > (0.0 if normal.score.shape[1] else -1.0)
+        state.converged[active] = done
+        if shared:
+            moved = float(shift @ eliminate(normal, len(sought.local))[2] @ shift)
+            if done.all() and moved <= TOLERANCE**2:
+                break
+        elif done.any():
+            active = active[~done]
+            part = data.only(active)
+    return state
+
+
+def accumulate(
+    problem: Problem,
+    data: Data,
+    t: Array,
+    common: Array,
+    latent: Array,
+    *,
+    order: int | None,
+    each: Callable[[NDArray[np.intp], Data, Equations], None] | None = None,
+) -> Normal:
+    """Linearise all windows, block by block, and move the true values of the inputs along.
+
+    Parameters
+    ----------
+    problem : Problem
+    data : Data
+    t, common : ndarray, shape (w, p) and (q,)
+    latent : ndarray, shape (inputs, n)
+        Changed in place.
+    order : int or None
+    each : callable, optional
+        Called with the windows of each block, their data and equations.
+
+    Returns
+    -------
+    Normal
+    """
+    size = t.shape[1] + len(common)
+    windows = len(t)
+    total = Normal(np.zeros((windows, size, size)), np.zeros((windows, size)), np.zeros(windows))
+    for block in data.blocks():
+        part = data if len(block) == windows else data.only(block)
+        rows = slice(data.bounds[block[0]], data.bounds[block[-1] + 1])
+        found = equations(problem, part, t[block], common, latent[:, rows], order=order)
+        total.information[block], total.score[block], total.misfit[block] = found.normal(part.bounds)
+        latent[:, rows] = found.latent(part)
+        if each is not None:
+            each(block, part, found)
+    return total
+
+
+def eliminate(normal: Normal, local: int, *, prior: float = 1.0) -> tuple[Array, Array, Array]:
+    """Eliminate the windows' own unknowns.
+
+    Parameters
+    ----------
+    normal : Normal
+    local : int
+        p.
+    prior : float
+        Information of each prior; less than 1 for what would be known with wider ones.
+
+    Returns
+    -------
+    own : ndarray, shape (w, p, p)
+        Covariance of the windows' own unknowns with the shared ones held, priors included.
+    gain : ndarray, shape (w, p, q)
+        Change of the windows' own unknowns with the shared ones.
+    shared : ndarray, shape (q, q)
+        Information on the shared unknowns, priors included.
+    """
+    own = posterior_covariance(normal.information[:, :local, :local] + prior * np.eye(local), prior)
+    cross = normal.information[:, :local, local:]
+    gain = -own @ cross
+    q = cross.shape[2]
+    total = prior * np.eye(q) + normal.information[:, local:, local:].sum(axis=0)
+    return own, gain, total + np.asarray(np.einsum("wpq,wpr->qr", cross, gain))
+
+
+def inverse(matrix: Array) -> Array:
+    """Invert matrices.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (…, p, p)
+
+    Returns
+    -------
+    ndarray, shape (…, p, p)
+    """
+    try:
+        return np.asarray(np.linalg.inv(matrix), dtype=float)
+    except np.linalg.LinAlgError:
+        # Samples that differ in weight by all digits there are.
+        return np.asarray(np.linalg.pinv(matrix), dtype=float)
+
+
+def posterior_covariance(information: Array, least: float = 1.0) -> Array:
+    """Invert information matrices that hold what the priors know.
+
+    Parameters
+    ----------
+    information : ndarray, shape (…, p, p)
+    least : float
+        Information of the priors: no eigenvalue is below it.
+
+    Returns
+    -------
+    ndarray, shape (…, p, p)
+    """
+    found = inverse(information)
+    variances = np.diagonal(found, axis1=-2, axis2=-1)
+    possible = (variances > 0.0) & (least * variances <= 1.0 + _ROUNDING)
+    wrong = np.isfinite(information).all(axis=(-2, -1)) & ~possible.all(axis=-1)
+    if wrong.any():
+        # Data without noise outweigh the priors by all digits there are: rounding has taken the latter away.
+        size, axes = np.linalg.eigh(information[wrong])
+        found[wrong] = (axes / np.maximum(size, least)[..., None, :]) @ np.swapaxes(axes, -1, -2)
+    return found
+
+
+def square_root(matrix: Array) -> Array:
+    """Return factors L with L Lᵀ the covariance matrices, triangular where rounding leaves them definite.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (…, p, p)
+
+    Returns
+    -------
+    ndarray, shape (…, p, p)
+    """
+    try:
+        return np.asarray(np.linalg.cholesky(matrix), dtype=float)
+    except np.linalg.LinAlgError:
+        if matrix.ndim > 2:
+            return np.array([square_root(one) for one in matrix])
+    size, axes = np.linalg.eigh(matrix)
+    return np.asarray(axes * np.sqrt(np.maximum(size, np.finfo(float).eps * size[-1])))
+
+
+def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[Array, Array, Array]:
+    """Return a step towards the most probable unknowns, within their bounds.
+
+    Parameters
+    ----------
+    normal : Normal
+        At the unknowns that follow.
+    sought : Unknowns
+    t, common : ndarray, shape (w, p) and (q,)
+
+    Returns
+    -------
+    step, shift : ndarray, shape (w, p) and (q,)
+    length : ndarray, shape (w,)
+        Squared, in posterior standard deviations.
+    """
+    local = t.shape[1]
+    step, shift = _unbounded(normal, t, common)
+    low, high, most = limits(sought.local)
+    low_shared, high_shared, most_shared = limits(sought.shared)
+    out = (t + step < low) | (t + step > high)
+    out_shared = (common + shift < low_shared) | (common + shift > high_shared)
+    if out.any() or out_shared.any():
+        # Hold at their bounds those that would leave, and solve again for the others.
+        out_shared = np.broadcast_to(out_shared, (len(t), len(common)))
+        where = np.concatenate([out, out_shared], axis=1)
+        to = np.concatenate(
+            [
+                np.where(step < 0.0, low, high) - t,
+                np.broadcast_to(
+                    np.where(shift < 0.0, low_shared, high_shared) - common, (len(t), len(common))
+                ),
+            ],
+            axis=1,
+        )
+        diagonal = np.einsum("waa->wa", normal.information)
+        hold = np.where(where, _STIFF * (1.0 + diagonal), 0.0)
+        held = replace(
+            normal,
+            information=normal.information + hold[:, :, None] * np.eye(hold.shape[1]),
+            score=normal.score + np.where(where, hold * np.where(where, to, 0.0), 0.0),
+        )
+        step, shift = _unbounded(held, t, common)
+    step = np.clip(t + step, low, high) - t
+    shift = np.clip(common + shift, low_shared, high_shared) - common
+    step = step / np.maximum(np.max(np.abs(step) / most, axis=1, initial=1.0, keepdims=True), 1.0)
+    shift = shift / max(np.max(np.abs(shift) / most_shared, initial=1.0), 1.0)
+    own = normal.information[:, :local, :local] + np.eye(local)
+    return step, shift, np.einsum("wa,wab,wb->w", step, own, step)
+
+
+def _unbounded(normal: Normal, t: Array, common: Array) -> tuple[Array, Array]:
+    local = t.shape[1]
+    own, gain, shared = eliminate(normal, local)
+    pull = normal.score[:, :local] - t
+    step = np.einsum("wab,wb->wa", own, pull)
+    if len(common) == 0:
+        return step, np.zeros(0)
+    pull_shared = normal.score[:, local:].sum(axis=0) - common + np.einsum("wpq,wp->q", gain, pull)
+    try:
+        shift = np.linalg.solve(shared, pull_shared)
+    except np.linalg.LinAlgError:
+        # What outweighs the rest by all digits there are leaves nothing to tell the others by.
+        shift = inverse(shared) @ pull_shared
+    return step + gain @ shift, shift
+
+
+def limits(sought: tuple[Unknown, ...]) -> tuple[Array, Array, Array]:
+    """Return lower and upper bounds and largest steps.
+
+    Parameters
+    ----------
+    sought : tuple of Unknown
+
+    Returns
+    -------
+    lower, upper, step : ndarray, shape (p,)
+    """
+    table = np.array([[u.lower, u.upper, u.step] for u in sought]).reshape(-1, 3)
+    return table[:, 0], table[:, 1], table[:, 2]

@@ -1,0 +1,318 @@
+"""The model at the current guess, as whitened linear equations for the unknowns.
+
+Every channel is noisy, the ones that the model is evaluated at included. Their true values û are
+therefore sought along with the parameters, sample by sample. About the current û the model is
+F(û) + J (u − û) + A δ, so that the residual g = m − F(û) − J (u − û) of the measured u has the
+covariance S = R + J R_u Jᵀ, and the true values that go best with it are u + R_u Jᵀ S⁻¹ g.
+
+Taking J and A at û, and S as a constant of the step, keeps the estimating equations Σ Aᵀ S⁻¹ g = 0
+free of bias: û and g are uncorrelated, whereas A at the measured u is not, which is what flattens
+a line fitted to noisy abscissae. It is orthogonal distance regression (Boggs & Rogers 1990)
+in the structure of Fuller, Measurement Error Models, 1987, section 3.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
+from terrain_cli.mechanics.dual import slopes, value
+from terrain_cli.mechanics.wheel_model import predict
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
+    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
+    from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry
+
+    Array = NDArray[np.float64]
+
+#: Part of an output's size that its error has at least: keeps S positive where noise is said to be none.
+_LEAST = 1e-8
+#: Share of the load below which a force, or a torque over the radius, is next to none.
+_NOTHING = 1e-3
+#: Huber's estimator by the number of channels together: the radius, in standard deviations, within
+#: which the weight is 1, so that 5 % of the efficiency is lost on clean data, and the mean square of
+#: a weighted residual then.
+_RADIUS = np.array([np.inf, 1.345, 1.50, 1.63])
+_SQUARE = np.array([1.0, 0.7102, 0.6753, 0.6437])
+#: How far a true value may be from the measured one, in standard deviations of the sensor.
+_FARTHEST = 8.0
+#: Of a channel that is off by orders of magnitude the true values run away: what is not finite tells nothing.
+_QUIET = np.errstate(over="ignore", invalid="ignore")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted, save the samples.
+
+    Parameters
+    ----------
+    model : Model
+    wheel : WheelGeometry
+    given : {"sinkage", "load"}
+    unknowns : Unknowns
+    noise : Noise
+    robust : bool
+    """
+
+    model: Model
+    wheel: WheelGeometry
+    given: Given
+    unknowns: Unknowns
+    noise: Noise
+    robust: bool = False
+
+    def predict(
+        self, data: Data, t: Array, common: Array, *, by: bool, order: int | None, latent: Array | None = None
+    ) -> Prediction:
+        """Predict all samples of some windows.
+
+        Parameters
+        ----------
+        data : Data
+        t : ndarray, shape (w, p)
+            Local unknowns of the windows of `data`.
+        common : ndarray, shape (q,)
+        by : bool
+            Differentiate by the unknowns, and by the inputs that are not exact.
+        order : int or None
+            Nodes on each arc.
+        latent : ndarray, shape (inputs, n), optional
+            True values of the inputs; the measured ones by default.
+
+        Returns
+        -------
+        Prediction
+        """
+        channels = data.channels
+        if latent is not None:
+            channels = {**channels, **dict(zip(data.inputs, latent, strict=True))}
+        sought = (*self.unknowns.local, *self.unknowns.shared)
+        noisy = [
+            name for name in data.inputs if self.noise.relative.get(name) or self.noise.absolute.get(name)
+        ]
+        return predict(
+            self.model,
+            self.wheel,
+            channels,
+            self.unknowns.values(t, common, data.count, data.windows),
+            given=self.given,
+            by=(*(u.name for u in sought), *noisy) if by else (),
+            order=order,
+        )
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Whitened equations of some samples.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (outputs, n)
+        Each of variance 1 in truth; 0 where an output is not seen.
+    design : ndarray, shape (outputs, p + q, n)
+        Its derivatives by the unknowns, with the sign turned.
+    inward : ndarray, shape (outputs, inputs, n)
+        Its derivatives by the inputs, per standard deviation of the input's noise, with the sign turned.
+    spread : ndarray, shape (inputs, n)
+        Those standard deviations.
+    weight : ndarray, shape (n,)
+        Of a sample; 1 unless the fit is robust.
+    factor : ndarray, shape (outputs, outputs, n)
+        Lower Cholesky factor of S.
+    size : ndarray, shape (n,)
+        Root mean square of a residual by its weight on clean data.
+    """
+
+    residual: Array
+    design: Array
+    inward: Array
+    spread: Array
+    weight: Array
+    factor: Array
+    size: Array
+
+    @property
+    def bounded(self) -> Array:
+        """Residuals by their weights, of variance 1 on clean data."""
+        return self.residual * (self.weight / self.size)
+
+    def unwhitened(self) -> Array:
+        """Return the design in the units of the outputs.
+
+        Returns
+        -------
+        ndarray, shape (outputs, p + q, n)
+        """
+        return np.asarray(np.einsum("abn,bpn->apn", self.factor, self.design))
+
+    @_QUIET
+    def latent(self, data: Data) -> Array:
+        """Return the true values of the inputs that go best with the residuals.
+
+        Parameters
+        ----------
+        data : Data
+
+        Returns
+        -------
+        ndarray, shape (inputs, n)
+        """
+        most = _FARTHEST / np.sqrt(np.repeat(data.excess, data.count))
+        offset = np.clip(np.einsum("akn,an->kn", self.inward, self.residual), -most, most)
+        measured = np.array([data.channels[name] for name in data.inputs])
+        moved = measured + self.spread * offset
+        if "sinkage" in data.inputs:
+            row = data.inputs.index("sinkage")
+            # Soil is never left: a depth of nothing has no derivatives.
+            moved[row] = np.where(
+                measured[row] > 0.0, np.maximum(moved[row], 0.1 * measured[row]), moved[row]
+            )
+        return np.asarray(moved)
+
+    def normal(self, bounds: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        """Sum up windows.
+
+        Parameters
+        ----------
+        bounds : ndarray of int, shape (w + 1,)
+
+        Returns
+        -------
+        information : ndarray, shape (w, p + q, p + q)
+        score : ndarray, shape (w, p + q)
+        misfit : ndarray, shape (w,)
+            Sum of squares of the residuals; of the weighted ones, in terms of what clean data
+            would give, where the fit is robust.
+        """
+        weighted = self.design * self.weight
+        size, windows = self.design.shape[1], len(bounds) - 1
+        information = np.empty((windows, size, size))
+        for a in range(size):
+            for b in range(a + 1):
+                product = np.einsum("mn,mn->n", weighted[:, a], self.design[:, b])
+                information[:, a, b] = information[:, b, a] = segment_sum(product, bounds)
+        score = segment_sum(np.einsum("mpn,mn->pn", weighted, self.residual), bounds).T
+        misfit = segment_sum(np.einsum("mn,mn->n", self.bounded, self.bounded), bounds)
+        return information, score, misfit
+
+
+@_QUIET
+def equations(
+    problem: Problem, data: Data, t: Array, common: Array, latent: Array, *, order: int | None = None
+) -> Equations:
+    """Linearise the model about a guess.
+
+    Parameters
+    ----------
+    problem : Problem
+    data : Data
+    t, common : ndarray, shape (w, p) and (q,)
+        Local and shared unknowns.
+    latent : ndarray, shape (inputs, n)
+        True values of the inputs.
+    order : int, optional
+        Nodes on each arc.
+
+    Returns
+    -------
+    Equations
+    """
+    sought = problem.unknowns
+    prediction = problem.predict(data, t, common, by=True, order=order, latent=latent)
+    size, n = len(sought.local) + len(sought.shared), latent.shape[1]
+    count = data.count
+    chain = [np.repeat(u.slope(t[:, column]), count) for column, u in enumerate(sought.local)]
+    chain += [u.slope(np.asarray(number)) for u, number in zip(sought.shared, common, strict=True)]
+    names = [u.name for u in (*sought.local, *sought.shared)]
+    excess = np.repeat(data.excess, count)
+    spread = np.sqrt(
+        [problem.noise.variance(name, row) * excess for name, row in zip(data.inputs, latent, strict=True)]
+    )
+    measured = np.array([data.channels[name] for name in data.inputs])
+
+    # Columns: the residual, the unknowns, the inputs.
+    table = np.zeros((len(data.outputs), 1 + size + len(data.inputs), n))
+    own = np.empty((len(data.outputs), n))
+    for row, name in enumerate(data.outputs):
+        number = getattr(prediction, name)
+        predicted, by = value(number), slopes(number)
+        table[row, 0] = data.measured[row] - predicted
+        for column, (unknown, outer) in enumerate(zip(names, chain, strict=True)):
+            if unknown in by:
+                table[row, 1 + column] = by[unknown] * outer
+        for column, source in enumerate(data.inputs):
+            if source in by:
+                table[row, 0] -= by[source] * (measured[column] - latent[column])
+                table[row, 1 + size + column] = by[source] * spread[column]
+        if name == BALANCE:
+            own[row] = (_LEAST * value(prediction.load)) ** 2
+        else:
+            large = _large(problem, name, prediction, predicted, data)
+            own[row] = (
+                problem.noise.variance(name, large) * excess + (_LEAST * large) ** 2 + np.finfo(float).tiny
+            )
+    # Where the model gives no number, at this guess, the sample has no say.
+    told = data.seen & np.isfinite(own) & np.isfinite(table).all(axis=1)
+    table = np.where(told[:, None], table, 0.0)
+    own = np.where(told, own, 1.0)
+    factor = _cholesky(table[:, 1 + size :], own)
+    solve_lower(factor, table)
+    residual = table[:, 0]
+    weight, size_of = np.ones(n), np.ones(n)
+    if problem.robust:
+        size_of = np.sqrt(_SQUARE)[data.seen.sum(axis=0)]
+        radius = np.sqrt(np.einsum("mn,mn->n", residual, residual))
+        limit = _RADIUS[data.seen.sum(axis=0)]
+        weight = np.divide(limit, radius, out=weight, where=radius > limit)
+    return Equations(residual, table[:, 1 : 1 + size], table[:, 1 + size :], spread, weight, factor, size_of)
+
+
+def _large(problem: Problem, name: str, prediction: Prediction, predicted: Array, data: Data) -> Array:
+    """Keep forces and torques from nothing, where noise that is a share of them would weigh without end."""
+    load = data.channels.get("load") if prediction.load is None else value(prediction.load)
+    if name not in {"torque", "drawbar_pull"} or load is None:
+        return predicted
+    lever = problem.wheel.radius if name == "torque" else 1.0
+    least = _NOTHING * lever * np.abs(load)
+    return np.asarray(np.maximum(np.abs(predicted), least))
+
+
+def _cholesky(inward: Array, own: Array) -> Array:
+    """Return the lower factor of S = R + J R_u Jᵀ, with J per standard deviation of the inputs."""
+    covariance = np.einsum("akn,bkn->abn", inward, inward)
+    factor = np.zeros_like(covariance)
+    for a in range(len(own)):
+        for b in range(a):
+            rest = covariance[a, b] - np.einsum("cn,cn->n", factor[a, :b], factor[b, :b])
+            factor[a, b] = rest / factor[b, b]
+        rest = covariance[a, a] - np.einsum("cn,cn->n", factor[a, :a], factor[a, :a])
+        factor[a, a] = np.sqrt(np.maximum(rest, 0.0) + own[a])
+    return np.asarray(factor)
+
+
+def solve_lower(factor: Array, table: Array) -> Array:
+    """Multiply by the inverse of a lower triangular matrix of each sample, in place.
+
+    Parameters
+    ----------
+    factor : ndarray, shape (outputs, outputs, n)
+    table : ndarray, shape (outputs, columns, n)
+
+    Returns
+    -------
+    ndarray
+        `table`.
+    """
+    for a in range(len(table)):
+        for b in range(a):
+            table[a] -= factor[a, b] * table[b]
+        table[a] /= factor[a, a]
+    return table

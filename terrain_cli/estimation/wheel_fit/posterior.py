@@ -1,0 +1,364 @@
+"""From the most probable unknowns to their means and errors.
+
+Where data say little, the posterior is skew, and its mode is off its mean by a third of a standard
+deviation. The mean is, to second order, t̂ − ½ P ∇ log det(I + 1), with the information I and the
+covariance P = (I + 1)⁻¹ (Tierney & Kadane 1986; the part of it that is there without a prior
+is the bias of Box 1971).
+
+The design at the estimated true values û is noisy too, which makes the information look larger by
+ΔI = Σ A'ᵀ S⁻¹ A' var û. The scores u have the variance I but the slope H = I − ΔI, so that the data
+alone give the unknowns with the information H I⁻¹ H, by H I⁻¹ u (the sandwich of White 1982). With
+these in the place of I and u, what is known tends to the prior where all information is feigned.
+
+Both are sums over the samples of a window, which change little from one sample to the next: some
+samples of each window are enough for them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.wheel_fit.bounds import overshoot, truncate
+from terrain_cli.estimation.wheel_fit.excess_scatter import excess, memory
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
+from terrain_cli.estimation.wheel_fit.gauss_newton import (
+    Normal,
+    accumulate,
+    eliminate,
+    inverse,
+    limits,
+    newton,
+    posterior_covariance,
+    square_root,
+)
+from terrain_cli.estimation.wheel_fit.linearised import Equations, equations, solve_lower
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.gauss_newton import State
+    from terrain_cli.estimation.wheel_fit.linearised import Problem
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Samples of each window, and nodes on each arc, for the corrections. To the mean of a shared
+#: unknown every window adds in the same direction: more samples, lest their errors add up too.
+_SAMPLES, _SAMPLES_SHARED, _ORDER = 6, 30, 5
+#: Length of a difference, in posterior standard deviations and in those of the noise.
+_STEP = 0.3
+#: The mean is never taken to be further than this from the mode, in posterior standard deviations.
+_FARTHEST = 2.0
+#: Beyond this many of them a correction of shared unknowns is none.
+_SMALL = 1.0
+#: Information of a prior ten times as wide, and of nothing.
+_WIDE, _NOTHING = 0.01, 1e-9
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is known of the unknowns, in prior standard deviations from their prior means.
+
+    Parameters
+    ----------
+    t, common : ndarray, shape (w, p) and (q,)
+        Means.
+    own : ndarray, shape (w, p, p)
+        Covariance of each window's own unknowns with the shared ones held.
+    shared : ndarray, shape (q, q)
+        Covariance of the shared unknowns.
+    gain : ndarray, shape (w, p, q)
+        Change of the windows' own unknowns with the shared ones.
+    sure, wide : ndarray, shape (w, p + q)
+        Standard deviations from information that noise cannot have made, under the priors as they
+        are and under ones ten times as wide.
+    misfit, dof : ndarray, shape (w,)
+        Weighted sum of squares of the residuals in terms of the sensors' noise, and their degrees of
+        freedom.
+    inflation : ndarray, shape (w,)
+        How much larger the long-run variance of the residuals is than the noise says.
+    excess : ndarray, shape (w,)
+        As in `Data`.
+    at_bound : ndarray of bool, shape (w, p)
+        Which of a window's own unknowns the data would take beyond their bounds.
+    """
+
+    t: Array
+    common: Array
+    own: Array
+    shared: Array
+    gain: Array
+    sure: Array
+    wide: Array
+    misfit: Array
+    dof: Array
+    inflation: Array
+    excess: Array
+    at_bound: NDArray[np.bool_]
+
+
+def posterior(
+    problem: Problem, data: Data, state: State, *, order: int | None, correlated: bool
+) -> Posterior:
+    """Return means and covariances from the most probable unknowns.
+
+    Parameters
+    ----------
+    problem : Problem
+    data : Data
+    state : State
+        From `gauss_newton`; its true values of the inputs become those that go with the means.
+    order : int or None
+        Nodes on each arc.
+    correlated : bool
+        Whether samples follow each other in time.
+
+    Returns
+    -------
+    Posterior
+    """
+    local = state.t.shape[1]
+    few = _Few(problem, data, state)
+    at_mode, noise = few.at_mode()
+    own, gain, shared = eliminate(at_mode, local)
+    held = posterior_covariance(shared)
+    move, move_shared = _to_mean(few, at_mode, own, gain, held)
+    # Where little is known the posterior is far from normal, and the way to its mean is not told.
+    missed = data.excess > 1.0
+    move[missed] = 0.0
+
+    last = _Last(data, own, gain, held)
+    t, common = _within(problem, state.t + move, state.common + move_shared)
+    normal = accumulate(problem, data, t, common, state.latent, order=order, each=last.keep)
+    taken = np.einsum("wab,wba->w", normal.information[:, :local, :local], eliminate(normal, local)[0])
+    dof = segment_sum(data.seen.sum(axis=0).astype(float), data.bounds) - taken
+
+    honest, sure = _honest(normal, noise)
+    own, gain, shared = eliminate(honest, local)
+    held = posterior_covariance(shared)
+    # A step of the search from there leads back to the mode, and tells how far away it still was.
+    step, shift, _ = newton(honest, problem.unknowns, t, common)
+    t = t + _bounded(step + move, own)
+    common = common + _bounded((shift + move_shared)[None], held[None])[0]
+    t, common = _within(problem, t, common)
+    beyond = overshoot(honest, problem.unknowns.local, t)
+
+    scatter = excess(last.residual, data.seen, data.bounds, dof)[:, None, None]
+    lasting, lasting_shared = np.ones((local, len(t))), np.ones((len(held), 1))
+    if correlated:
+        lasting, lasting_shared = last.memory()
+        # Their noise is that of their long run already.
+        lasting = np.where(missed, 1.0, lasting)
+    inner = honest.information[:, :local, :local]
+    lengthened = _lengthen(scatter * inner, last.axes, lasting.T)
+    along = np.concatenate([gain, np.broadcast_to(np.eye(len(shared)), (len(gain), *shared.shape))], axis=1)
+    plain, larger = (
+        np.asarray(np.einsum("wax,wab,wby->xy", along, factor * honest.information, along), dtype=float)
+        for factor in (1.0, scatter)
+    )
+    lengthened_shared = _lengthen(larger, last.axes_shared, lasting_shared[:, 0])
+    priors = np.eye(len(shared)) + np.einsum("wpx,wpy->xy", gain, gain)
+    sure = replace(sure, information=sure.information / scatter)
+    t, covariance = truncate(
+        t, _sandwich(own, inner, lengthened, np.eye(local)), beyond, problem.unknowns.local
+    )
+    return Posterior(
+        t=t,
+        common=common,
+        own=covariance,
+        shared=_sandwich(held, plain, lengthened_shared, priors),
+        # What is at its bound stays there.
+        gain=np.where(beyond[:, :, None] >= 0.0, 0.0, gain),
+        sure=_width(sure, local, prior=1.0),
+        wide=_width(sure, local, prior=_WIDE),
+        misfit=normal.misfit * data.excess,
+        dof=dof,
+        inflation=data.excess * scatter[:, 0, 0] * lasting.max(axis=0, initial=1.0),
+        excess=data.excess.copy(),
+        at_bound=beyond >= 0.0,
+    )
+
+
+def _honest(normal: Normal, noise: Array) -> tuple[Normal, Normal]:
+    """Return what is left of the normal equations without that which the noise of the design feigns.
+
+    First by the best weight of the data against the priors, then beyond twice the noise.
+    """
+    information = normal.information
+    size, axes = np.linalg.eigh(information)
+    root = np.sqrt(np.maximum(size, 0.0) + _NOTHING)
+    scaled = axes / root[:, None, :]
+    share, turn = np.linalg.eigh(np.swapaxes(scaled, 1, 2) @ noise @ scaled)
+    # I = Q Qᵀ and ΔI = Q diag(share) Qᵀ.
+    q = (axes * root[:, None, :]) @ turn
+    back = np.swapaxes(turn, 1, 2) @ np.swapaxes(scaled, 1, 2)
+    left = np.clip(1.0 - share, 0.0, 1.0)[:, None, :]
+    sure = np.clip(1.0 - 2.0 * share, 0.0, 1.0)[:, None, :]
+    across = np.swapaxes(q, 1, 2)
+    score = np.einsum("wab,wb->wa", (q * left) @ back, normal.score)
+    return (
+        Normal((q * left**2) @ across, score, normal.misfit),
+        Normal((q * sure) @ across, score, normal.misfit),
+    )
+
+
+def _lengthen(scores: Array, axes: Array, lasting: Array) -> Array:
+    """Return the variance of scores whose parts along some axes last for several samples."""
+    inside = np.swapaxes(axes, -1, -2) @ scores @ axes
+    back = inverse(axes)
+    root = np.sqrt(lasting)
+    return np.asarray(np.swapaxes(back, -1, -2) @ (root[..., :, None] * inside * root[..., None, :]) @ back)
+
+
+def _sandwich(own: Array, information: Array, scores: Array, priors: Array) -> Array:
+    """Return the covariance where the variance of the scores is not the information that `own` stands for.
+
+    `priors` is what `own` knows beside the data: own⁻¹ less the information.
+    """
+    found = own + own @ (scores - information) @ own
+    if (np.diagonal(found, axis1=-2, axis2=-1) > 0.0).all():
+        return np.asarray(found)
+    # The same as a sum of squares, of which rounding makes nothing negative where there is hardly any noise.
+    size, axes = np.linalg.eigh(priors + scores)
+    half = own @ (axes * np.sqrt(np.maximum(size, 0.0))[..., None, :])
+    return np.asarray(half @ np.swapaxes(half, -1, -2))
+
+
+def _width(normal: Normal, local: int, *, prior: float) -> Array:
+    """Return standard deviations of all unknowns under priors of some information."""
+    own, gain, shared = eliminate(normal, local, prior=prior)
+    held = posterior_covariance(shared, prior)
+    inside = np.einsum("waa->wa", own + gain @ held @ np.swapaxes(gain, 1, 2))
+    outside = np.broadcast_to(np.diagonal(held), (len(own), len(held)))
+    return np.asarray(np.sqrt(np.concatenate([inside, outside], axis=1)))
+
+
+class _Last:
+    """What the last equations say of each sample: its residuals and its part in the scores."""
+
+    def __init__(self, data: Data, own: Array, gain: Array, held: Array) -> None:
+        self.bounds, self.gain = data.bounds, gain
+        self.axes: Array = square_root(own)
+        self.axes_shared: Array = square_root(held)
+        self.residual = np.zeros_like(data.measured)
+        self.score = np.zeros((own.shape[1], data.measured.shape[1]))
+        self.score_shared = np.zeros((len(held), data.measured.shape[1]))
+
+    def keep(self, block: Index, part: Data, found: Equations) -> None:
+        rows = slice(self.bounds[block[0]], self.bounds[block[-1] + 1])
+        self.residual[:, rows] = found.bounded
+        score = np.einsum("mpn,mn->pn", found.design, found.residual * found.weight)
+        local = self.axes.shape[1]
+        for into, by in ((self.score, self.axes), (self.score_shared, self.gain)):
+            into[:, rows] = np.einsum("npj,pn->jn", np.repeat(by[block], part.count, axis=0), score[:local])
+        self.score_shared[:, rows] = self.axes_shared.T @ (self.score_shared[:, rows] + score[local:])
+
+    def memory(self) -> tuple[Array, Array]:
+        """Return the samples to an independent one, along the axes of own and shared unknowns."""
+        return memory(self.score, self.bounds), memory(self.score_shared, self.bounds, together=True)
+
+
+def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -> tuple[Array, Array]:
+    """Return the way from the mode to the mean."""
+    local = own.shape[1]
+
+    def volume(normal: Normal) -> tuple[Array, float]:
+        inner = normal.information[:, :local, :local] + np.eye(local)
+        return np.linalg.slogdet(inner)[1], float(np.linalg.slogdet(eliminate(normal, local)[2])[1])
+
+    base, base_shared = volume(at_mode)
+    axes = square_root(own)
+    move = np.zeros(own.shape[:2])
+    for axis in np.moveaxis(axes, 2, 0):
+        change = volume(few.normal(_STEP * axis, 0.0))[0] - base
+        move -= 0.5 * axis * (change / _STEP)[:, None]
+    move = _bounded(move, own)
+    move_shared = np.zeros(len(held))
+    for axis in square_root(held).T if len(held) else held:
+        there, there_shared = volume(few.normal(_STEP * gain @ axis, _STEP * axis))
+        move_shared -= 0.5 * axis * (float(np.sum(there - base)) + there_shared - base_shared) / _STEP
+    if np.any(np.abs(move_shared) > _SMALL * np.sqrt(np.diagonal(held))):
+        # Not a correction of second order any more, and for unknowns that all windows share there is
+        # no other window to average it out: the mode is kept.
+        move_shared[:] = 0.0
+    return move + gain @ move_shared, move_shared
+
+
+def _within(problem: Problem, t: Array, common: Array) -> tuple[Array, Array]:
+    """Keep unknowns within their bounds."""
+    low, high, _ = limits(problem.unknowns.local)
+    low_shared, high_shared, _ = limits(problem.unknowns.shared)
+    return np.clip(t, low, high), np.clip(common, low_shared, high_shared)
+
+
+def _bounded(move: Array, own: Array) -> Array:
+    """Shorten moves beyond `_FARTHEST`."""
+    length = np.max(np.abs(move) / np.sqrt(np.einsum("waa->wa", own)), axis=1, initial=0.0)
+    return np.asarray(move / np.maximum(length / _FARTHEST, 1.0)[:, None])
+
+
+class _Few:
+    """Some samples of each window, which stand for all of them."""
+
+    def __init__(self, problem: Problem, data: Data, state: State) -> None:
+        rows, count = data.thin(_SAMPLES_SHARED if len(state.common) else _SAMPLES)
+        self.problem, self.state = problem, state
+        self.data = data.take(rows, count, np.arange(len(count)))
+        self.latent = state.latent[:, rows]
+        self.weight = (data.count / np.maximum(count, 1))[:, None, None]
+
+    def normal(self, move: Array, move_shared: Array | float) -> Normal:
+        """Return the normal equations away from the mode."""
+        t, common = _within(self.problem, self.state.t + move, self.state.common + move_shared)
+        found = accumulate(self.problem, self.data, t, common, self.latent.copy(), order=_ORDER)
+        return Normal(self.weight * found.information, self.weight[:, 0] * found.score, found.misfit)
+
+    def at_mode(self) -> tuple[Normal, Array]:
+        """Return the normal equations at the mode, and how much of the information is noise."""
+        data, state = self.data, self.state
+        size = state.t.shape[1] + len(state.common)
+        information, noise = np.zeros((2, len(state.t), size, size))
+        score, misfit = np.zeros((len(state.t), size)), np.zeros(len(state.t))
+        for block in data.blocks():
+            part = data.only(block)
+            latent = self.latent[:, data.bounds[block[0]] : data.bounds[block[-1] + 1]]
+
+            def at(guess: Array, part: Data = part, block: Index = block) -> Equations:
+                return equations(self.problem, part, state.t[block], state.common, guess, order=_ORDER)
+
+            base = at(latent)
+            information[block], score[block], misfit[block] = base.normal(part.bounds)
+            noise[block] = _noise_of_design(base, at, latent, part)
+        return Normal(self.weight * information, self.weight[:, 0] * score, misfit), self.weight * noise
+
+
+def _noise_of_design(base: Equations, at: Callable[[Array], Equations], latent: Array, data: Data) -> Array:
+    """Return Σ A'ᵀ S⁻¹ A' var û by window."""
+    size = base.design.shape[1]
+    plain = base.unwhitened()
+    bends = []
+    for row, name in enumerate(data.inputs):
+        if name == "load" and BALANCE in data.outputs:
+            # The soil's stresses follow from the sinkage; the load is only compared.
+            bends.append(np.zeros_like(plain))
+            continue
+        moved = latent.copy()
+        moved[row] += _STEP * base.spread[row]
+        bends.append(solve_lower(base.factor, (at(moved).unwhitened() - plain) / _STEP))
+    bend = np.array(bends)
+    # Variance of û in that of the noise.
+    left = np.eye(len(bend))[:, :, None] - np.einsum("akn,aln->kln", base.inward, base.inward)
+    mixed = np.einsum("kln,lapn->kapn", left, bend) * base.weight
+    total = np.empty((len(data.windows), size, size))
+    for a in range(size):
+        for b in range(a + 1):
+            product = np.einsum("kmn,kmn->n", mixed[:, :, a], bend[:, :, b])
+            total[:, a, b] = total[:, b, a] = segment_sum(product, data.bounds)
+    return np.asarray(total)

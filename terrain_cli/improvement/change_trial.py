@@ -1,0 +1,353 @@
+"""A change of a model, tried on held-out blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import chdtrc
+
+from terrain_cli import models
+from terrain_cli.comparison import against, compare
+from terrain_cli.diagnosis import several_soils
+from terrain_cli.estimation import estimators
+from terrain_cli.improvement.held_out_gain import weigh
+from terrain_cli.improvement.improvement_outcome import (
+    DOUBTED,
+    ENOUGH_BLOCKS,
+    LEVEL,
+    Estimated,
+    Idle,
+    Lost,
+    Shift,
+    Step,
+)
+from terrain_cli.telemetry.long.excerpt import notes
+from terrain_cli.vocabulary.english import counted
+from terrain_cli.windows import joined_inputs
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.comparison import Comparison, Difference
+    from terrain_cli.comparison.comparison_outcome import WheelComparison
+    from terrain_cli.improvement.improvement_outcome import Action
+    from terrain_cli.models import ModelFile
+    from terrain_cli.telemetry import Samples
+    from terrain_cli.windows.cut_windows import Windows
+
+    #: Source, wheel and number of a segment.
+    Place = tuple[str, str, int]
+
+
+def joined(wheels: Sequence[Windows], *files: ModelFile) -> list[Windows]:
+    """Join the inputs of each wheel, so that an effect has one value for a wheel.
+
+    Parameters
+    ----------
+    wheels : sequence of Windows
+        Read for a comparison.
+    *files : ModelFile
+        What their effects use is computed, as far as the channels allow.
+
+    Returns
+    -------
+    list of Windows
+    """
+    return joined_inputs.by_wheel(wheels, [effect for file in files for effect in file.model.effects])
+
+
+def fitted(
+    wheels: Sequence[Windows],
+    file: ModelFile,
+    *,
+    like: Comparison | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Comparison:
+    """Compare a model file with the windows of some wheels of one rover.
+
+    Parameters
+    ----------
+    wheels : sequence of Windows
+        From `joined`.
+    file : ModelFile
+    like : Comparison, optional
+        Whose blocks are taken.
+    seed : int
+    progress : callable
+        Called with the name of each step before it begins.
+
+    Returns
+    -------
+    Comparison
+    """
+    held, priors, noise = estimators.assumed(wheels, file)
+    return compare(
+        wheels,
+        file.model,
+        fixed=held,
+        priors=priors,
+        shared=[name for name in file.shared if name not in held],
+        noise=noise,
+        like=like,
+        seed=seed,
+        progress=progress,
+    )
+
+
+def tried(
+    wheels: Sequence[Windows],
+    action: Action,
+    changed: Sequence[str],
+    before: ModelFile,
+    after: ModelFile,
+    *,
+    first: Comparison | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Step:
+    """Fit a model without and with a change, and compare both on blocks left out of the fit.
+
+    Parameters
+    ----------
+    wheels : sequence of Windows
+        With usable samples, read for a comparison.
+    action : {"add", "remove"}
+    changed : sequence of str
+        Ids of effects or assumptions.
+    before, after : ModelFile
+    first : Comparison, optional
+        Of the model before with the same windows, if it is there already.
+    seed : int
+    progress : callable
+        Called with the name of each step before it begins.
+
+    Returns
+    -------
+    Step
+        Not kept.
+    """
+    parts, wheels = wheels, joined(wheels, before, after)
+    if first is None:
+        first = fitted(wheels, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
+    second = fitted(wheels, after, like=first, seed=seed, progress=lambda step: progress(f"after: {step}"))
+    if first.blocks < ENOUGH_BLOCKS:
+        # What is missing is remembered longer than noise: the better model tells how long that is.
+        own = fitted(wheels, after, seed=seed, progress=lambda step: progress(f"after, anew: {step}"))
+        if own.blocks > first.blocks:
+            first, second = fitted(wheels, before, like=own, seed=seed, progress=progress), own
+    first, second, told = _on_the_same_soils(first, second, action, before, after, seed, progress)
+    remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
+    second = replace(second, warnings=remarks)
+    differences = against(first, second, seed=seed)
+    with_it, file = (second, after) if action == "add" else (first, before)
+    places = _places(parts, first)
+    channels, evidence = weigh(first, second)
+    return Step(
+        action=action,
+        changed=tuple(changed),
+        before=before,
+        after=after,
+        first=first,
+        second=second,
+        channels=channels,
+        evidence=evidence,
+        parameters=list(_parameters(second, after, changed)),
+        shifts=[_shift(name, differences, places) for name in ("c", "phi")],
+        undetermined=_undetermined(first, second),
+        lost=list(_lost(first, second, places)),
+        sources=tuple(dict.fromkeys(windows.samples.source for windows in parts)),
+        absent=_absent(with_it, file, changed),
+        imitates=tuple(_imitating(with_it, file, changed)),
+        idle=tuple(_idle(first, second, before, after, changed)),
+    )
+
+
+def _on_the_same_soils(
+    first: Comparison,
+    second: Comparison,
+    action: Action,
+    before: ModelFile,
+    after: ModelFile,
+    seed: int,
+    progress: Callable[[str], None],
+) -> tuple[Comparison, Comparison, list[str]]:
+    """Compare two models on the soils that the one with the effect needs.
+
+    Without an effect, new soils can stand for it: then it would seem to be worth nothing. And where a
+    soil steps that no window tells apart, no effect would be worth anything.
+    """
+    progress("one soil or several")
+    if action == "remove":
+        windows, told = several_soils.as_needed(first, before)
+    else:
+        ratio = weigh(first, second)[1].overall
+        new = [one for one in after.model.effects if one not in before.model.effects]
+        windows, told = several_soils.as_needed(
+            second, after, without=before, effects=[] if ratio.high < 1.0 else new
+        )
+        if not told and ratio.value < 1.0 <= ratio.high and _soils(second) < _soils(first):
+            # With fewer soils it predicts better: what it is worth shows on these.
+            enough = counted(_soils(second), "soil")
+            names = " and ".join(one.id for one in new)
+            told = [f"with {names}, {enough} will do: both models are compared on {enough}"]
+    if told:
+        first = fitted(windows, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
+        second = fitted(
+            windows, after, like=first, seed=seed, progress=lambda step: progress(f"after: {step}")
+        )
+    return first, second, told
+
+
+def _places(parts: Sequence[Windows], comparison: Comparison) -> list[Place]:
+    """Return where each segment that was compared begins: input, wheel, and its number there."""
+    places: list[Place] = []
+    for wheel in comparison.wheels:
+        own = [one for one in parts if _same_wheel(one.samples, wheel.samples)]
+        firsts = np.concatenate([[0], np.cumsum([len(one.rows) for one in own])])
+        for j, start in enumerate(wheel.windows.bounds[:-1]):
+            if firsts[-1] != len(wheel.windows.rows):
+                # Thinned: its samples are counted anew.
+                places.append((wheel.source, wheel.wheel, j + 1))
+                continue
+            part = int(np.searchsorted(firsts, start, side="right")) - 1
+            segment = int(np.searchsorted(own[part].bounds, start - firsts[part], side="right"))
+            places.append((own[part].samples.source, wheel.wheel, segment))
+    return places
+
+
+def _soils(comparison: Comparison) -> int:
+    return sum(len(wheel.windows) for wheel in comparison.wheels)
+
+
+def _same_wheel(a: Samples, b: Samples) -> bool:
+    return (a.wheel, a.geometry, a.time is None) == (b.wheel, b.geometry, b.time is None)
+
+
+def _parameters(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
+    """Return the parameters of some effects as they were fitted, and k where it was assumed."""
+    for wheel in comparison.wheels:
+        fit = wheel.fit
+        found = {
+            name: (value, fit.shared_errors[name])
+            for name, value in fit.shared.items()
+            if name.partition(".")[0] in changed
+        }
+        if models.MODULUS in changed and "shear_modulus" in fit.undetermined:
+            usual = (float(np.nanmedian(one["shear_modulus"])) for one in (fit.values, fit.errors))
+            found["shear_modulus"] = (next(usual), next(usual))
+        for name, (value, se) in found.items():
+            yield _estimated(wheel, file, (name,), value, se)
+
+
+def _estimated(
+    wheel: WheelComparison, file: ModelFile, names: Sequence[str], value: float, se: float
+) -> Estimated:
+    """Return a parameter, or the sum of several, in the unit of the model file."""
+    factor = file.factor(names[0])
+    return Estimated(
+        wheel.source,
+        wheel.wheel,
+        " + ".join(names),
+        file.units[names[0]],
+        value / factor,
+        se / factor,
+        not any(bool(wheel.fit.undetermined[name].all()) for name in names),
+    )
+
+
+def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
+    """Return the parameters of some effects that are where nature has none, or their sums."""
+    effects = [effect for effect in file.model.effects if effect.id in changed]
+    for wheel in comparison.wheels:
+        fit = wheel.fit
+        for effect in effects:
+            for names, value, error in effect.imitations(fit.shared, fit.shared_covariance, DOUBTED):
+                yield _estimated(wheel, file, names, value, error)
+
+
+def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> float:
+    """Return the p-value of all parameters of some effects being at their null values.
+
+    NaN where they have none that is estimated, or one is held at another value.
+    """
+    held = {name: own.null for name, own in file.model.parameters.items() if name in file.fixed}
+    if any(name.partition(".")[0] in changed and file.fixed[name] != null for name, null in held.items()):
+        return np.nan
+    squares, count = 0.0, 0
+    for wheel in comparison.wheels:
+        fit, known = wheel.fit, wheel.fit.model.parameters
+        error = np.sqrt(np.diagonal(fit.shared_covariance))
+        chosen = [
+            k
+            for k, name in enumerate(fit.shared)
+            if name.partition(".")[0] in changed
+            and name in known
+            and not known[name].shape
+            and error[k] > 0.0
+        ]
+        values = list(fit.shared.items())
+        away = np.array([values[k][1] - known[values[k][0]].null for k in chosen]) / error[chosen]
+        related = fit.shared_covariance[np.ix_(chosen, chosen)] / np.outer(error[chosen], error[chosen])
+        squares += float(away @ np.linalg.pinv(related, hermitian=True) @ away) if chosen else 0.0
+        count += len(chosen)
+    return float(chdtrc(count, squares)) if count else np.nan
+
+
+def _idle(
+    first: Comparison, second: Comparison, before: ModelFile, after: ModelFile, changed: Sequence[str]
+) -> Iterator[Idle]:
+    """Return the effects that are there without a change, and may as well be absent with it."""
+    for effect in after.model.effects:
+        if effect.id in changed or effect not in before.model.effects:
+            continue
+        was, now = _absent(first, before, [effect.id]), _absent(second, after, [effect.id])
+        if was <= LEVEL < now:
+            yield Idle(effect.id, now)
+
+
+def _shift(name: str, differences: Sequence[Difference], places: Sequence[Place]) -> Shift:
+    moved = [one for one in differences if one.where is not None and one.name == name]
+    sizes = np.array([abs(one.difference) / one.se if one.se > 0.0 else np.nan for one in moved])
+    known = np.flatnonzero(np.isfinite(sizes))
+    if len(known) == 0:
+        return Shift(name, np.nan, np.nan, None)
+    largest = known[np.argmax(sizes[known])]
+    return Shift(name, float(sizes[largest]), float(np.median(sizes[known])), places[largest])
+
+
+def _undetermined(first: Comparison, second: Comparison) -> tuple[str, ...]:
+    """Return the parameters that the data leave open for more samples than before."""
+    before, after = _open(first), _open(second)
+    return tuple(name for name, samples in after.items() if samples > before.get(name, 0))
+
+
+def _open(comparison: Comparison) -> dict[str, int]:
+    """Count the samples in whose segment the data leave a parameter open."""
+    counts: dict[str, int] = {}
+    for wheel in comparison.wheels:
+        for name, there in wheel.fit.undetermined.items():
+            counts[name] = counts.get(name, 0) + int(wheel.fit.n[there].sum())
+    return counts
+
+
+def _lost(first: Comparison, second: Comparison, places: Sequence[Place]) -> Iterator[Lost]:
+    before = [str(status) for wheel in first.wheels for status in wheel.fit.status]
+    after = [
+        str(status)
+        for a, b in zip(first.wheels, second.wheels, strict=True)
+        for status in b.fit.status[_holding(a.windows, b.windows)]
+    ]
+    for place, was, now in zip(places, before, after, strict=True):
+        if was == "ok" != now:
+            yield Lost(*place, was, now)
+
+
+def _holding(windows: Windows, others: Windows) -> NDArray[np.intp]:
+    """Return the window among others in which each window begins: a model may need fewer soils."""
+    place = np.searchsorted(others.bounds, windows.bounds[:-1], side="right") - 1
+    return np.clip(place, 0, len(others) - 1)

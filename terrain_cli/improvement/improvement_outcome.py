@@ -1,0 +1,344 @@
+"""What a change of a model consists of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.comparison import Comparison
+    from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
+    from terrain_cli.models import ModelFile
+
+Action = Literal["add", "remove"]
+#: Independent stretches below which nothing is proven, and from which on the misfit's memory is no matter.
+FEWEST_BLOCKS, ENOUGH_BLOCKS = 3, 8
+#: Share by which a channel's error must fall to count: sensors' noise feigns less in a fit.
+LEAST = 0.02
+#: Share by which a channel's error must rise to outweigh another's fall, and part of that fall, both as
+#: logarithms: what is missing besides may have been hidden by a soil that the better model takes back.
+MUCH, _TRADED = 0.05, 0.25
+#: Chance that a model without the effect gives parameters as far from null, above which it does not count.
+LEVEL = 0.01
+#: Standard errors by which a parameter may lie where nature has none. A diagnosis grants more, as it tries
+#: many effects. Of 20 right ones, added to simulated drives, none came out on the wrong side at all.
+DOUBTED = 2.0
+#: Times the noise that errors of a model that misses nothing may come to.
+_NOISE = 1.05
+#: Ratio of errors whose 95 % interval lies below this says so by itself.
+PLAIN = 0.9
+#: Times the reach of its 95 % interval by which a channel's error falls that says so by itself.
+_CERTAIN = 1.5
+#: Share of the samples predicted before that may be without a prediction afterwards.
+MOST_LOST = 0.05
+
+
+class Interval(NamedTuple):
+    """A value with its 95 % interval; NaN where not known.
+
+    Parameters
+    ----------
+    value, low, high : float
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ChannelChange:
+    """The held-out error of a channel, before and after; SI.
+
+    Parameters
+    ----------
+    name, unit : str
+    before, after : Interval
+        Root mean square; NaN where the model does not predict the channel.
+    noise : float
+        What no model could predict.
+    difference : Interval
+        After less before, on the same blocks.
+    """
+
+    name: str
+    unit: str
+    before: Interval
+    after: Interval
+    noise: float
+    difference: Interval
+
+    @property
+    def fell(self) -> bool:
+        """Whether the error is less than before, beyond chance and by more than it takes to count."""
+        return self.difference.high < 0.0 and self.share > LEAST
+
+    @property
+    def rose(self) -> bool:
+        """Whether it is more than before, likewise."""
+        return self.difference.low > 0.0 and self.share > LEAST
+
+    @property
+    def certainty(self) -> float:
+        """How many times its 95 % interval reaches from 0."""
+        value, low, high = self.difference
+        return abs(value) / max(high - value, value - low)
+
+    @property
+    def misses(self) -> bool:
+        """Whether the greater error is more than noise.
+
+        Where it is not, the lesser one comes of a soil that passes less of the noise on, and is no better.
+        """
+        return not max(self.before.value, self.after.value) <= _NOISE * self.noise
+
+    @property
+    def share(self) -> float:
+        """By which share of the lesser error the greater one exceeds it."""
+        return abs(self.difference.value) / min(self.before.value, self.after.value)
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """A parameter of an effect under one wheel, in the unit of the model file.
+
+    Parameters
+    ----------
+    source, wheel, name, unit : str
+    value, se : float
+    determined : bool
+        By the data, rather than by what was known beforehand.
+    """
+
+    source: str
+    wheel: str
+    name: str
+    unit: str
+    value: float
+    se: float
+    determined: bool
+
+
+@dataclass(frozen=True)
+class Shift:
+    """How far c or φ moved, over all segments, in standard errors.
+
+    Parameters
+    ----------
+    name : {"c", "phi"}
+    largest, median : float
+        NaN where neither model determines it.
+    where : tuple of (str, str, int) or None
+        Source, wheel and segment (counted from 1) of the largest.
+    """
+
+    name: str
+    largest: float
+    median: float
+    where: tuple[str, str, int] | None
+
+
+class Idle(NamedTuple):
+    """An effect that a model had before a change, and that may as well be absent now.
+
+    Parameters
+    ----------
+    effect : str
+    p_value : float
+        Chance that its parameters are as far from their null values although it is absent.
+    """
+
+    effect: str
+    p_value: float
+
+
+class Lost(NamedTuple):
+    """A segment whose c and φ could be estimated before, and cannot be any more.
+
+    Parameters
+    ----------
+    source, wheel : str
+    segment : int
+        Counted from 1.
+    before, after : str
+        Status.
+    """
+
+    source: str
+    wheel: str
+    segment: int
+    before: str
+    after: str
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What held-out blocks say of two models.
+
+    Parameters
+    ----------
+    overall : Interval
+        Ratio of the held-out error after to that before, over all channels: geometric mean, weighted by
+        samples.
+    blocks : int
+        Independent stretches that it rests on.
+    lost : float
+        Share of the samples predicted before that cannot be predicted afterwards.
+    """
+
+    overall: Interval
+    blocks: int
+    lost: float
+
+
+@dataclass(frozen=True)
+class Step:
+    """A change of a model, tried on data.
+
+    Parameters
+    ----------
+    action : {"add", "remove"}
+    changed : tuple of str
+        Ids of effects, or of assumptions that are lifted or made again.
+    before, after : ModelFile
+    first, second : Comparison
+        Of these two, on the same blocks.
+    channels : list of ChannelChange
+    evidence : Evidence
+    parameters : list of Estimated
+        Of what is changed, where the model has it.
+    shifts : list of Shift
+        Of c, then of φ.
+    undetermined : tuple of str
+        Parameters that the data determined before, or are new, and that they leave open afterwards.
+    lost : list of Lost
+    sources : tuple of str
+        Inputs.
+    absent : float
+        Chance that its parameters, all together, are as far from their null values although it is
+        absent (Wald's test); NaN where it has none.
+    imitates : tuple of Estimated
+        Parameters of what is changed that came out, beyond doubt, as nature does not have them: they stand
+        for something else.
+    idle : tuple of Idle
+        Effects of the model before that the change has made needless.
+    rivals : tuple of str
+        Effects that the data do not tell from it, by the diagnosis that proposed it.
+    next_drive : NextDrive or None
+        That would.
+    kept : bool
+        Whether the change was made.
+    """
+
+    action: Action
+    changed: tuple[str, ...]
+    before: ModelFile
+    after: ModelFile
+    first: Comparison
+    second: Comparison
+    channels: list[ChannelChange]
+    evidence: Evidence
+    parameters: list[Estimated] = field(default_factory=list)
+    shifts: list[Shift] = field(default_factory=list)
+    undetermined: tuple[str, ...] = ()
+    lost: list[Lost] = field(default_factory=list)
+    sources: tuple[str, ...] = ()
+    absent: float = math.nan
+    imitates: tuple[Estimated, ...] = ()
+    idle: tuple[Idle, ...] = ()
+    rivals: tuple[str, ...] = ()
+    next_drive: NextDrive | None = None
+    kept: bool = False
+
+    @property
+    def testable(self) -> bool:
+        """Whether there are enough independent stretches to tell anything from chance."""
+        return self.evidence.blocks >= FEWEST_BLOCKS
+
+    @property
+    def there(self) -> bool:
+        """Whether it is there, by its parameters or by an error that plainly differs.
+
+        A fit may gain a little from it by what sensors' noise does; and much, where the data leave its
+        parameters open, by what it does to the soil.
+        """
+        _, low, high = self.evidence.overall
+        plain = high < PLAIN or low > 1.0 / PLAIN
+        known = not self.parameters or any(one.determined for one in self.parameters)
+        return not self.absent > LEVEL or (plain and known)
+
+    @property
+    def fell(self) -> list[ChannelChange]:
+        """Channels whose held-out error is less."""
+        return [one for one in self.channels if one.fell]
+
+    @property
+    def rose(self) -> list[ChannelChange]:
+        """Channels whose held-out error is more."""
+        return [one for one in self.channels if one.rose]
+
+    @property
+    def pays(self) -> bool:
+        """Whether the error fell, and not by what nature does not have."""
+        return self.better and not self.imitates
+
+    @property
+    def better(self) -> bool:
+        """Whether the held-out error fell, and no rise outweighs that."""
+        enough = self.testable and self.there and self.evidence.lost <= MOST_LOST
+        return enough and _differs(self.evidence.overall, self.fell, self.rose)
+
+    @property
+    def costs(self) -> bool:
+        """Whether the way back would pay: it rose, and no fall outweighs that."""
+        value, low, high = self.evidence.overall
+        rose = _differs(Interval(1.0 / value, 1.0 / high, 1.0 / low), self.rose, self.fell)
+        lost = self.evidence.lost > MOST_LOST
+        return self.testable and ((self.there and rose and not self.imitates) or lost)
+
+    @property
+    def quiet(self) -> bool:
+        """Whether what is left follows nothing beyond chance."""
+        return not self.second.failures
+
+
+def _differs(overall: Interval, some: Sequence[ChannelChange], others: Sequence[ChannelChange]) -> bool:
+    """Tell whether errors are less beyond chance, where some channels' are less and those of others more.
+
+    Over all channels and in one of them; plainly over all, though few blocks leave each of them open; or
+    in one so certainly that what chance does in others, none of which is off, is no matter.
+    """
+    if _outweighs(others, some):
+        return False
+    if overall.high < 1.0:
+        return bool(some) or overall.high < PLAIN
+    certain = any(one.certainty > _CERTAIN for one in some)
+    return certain and not others and overall.value < PLAIN
+
+
+def _outweighs(some: Sequence[ChannelChange], others: Sequence[ChannelChange]) -> bool:
+    """Tell whether some channels' change speaks against that of others, which goes the other way."""
+    some = [one for one in some if one.misses]
+    against, in_favour = (sum(math.log1p(one.share) for one in those) for those in (some, others))
+    return any(one.share > MUCH for one in some) and against > _TRADED * in_favour
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """Where the loop ended.
+
+    Parameters
+    ----------
+    file : ModelFile
+    quiet : bool
+        Whether the alarm is silent.
+    because : str
+        For a person.
+    """
+
+    file: ModelFile
+    quiet: bool
+    because: str

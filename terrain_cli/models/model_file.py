@@ -1,0 +1,86 @@
+"""What a model file says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from terrain_cli.mechanics.prior import Prior
+from terrain_cli.mechanics.wheel_model import Model
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+__all__ = ["FORMAT", "SOIL_UNITS", "ModelFile", "Prior"]
+
+FORMAT = "terrain-est/model/1"
+#: Parameters of the soil with the unit of their values.
+SOIL_UNITS = {
+    "cohesion": "Pa",
+    "tan_phi": "1",
+    "shear_modulus": "m",
+    "stiffness": "Pa/m^n",
+    "sinkage_exponent": "1",
+}
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A model, and what is known of its parameters.
+
+    Parameters
+    ----------
+    model : Model
+        The base with its effects.
+    effects : tuple of str
+        The effects as the file names them: ids, or paths beside the file.
+    fixed : mapping of str to float
+        Parameters held, in SI units, such as ``shear_modulus`` and ``slip-sinkage.n1``.
+    priors : mapping of str to Prior
+        In SI units; those of k and keq are log-normal.
+    shared : tuple of str
+        Parameters of the soil that are one for all windows of a wheel.
+    history : tuple of mapping
+        What `model add` and `model remove` did; kept as it is.
+    path : Path, optional
+        None for a base without a file.
+    text : str
+        The file as it was read, so that `save` keeps its comments.
+    """
+
+    model: Model = field(default_factory=Model)
+    effects: tuple[str, ...] = ()
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    shared: tuple[str, ...] = ()
+    history: tuple[Mapping[str, Any], ...] = ()
+    path: Path | None = None
+    text: str = field(default="", repr=False, compare=False)
+
+    def factor(self, name: str) -> float:
+        """Return the SI value of one unit of a parameter, as the file writes it.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        float
+            1 but for effects of a user whose unit is another than that of SI.
+        """
+        own = self.model.parameters.get(name)
+        return own.factor if own else 1.0
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of every parameter, of the soil and of the effects."""
+        own = {name: parameter.unit for name, parameter in self.model.parameters.items()}
+        return {name: SOIL_UNITS[name] for name in self.model.soil} | own
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is the linear model and nothing else, for which the estimators of the line do."""
+        beyond = (self.effects, self.fixed, self.priors, self.shared)
+        return self.model.base == "linear" and not any(beyond)

@@ -1,0 +1,282 @@
+"""A change of a model as JSON, and as tables for a person."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from terrain_cli.improvement import history_entry
+from terrain_cli.presentation import change_sentences
+from terrain_cli.presentation.terminal import aligned
+from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.english import counted, listed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from terrain_cli.comparison import Comparison
+    from terrain_cli.improvement.improvement_outcome import Estimated, Interval, Shift, Step, Stopped
+
+FORMAT = "terrain-est/model-change/1"
+LOOP_FORMAT = "terrain-est/model-loop/1"
+#: Rows of a table that a person reads.
+_MOST_ROWS = 12
+
+
+def document(step: Step) -> dict[str, Any]:
+    """Return a change as it is written to JSON.
+
+    Parameters
+    ----------
+    step : Step
+
+    Returns
+    -------
+    dict
+        Ready for JSON; null where not known. SI units, but parameters in those of the model file. The
+        keys are those of docs/model.md.
+    """
+    return {
+        "format": FORMAT,
+        "action": step.action,
+        "changed": list(step.changed),
+        "sentence": change_sentences.verdict(step),
+        "tested": True,
+        "pays": step.pays if step.action == "add" else not step.costs,
+        "kept": step.kept,
+        "model": {"before": step.first.model, "after": step.second.model},
+        "data": history_entry.data(step),
+        "channels": {one.name: history_entry.channel(one) for one in step.channels},
+        "ratio": history_entry.number(step.evidence.overall.value),
+        "ratio_interval": history_entry.ends(step.evidence.overall),
+        "parameters": [_parameter(one) for one in step.parameters],
+        "absent_p_value": history_entry.number(step.absent),
+        "imitates": [one.name for one in step.imitates],
+        "idle": [one._asdict() for one in step.idle],
+        "rivals": list(step.rivals),
+        "next_drive": history_entry.drive(step.next_drive),
+        "shift": {one.name: _shift(one) for one in step.shifts},
+        "unidentifiable": {
+            "parameters": list(step.undetermined),
+            "segments": [one._asdict() for one in step.lost],
+        },
+        "alarm": {
+            "silent": step.quiet,
+            "failures_before": _failures(step.first),
+            "failures_after": _failures(step.second),
+        },
+        "warnings": list(dict.fromkeys([*step.first.warnings, *step.second.warnings])),
+    }
+
+
+def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
+    """Return a change that was made without data as it is written to JSON.
+
+    Parameters
+    ----------
+    entry : dict
+        From `history_entry.untested`.
+    sentence : str
+
+    Returns
+    -------
+    dict
+    """
+    return {
+        "format": FORMAT,
+        "action": entry["action"],
+        "changed": entry["changed"],
+        "sentence": sentence,
+        "tested": False,
+        "pays": None,
+        "kept": True,
+        "model": {"after": {"base": entry["base"], "effects": entry["effects"]}},
+    }
+
+
+def loop(steps: Sequence[Step], end: Stopped) -> dict[str, Any]:
+    """Return the whole loop as it is written to JSON.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+    end : Stopped
+
+    Returns
+    -------
+    dict
+    """
+    return {
+        "format": LOOP_FORMAT,
+        "sentence": end.because,
+        "silent": end.quiet,
+        "model": {
+            "base": end.file.model.base,
+            "effects": [effect.id for effect in end.file.model.effects],
+        },
+        "steps": [document(step) for step in steps],
+    }
+
+
+def _failures(comparison: Comparison) -> list[dict[str, Any]]:
+    return [
+        {"channel": one.channel, "driver": one.driver or None, "sentence": one.sentence}
+        for one in comparison.failures
+    ]
+
+
+def _parameter(one: Estimated) -> dict[str, Any]:
+    return {
+        "source": one.source,
+        "wheel": one.wheel,
+        "name": one.name,
+        "value": history_entry.number(one.value),
+        "se": history_entry.number(one.se),
+        "unit": one.unit,
+        "determined": one.determined,
+    }
+
+
+def _shift(one: Shift) -> dict[str, Any]:
+    source, wheel, segment = one.where or (None, None, None)
+    return {
+        "largest_se": history_entry.number(one.largest),
+        "median_se": history_entry.number(one.median),
+        "source": source,
+        "wheel": wheel,
+        "segment": segment,
+    }
+
+
+def text(step: Step) -> str:
+    """Write a change for a person: the verdict, then what it rests on.
+
+    Parameters
+    ----------
+    step : Step
+
+    Returns
+    -------
+    str
+    """
+    lines = [change_sentences.verdict(step), "", *_errors(step), ""]
+    if step.parameters:
+        lines += [*_parameters(step.parameters), ""]
+    lines += [_moved(step), *_open(step), *_idle(step)]
+    before, after = len(step.first.failures), len(step.second.failures)
+    if step.quiet:
+        was = f", where {before} {'was' if before == 1 else 'were'}" if before else ""
+        lines.append(f"no failure that chance does not explain{was}")
+    else:
+        lines.append(f"where it fails, {counted(after, 'failure')} left (before: {before}):")
+        lines += [f"  {finding.sentence}" for finding in step.second.failures]
+    if step.before.model.base != step.after.model.base:
+        lines.append(
+            f"note: errors after are given with the noise that reaches the base {step.before.model.base}: "
+            "another base reads other channels, whose noise is in what it predicts"
+        )
+    lines += [f"note: {warning}" for warning in step.second.warnings]
+    return "\n".join(lines)
+
+
+def loop_text(steps: Sequence[Step], end: Stopped) -> str:
+    """Write where the loop ended for a person, and what it has done to the held-out errors.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+    end : Stopped
+
+    Returns
+    -------
+    str
+    """
+    kept = [step for step in steps if step.kept]
+    effects = [effect.id for effect in end.file.model.effects]
+    model = " + ".join([end.file.model.base, *effects])
+    lines = [f"{end.because}; {model if kept else 'the model is as it was'}"]
+    # One that was dropped later is in doubt no more.
+    doubted = [step for step in kept if step.rivals and {*step.changed} <= {*effects}]
+    lines += [f"kept {listed(step.changed)}; {change_sentences.doubt(step)}" for step in doubted]
+    if kept:
+        first, last = kept[0], kept[-1]
+        after = {one.name: one.after for one in last.channels}
+        rows: list[Sequence[str]] = [("held-out rms error", "at first", "95 %", "at last", "95 %", "noise")]
+        for one in first.channels:
+            what = quantities.quantity(one.name, one.unit)
+            cells = [cell for v in (one.before, after[one.name]) for cell in _cells(v, what.factor)]
+            noise = next(x.noise for x in last.channels if x.name == one.name)
+            rows.append((what.label, *cells, quantities.number(noise * what.factor)))
+        lines += ["", *aligned(rows)]
+    return "\n".join(lines)
+
+
+def _errors(step: Step) -> list[str]:
+    head = ("held-out rms error", "before", "95 %", "after", "95 %", "change", "95 %", "noise")
+    rows = []
+    for one in step.channels:
+        what = quantities.quantity(one.name, one.unit)
+        numbers = [
+            cell
+            for interval in (one.before, one.after, one.difference)
+            for cell in _cells(interval, what.factor)
+        ]
+        rows.append((what.label, *numbers, quantities.number(one.noise * what.factor)))
+    ratio = step.evidence.overall
+    if len(rows) > 1:
+        value, range_ = _cells(ratio, 1.0)
+        rows.append(("all, as a ratio", "", "", "", "", f"× {value}", range_, ""))
+    return aligned([head, *rows])
+
+
+def _cells(interval: Interval, factor: float) -> tuple[str, str]:
+    value, low, high = (quantities.number(v * factor) for v in interval)
+    return value, f"{low} … {high}" if math.isfinite(interval.low) else "–"
+
+
+def _parameters(parameters: Sequence[Estimated]) -> list[str]:
+    sources = len({one.source for one in parameters}) > 1
+    rows = [
+        (
+            one.name,
+            quantities.plus_minus(one.value, one.se),
+            one.unit,
+            f"{one.source} {one.wheel}" if sources else one.wheel,
+            "" if one.determined else "the data leave it open",
+        )
+        for one in parameters[:_MOST_ROWS]
+    ]
+    more = len(parameters) - len(rows)
+    lines = aligned([("parameter", "value", "unit", "wheel", ""), *rows])
+    return lines + [f"and {more} more"] * (more > 0)
+
+
+def _moved(step: Step) -> str:
+    """Say how far c and φ moved."""
+    several = len(step.first.wheels) > 1 or any(len(wheel.windows) > 1 for wheel in step.first.wheels)
+    parts = []
+    for one, symbol in zip(step.shifts, ("c", "φ"), strict=True):
+        if one.where is None:
+            continue
+        _, wheel, segment = one.where
+        most = (
+            f" at most ({wheel}, segment {segment}), {quantities.number(one.median, 2)} in the median"
+            * several
+        )
+        parts.append(f"{symbol} by {quantities.number(one.largest, 2)} standard errors{most}")
+    return f"moved: {'; '.join(parts)}" if parts else "how far c and φ moved is not known"
+
+
+def _open(step: Step) -> Iterator[str]:
+    if step.undetermined:
+        yield f"the data no longer tell, or do not tell: {', '.join(step.undetermined)}"
+    if step.lost:
+        shown = ", ".join(f"{one.wheel} {one.segment} ({one.after})" for one in step.lost[:_MOST_ROWS])
+        more = " …" * (len(step.lost) > _MOST_ROWS)
+        yield f"c and φ cannot be told any more in {counted(len(step.lost), 'segment')}: {shown}{more}"
+
+
+def _idle(step: Step) -> Iterator[str]:
+    for one in step.idle if step.kept else ():
+        ask = "`terrain-est model remove` tells whether it still pays"
+        yield f"{one.effect} may as well be null now (p {one.p_value:.2g}): {ask}"

@@ -1,0 +1,287 @@
+"""A comparison as JSON, and as tables for a person."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli.comparison import finding_sentences
+from terrain_cli.presentation.terminal import aligned, in_line
+from terrain_cli.vocabulary.english import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from terrain_cli.comparison.comparison_outcome import (
+        ChannelErrors,
+        Comparison,
+        Difference,
+        Finding,
+        WheelComparison,
+    )
+
+FORMAT = "terrain-est/comparison/1"
+#: Segments that a finding names, and a person reads.
+_WORST = 3
+
+
+def document(
+    comparison: Comparison, second: Comparison | None = None, differences: Sequence[Difference] = ()
+) -> dict[str, Any]:
+    """Return a comparison as it is written to JSON.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    second : Comparison, optional
+        Of another model on the same data: under the key "against", with "differences".
+    differences : sequence of Difference
+        From `comparison.against`.
+
+    Returns
+    -------
+    dict
+        Ready for JSON; null where not known. SI units.
+    """
+    result = {
+        "format": FORMAT,
+        "model": comparison.model,
+        "data": {
+            "sources": list(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
+            "samples": sum(len(wheel.windows.rows) for wheel in comparison.wheels),
+            "segments": sum(len(wheel.windows) for wheel in comparison.wheels),
+            "blocks": comparison.blocks,
+        },
+        **_outcome(comparison),
+    }
+    if second is not None:
+        result["against"] = {"model": second.model, **_outcome(second)}
+        result["differences"] = [_difference(one) for one in differences]
+    return result
+
+
+def _outcome(comparison: Comparison) -> dict[str, Any]:
+    return {
+        "channels": {name: _errors(errors) for name, errors in comparison.channels.items()},
+        "failures": [_finding(finding) for finding in comparison.failures],
+        "parameters": [_parameters(wheel) for wheel in comparison.wheels if wheel.fit.shared],
+        "segments": [row for wheel in comparison.wheels for row in _segments(wheel)],
+        "warnings": list(comparison.warnings),
+    }
+
+
+def _errors(errors: ChannelErrors) -> dict[str, Any]:
+    return {
+        "unit": errors.unit,
+        "samples": errors.n,
+        "rmse": _known(errors.rmse),
+        "bias": _known(errors.bias),
+        "nrmse": _known(errors.nrmse),
+        "noise": _known(errors.noise),
+        "heldout_rmse": _known(errors.heldout_rmse),
+        "heldout_interval": [_known(errors.heldout_low), _known(errors.heldout_high)],
+    }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "channel": finding.channel,
+        "driver": finding.driver or None,
+        "shape": finding.shape,
+        "p_value": finding.p_value,
+        "share": _known(finding.share),
+        "amplitude": _known(finding.amplitude),
+        "seen": _known(finding.seen),
+        "unit": finding.unit,
+        "at": None if finding.at is None else _known(finding.at),
+        "sentence": finding.sentence,
+        "alternatives": list(finding.alternatives),
+        "worst_segments": [
+            {"source": source, "wheel": wheel, "segment": segment}
+            for source, wheel, segment in finding.worst_segments
+        ],
+    }
+
+
+def _parameters(wheel: WheelComparison) -> dict[str, Any]:
+    known = wheel.fit.model.parameters
+    factor = {name: known[name].factor if name in known else 1.0 for name in wheel.fit.shared}
+    return {
+        "source": wheel.source,
+        "wheel": wheel.wheel,
+        **{
+            name: {
+                "value": _known(value / factor[name]),
+                "se": _known(wheel.fit.shared_errors[name] / factor[name]),
+                "unit": known[name].unit if name in known else "",
+            }
+            for name, value in wheel.fit.shared.items()
+        },
+    }
+
+
+def _segments(wheel: WheelComparison) -> Iterator[dict[str, Any]]:
+    fit, bounds = wheel.fit, wheel.windows.bounds
+    for j in range(len(wheel.windows)):
+        part = slice(bounds[j], bounds[j + 1])
+        yield {
+            "source": wheel.source,
+            "wheel": wheel.wheel,
+            "segment": j + 1,
+            "samples": int(bounds[j + 1] - bounds[j]),
+            "c_kPa": _known(fit.values["cohesion"][j] / 1e3),
+            "c_se_kPa": _known(fit.errors["cohesion"][j] / 1e3),
+            "phi_deg": _known(math.degrees(fit.phi[j])),
+            "phi_se_deg": _known(math.degrees(fit.phi_se[j])),
+            **{
+                name: _of_segment(series.measured[part] - series.predicted[part])
+                for name, series in wheel.series.items()
+            },
+        }
+
+
+def _of_segment(error: Any) -> dict[str, float | None]:
+    error = error[np.isfinite(error)]
+    if len(error) == 0:
+        return {"rmse": None, "bias": None}
+    return {"rmse": float(np.sqrt(np.mean(error**2))), "bias": float(np.mean(error))}
+
+
+def _difference(one: Difference) -> dict[str, Any]:
+    source, wheel, segment = one.where or (None, None, None)
+    return {
+        "name": one.name,
+        "unit": one.unit,
+        "source": source,
+        "wheel": wheel,
+        "segment": segment,
+        "first": _known(one.first),
+        "second": _known(one.second),
+        "difference": _known(one.difference),
+        "interval": [_known(one.low), _known(one.high)],
+        "se": _known(one.se),
+        "moved": bool(one.moved),
+    }
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def named(comparison: Comparison) -> str:
+    """Return the name of a model: its base and what was added.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    str
+    """
+    return " + ".join([comparison.model["base"], *comparison.model["effects"]])
+
+
+def text(comparison: Comparison) -> str:
+    """Write a comparison for a person: errors by channel, then where the model fails.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    str
+    """
+    samples = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
+    segments = sum(len(wheel.windows) for wheel in comparison.wheels)
+    data = f"{counted(samples, 'sample')} in {counted(segments, 'segment')}"
+    lines = [f"model {named(comparison)} against {data}", ""]
+    head = ["channel", "unit", "rmse", "bias", "noise", "rmse/rms", "held-out rmse", "95 %"]
+    rows = [
+        [
+            name.replace("_", " "),
+            errors.unit,
+            *(_short(value) for value in (errors.rmse, errors.bias, errors.noise)),
+            f"{errors.nrmse:.1%}" if math.isfinite(errors.nrmse) else "–",
+            _short(errors.heldout_rmse),
+            f"{_short(errors.heldout_low)} … {_short(errors.heldout_high)}",
+        ]
+        for name, errors in comparison.channels.items()
+    ]
+    lines += [*aligned([head, *rows]), ""]
+    if comparison.failures:
+        lines.append("where it fails, the strongest first:")
+        lines += [_told(finding, comparison) for finding in comparison.failures]
+    else:
+        beyond = finding_sentences.beyond_noise(comparison)
+        lines.append("no failure that chance does not explain" + f": {beyond}" * bool(beyond))
+    lines += [f"note: {warning}" for warning in comparison.warnings]
+    return "\n".join(lines)
+
+
+def _told(finding: Finding, comparison: Comparison) -> str:
+    several = sum(len(wheel.windows) for wheel in comparison.wheels) > 1
+    named = len({wheel.windows.samples.wheel for wheel in comparison.wheels}) > 1
+    worst = ", ".join(
+        f"{in_line(wheel)} segment {segment}" if named else f"segment {segment}"
+        for _, wheel, segment in finding.worst_segments[:_WORST]
+    )
+    chance = f"p {finding.p_value:.3f}" if finding.p_value >= 0.001 else "p < 0.001"
+    parts = [f"{finding.share:.0%} of the misfit" if math.isfinite(finding.share) else "", chance]
+    parts += [f"worst in {worst}"] if several and worst else []
+    return f"  {finding.sentence} ({', '.join(filter(None, parts))})"
+
+
+def text_of_two(first: Comparison, second: Comparison, differences: Sequence[Difference]) -> str:
+    """Write two models side by side for a person.
+
+    Parameters
+    ----------
+    first, second : Comparison
+    differences : sequence of Difference
+
+    Returns
+    -------
+    str
+        Held-out errors of both, and what moved by more than three standard errors, marked by ``*``.
+    """
+    lines = [f"A  {named(first)}", f"B  {named(second)}", ""]
+    head = ["held-out rmse", "unit", "A", "B", "B − A", "95 %", ""]
+    errors = [one for one in differences if one.where is None]
+    rows = [
+        [
+            one.name.replace("_", " "),
+            one.unit,
+            _short(one.first),
+            _short(one.second),
+            f"{_short(one.difference)} ± {_short(one.se)}",
+            f"{_short(one.low)} … {_short(one.high)}",
+            "*" if one.moved else "",
+        ]
+        for one in errors
+    ]
+    lines += [*aligned([head, *rows]), ""]
+    soil = [one for one in differences if one.where is not None]
+    moved = [one for one in soil if one.moved]
+    if moved:
+        shown = {"c": ("c", "kPa", 1e-3), "phi": ("φ", "°", math.degrees(1.0))}
+        lines.append("soil that moved by more than three standard errors:")
+        for one in moved:
+            name, unit, factor = shown[one.name]
+            _, wheel, segment = one.where or ("", "", 0)
+            lines.append(
+                f"  wheel {in_line(wheel)} segment {segment}: {name} "
+                f"{one.first * factor:.2f} → {one.second * factor:.2f} {unit}"
+            )
+    else:
+        lines.append(
+            f"no c or φ of {counted(len(soil) // 2, 'segment')} moved by more than three standard errors"
+        )
+    return "\n".join(lines)
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else "–"

@@ -1,0 +1,187 @@
+"""A diagnosis as JSON, and as a sentence and tables for a person."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from terrain_cli.diagnosis.verdict_sentences import sizes_text
+from terrain_cli.presentation.terminal import aligned
+
+if TYPE_CHECKING:
+    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis
+    from terrain_cli.diagnosis.screening import Screened
+
+FORMAT = "terrain-est/diagnosis/1"
+#: Candidates that a person reads.
+_SHOWN = 8
+#: Effects whose scores one reads while the fits go on.
+_EARLY = 5
+
+
+def document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return a diagnosis as it is written to JSON.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    dict
+        Ready for JSON; null where not known. SI units, but for the parameters of effects, whose
+        unit stands beside them.
+    """
+    comparison = diagnosis.comparison
+    alarm, unknown = diagnosis.alarm, diagnosis.unknown
+    return {
+        "format": FORMAT,
+        "model": comparison.model,
+        "data": {
+            "sources": list(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
+            "samples": sum(len(wheel.windows.rows) for wheel in comparison.wheels),
+            "segments": sum(len(wheel.windows) for wheel in comparison.wheels),
+            "blocks": comparison.blocks,
+        },
+        "channels": {
+            name: {
+                "unit": errors.unit,
+                "rmse": _known(diagnosis.fitted.get(name, math.nan)),
+                "heldout_rmse": _known(diagnosis.heldout.get(name, math.nan)),
+                "noise": _known(errors.noise),
+            }
+            for name, errors in comparison.channels.items()
+        },
+        "alarm": {
+            "raised": alarm.raised,
+            "p_value": alarm.p_value,
+            "level": alarm.level,
+            "gain": _known(alarm.gain),
+            "gain_se": _known(alarm.gain_se),
+        },
+        "verdict": diagnosis.verdict,
+        "effect": diagnosis.effect,
+        "family": list(diagnosis.family),
+        "together": list(diagnosis.together),
+        "candidates": [_candidate(one) for one in diagnosis.candidates],
+        "unknown": None
+        if unknown is None
+        else {
+            "channel": unknown.channel,
+            "driver": unknown.driver or None,
+            "form": unknown.form,
+            "explained": unknown.explained,
+            "sentence": unknown.sentence,
+        },
+        "next_drive": [
+            {"pair": list(one.pair), "manoeuvre": one.manoeuvre, "power": one.power, "settings": one.settings}
+            for one in diagnosis.next_drive
+        ],
+        "not_testable": [{"effect": one.effect, "because": one.because} for one in diagnosis.not_testable],
+        "warnings": list(diagnosis.warnings),
+        "sentence": diagnosis.sentence,
+    }
+
+
+def _candidate(one: Candidate) -> dict[str, Any]:
+    return {
+        "effect": one.effect,
+        "title": one.title,
+        "score": _known(one.score),
+        "p_value": one.p_value,
+        "explained": _known(one.explained),
+        "surviving": _known(one.surviving),
+        "heldout_rmse": {name: _known(value) for name, value in one.heldout.items()},
+        "heldout_loss": _known(one.loss),
+        "heldout_loss_se": _known(one.loss_se),
+        "refitted": one.refitted,
+        "in_family": one.in_family,
+        "parameters": {
+            name: {"value": _known(size.value), "se": _known(size.se), "unit": size.unit}
+            for name, size in one.sizes.items()
+        },
+    }
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def text(diagnosis: Diagnosis) -> str:
+    """Write a diagnosis for a person: one sentence, then what it rests on.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    str
+    """
+    alarm = diagnosis.alarm
+    chance = f"p {alarm.p_value:.4f}" if alarm.p_value >= 0.0001 else "p < 0.0001"
+    state = "raised" if alarm.raised else "silent"
+    lines = [diagnosis.sentence, "", f"alarm: {state} ({chance}, level {alarm.level:g})"]
+    shown = [one for one in diagnosis.candidates if one.refitted][:_SHOWN]
+    if shown:
+        lines += ["", *_table(diagnosis, shown)]
+    for drive in diagnosis.next_drive:
+        first, second = drive.pair
+        lines += ["", f"to tell {first} from {second}: {drive.manoeuvre} (power {drive.power:.0%})"]
+    if diagnosis.not_testable:
+        lines += ["", "not testable on these data:"]
+        reasons: dict[str, list[str]] = {}
+        for one in diagnosis.not_testable:
+            reasons.setdefault(one.because, []).append(one.effect)
+        lines += [f"  {', '.join(names)}: {because}" for because, names in reasons.items()]
+    lines += [f"note: {warning}" for warning in diagnosis.warnings]
+    return "\n".join(lines)
+
+
+def early(found: Screened) -> str:
+    """Write the strongest scores for a person who waits for the refits.
+
+    Parameters
+    ----------
+    found : Screened
+
+    Returns
+    -------
+    str
+    """
+    known = sorted(
+        (name for name, t in found.scores.items() if t > 0.0), key=lambda name: -found.scores[name]
+    )
+    shown = known[:_EARLY]
+    width = max(map(len, shown), default=0)
+    lines = [f"  {name:{width}}  {found.scores[name]:5.1f}  p {found.p_values[name]:.4f}" for name in shown]
+    if not lines:
+        return "first scores: none, no effect can be tested on these data"
+    head = f"first scores of {len(known)} effects, in standard errors, before any is fitted:"
+    return "\n".join([head, *lines])
+
+
+def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
+    channels = list(diagnosis.comparison.channels)
+    units = [diagnosis.comparison.channels[name].unit for name in channels]
+    head = ["effect", "explains", "survives"]
+    head += [f"{name.replace('_', ' ')} [{unit}]" for name, unit in zip(channels, units, strict=True)]
+    head += ["parameters"]
+    base = ["(as it is)", "", ""]
+    base += [_short(diagnosis.heldout.get(name, math.nan)) for name in channels] + [""]
+    rows = [
+        [
+            f"{'* ' if one.in_family else '  '}{one.effect}",
+            f"{one.explained:.0%}" if math.isfinite(one.explained) else "–",
+            f"{one.surviving:.0%}",
+            *(_short(one.heldout.get(name, math.nan)) for name in channels),
+            sizes_text(one),
+        ]
+        for one in shown
+    ]
+    table = [head, ["  " + base[0], *base[1:]], *rows]
+    return ["held-out error with each (* = cannot be told from the best):", *aligned(table)]
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else "–"

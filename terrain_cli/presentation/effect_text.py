@@ -1,0 +1,257 @@
+"""Effects as a person reads them, and as JSON."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+from terrain_cli.mechanics.effect import QUANTITIES
+from terrain_cli.presentation.terminal import aligned
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from terrain_cli.effects.laws.effect_file import Understood
+    from terrain_cli.mechanics.effect import Effect, Parameter
+    from terrain_cli.models import Assumption
+
+LIST_FORMAT = "terrain-est/effects/1"
+CHECK_FORMAT = "terrain-est/effects-check/1"
+_WIDTH = 100
+_KINDS = {
+    "soil": "changes what the soil is",
+    "stress": "changes the stress under the rim",
+    "contact": "changes the shape of the contact",
+    "force": "changes a force on the wheel",
+    "sensor": "changes what a sensor shows",
+}
+
+
+def document(effect: Effect) -> dict[str, Any]:
+    """Describe an effect for JSON.
+
+    Parameters
+    ----------
+    effect : Effect
+
+    Returns
+    -------
+    dict
+        The keys are those of docs/effects.md.
+    """
+    return {
+        "id": effect.id,
+        "title": effect.title,
+        "kind": effect.kind,
+        "changes": list(effect.laws),
+        "needs": list(effect.needs),
+        "any_of": list(effect.any_of),
+        "formula": effect.formula,
+        "parameters": [_parameter(parameter) for parameter in effect.parameters],
+        "explanation": effect.explanation,
+        "shows": effect.shows,
+        "settled_by": effect.settled_by,
+        "reference": effect.reference,
+        "origin": effect.origin,
+    }
+
+
+def _parameter(parameter: Parameter) -> dict[str, Any]:
+    numbers = {
+        name: _in_unit(getattr(parameter, name), parameter) for name in ("null", "scale", "lower", "upper")
+    }
+    return {
+        "name": parameter.name,
+        "unit": parameter.unit,
+        **numbers,
+        "meaning": parameter.meaning,
+        "shape": parameter.shape,
+        "needs": list(parameter.needs),
+        "skids": parameter.skids,
+    }
+
+
+def _in_unit(value: float, parameter: Parameter) -> float | None:
+    """Return a value in the parameter's unit as it was written there; None for no bound."""
+    return float(f"{value / parameter.factor:.12g}") if math.isfinite(value) else None
+
+
+def checked(file: str, understood: Understood) -> dict[str, Any]:
+    """Describe for JSON what was understood of a file.
+
+    Parameters
+    ----------
+    file : str
+    understood : Understood
+
+    Returns
+    -------
+    dict
+    """
+    return {
+        "file": file,
+        "ok": True,
+        "effect": document(understood.effect),
+        "laws": [
+            {
+                "changes": quantity,
+                "unit": QUANTITIES[quantity],
+                "reads": units,
+                "deviation_at_null": understood.trials[quantity].deviation,
+            }
+            for quantity, units in understood.units.items()
+        ],
+        "warnings": understood.warnings,
+    }
+
+
+def overview(effects: Iterable[Effect]) -> str:
+    """Return a table of effects, a line for each.
+
+    Parameters
+    ----------
+    effects : iterable of Effect
+
+    Returns
+    -------
+    str
+    """
+    rows = [
+        (effect.id, effect.kind, ", ".join(effect.laws), _needed(effect), effect.title) for effect in effects
+    ]
+    return "\n".join(aligned([("id", "kind", "changes", "needs", "title"), *rows]))
+
+
+def text(effect: Effect) -> str:
+    """Tell a person all about an effect.
+
+    Parameters
+    ----------
+    effect : Effect
+
+    Returns
+    -------
+    str
+    """
+    lines = [f"{effect.id}: {effect.title}", *_summary(effect), "", *_parameters(effect)]
+    if effect.explanation:
+        lines += ["", textwrap.fill(effect.explanation, _WIDTH)]
+    for name, words in (
+        ("shows", effect.shows),
+        ("settled by", effect.settled_by),
+        ("reference", effect.reference),
+    ):
+        if words:
+            lines += _field(name, words)
+    return "\n".join(lines)
+
+
+def overview_of_assumptions(assumptions: Iterable[Assumption]) -> str:
+    """Return a table of what bases take for granted, a line for each.
+
+    Parameters
+    ----------
+    assumptions : iterable of Assumption
+
+    Returns
+    -------
+    str
+    """
+    rows = [(one.id, one.title) for one in assumptions]
+    return "\n".join(["assumptions of a base, which model add lifts:", *aligned(rows)])
+
+
+def text_of_assumption(assumption: Assumption) -> str:
+    """Tell a person all about what a base takes for granted.
+
+    Parameters
+    ----------
+    assumption : Assumption
+
+    Returns
+    -------
+    str
+    """
+    return "\n".join(
+        [
+            f"{assumption.id}: {assumption.title}",
+            *_field("what", "an assumption of a base, which model add lifts"),
+            "",
+            textwrap.fill(assumption.explanation, _WIDTH),
+            *_field("settled by", assumption.settled_by),
+            *_field("reference", assumption.reference),
+        ]
+    )
+
+
+def checked_text(file: str, understood: Understood) -> str:
+    """Tell a person what was understood of a file.
+
+    Parameters
+    ----------
+    file : str
+    understood : Understood
+
+    Returns
+    -------
+    str
+    """
+    effect = understood.effect
+    lines = [f"{file}: nothing is wrong", f"{effect.id}: {effect.title}", *_summary(effect)]
+    for quantity, units in understood.units.items():
+        read = ", ".join(f"{name} [{unit}]" for name, unit in units.items())
+        deviation = understood.trials[quantity].deviation
+        exactness = "exactly" if deviation == 0.0 else f"to {deviation:.0e} of it"
+        lines += [
+            *_field("units", f"the law gives {quantity} in {QUANTITIES[quantity]}; it reads {read}"),
+            *_field("at null", f"the law gives back {quantity}, {exactness}"),
+        ]
+    return "\n".join([*lines, "", *_parameters(effect)])
+
+
+def _summary(effect: Effect) -> list[str]:
+    how = f"{_KINDS[effect.kind]} ({effect.kind}): {', '.join(effect.laws)}"
+    return [
+        *_field("what", how),
+        *_field("law", effect.formula),
+        *_field("needs", _needed(effect) or "nothing beyond what every model does"),
+    ]
+
+
+def _needed(effect: Effect) -> str:
+    return ", ".join([*effect.needs, *filter(None, [" or ".join(effect.any_of)])])
+
+
+def _parameters(effect: Effect) -> list[str]:
+    header = ("parameter", "unit", "null", "scale", "lower", "upper", "meaning")
+    rows = []
+    for parameter in effect.parameters:
+        numbers = [
+            "" if number is None else f"{number:.6g}"
+            for number in (
+                _in_unit(value, parameter)
+                for value in (parameter.null, parameter.scale, parameter.lower, parameter.upper)
+            )
+        ]
+        remarks = [
+            parameter.meaning,
+            "shapes the others' influence" * parameter.shape,
+            f"needs {', '.join(parameter.needs)}" * bool(parameter.needs),
+            "shows on a skidding wheel alone" * parameter.skids,
+        ]
+        rows.append((parameter.name, parameter.unit, *numbers, "; ".join(filter(None, remarks))))
+    lines = aligned([header, *rows])
+    # The last column is prose.
+    hang = " " * lines[0].index(header[-1])
+    return [
+        part
+        for line in lines
+        for part in textwrap.wrap(line, _WIDTH, subsequent_indent=hang, drop_whitespace=True)
+    ]
+
+
+def _field(name: str, words: str) -> list[str]:
+    return textwrap.wrap(
+        words, _WIDTH, initial_indent=f"  {name:<10}  ", subsequent_indent=" " * 14, break_long_words=False
+    )

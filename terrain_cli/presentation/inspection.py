@@ -1,0 +1,343 @@
+"""What a log holds, what would be used of it, and what rover.toml would have to say for the rest."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import formats
+from terrain_cli import telemetry
+from terrain_cli.errors import InputError, TerrainError
+from terrain_cli.telemetry.alignment import seconds
+from terrain_cli.telemetry.plan import derivable_channels, rover_advice, standard_messages
+from terrain_cli.telemetry.plan.mapping import is_table
+from terrain_cli.telemetry.raw_columns import read_topics, stamps
+from terrain_cli.telemetry.read import bags
+from terrain_cli.telemetry.read.raw_channels import read_raw
+from terrain_cli.vocabulary.channels import CHANNELS
+from terrain_cli.vocabulary.english import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from formats import Source, Stream
+    from terrain_cli.rover import Rover
+    from terrain_cli.telemetry import Plan
+    from terrain_cli.telemetry.wheel_samples import Raw
+
+FORMAT = "terrain-est/inspection/1"
+_KINDS = {"csv": "text table", "parquet": "Parquet", "ros1": "ROS 1 bag", "mcap": "MCAP", "db3": "ROS 2 bag"}
+#: Positions need more digits than measurements.
+_FORMATS = dict.fromkeys(("longitude", "latitude"), ".6f") | dict.fromkeys(
+    ("time", "x", "y", "elevation"), ".2f"
+)
+#: Larger times are seconds since 1970.
+_EPOCH = 1e8
+#: The end of the year 9999, after which dates have no common way to be written; s.
+_LAST = 253_402_300_799
+#: A line of names longer than this is broken.
+_WIDTH = 100
+
+
+def inspect(
+    path: str, rover: Rover, *, wheels: Collection[str] = (), salvage: bool = False
+) -> dict[str, Any]:
+    """Look into one input.
+
+    Parameters
+    ----------
+    path : str
+    rover : Rover
+    wheels : collection of str
+        Only these; all if empty.
+    salvage : bool
+        Look into what is left of a damaged one, and tell how much that is.
+
+    Returns
+    -------
+    dict
+        Ready for JSON: the streams (topic, type, records, rate, largest gap, fields), and for each
+        wheel its channels (from what, in which unit, range, how many are missing), what could be
+        any of several, what is missing, and how many samples can be used; last the lines of
+        rover.toml that would supply what is missing. Where that cannot be told, the streams and the
+        problem: its text, hint and exit code.
+
+    Raises
+    ------
+    formats.errors.FormatError
+        The file cannot be opened.
+    """
+    source = formats.open_source(path, salvage=salvage)
+    document: dict[str, Any] = {
+        "source": source.path,
+        "kind": source.kind,
+        "rover": formats.shown(str(rover.path)) if rover.path else None,
+        "streams": [_stream(stream, None) for stream in source.streams()],
+        "wheels": [],
+        "extras": [],
+        "rover_toml": "",
+        "problem": None,
+    }
+    try:
+        document |= _understood(source, rover, wheels)
+    except (formats.FormatError, TerrainError) as error:
+        document["problem"] = {"error": str(error), "hint": error.hint, "exit_code": error.exit_code}
+    return document | {
+        "rows_skipped": getattr(source, "skipped", 0),
+        "salvage": source.recovery.document() if source.recovery else None,
+        "remarks": source.remarks,
+    }
+
+
+def _understood(source: Source, rover: Rover, wheels: Collection[str]) -> dict[str, Any]:
+    layout = telemetry.plan(source, rover)
+    tables = None if is_table(source) else read_topics(source, bags.fields(layout, CHANNELS))
+    raws = read_raw(layout, rover, CHANNELS, wheels=wheels, topics=tables)
+    used = {feed.topic for raw in raws for feed in raw.feeds.values() if feed.topic}
+    clock = layout.no_time
+    doubts = (
+        [derivable_channels.Lack("time", str(clock), lines=tuple(clock.hint.splitlines()[1:]))]
+        if clock
+        else []
+    )
+    lacks = {raw.wheel: [*doubts, *telemetry.lacking(raw, rover)] for raw in raws}
+    found = [_wheel(source, layout, raw, rover, lacks[raw.wheel]) for raw in raws]
+    other = {wheel.pop("rover_toml", "") for wheel in found} - {""}
+    clocks = {topic: stamps(table)[0] for topic, table in (tables or {}).items() if topic in used}
+    streams = [_stream(stream, clocks.get(stream.topic)) for stream in source.streams()]
+    if is_table(source) and streams[0]["records"] is None:
+        first = streams[0]["fields"][0]["name"]
+        streams[0]["records"] = sum(len(batch[first]) for batch in source.read("", [first]))
+    return {
+        "streams": streams,
+        "wheels": found,
+        "extras": list(layout.extras),
+        "rover_toml": "\n".join(other) or rover_advice.lines(layout, lacks),
+    }
+
+
+def _stream(stream: Stream, clock: NDArray[np.datetime64] | None) -> dict[str, Any]:
+    entry: dict[str, Any] = {"topic": stream.topic, "type": stream.type, "records": stream.count}
+    if clock is not None:
+        entry |= _rate(seconds(clock, 0.0))
+    elif stream.count and stream.start is not None and stream.end is not None and stream.end > stream.start:
+        span = (stream.end - stream.start) * 1e-9
+        entry |= {"duration_s": span, "rate_Hz": (stream.count - 1) / span}
+    entry["fields"] = [
+        {"name": f.name, "kind": f.kind} | ({"elements": list(f.elements)} if f.elements else {})
+        for f in stream.fields
+    ]
+    return entry
+
+
+def _rate(time: NDArray[np.float64]) -> dict[str, Any]:
+    steps = np.diff(np.sort(time[np.isfinite(time)]))
+    if len(steps) == 0 or steps.sum() == 0.0:
+        return {}
+    median = float(np.median(steps))
+    return {
+        "duration_s": float(steps.sum()),
+        "rate_Hz": 1.0 / median if median > 0.0 else None,
+        "largest_gap_s": float(steps.max()),
+    }
+
+
+def _wheel(
+    source: Source, layout: Plan, raw: Raw, rover: Rover, lacks: Sequence[derivable_channels.Lack]
+) -> dict[str, Any]:
+    derived, _ = derivable_channels.routes(raw.channels, telemetry.wheel_of(raw, rover), rover)
+    entry: dict[str, Any] = {"wheel": raw.wheel, "samples": len(raw)}
+    if raw.time is not None:
+        known = raw.time[np.isfinite(raw.time)]
+        entry |= _rate(known) | ({"start_s": float(known.min()) + raw.origin} if len(known) else {})
+    entry["channels"] = {name: _channel(raw, name) for name in CHANNELS if name in raw.feeds}
+    entry["derived"] = derived
+    entry["undecided"] = {
+        channel: [feed.place for feed in feeds] for channel, feeds in layout.doubts(raw.wheel).items()
+    }
+    entry["missing"] = [
+        {"what": lack.what, "because": rover_advice.because(layout, raw.wheel, lack)} for lack in lacks
+    ]
+    entry["remarks"] = raw.remarks
+    if lacks:
+        return entry
+    try:
+        judged = telemetry.assemble(layout, raw, rover)
+    except InputError as error:
+        # A unit is wrong: that of the clock, unless it says of which channel.
+        entry["missing"] = [{"what": getattr(error, "channel", "time"), "because": str(error)}]
+        entry["rover_toml"] = error.hint.partition("\n")[2]
+        return entry
+    # What is doubtful shows only once it was judged.
+    entry["remarks"] = judged.remarks[len(source.remarks) :]
+    entry |= {"used": len(judged.usable), "set_aside": judged.reasons()}
+    entry["stretches"] = len(np.unique(judged.stretch[judged.usable]))
+    if judged.distance is not None and len(judged):
+        entry["distance_m"] = float(judged.distance[-1])
+    return entry
+
+
+def _channel(raw: Raw, name: str) -> dict[str, Any]:
+    feed, unit = raw.feeds[name], CHANNELS[name].unit
+    entry: dict[str, Any] = {"from": str(feed), "unit": unit.symbol if unit else None}
+    if name in raw.labels:
+        labels = raw.labels[name]
+        used = np.unique(labels.codes)
+        entry["values"] = [labels.names[code] for code in used if code >= 0]
+        entry["missing"] = int(np.count_nonzero(labels.codes < 0))
+        return entry
+    values = raw.time + raw.origin if name == "time" and raw.time is not None else raw.channels[name]
+    finite = values[np.isfinite(values)]
+    if len(finite):
+        # Not −0, which an angle turned round may be.
+        entry["range"] = [float(finite.min()) + 0.0, float(finite.max()) + 0.0]
+    entry["missing"] = len(values) - len(finite)
+    return entry
+
+
+def text(document: dict[str, Any], *, verbose: bool = False) -> str:
+    """Write an inspection for a person.
+
+    Parameters
+    ----------
+    document : dict
+        From `inspect`.
+    verbose : bool
+        Also list every field of the messages that come with ROS.
+
+    Returns
+    -------
+    str
+    """
+    starts = [wheel["start_s"] for wheel in document["wheels"] if wheel.get("start_s", 0.0) > _EPOCH]
+    began = f", from {_moment(min(starts))}" if starts else ""
+    lines = [f"{document['source']}: {_KINDS[document['kind']]}{_size(document)}{began}"]
+    lines += [f"  {remark}" for remark in document["remarks"]]
+    topics = [stream for stream in document["streams"] if stream["topic"]]
+    if topics:
+        header = ("topic", "type", "messages", "rate", "largest gap")
+        lines += ["", *_aligned([header, *map(_topic, topics)])]
+    for stream in document["streams"]:
+        known = stream["topic"] and standard_messages.is_standard(stream["type"]) and not document["problem"]
+        if verbose or not known:
+            lines += ["", *_fields(stream)]
+    for wheel in document["wheels"]:
+        lines += ["", *_wheel_text(wheel)]
+    if document["extras"]:
+        lines += ["", *_wrapped("further columns, kept as they are: ", document["extras"])]
+    lines += _missing_text(document)
+    return "\n".join(lines)
+
+
+def _size(document: dict[str, Any]) -> str:
+    streams = document["streams"]
+    if not streams:
+        return ", no topics"
+    if any(stream["topic"] for stream in streams):
+        return f", {counted(len(streams), 'topic')}"
+    skipped, rows = document["rows_skipped"], streams[0]["records"]
+    if rows is None:
+        return ""
+    return f", {rows} rows" + f" and {skipped} that do not fit its header" * bool(skipped)
+
+
+def _topic(stream: dict[str, Any]) -> tuple[str, ...]:
+    rate, gap = stream.get("rate_Hz"), stream.get("largest_gap_s")
+    return (
+        stream["topic"],
+        stream["type"],
+        "?" if stream["records"] is None else str(stream["records"]),
+        f"{rate:.1f} Hz" if rate else "",
+        f"{gap:.2f} s" if gap else "",
+    )
+
+
+def _fields(stream: dict[str, Any]) -> list[str]:
+    names = []
+    for field in stream["fields"]:
+        kind = "" if field["kind"] == "number" else f" ({field['kind']})"
+        names.append(field["name"] + (f"[{', '.join(field['elements'])}]" if "elements" in field else kind))
+    return _wrapped(f"{stream['topic'] or 'columns'}: ", names)
+
+
+def _wrapped(title: str, names: Sequence[str]) -> list[str]:
+    lines = [title]
+    for k, name in enumerate(names):
+        piece = name + ", " * (k < len(names) - 1)
+        if len(lines[-1]) + len(piece) > _WIDTH and lines[-1].strip():
+            lines.append("  ")
+        lines[-1] += piece
+    return [line.rstrip() for line in lines]
+
+
+def _wheel_text(wheel: dict[str, Any]) -> list[str]:
+    used = f"{wheel['used']} of {wheel['samples']}" if "used" in wheel else f"{wheel['samples']}"
+    parts = [f"wheel {wheel['wheel']}: {used} samples" + " can be used" * ("used" in wheel)]
+    if wheel.get("rate_Hz"):
+        parts.append(f"{wheel['rate_Hz']:.1f} Hz over {wheel['duration_s']:.1f} s")
+    if wheel.get("distance_m"):
+        parts.append(f"{wheel['distance_m']:.2f} m")
+    if wheel.get("stretches", 1) > 1:
+        parts.append(
+            f"{wheel['stretches']} stretches between gaps, the largest {wheel['largest_gap_s']:.2f} s"
+        )
+    lines = [", ".join(parts)]
+    if wheel["channels"] or wheel["derived"]:
+        lines += _aligned([("channel", "range", "missing", "from"), *_channel_rows(wheel)])
+    lines += [f"  set aside: {count} · {reason}" for reason, count in wheel.get("set_aside", {}).items()]
+    lines += [f"  {remark}" for remark in wheel["remarks"]]
+    lines += [
+        f"  not used: {channel}, which could be any of {', '.join(places)}"
+        for channel, places in wheel["undecided"].items()
+        if not any(f"{channel} could" in lack["because"] for lack in wheel["missing"])
+    ]
+    return lines
+
+
+def _missing_text(document: dict[str, Any]) -> list[str]:
+    """Say each thing that is missing once, and the lines that would supply it."""
+    lacks: dict[tuple[str, str], list[str]] = {}
+    for wheel in document["wheels"]:
+        for lack in wheel["missing"]:
+            lacks.setdefault((lack["what"], lack["because"]), []).append(wheel["wheel"])
+    if not lacks:
+        return []
+    rows = [
+        (what, because + f" (wheel {', '.join(wheels)})" * (len(wheels) < len(document["wheels"])))
+        for (what, because), wheels in lacks.items()
+    ]
+    lines = ["", "missing for an estimate:", *_aligned(rows)]
+    if document["rover_toml"]:
+        file = document["rover"] or "a file rover.toml beside the log"
+        lines += ["", f"write into {file}, and fill in each …:", ""]
+        lines += [f"    {line}".rstrip() for line in document["rover_toml"].splitlines()]
+    return lines
+
+
+def _channel_rows(wheel: dict[str, Any]) -> Iterator[tuple[str, ...]]:
+    for name, channel in wheel["channels"].items():
+        spread = ", ".join(channel.get("values", []))
+        if name == "time" and "range" in channel and channel["range"][0] > _EPOCH:
+            spread = " … ".join(map(_moment, channel["range"]))
+        elif "range" in channel:
+            ends = (f"{end:{_FORMATS.get(name, '.4g')}}" for end in channel["range"])
+            spread = " … ".join(dict.fromkeys(ends))
+            spread += f" {channel['unit']}" * (channel["unit"] != "1")
+        yield name, spread, str(channel["missing"] or ""), channel["from"]
+    for name, how in wheel["derived"].items():
+        yield name, "", "", f"derived from {how}"
+
+
+def _moment(time: float) -> str:
+    if time > _LAST:
+        return f"{time:.4g} s"
+    return datetime.fromtimestamp(time, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return ["  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows]

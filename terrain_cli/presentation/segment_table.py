@@ -1,0 +1,356 @@
+"""The table of segments: one row per window, in the columns that users rely on."""
+
+from __future__ import annotations
+
+from itertools import chain
+from sys import intern
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli import estimation
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.telemetry.wheel_samples import Samples
+    from terrain_cli.windows.cut_windows import Windows
+
+    Array = NDArray[np.float64]
+    Table = dict[str, Any]
+
+#: In this order; scripts and GIS projects are built on it.
+COLUMNS = (
+    *(
+        "source",
+        "wheel",
+        "segment",
+        "terrain",
+        "t_start_s",
+        "t_end_s",
+        "distance_m",
+        "n_samples",
+        "n_rejected",
+    ),
+    *(
+        "method",
+        "status",
+        "c_kPa",
+        "c_se_kPa",
+        "phi_deg",
+        "phi_se_deg",
+        "corr_c_phi",
+        "c_ls_kPa",
+        "phi_ls_deg",
+    ),
+    *("c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number", "k_mm", "sigma_star_kPa", "strength_kPa"),
+    *("strength_se_kPa", "torque_rmse_Nm", "x_m", "y_m", "longitude_deg", "latitude_deg", "WKT"),
+)
+#: Of a table of samples: channel → column.
+_SAMPLE_COLUMNS = {
+    "load": "load_N",
+    "torque": "torque_Nm",
+    "sinkage": "sinkage_m",
+    "slip": "slip",
+    "drawbar_pull": "drawbar_pull_N",
+    "x": "x_m",
+    "y": "y_m",
+    "longitude": "longitude_deg",
+    "latitude": "latitude_deg",
+}
+#: Vertices of a segment's line at the most: enough to see its course on a map.
+VERTICES = 64
+
+
+def table(windows: Windows, estimates: WindowEstimates) -> Table:
+    """Return the rows of one wheel.
+
+    Parameters
+    ----------
+    windows : Windows
+    estimates : WindowEstimates
+
+    Returns
+    -------
+    dict of str to list or ndarray
+        The columns of the contract, in their order; NaN, None or "" where not known.
+    """
+    samples, rows, bounds = windows.samples, windows.rows, windows.bounds
+    n = len(windows)
+    first, last = rows[bounds[:-1]], rows[bounds[1:] - 1]
+    middle = rows[(bounds[:-1] + bounds[1:]) // 2]
+    nothing = np.full(n, np.nan)
+    time = nothing if samples.time is None else samples.time
+    distance = samples.distance
+    place = {name: samples.channels.get(name) for name in ("x", "y", "longitude", "latitude")}
+    values: Table = {
+        "source": [samples.source] * n,
+        "wheel": [samples.wheel] * n,
+        "segment": np.arange(1, n + 1),
+        "terrain": _terrain(windows),
+        "t_start_s": nothing if samples.time is None else time[first] + samples.origin,
+        "t_end_s": nothing if samples.time is None else time[last] + samples.origin,
+        "distance_m": nothing if distance is None else distance[last] - distance[first],
+        "n_samples": np.diff(bounds),
+        "n_rejected": _rejected(windows),
+        "method": _texts(estimates.method),
+        "status": _texts(estimates.status),
+        "c_kPa": estimates.c / 1e3,
+        "c_se_kPa": estimates.c_se / 1e3,
+        "phi_deg": np.degrees(estimates.phi),
+        "phi_se_deg": np.degrees(estimates.phi_se),
+        "corr_c_phi": estimates.corr,
+        "c_ls_kPa": estimates.c_ls / 1e3,
+        "phi_ls_deg": np.degrees(estimates.phi_ls),
+        "c_ridge_kPa": estimates.c_ridge / 1e3,
+        "phi_ridge_deg": np.degrees(estimates.phi_ridge),
+        "delta": estimates.delta,
+        "condition_number": estimates.condition_number,
+        "k_mm": estimates.shear_modulus * 1e3,
+        "sigma_star_kPa": estimates.sigma_star / 1e3,
+        "strength_kPa": estimates.strength / 1e3,
+        "strength_se_kPa": estimates.strength_se / 1e3,
+        "torque_rmse_Nm": estimates.torque_rmse,
+        **{
+            f"{name}_{unit}": nothing if (channel := place[name]) is None else channel[middle]
+            for name, unit in (("x", "m"), ("y", "m"), ("longitude", "deg"), ("latitude", "deg"))
+        },
+        "WKT": _tracks(windows),
+    }
+    return {name: values[name] for name in COLUMNS}
+
+
+def _texts(values: NDArray[np.str_]) -> list[str]:
+    """Return texts of which each is held once: an object for each window takes more than its numbers."""
+    return list(map(intern, values.tolist()))
+
+
+def _terrain(windows: Windows) -> list[str]:
+    """Return the label that most samples of each window carry."""
+    labels = windows.samples.labels.get("terrain")
+    if labels is None:
+        return [""] * len(windows)
+    codes = labels.codes[windows.rows]
+    result = []
+    for start, stop in zip(windows.bounds[:-1], windows.bounds[1:], strict=True):
+        known = codes[start:stop][codes[start:stop] >= 0]
+        result.append(labels.names[np.bincount(known).argmax()] if len(known) else "")
+    return result
+
+
+def _rejected(windows: Windows) -> NDArray[np.intp]:
+    """Count the samples set aside, each with the window before it (the first also those ahead of it).
+
+    So that used and rejected samples of all windows add up to the samples read.
+    """
+    codes = windows.samples.set_aside.codes
+    if not (codes >= 0).any():
+        return np.zeros(len(windows), dtype=np.intp)
+    order = np.argsort(windows.rows, kind="stable")
+    before = np.searchsorted(windows.rows[order], np.flatnonzero(codes >= 0)) - 1
+    window = np.searchsorted(windows.bounds, order[np.maximum(before, 0)], side="right") - 1
+    return np.bincount(window, minlength=len(windows))
+
+
+def coordinates(samples: Samples) -> tuple[Array, Array] | None:
+    """Return where the samples lie on a map.
+
+    Parameters
+    ----------
+    samples : Samples
+
+    Returns
+    -------
+    (ndarray, ndarray) or None
+        Longitude and latitude in degrees where they are known, else x and y of the site frame in m.
+    """
+    for pair in (("longitude", "latitude"), ("x", "y")):
+        if all(name in samples.channels and np.isfinite(samples.channels[name]).any() for name in pair):
+            return samples.channels[pair[0]], samples.channels[pair[1]]
+    return None
+
+
+def _tracks(windows: Windows) -> list[str]:
+    place = coordinates(windows.samples)
+    if place is None:
+        return [""] * len(windows)
+    result = []
+    for start, stop in zip(windows.bounds[:-1], windows.bounds[1:], strict=True):
+        rows = windows.rows[start:stop]
+        points = np.column_stack([axis[rows] for axis in place])
+        result.append(wkt(points[np.isfinite(points).all(axis=1)]))
+    return result
+
+
+def reference_system(table: Table, crs: str | None) -> str | None:
+    """Return the reference system of a table's geometry.
+
+    Parameters
+    ----------
+    table : dict
+        From `table` or `join`.
+    crs : str or None
+        The one asked for.
+
+    Returns
+    -------
+    str or None
+        None for a site frame, which stays one whatever is asked for: its x and y are no longitudes.
+        WGS 84 for longitudes of which nothing else is said.
+    """
+    return (crs or "EPSG:4326") if np.isfinite(table["longitude_deg"]).any() else None
+
+
+def wkt(points: Array) -> str:
+    """Write a track as well-known text.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 2)
+
+    Returns
+    -------
+    str
+        A LINESTRING through at most `VERTICES` of the points, a POINT if the track does not move,
+        empty without points.
+    """
+    if len(points) > VERTICES:
+        points = points[np.round(np.linspace(0, len(points) - 1, VERTICES)).astype(int)]
+    if len(points) > 1:
+        points = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0.0, axis=1)])]
+    texts = [f"{a!r} {b!r}" for a, b in points.tolist()]
+    if not texts:
+        return ""
+    return f"POINT ({texts[0]})" if len(texts) == 1 else f"LINESTRING ({', '.join(texts)})"
+
+
+def join(tables: Sequence[Table]) -> Table:
+    """Put the rows of several wheels and inputs under one another.
+
+    Parameters
+    ----------
+    tables : sequence of dict
+        With the same columns.
+
+    Returns
+    -------
+    dict of str to list or ndarray
+        One reference system holds for all geometry: where some have longitudes and latitudes, tracks
+        in x and y of a site frame are left out.
+    """
+    if len(tables) == 1:
+        # The rows of a long log with short windows take gigabytes.
+        return tables[0]
+    if "WKT" in tables[0]:
+        known = [bool(np.isfinite(t["longitude_deg"]).any()) for t in tables]
+        if any(known):
+            tables = [
+                t if located else {**t, "WKT": [""] * len(t["WKT"])}
+                for t, located in zip(tables, known, strict=True)
+            ]
+    return {
+        name: list(chain.from_iterable(t[name] for t in tables))
+        if isinstance(tables[0][name], list)
+        else np.concatenate([t[name] for t in tables])
+        for name in tables[0]
+    }
+
+
+def rejects(samples: Samples) -> Table:
+    """Return the samples set aside, with the reason of each.
+
+    Parameters
+    ----------
+    samples : Samples
+
+    Returns
+    -------
+    dict of str to list or ndarray
+        source, wheel, sample (counted from 1 within the wheel), time_s, reason, and the channels.
+    """
+    codes = samples.set_aside.codes
+    rows = np.flatnonzero(codes >= 0)
+    known = samples.channels
+    return {
+        "source": [samples.source] * len(rows),
+        "wheel": [samples.wheel] * len(rows),
+        "sample": rows + 1,
+        "time_s": np.full(len(rows), np.nan) if samples.time is None else samples.time[rows] + samples.origin,
+        "reason": [samples.set_aside.names[code] for code in codes[rows]],
+        "load_N": known["load"][rows],
+        "torque_Nm": known["torque"][rows],
+        "sinkage_m": known["sinkage"][rows],
+        "slip": known["slip"][rows],
+    }
+
+
+def samples(windows: Windows) -> Table:
+    """Return the samples of every window, as points.
+
+    Parameters
+    ----------
+    windows : Windows
+
+    Returns
+    -------
+    dict of str to list or ndarray
+        source, wheel, segment, sample (counted from 1 within the wheel), time_s, what was measured, where,
+        and WKT: a POINT in the system of the segments' tracks.
+    """
+    of, rows = windows.samples, windows.rows
+    nothing = np.full(len(rows), np.nan)
+    place = coordinates(of)
+    points = np.column_stack([axis[rows] for axis in place]) if place else np.full((len(rows), 2), np.nan)
+    return {
+        "source": [of.source] * len(rows),
+        "wheel": [of.wheel] * len(rows),
+        "segment": np.repeat(np.arange(1, len(windows) + 1), np.diff(windows.bounds)),
+        "sample": rows + 1,
+        "time_s": nothing if of.time is None else of.time[rows] + of.origin,
+        **{
+            column: nothing if name not in of.channels else of.channels[name][rows]
+            for name, column in _SAMPLE_COLUMNS.items()
+        },
+        "WKT": [
+            wkt(point) if known else ""
+            for point, known in zip(points[:, None], np.isfinite(points).all(axis=1), strict=True)
+        ],
+    }
+
+
+def trace(windows: Windows) -> Table:
+    """Return the recursive estimate sample by sample.
+
+    Parameters
+    ----------
+    windows : Windows
+
+    Returns
+    -------
+    dict of str to list or ndarray
+        source, wheel, segment, time_s, c and φ with their standard errors and correlation after
+        each sample in which the wheel does not skid; NaN until two samples have been seen.
+    """
+    windows = windows.on_line()
+    samples, rows = windows.samples, windows.rows
+    steps = estimation.recursive(
+        windows.x,
+        windows.y,
+        windows.bounds,
+        **windows.measured(),
+        correlated=samples.time is not None,
+    )
+    return {
+        "source": [samples.source] * len(rows),
+        "wheel": [samples.wheel] * len(rows),
+        "segment": np.repeat(np.arange(1, len(windows) + 1), np.diff(windows.bounds)),
+        "time_s": np.full(len(rows), np.nan) if samples.time is None else samples.time[rows] + samples.origin,
+        "c_kPa": steps.c / 1e3,
+        "c_se_kPa": steps.c_se / 1e3,
+        "phi_deg": np.degrees(steps.phi),
+        "phi_se_deg": np.degrees(steps.phi_se),
+        "corr_c_phi": steps.corr,
+    }

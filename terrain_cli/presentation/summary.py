@@ -1,0 +1,289 @@
+"""What a mission team reads first: the soils by terrain and wheel, and what was set aside."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli import estimation
+from terrain_cli.presentation.terminal import aligned
+from terrain_cli.vocabulary.english import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.presentation.segment_table import Table
+
+FORMAT = "terrain-est/summary/1"
+#: Of a table, what `document` looks at.
+COLUMNS = ("terrain", "wheel", "distance_m", "n_samples", "n_rejected")
+
+
+def document(
+    table: Table, estimates: WindowEstimates, accounts: Sequence[dict[str, Any]], settings: dict[str, Any]
+) -> dict[str, Any]:
+    """Summarise the segments of one or more inputs.
+
+    Parameters
+    ----------
+    table : dict
+        From `segment_table.join`; `COLUMNS` are enough.
+    estimates : WindowEstimates
+        Behind its rows.
+    accounts : sequence of dict
+        From `one_log.run`, one for each input.
+    settings : dict
+        What was asked for.
+
+    Returns
+    -------
+    dict
+        Ready for JSON; null where not known. ``terrains`` has one entry for each terrain and wheel
+        with the number of windows by status, for c and φ the mean and the spread (standard
+        deviation) over the windows that tell them apart, and the estimate pooled over all windows
+        with its standard errors.
+    """
+    return {
+        "format": FORMAT,
+        "settings": settings,
+        "inputs": list(accounts),
+        "terrains": terrains(table, estimates),
+    }
+
+
+def terrains(table: Table, estimates: WindowEstimates) -> list[dict[str, Any]]:
+    """Summarise segments by terrain and wheel.
+
+    Parameters
+    ----------
+    table : dict
+        From `segment_table.join`.
+    estimates : WindowEstimates
+        Behind its rows.
+
+    Returns
+    -------
+    list of dict
+        As in `document`.
+    """
+    groups: dict[tuple[str, str], list[int]] = {}
+    for row, key in enumerate(zip(table["terrain"], table["wheel"], strict=True)):
+        groups.setdefault(key, []).append(row)
+    return [_group(*key, table, estimates, np.array(rows)) for key, rows in sorted(groups.items())]
+
+
+def _group(
+    terrain: str, wheel: str, table: Table, estimates: WindowEstimates, rows: NDArray[np.intp]
+) -> dict[str, Any]:
+    found = estimates.status[rows]
+    status = found.tolist()
+    distance = table["distance_m"][rows]
+    pooled = estimation.pool(estimates, rows)
+    long = rows[found != "too-few-samples"]
+    separable = rows[~np.isin(found, ("too-few-samples", "not-separable"))]
+    return {
+        "terrain": terrain,
+        "wheel": wheel,
+        "segments": len(status),
+        "status": {name: status.count(name) for name in dict.fromkeys(status)},
+        "samples": int(table["n_samples"][rows].sum()),
+        "rejected": int(table["n_rejected"][rows].sum()),
+        "distance_m": float(np.nansum(distance)) if np.isfinite(distance).any() else None,
+        "separable": len(separable),
+        "c_kPa": _mean_and_spread(estimates.c[separable] / 1e3),
+        "phi_deg": _mean_and_spread(np.degrees(estimates.phi[separable])),
+        "k_mm": _mean_and_spread(estimates.shear_modulus[long] * 1e3),
+        "n": _mean_and_spread(estimates.sinkage_exponent[long]),
+        "keq_kPa_per_m_n": _mean_and_spread(estimates.stiffness[long] / 1e3),
+        "pooled": {
+            "windows": pooled.windows,
+            "c_kPa": _shown(pooled.c / 1e3),
+            "c_se_kPa": _shown(pooled.c_se / 1e3),
+            "phi_deg": _degrees(pooled.phi),
+            "phi_se_deg": _degrees(pooled.phi_se),
+            "corr_c_phi": _shown(pooled.corr),
+            "sigma_star_kPa": _shown(pooled.sigma_star / 1e3),
+            "strength_kPa": _shown(pooled.strength / 1e3),
+            "strength_se_kPa": _shown(pooled.strength_se / 1e3),
+            "strength_between_kPa": _shown(pooled.strength_between / 1e3),
+            "phi_between_deg": _degrees(pooled.phi_between),
+        },
+    }
+
+
+def _mean_and_spread(values: NDArray[np.float64]) -> dict[str, float | None]:
+    values = values[np.isfinite(values)]
+    return {
+        "mean": float(values.mean()) if len(values) else None,
+        "spread": float(values.std(ddof=1)) if len(values) > 1 else None,
+    }
+
+
+def _shown(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _degrees(angle: float) -> float | None:
+    return _shown(float(np.degrees(angle)))
+
+
+def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str:
+    """Write a summary for a person.
+
+    Parameters
+    ----------
+    summary : dict
+        From `document`.
+    table : dict
+        The segments it summarises.
+    verbose : bool
+        Also say where each channel comes from.
+
+    Returns
+    -------
+    str
+        Several lines. Soils that nobody named are listed segment by segment: what is pooled over
+        them belongs to none.
+    """
+    lines = []
+    for entry in summary["inputs"]:
+        for wheel in entry["wheels"]:
+            lines.append(
+                f"{entry['source']}  {wheel['wheel']}: {wheel['used']} of {wheel['samples']} samples used"
+            )
+            lines += [f"  set aside: {count} · {reason}" for reason, count in wheel["set_aside"].items()]
+            derived = {
+                name: how for name, how in wheel["channels"].items() if verbose or how.startswith("derived")
+            }
+            lines += [f"  {name}: {how}" for name, how in derived.items()]
+            lines += _model_text(wheel["model"])
+        if entry["rows_skipped"]:
+            lines.append(f"  skipped: {entry['rows_skipped']} rows that are not whole")
+        lines += [f"  {remark}" for remark in dict.fromkeys(r for w in entry["wheels"] for r in w["remarks"])]
+    unnamed = summary["settings"]["segments"] == "auto" and not any(table["terrain"])
+    rows = _segment_rows(table) if unnamed else _terrain_rows(summary["terrains"])
+    lines += aligned(rows)
+    if unnamed and len(table["wheel"]) > LISTED:
+        lines.append(f"… and {len(table['wheel']) - LISTED} more segments")
+    others = sorted({name for entry in summary["terrains"] for name in entry["status"]} - {"ok"})
+    lines += [f"{name}: {MEANINGS[name]}{_addition(name, table)}" for name in others]
+    return "\n".join(lines)
+
+
+def _addition(name: str, table: Table) -> str:
+    """Say of the rows that are not separable whether their strength is known."""
+    if name != "not-separable":
+        return ""
+    rows = np.array([status == name for status in table["status"]], dtype=bool)
+    strength, error = (
+        np.asarray(table[column], dtype=float)[rows] for column in ("strength_kPa", "strength_se_kPa")
+    )
+    known = error <= _KNOWN * strength
+    if known.all():
+        return "; the strength at σ* holds"
+    return (
+        "; the strength at σ* holds where its error is small"
+        if known.any()
+        else "; nor does it tell the strength"
+    )
+
+
+def _model_text(model: dict[str, Any] | None) -> list[str]:
+    """Say what a wheel was fitted with; nothing of the linear model alone."""
+    if model is None:
+        return []
+    lines = [f"  model: {' + '.join([model['base'], *model['effects']])}"]
+    for name, entry in model["parameters"].items():
+        unit = f" {entry['unit']}" * (entry["unit"] != "1")
+        if entry["held"]:
+            why = f": {entry['because']}" if entry["because"] else ""
+            lines.append(f"    {name} = {entry['value']:.4g}{unit}, held{why}")
+        else:
+            known = "" if entry["fixed_by_data"] else "; the data do not fix it"
+            lines.append(f"    {name} = {entry['value']:.4g} ± {entry['se']:.2g}{unit}{known}")
+    if model.get("missed"):
+        lines.append(
+            f"    the model misses {counted(model['missed'], 'segment')} by far more than noise, and little "
+            "is learnt there: see terrain-est diagnose"
+        )
+    if model["unsettled"]:
+        lines.append(f"    the fit did not settle in {counted(model['unsettled'], 'segment')}")
+    return lines
+
+
+def _terrain_rows(entries: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = [
+        ("terrain", "wheel", "windows", "separable", "samples", "distance", *_ESTIMATES)
+    ]
+    for entry in entries:
+        pooled = entry["pooled"]
+        rows.append(
+            (
+                entry["terrain"] or "–",
+                entry["wheel"],
+                str(entry["segments"]),
+                str(entry["separable"]),
+                str(entry["samples"]),
+                _metres(entry["distance_m"]),
+                _plus_minus(pooled["c_kPa"], pooled["c_se_kPa"], 2),
+                _plus_minus(pooled["phi_deg"], pooled["phi_se_deg"], 1),
+                _strength(pooled["strength_kPa"], pooled["strength_se_kPa"], pooled["sigma_star_kPa"]),
+            )
+        )
+    return rows
+
+
+def _segment_rows(table: Table) -> list[tuple[str, ...]]:
+    several = len(set(table["source"])) > 1
+    header = ("wheel", "segment", "samples", "distance", "status", *_ESTIMATES)
+    rows: list[tuple[str, ...]] = [("source", *header) if several else header]
+    for j in range(min(len(table["wheel"]), LISTED)):
+        row = {name: values[j] for name, values in table.items()}
+        rows.append(
+            (
+                *([row["source"]] if several else []),
+                row["wheel"],
+                str(row["segment"]),
+                str(row["n_samples"]),
+                _metres(_shown(row["distance_m"])),
+                row["status"],
+                _plus_minus(_shown(row["c_kPa"]), _shown(row["c_se_kPa"]), 2),
+                _plus_minus(_shown(row["phi_deg"]), _shown(row["phi_se_deg"]), 1),
+                _strength(
+                    *(_shown(row[name]) for name in ("strength_kPa", "strength_se_kPa", "sigma_star_kPa"))
+                ),
+            )
+        )
+    return rows
+
+
+#: Segments listed for a person at the most; the table has them all.
+LISTED = 40
+_ESTIMATES = ("c [kPa]", "φ [°]", "strength at σ* [kPa]")
+#: Error of a strength, as a share of it, up to which it is known.
+_KNOWN = 0.5
+MEANINGS = {
+    "ill-conditioned": "c and φ depend on the penalty of the ridge; trust the strength",
+    "not-separable": "the drive does not tell c from φ: vary the load",
+    "out-of-range": "c is negative, or φ would not be within 0 to 60°: the model may not fit",
+    "too-few-samples": "windows with fewer samples than --min-samples",
+}
+
+
+def _plus_minus(value: float | None, error: float | None, digits: int) -> str:
+    if value is None or error is None:
+        return "–"
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+def _metres(distance: float | None) -> str:
+    return "–" if distance is None else f"{distance:.2f} m"
+
+
+def _strength(strength: float | None, error: float | None, stress: float | None) -> str:
+    shown = _plus_minus(strength, error, 2)
+    return shown if stress is None else f"{shown} at {stress:.2f}"

@@ -1,0 +1,1 @@
+"""Processes of this machine: their memory, their signals, several side by side."""

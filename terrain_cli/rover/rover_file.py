@@ -1,0 +1,308 @@
+"""Reads rover.toml: what each key may be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from terrain_cli.errors import ConfigurationError
+from terrain_cli.rover.vehicle import FILE_NAME, NOISY, Entry, Motor, Noise, Rover, Vehicle, Wheel
+from terrain_cli.toml import strict
+from terrain_cli.toml.strict import choice, flag, number, require, table, tables, text, vector
+from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.channels import CHANNELS, LABEL, unit_hint
+from terrain_cli.vocabulary.choices import BASES, METHODS, SEGMENTS, SOIL_BOUNDS
+
+if TYPE_CHECKING:
+    from terrain_cli.toml.strict import Rule
+    from terrain_cli.vocabulary.units import Unit
+
+#: Fields whose unit no message type tells: effort is N, N m or A, data is anything.
+_UNIT_UNKNOWN = frozenset({"effort", "data"})
+
+
+def find(explicit: str | None, first_input: str | None) -> Path | None:
+    """Find the rover file: the one named, else beside the first input, else here.
+
+    Parameters
+    ----------
+    explicit : str or None
+        ``--rover FILE``; it need not exist, `load` says so.
+    first_input : str or None
+        A file, a folder (looked into first) or "-".
+
+    Returns
+    -------
+    Path or None
+    """
+    if explicit:
+        return Path(explicit)
+    places = [Path()]
+    if first_input and first_input != "-":
+        first = Path(first_input)
+        places = [*([first] if first.is_dir() else []), first.parent, *places]
+    return next((place / FILE_NAME for place in places if (place / FILE_NAME).is_file()), None)
+
+
+def load(path: str | Path | None) -> Rover:
+    """Read a rover file.
+
+    Parameters
+    ----------
+    path : str or Path or None
+        None for no file: nothing is known of the rover.
+
+    Returns
+    -------
+    Rover
+
+    Raises
+    ------
+    ConfigurationError
+        The file cannot be read, is not TOML, or has an unknown key or an impossible value.
+    """
+    if path is None:
+        return Rover()
+    path = Path(path)
+    content = strict.parse(strict.read_text(path), path)
+    return _rover(path, _FILE(content, f"{path}: "))
+
+
+def _rover(path: Path, content: dict[str, Any]) -> Rover:
+    motor = content.get("motor", {})
+    default = Wheel(
+        **content.get("wheel", {}),
+        channels=content.get("channels", {}),
+        motor=_motor(motor, f"{path}: motor"),
+    )
+    wheels = {}
+    for name, given in content.get("wheels", {}).items():
+        own = _motor({**motor, **given.pop("motor", {})}, f"{path}: wheels.{name}.motor")
+        channels = {**default.channels, **given.pop("channels", {})}
+        wheels[name] = replace(default, name=name, channels=channels, motor=own, **given)
+    return Rover(
+        path=path,
+        default=default,
+        wheels=wheels,
+        shear_modulus=content.get("soil", {}).get("shear_modulus"),
+        vehicle=content.get("vehicle"),
+        max_gap=content.get("sampling", {}).get("max_gap"),
+        steady=content.get("sampling", {}).get("steady", False),
+        noise=content.get("noise", {}),
+        estimate=_beside(path, content.get("estimate", {})),
+    )
+
+
+def _beside(path: Path, options: dict[str, Any]) -> dict[str, Any]:
+    """Take the paths of a model file and of a localisation table from the folder of rover.toml."""
+    files = {name: options[name] for name in ("model", "places") if name in options}
+    return options | {name: str(path.parent / file) for name, file in files.items() if file not in BASES}
+
+
+def _motor(values: dict[str, float], place: str) -> Motor | None:
+    if not values:
+        return None
+    require(values, place, "torque_constant")
+    return Motor(**values)
+
+
+def _vehicle(value: Any, place: str) -> Vehicle:
+    values = _VEHICLE(value, place)
+    require(values, place, "mass", "centre_of_mass")
+    suspension = values.get("suspension", "rigid")
+    pivots = {"rigid": set(), "rocker": {"rocker_pivot"}, "rocker-bogie": {"rocker_pivot", "bogie_pivot"}}
+    require(values, place, *sorted(pivots[suspension]))
+    for key in {"rocker_pivot", "bogie_pivot"} - pivots[suspension]:
+        if key in values:
+            raise ConfigurationError(f"{place}: a {suspension} suspension has no {key}")
+    return Vehicle(**values)
+
+
+def _entry(channel: str) -> Rule:
+    def rule(value: Any, place: str) -> Entry:
+        if isinstance(value, str):
+            return Entry(channel, place, column=text(value, place))
+        if not isinstance(value, dict):
+            form = f'{{ constant = {value!r}, unit = "…" }}'
+            raise ConfigurationError(f"{place}: must be a column or a table such as {form}, not {value!r}")
+        values = _ENTRY(value, place)
+        _check_place_of_values(values, place)
+        _check_unit(channel, values, place)
+        return Entry(channel, place, **values)
+
+    return rule
+
+
+def _check_place_of_values(values: dict[str, Any], place: str) -> None:
+    given = [key for key in ("topic", "column", "constant") if key in values]
+    if len(given) != 1:
+        raise ConfigurationError(f"{place}: give one of topic, column and constant, not {len(given)}")
+    stray = {"field", "name", "index"} & values.keys()
+    if given != ["topic"] and stray:
+        raise ConfigurationError(f"{place}: {min(stray)} belongs to a topic, not to a {given[0]}")
+    if {"name", "index"} <= values.keys():
+        raise ConfigurationError(f"{place}: give name or index, not both")
+
+
+def _check_unit(channel: str, values: dict[str, Any], place: str) -> None:
+    dimension = CHANNELS[channel].dimension
+    constant = values.get("constant")
+    if dimension == LABEL:
+        numeric = {"unit", "scale", "offset"} & values.keys()
+        if numeric:
+            raise ConfigurationError(f"{place}: {channel} is a label and has no {min(numeric)}")
+        return
+    if isinstance(constant, str):
+        raise ConfigurationError(f"{place}.constant: must be a number, not {constant!r}")
+    if "unit" in values:
+        values["unit"] = _unit(values["unit"], channel, f"{place}.unit")
+        return
+    field = str(values.get("field", "")).split("[")[0].rsplit(".", maxsplit=1)[-1]
+    if dimension != "ratio" and (constant is not None or field in _UNIT_UNKNOWN):
+        source = f"field {field!r}" if field else "a constant"
+        raise ConfigurationError(f"{place}: unit is missing, and {source} has none", hint=unit_hint(channel))
+
+
+def _unit(symbol: str, channel: str, place: str) -> Unit:
+    unit = units.parse(symbol, CHANNELS[channel].dimension)
+    if unit is None:
+        other = units.parse(symbol)
+        what = f"is a unit of {other.dimension}" if other else "is not a known unit"
+        raise ConfigurationError(f"{place}: {symbol!r} {what}; {unit_hint(channel)}")
+    return unit
+
+
+def _noise(channel: str) -> Rule:
+    def rule(value: Any, place: str) -> Noise:
+        values = _NOISE(value, place)
+        if not {"relative", "absolute"} & values.keys():
+            raise ConfigurationError(
+                f"{place}: give relative or absolute or both", hint="such as { relative = 0.02 }"
+            )
+        absolute = values.get("absolute", 0.0)
+        if "unit" in values:
+            # A standard deviation: no offset, as between K and °C.
+            absolute *= _unit(values["unit"], channel, f"{place}.unit").factor
+        elif "absolute" in values and CHANNELS[channel].dimension != "ratio":
+            raise ConfigurationError(f"{place}: unit of absolute is missing", hint=unit_hint(channel))
+        return Noise(values.get("relative", 0.0), absolute)
+
+    return rule
+
+
+def _constant(value: Any, place: str) -> Any:
+    return text(value, place) if isinstance(value, str) else _ANY(value, place)
+
+
+def _scale(value: Any, place: str) -> Any:
+    # From ns to hours is 3e-13; 0 would make one value of all.
+    what = "a number from 1e-15 to 1e15, or from -1e15 to -1e-15"
+    scale = number(what, -1e15, 1e15)(value, place)
+    number(what, 1e-15)(abs(scale), place)
+    return scale
+
+
+# From a toy's wheel to twice that of the largest mining truck.
+_SIZE = number("a positive length in m, from 0.001 to 5", 1e-3, 5.0)
+#: No vehicle is longer; m. The largest excavator with a bucket wheel has 225.
+_REACH = 500.0
+#: Any number in any unit, nanoseconds since 1970 among them, whose square and the square of that are numbers.
+_ANY = number("a number from -1e20 to 1e20", -1e20, 1e20)
+_WHEEL: dict[str, Rule] = {
+    "radius": _SIZE,
+    "width": _SIZE,
+    # One for every 3 cm of the largest wheel.
+    "grouser_count": number("a whole number from 0 to 1000", 0, 1000, whole=True),
+    "grouser_height": number("a length in m from 0 to 1", 0.0, 1.0),
+}
+_CHANNELS = table({name: _entry(name) for name in CHANNELS})
+_MOTOR = table(
+    {
+        # A pager's motor has 1e-4, a wheel's hub without a gear some tens.
+        "torque_constant": number("a positive number of N m/A, from 1e-6 to 1e4", 1e-6, 1e4),
+        # A screw jack has some thousands.
+        "gear_ratio": number("a positive number, from 1e-4 to 1e6", 1e-4, 1e6),
+        # A worm gear in the cold has a tenth.
+        "efficiency": number("a positive number up to 1, at least 0.001", 1e-3, 1.0),
+        # Outside this range it is in %/K by mistake: no magnet loses 2 % per kelvin.
+        "temperature_coefficient": number("in 1/K, from -0.02 to 0.02", -0.02, 0.02),
+        # Copper melts at 1085 °C.
+        "reference_temperature": number("a temperature in °C, from -273.15 to 1000", -273.15, 1000.0),
+        # That of the largest drives under full load.
+        "no_load_current": number("a current in A, from 0 to 1e4", 0.0, 1e4),
+    }
+)
+_VEHICLE = table(
+    {
+        # The heaviest vehicle has 14,200 t.
+        "mass": number("a positive number of kg, from 0.001 to 1e8", 1e-3, 1e8),
+        # From an asteroid of 100 m to four times Jupiter.
+        "gravity": number("a positive number of m/s², from 1e-6 to 100", 1e-6, 100.0),
+        "centre_of_mass": vector(3, "[x, y, z]", _REACH),
+        "suspension": choice("rigid", "rocker", "rocker-bogie"),
+        "rocker_pivot": vector(2, "[x, z]", _REACH),
+        "bogie_pivot": vector(2, "[x, z]", _REACH),
+    }
+)
+_NOISE = table(
+    {
+        "relative": number("a share from 0 to 1", 0.0, 1.0),
+        "absolute": number("a number from 0 to 1e20", 0.0, 1e20),
+        "unit": text,
+    }
+)
+_ENTRY = table(
+    {
+        "topic": text,
+        "field": text,
+        "name": text,
+        # No list of a message is longer.
+        "index": number("a whole number from 0 to 4294967295", 0, 2**32 - 1, whole=True),
+        "column": text,
+        "constant": _constant,
+        "unit": text,
+        "scale": _scale,
+        "offset": _ANY,
+    }
+)
+_FILE = table(
+    {
+        "wheel": table(_WHEEL),
+        "wheels": tables(
+            table(
+                {**_WHEEL, "position": vector(3, "[x, y, z]", _REACH), "channels": _CHANNELS, "motor": _MOTOR}
+            )
+        ),
+        "soil": table(
+            {
+                "shear_modulus": number(
+                    "a positive length in m, from 0.0001 to 1", *SOIL_BOUNDS["shear_modulus"]
+                )
+            }
+        ),
+        "channels": _CHANNELS,
+        "motor": _MOTOR,
+        "vehicle": _vehicle,
+        "noise": table({name: _noise(name) for name in NOISY}),
+        # From the resolution of a clock to thirty years.
+        "sampling": table(
+            {"max_gap": number("a positive number of seconds, from 1e-6 to 1e9", 1e-6, 1e9), "steady": flag}
+        ),
+        "estimate": table(
+            {
+                "method": choice(*METHODS),
+                "segments": choice(*SEGMENTS),
+                # As on the command line.
+                "min-samples": number("a whole number, at least 3 and at most 1e12", 3, 10**12, whole=True),
+                # From a grain of sand to once around the Earth.
+                "window-distance": number("a positive length in m, from 1e-6 to 4e7", 1e-6, 4e7),
+                "where": text,
+                "crs": text,
+                "model": text,
+                "robust": flag,
+                "places": text,
+            }
+        ),
+    }
+)

@@ -1,0 +1,296 @@
+"""What rover.toml says: the wheels, where their channels are, and what missing ones derive from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+from terrain_cli.errors import ConfigurationError, nearest
+from terrain_cli.vocabulary import units
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from terrain_cli.vocabulary.units import Unit
+
+FILE_NAME = "rover.toml"
+Suspension = Literal["rigid", "rocker", "rocker-bogie"]
+Vector = tuple[float, float, float]
+#: Channels whose noise the estimate of the whole model weighs.
+NOISY = ("load", "torque", "sinkage", "slip", "drawbar_pull")
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Where rover.toml says one channel is found: a column, a field of a topic, or a constant.
+
+    Parameters
+    ----------
+    channel : str
+    place : str
+        Where this stands, such as ``rover.toml: channels.torque``, for messages.
+    column : str, optional
+        Header of a table.
+    topic, field : str, optional
+        Topic of a bag and dotted path of the field in its message; without a field, its only one.
+    name : str, optional
+    index : int, optional
+        Which element of a list, by the text beside it or by its place.
+    constant : float or str, optional
+        Text for a label.
+    unit : Unit, optional
+        None where the header or the message type is to tell.
+    scale, offset : float
+        The channel is unit(raw · scale + offset).
+    """
+
+    channel: str
+    place: str
+    column: str | None = None
+    topic: str | None = None
+    field: str | None = None
+    name: str | None = None
+    index: int | None = None
+    constant: float | str | None = None
+    unit: Unit | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviation of a sensor's noise; both parts add in quadrature.
+
+    Parameters
+    ----------
+    relative : float
+        As a share of the value.
+    absolute : float
+        In the channel's SI unit.
+    """
+
+    relative: float = 0.0
+    absolute: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Motor:
+    """Drive motor and gear, for the torque from its current.
+
+    Parameters
+    ----------
+    torque_constant : float
+        N m/A at the reference temperature.
+    gear_ratio, efficiency : float
+    temperature_coefficient : float
+        Relative change of the torque constant, 1/K.
+    reference_temperature : float
+        °C.
+    no_load_current : float
+        A.
+    """
+
+    torque_constant: float
+    gear_ratio: float = 1.0
+    efficiency: float = 1.0
+    temperature_coefficient: float = 0.0
+    reference_temperature: float = 25.0
+    no_load_current: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """Body of the rover, for the load of each wheel.
+
+    Parameters
+    ----------
+    mass : float
+        kg, wheels and suspension included.
+    centre_of_mass : (float, float, float)
+        x forward, y left, z up in m, from the same origin as the positions of the wheels.
+    gravity : float
+        m/s².
+    suspension : {"rigid", "rocker", "rocker-bogie"}
+    rocker_pivot, bogie_pivot : (float, float), optional
+        x and z in m.
+    """
+
+    mass: float
+    centre_of_mass: Vector
+    gravity: float = units.STANDARD_GRAVITY
+    suspension: Suspension = "rigid"
+    rocker_pivot: tuple[float, float] | None = None
+    bogie_pivot: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Wheel:
+    """One wheel; what its own table does not give is that of [wheel], [channels] and [motor].
+
+    Parameters
+    ----------
+    name : str
+        Empty where rover.toml names no wheels.
+    radius, width : float or None
+        m.
+    grouser_count : int
+    grouser_height : float
+        m.
+    position : (float, float, float), optional
+        Of the point of contact: x forward, y left, z up in m.
+    channels : mapping of str to Entry
+    motor : Motor, optional
+    """
+
+    name: str = ""
+    radius: float | None = None
+    width: float | None = None
+    grouser_count: int = 0
+    grouser_height: float = 0.0
+    position: Vector | None = None
+    channels: Mapping[str, Entry] = field(default_factory=dict)
+    motor: Motor | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Rover:
+    """All that rover.toml says.
+
+    Parameters
+    ----------
+    path : Path or None
+        None where there is no file.
+    default : Wheel
+        [wheel], [channels] and [motor]: every wheel of a file that names none.
+    wheels : mapping of str to Wheel
+        [wheels.NAME], complete with what they take from the default.
+    shear_modulus : float or None
+        k of [soil] in m.
+    vehicle : Vehicle or None
+    max_gap : float or None
+        [sampling]: longest time in s over which a channel is interpolated.
+    steady : bool
+        [sampling]: the rows of tables are steady test points, whatever columns they have.
+    noise : mapping of str to Noise
+        [noise]: what is known of the sensors, by channel.
+    estimate : mapping
+        [estimate]: long options of `terrain-est estimate` and their values.
+    """
+
+    path: Path | None = None
+    default: Wheel = field(default_factory=Wheel)
+    wheels: Mapping[str, Wheel] = field(default_factory=dict)
+    shear_modulus: float | None = None
+    vehicle: Vehicle | None = None
+    max_gap: float | None = None
+    steady: bool = False
+    noise: Mapping[str, Noise] = field(default_factory=dict)
+    estimate: Mapping[str, str | int | float] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """The file as messages name it."""
+        return str(self.path) if self.path else FILE_NAME
+
+    def wheel(self, name: str = "") -> Wheel:
+        """Return the wheel of a name, or the only one there is.
+
+        Parameters
+        ----------
+        name : str
+            A label of the channel `wheel`; empty where the data name no wheel.
+
+        Returns
+        -------
+        Wheel
+
+        Raises
+        ------
+        ConfigurationError
+            rover.toml lists its wheels, and this is none of them.
+        """
+        if name in self.wheels:
+            return self.wheels[name]
+        if not self.wheels:
+            return replace(self.default, name=name)
+        if not name and len(self.wheels) == 1:
+            return next(iter(self.wheels.values()))
+        listed = ", ".join(self.wheels)
+        if not name:
+            raise ConfigurationError(
+                f"{self.label}: the data do not say which of the wheels {listed} they are of",
+                hint="choose it with --wheel NAME",
+            )
+        raise ConfigurationError(
+            f"{self.label}: no [wheels.{name}] for wheel {name!r} of the data{nearest(name, self.wheels)}",
+            hint=f"its wheels are {listed}",
+        )
+
+    def geometry(self, wheel: Wheel) -> tuple[float, float]:
+        """Return radius and width of a wheel in m.
+
+        Parameters
+        ----------
+        wheel : Wheel
+
+        Returns
+        -------
+        radius, width : float
+
+        Raises
+        ------
+        ConfigurationError
+            One of them is not given.
+        """
+        if wheel.radius is not None and wheel.width is not None:
+            return wheel.radius, wheel.width
+        missing = [name for name in ("radius", "width") if getattr(wheel, name) is None]
+        of = f" of wheel {wheel.name}" if wheel.name else ""
+        lines = "".join(f"\n{name} = …  # m" for name in missing)
+        raise self._missing(f"the {' and '.join(missing)}{of}", f"[wheel]{lines}")
+
+    def soil_shear_modulus(self) -> float:
+        """Return the shear modulus k in m.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        ConfigurationError
+            It is not given.
+        """
+        if self.shear_modulus is None:
+            raise self._missing("the shear modulus", "[soil]\nshear_modulus = …  # m")
+        return self.shear_modulus
+
+    def positions(self) -> dict[str, Vector]:
+        """Return where each wheel touches the ground.
+
+        Returns
+        -------
+        dict of str to (float, float, float)
+            wheel → x, y, z in m.
+
+        Raises
+        ------
+        ConfigurationError
+            A wheel has no position, or the file names no wheels.
+        """
+        places = {name: wheel.position for name, wheel in self.wheels.items()}
+        missing = [name for name, place in places.items() if place is None]
+        if missing or not places:
+            lines = "\n".join(f"[wheels.{name}]\nposition = [x, y, z]  # m" for name in missing or ["NAME"])
+            raise self._missing(f"the positions of the wheels {', '.join(missing)}".rstrip(), lines)
+        return {name: place for name, place in places.items() if place is not None}
+
+    def _missing(self, what: str, lines: str) -> ConfigurationError:
+        where = f"{self.path} does not give" if self.path else "there is no rover.toml to give"
+        add = (
+            f"add to {self.path}"
+            if self.path
+            else "write rover.toml beside the input, or name one with --rover"
+        )
+        return ConfigurationError(f"{where} {what}", hint=f"{add}:\n{lines}")

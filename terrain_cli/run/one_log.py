@@ -1,0 +1,212 @@
+"""One input from file to table: read, cut into windows, estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import formats
+from terrain_cli import telemetry
+from terrain_cli.errors import InputError
+from terrain_cli.estimation import estimators
+from terrain_cli.presentation import segment_table
+from terrain_cli.run import long_log
+from terrain_cli.telemetry.derive.doubts import Doubt
+from terrain_cli.telemetry.plan.mapping import is_table
+from terrain_cli.windows import cut_windows, locations
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.rover import Rover
+    from terrain_cli.run.settings import Settings
+    from terrain_cli.telemetry import Samples
+
+
+@dataclass
+class Outcome:
+    """What became of one input.
+
+    Parameters
+    ----------
+    table : dict
+        The rows of its segments, from `segment_table.table`.
+    account : dict
+        Samples read, used and set aside by wheel and reason, origins of the channels, remarks;
+        as the summary shows it.
+    estimates : list of WindowEstimates
+        Behind the rows of `table`, one for each wheel.
+    rejects, trace, samples : list of dict
+        Tables of the samples set aside, of the recursive estimate, and of the samples of every
+        window where they were asked for, one for each wheel.
+    error : InputError or None
+        Why there are no rows: no sample can be used. The samples set aside are worth keeping then.
+    """
+
+    table: segment_table.Table
+    account: dict[str, Any]
+    estimates: list[WindowEstimates] = field(default_factory=list)
+    rejects: list[segment_table.Table] = field(default_factory=list)
+    trace: list[segment_table.Table] = field(default_factory=list)
+    samples: list[segment_table.Table] = field(default_factory=list)
+    error: InputError | None = None
+
+
+def run(
+    path: str,
+    rover: Rover,
+    settings: Settings,
+    *,
+    progress: Callable[[str], None] = lambda _: None,
+    beside: bool = False,
+) -> Outcome:
+    """Estimate the soil under every wheel of one input.
+
+    Parameters
+    ----------
+    path : str
+    rover : Rover
+    settings : Settings
+    progress : callable
+        Called with the name of each step before it begins.
+    beside : bool
+        Work through a long log in a second process while this one reads it.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    formats.errors.FormatError, TerrainError
+        The input cannot be read.
+    """
+    progress("reading")
+    file = estimators.choose(settings.method, settings.model, robust=settings.robust)
+    where = telemetry.Condition(settings.where) if settings.where else None
+    source = formats.open_source(path, salvage=settings.salvage)
+    effects = None if file is None else file.model.effects
+    kept = locations.KEYS if settings.places else ()
+    hindrance = long_log.hindrance(settings, file)
+    if hindrance is None:
+        found = telemetry.read_parts(source, rover, long_log.MOST_ROWS, wheels=settings.wheels, where=where)
+        if not isinstance(found, list):
+            return _in_reaches(source, found, settings, beside=beside)
+        wheels = found
+    else:
+        wheels = telemetry.read_source(
+            source, rover, wheels=settings.wheels, where=where, effects=effects, kept=kept
+        )
+        if is_table(source) and sum(map(len, wheels)) > long_log.MOST_ROWS:
+            wheels[0].remarks.append(f"a long log, read whole: {hindrance}")
+    outcome = Outcome({}, _of_source(source) | {"wheels": []})
+    tables = []
+    count = 0
+    for samples in wheels:
+        progress(f"wheel {samples.wheel}")
+        placed = locations.locate(samples, settings.places) if settings.places else None
+        outcome.account["wheels"].append(_account(samples) | {"places": placed._asdict() if placed else None})
+        outcome.rejects.append(segment_table.rejects(samples))
+        if len(samples.usable) == 0:
+            continue
+        cut = cut_windows.cut(
+            samples,
+            settings.segments,
+            min_samples=settings.min_samples,
+            window_samples=settings.window_samples,
+            window_distance=settings.window_distance,
+        )
+        count += len(cut)
+        cut_windows.check_number(source.path, count)
+        fitted = estimators.estimate(
+            cut,
+            settings.method,
+            file,
+            min_samples=settings.min_samples,
+            folds=settings.folds,
+            robust=settings.robust,
+        )
+        outcome.account["wheels"][-1]["model"] = fitted.account
+        tables.append(segment_table.table(cut, fitted.estimates))
+        outcome.estimates.append(fitted.estimates)
+        if settings.method == "recursive":
+            outcome.trace.append(segment_table.trace(cut))
+        if settings.samples:
+            outcome.samples.append(segment_table.samples(cut))
+    if tables:
+        outcome.table = segment_table.join(tables)
+    else:
+        outcome.error = _nothing_usable(source.path, outcome.account["wheels"])
+    return outcome
+
+
+def _in_reaches(
+    source: formats.Source, parts: Iterable[Samples], settings: Settings, *, beside: bool
+) -> Outcome:
+    """Estimate a log of which no more than a reach is held."""
+    # They grow until the log ends.
+    remarks: dict[str, list[str]] = {}
+
+    def lean() -> Iterator[Samples]:
+        for part in parts:
+            remarks[part.wheel] = part.remarks
+            yield long_log.lean(part)
+
+    work = long_log.work
+    if beside:
+        from terrain_cli.run.second_process import work
+    wheels = work(lean(), settings)
+    done = [wheels[name] for name in sorted(wheels)]
+    if not any(len(wheel) for wheel in done):
+        where = f" where {settings.where}" if settings.where else ""
+        raise InputError(f"{source.path}: there are no samples{where}")
+    outcome = Outcome(
+        {},
+        _of_source(source)
+        | {"wheels": [wheels[name].account(remarks[name]) | {"places": None} for name in sorted(wheels)]},
+    )
+    tables = [wheel.table for wheel in done if wheel.table is not None]
+    if tables:
+        outcome.table = segment_table.join(tables)
+        outcome.estimates = [wheel.estimates for wheel in done if wheel.table is not None]
+    else:
+        outcome.error = _nothing_usable(source.path, outcome.account["wheels"])
+    return outcome
+
+
+def _of_source(source: formats.Source) -> dict[str, Any]:
+    return {
+        "source": source.path,
+        "rows_skipped": getattr(source, "skipped", 0),
+        "salvage": source.recovery.document() if source.recovery else None,
+    }
+
+
+def _account(samples: Samples) -> dict[str, Any]:
+    return {
+        "wheel": samples.wheel,
+        "samples": len(samples),
+        "used": len(samples.usable),
+        "set_aside": samples.reasons(),
+        "channels": samples.origins,
+        "remarks": samples.remarks,
+        "model": None,
+    }
+
+
+def _nothing_usable(path: str, wheels: Sequence[dict[str, Any]]) -> InputError:
+    """Say why no sample can be used: the frequent reasons of the wheel that has most samples."""
+    fullest = max(wheels, key=lambda wheel: int(wheel["samples"]))
+    reasons = dict(fullest["set_aside"])
+    shown = ", ".join(f"{reason}: {count}" for reason, count in list(reasons.items())[:4])
+    hint = "terrain-est inspect shows what each channel is read from"
+    for reason, channel in (("load not positive", "load"), ("rolls against its drive", "angular_velocity")):
+        if reason in next(iter(reasons)):
+            hint = (
+                f"if the sensor's sign is the other way round: {channel} = {{ …, scale = -1 }} in rover.toml"
+            )
+    # A wrong unit is the likelier reason.
+    doubts = [remark for remark in fullest["remarks"] if isinstance(remark, Doubt)]
+    hint = "\n".join(doubts) or hint
+    return InputError(f"{path}: none of {fullest['samples']} samples can be used ({shown})", hint=hint)

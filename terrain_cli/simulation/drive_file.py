@@ -1,0 +1,203 @@
+"""Reads what to simulate: a TOML file, and what the command line says of the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from terrain_cli import models
+from terrain_cli.errors import ConfigurationError
+from terrain_cli.mechanics.wheel_model import WheelGeometry
+from terrain_cli.simulation import perfect_sensors
+from terrain_cli.simulation.prepared_drives import CALM, DURATION, PRESETS, WHEELS
+from terrain_cli.simulation.profiles import profile_rule
+from terrain_cli.simulation.scenario import START, Part, Scenario, places
+from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, sensors_rule
+from terrain_cli.simulation.simulated_effects import Chosen, choose, effects_rule, settle
+from terrain_cli.simulation.simulated_soils import find, soils_rule
+from terrain_cli.toml import strict
+from terrain_cli.vocabulary.choices import BASES
+from terrain_cli.vocabulary.units import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from terrain_cli.vocabulary.choices import Base
+
+#: s; the fine time base of a longer drive would fill the memory.
+_LONGEST = 36_000.0
+_SECONDS = strict.number("a duration in s, from 1 s to 10 h", 1.0, _LONGEST)
+_RATE = strict.number("a rate in Hz, from 0.01 to 1000", 0.01, 1000.0)
+_SIZE = strict.number("a positive length in m, at most 5", strict.ABOVE_ZERO, 5.0)
+_WHOLE = strict.number("a whole number, at least 0", 0, whole=True)
+_PROFILES = {
+    "slip": profile_rule("a slip, from -0.9 to 0.95", -0.9, 0.95),
+    "load": profile_rule("a share of the mean load, from 0.01 to 10", 0.01, 10.0),
+    "speed": profile_rule("a share of the mean speed, from -10 to 10", -10.0, 10.0),
+    "pitch_deg": profile_rule("an angle in degrees, from -60 to 60", -60.0, 60.0),
+    "roll_deg": profile_rule("an angle in degrees, from -60 to 60", -60.0, 60.0),
+    "slip_angle_deg": profile_rule("an angle in degrees, from -60 to 60", -60.0, 60.0),
+    "yaw_rate": profile_rule("a rate in rad/s, from -1 to 1", -1.0, 1.0),
+    "motor_temperature": profile_rule("a temperature in °C, from -150 to 250", -150.0, 250.0),
+}
+_PART = strict.table({"drive": strict.choice(*PRESETS), "duration": _SECONDS, **_PROFILES})
+
+
+def _texts(value: Any, place: str) -> list[str]:
+    texts: list[str] = strict.several(strict.text)([value] if isinstance(value, str) else value, place)
+    if not texts:
+        raise ConfigurationError(f"{place}: names nothing")
+    return texts
+
+
+_DRIVE = strict.several(strict.choice(*PRESETS))
+_FILE = strict.table(
+    {
+        "drive": lambda value, place: _DRIVE(_texts(value, place), place),
+        "part": strict.several(_PART),
+        "duration": _SECONDS,
+        "soil": _texts,
+        "soils": soils_rule,
+        "wheel": strict.table(
+            {
+                "radius": _SIZE,
+                "width": _SIZE,
+                "grouser_count": _WHOLE,
+                "grouser_height": strict.number("a length in m from 0 to 1", 0.0, 1.0),
+            }
+        ),
+        "wheels": strict.number("a number of wheels, from 1 to 20", 1, 20, whole=True),
+        "load": strict.number("a load in N, from 0.1 to 1e5", 0.1, 1e5),
+        "speed": strict.number("a speed in m/s, from 0.001 to 10", 0.001, 10.0),
+        "gravity": strict.number("a positive number of m/s²", strict.ABOVE_ZERO),
+        "rate": _RATE,
+        "rates": strict.table(dict.fromkeys(CHANNELS_WRITTEN, _RATE)),
+        "model": strict.text,
+        "effects": effects_rule,
+        "noise": sensors_rule,
+        "seed": _WHOLE,
+        "start": strict.number("a time in s since 1970, from 1 to 4e9", 1.0, 4e9),
+        "drawbar_pull": strict.flag,
+    }
+)
+#: Of the two, the last one said counts.
+_EITHER = {"drive": "part", "part": "drive"}
+#: The wheel of the paper, with lugs for what needs them.
+WHEEL = {"radius": 0.125, "width": 0.100, "grouser_count": 12, "grouser_height": 0.010}
+SOIL = "dry-sand"
+COMMAND_LINE = "command line"
+#: N, the largest first: what each wheel carries if nothing is said and the soil bears it.
+LOADS = (80.0, 60.0, 40.0, 30.0, 20.0, 10.0, 5.0, 2.0, 1.0)
+
+
+def read(path: str | None, options: Mapping[str, Any], *, seed: int = 0) -> Scenario:
+    """Read what to simulate.
+
+    Parameters
+    ----------
+    path : str or None
+        A TOML file.
+    options : mapping
+        The same keys, which stand above the file; effects, noise and rates are added to those of
+        the file.
+    seed : int
+        If neither says one.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ConfigurationError
+        An unknown key or name, or an impossible value.
+    """
+    content: dict[str, Any] = {"seed": seed}
+    places_of: dict[str, str] = {}
+    for source, label in (
+        (strict.parse(strict.read_text(path), path) if path else {}, str(path)),
+        (dict(options), COMMAND_LINE),
+    ):
+        checked = _FILE(source, f"{label}: ")
+        if "drive" in checked and "part" in checked:
+            raise ConfigurationError(f"{label}: give one of drive and part, or drive inside a part")
+        for key, value in checked.items():
+            if key == "effects" and label != COMMAND_LINE:
+                value = {_beside(name, Path(label).parent): own for name, own in value.items()}  # noqa: PLW2901
+            content.pop(_EITHER.get(key, ""), None)
+            merged = {**content.get(key, {}), **value} if key in {"effects", "noise", "rates"} else value
+            content[key], places_of[key] = merged, label
+    folder = Path(path).parent if path else Path()
+    return _scenario(content, places_of, folder)
+
+
+def _beside(name: str, folder: Path) -> str:
+    return str(folder / name) if models.is_path(name) else name
+
+
+def _scenario(content: Mapping[str, Any], places_of: Mapping[str, str], folder: Path) -> Scenario:
+    base, effects = _model(content, places_of, folder)
+    for name, given in content.get("effects", {}).items():
+        chosen = choose(name, given, f"{places_of['effects']}: effects")
+        effects[chosen.effect.id] = chosen
+    soil_place = f"{places_of.get('soil', COMMAND_LINE)}: soil"
+    scenario = Scenario(
+        parts=_parts(content),
+        soils=tuple(find(n, content.get("soils", {}), soil_place) for n in content.get("soil", [SOIL])),
+        geometry=WheelGeometry(
+            **{**WHEEL, **content.get("wheel", {})}, gravity=content.get("gravity", STANDARD_GRAVITY)
+        ),
+        wheels=places(content.get("wheels", _wheels(content))),
+        load=content.get("load", LOADS[0]),
+        base=base,
+        effects=tuple(effects.values()),
+        sensors=content.get("noise", {}),
+        rates=content.get("rates", {}),
+        **{key: content[key] for key in ("speed", "rate", "seed", "drawbar_pull") if key in content},
+        start=content.get("start", START),
+    )
+    # Made only now, it refuses an effect that the base does not have.
+    _ = scenario.model
+    if "load" not in content:
+        scenario = replace(scenario, load=perfect_sensors.bearable(scenario, LOADS))
+    return scenario
+
+
+def _model(
+    content: Mapping[str, Any], places_of: Mapping[str, str], folder: Path
+) -> tuple[Base, dict[str, Chosen]]:
+    name = content.get("model", "wong-reece")
+    if name not in BASES and places_of["model"] != COMMAND_LINE:
+        name = str(folder / name)
+    found = models.resolve(name)
+    chosen = {}
+    for effect in found.model.effects:
+        own = {
+            p.name: found.fixed[effect.qualified(p)]
+            for p in effect.parameters
+            if effect.qualified(p) in found.fixed
+        }
+        chosen[effect.id] = settle(effect, own, name)
+    return found.model.base, chosen
+
+
+def _wheels(content: Mapping[str, Any]) -> int:
+    return max((WHEELS.get(drive, 1) for drive in content.get("drive", ())), default=1)
+
+
+def _parts(content: Mapping[str, Any]) -> tuple[Part, ...]:
+    asked = content.get("part") or [{"drive": drive} for drive in content.get("drive", ["mixed"])]
+    share = content["duration"] / len(asked) if "duration" in content else DURATION
+    parts = []
+    for part in asked:
+        preset = PRESETS[part["drive"]] if "drive" in part else {}
+        plain = {name: _PROFILES[name](value, name) for name, value in (CALM | preset).items()}
+        own = {name: value for name, value in part.items() if name in _PROFILES}
+        parts.append(Part(part.get("duration", share), plain | own))
+    if "part" in content and "duration" in content:
+        total = sum(part.duration for part in parts)
+        parts = [replace(part, duration=part.duration * content["duration"] / total) for part in parts]
+    if sum(part.duration for part in parts) > _LONGEST:
+        raise ConfigurationError("the parts of the drive last longer than 10 h together")
+    return tuple(parts)

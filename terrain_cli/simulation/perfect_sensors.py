@@ -1,0 +1,327 @@
+"""From what the soil feels to what perfect sensors show.
+
+The drive sets the load and the slip that the soil feels. Laws on load and slip go the other way,
+from what is measured to what is felt: here they are solved for the measured value.
+"""
+
+from __future__ import annotations
+
+from collections import ChainMap
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli import effects
+from terrain_cli.errors import ConfigurationError, InputError
+from terrain_cli.mechanics import rates
+from terrain_cli.mechanics.dual import seed, slopes, value
+from terrain_cli.mechanics.wheel_model import Model, predict
+from terrain_cli.simulation.course import plan, ride, standing
+from terrain_cli.simulation.profiles import STEP
+from terrain_cli.vocabulary.channels import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.mechanics.wheel_model import Prediction
+    from terrain_cli.simulation.course import Ride
+    from terrain_cli.simulation.scenario import Scenario
+
+    Array = NDArray[np.float64]
+
+_RATE = "_rate"
+_RATE_ROUNDS = 3
+#: Points of the time base on either side of the one whose slope is taken: 0.1 s, the pace of a log.
+_REACH = 10
+#: Turned round while the wheel drives backwards: the soil sees the same wheel as forwards.
+_MIRRORED = frozenset({"pitch", "roll", "acceleration"})
+_STOPPING = ("torque", "drawbar_pull")
+_UNKNOWN = "(measured value sought)"
+#: Rounds until measured values and predictions agree; a few are enough.
+_ROUNDS = 60
+_CLOSE = 1e-11
+_CLOSE_ENOUGH = 1e-6
+#: Sinkage as a share of the radius that a drive of no further wishes is planned for.
+_DEEP = 0.4
+
+
+def check_needs(scenario: Scenario, channels: Iterable[str]) -> None:
+    """Refuse an effect that needs what the drive does not have.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    channels : iterable of str
+        Those of the drive.
+
+    Raises
+    ------
+    ConfigurationError
+    """
+    wheel = scenario.geometry
+    constants = {"grouser_count": wheel.grouser_count, "grouser_height": wheel.grouser_height}
+    known = {*channels, "time", "slip", *(name for name, size in constants.items() if size)}
+    for chosen in scenario.effects:
+        lacking = effects.missing(chosen.effect, known)
+        if lacking:
+            raise ConfigurationError(
+                f"effect {chosen.effect.id} needs {' and '.join(lacking)}, which the drive does not have",
+                hint="grousers are given in [wheel] of DRIVE.toml" if constants.keys() & lacking else "",
+            )
+
+
+class Physics:
+    """What one wheel shows, at any time of its ride.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    ride : Ride
+
+    Raises
+    ------
+    InputError
+        The soil does not carry the load.
+    """
+
+    def __init__(self, scenario: Scenario, ride: Ride) -> None:
+        self.scenario, self.ride = scenario, ride
+        # Load and slip are already what the soil feels.
+        self.felt = _without(scenario.base, scenario.model.effects, "load", "slip")
+        self.effect_values = scenario.effect_values()
+        self.angle = np.zeros(len(ride.time))
+        reads = {name for chosen in scenario.effects for name in chosen.effect.reads}
+        # The yaw rate is a channel of its own.
+        wanted = sorted(name for name in reads - CHANNELS.keys() if name.endswith(_RATE))
+        # What is measured depends on what is predicted, and the other way round.
+        changed = map(scenario.model.changes, ("load", "slip"))
+        self.coupled = any(changed) or bool(reads & {"torque", "drawbar_pull"})
+        self.rates: dict[str, Array] = {name: np.zeros(len(ride.time)) for name in wanted}
+        if wanted or "wheel_angle" in reads:
+            self._along(wanted)
+
+    def _along(self, wanted: list[str]) -> None:
+        """Find the rates of what is shown, and the angle that the wheel has turned, along the whole ride."""
+        stretch = np.cumsum(np.diff(self.ride.soil, prepend=self.ride.soil[:1]) != 0)
+        # A law on a channel may read the rate of what it gives itself: each round brings it closer.
+        for _ in range(_RATE_ROUNDS if wanted else 1):
+            travelling = self._travelling(self.ride.time)
+            shown = self._as_shown(travelling)
+            for name in wanted:
+                channel = name.removesuffix(_RATE)
+                # What stops and turns round with the wheel does so in no time, and has no rate there.
+                series = (travelling if channel in _STOPPING else shown)[channel]
+                self.rates[name] = rates.rate(self.ride.time, stretch, series, reach=_REACH)
+            turns = 0.5 * (shown["angular_velocity"][1:] + shown["angular_velocity"][:-1]) * STEP
+            self.angle = np.concatenate([[0.0], np.cumsum(turns)])
+
+    def at(self, time: Array) -> dict[str, Array]:
+        """Return what perfect sensors show.
+
+        Parameters
+        ----------
+        time : ndarray, shape (n,)
+            In s since the start.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            Every channel, "slip" as ω and V give it (NaN where the wheel stands), "soil", and what
+            the soil has: "true_load", "true_slip", "true_sinkage".
+        """
+        return self._as_shown(self._travelling(time))
+
+    def _travelling(self, time: Array) -> dict[str, Array]:
+        """Return the ride and what is shown of it, as if the wheel always drove forwards, and never stood.
+
+        A standing wheel has the sinkage that it would have if it moved at the mean speed.
+        """
+        here = self.ride.at(time)
+        still = standing(here["velocity"], self.scenario.geometry.radius)
+        sign = np.where(here["velocity"] < 0.0, -1.0, 1.0)
+        pace = np.where(still, abs(self.scenario.speed), np.abs(here["velocity"]))
+        known = {**here, "time": time, "velocity": pace}
+        known |= {name: sign * here[name] for name in _MIRRORED}
+        known["wheel_angle"] = np.interp(time, self.ride.time, self.angle)
+        for name, series in self.rates.items():
+            rate = np.interp(time, self.ride.time, series)
+            turned = name.removesuffix(_RATE) in {*_MIRRORED, "velocity", "angular_velocity"}
+            known[name] = sign * rate if turned else rate
+        return {**here, **self._settle(known, self._values(here["soil"].astype(int)))}
+
+    def _as_shown(self, travelling: dict[str, Array]) -> dict[str, Array]:
+        """Turn round what does so in reverse, and stop what stops."""
+        velocity, slip = travelling["velocity"], travelling["slip"]
+        radius = self.scenario.geometry.radius
+        still = standing(velocity, radius)
+        sign = np.where(still, 0.0, np.where(velocity < 0.0, -1.0, 1.0))
+        return {
+            **travelling,
+            **{name: sign * travelling[name] for name in _STOPPING},
+            "angular_velocity": sign * wheel_speed(np.abs(velocity), slip, radius),
+            "velocity": np.where(still, 0.0, velocity),
+            "slip": np.where(still, np.nan, slip),
+            "true_slip": np.where(still, np.nan, travelling["true_slip"]),
+        }
+
+    def _values(self, soil: NDArray[np.intp]) -> dict[str, Array]:
+        rows = [s.values(self.scenario.geometry.width) for s in self.scenario.soils]
+        soils = {name: np.array([row[name] for row in rows])[soil] for name in rows[0]}
+        return soils | {name: np.asarray(number) for name, number in self.effect_values.items()}
+
+    def _settle(self, known: dict[str, Array], values: dict[str, Array]) -> dict[str, Array]:
+        """Find measured load and slip, torque and pull that agree with each other."""
+        felt_load, felt_slip = known["load"], known["slip"]
+        radius = self.scenario.geometry.radius
+        shown = {"load": felt_load, "slip": felt_slip}
+        change = np.inf
+        for number in range(_ROUNDS):
+            known["angular_velocity"] = wheel_speed(known["velocity"], shown["slip"], radius)
+            # Nothing is measured yet that a law could read.
+            model = self.felt if number or not self.coupled else Model(self.scenario.base)
+            after = self._forces(model, {**known, **_measured(shown, number)}, values)
+            after["load"] = self._solve("load", felt_load, {**known, **after, "slip": felt_slip}, values)
+            after["slip"] = self._solve("slip", felt_slip, {**known, **after}, values)
+            if not self.coupled:
+                change = 0.0
+            elif number > 1:
+                change = max(_change(shown[name], after[name]) for name in shown)
+            shown = after
+            if change <= _CLOSE:
+                break
+        if change > _CLOSE_ENOUGH:
+            raise InputError(
+                "the effects have no values of load, slip, torque and pull that agree with each other",
+                hint="make them smaller",
+            )
+        return {**shown, "true_load": felt_load, "true_slip": felt_slip}
+
+    def _forces(self, model: Model, known: dict[str, Array], values: dict[str, Array]) -> dict[str, Array]:
+        wheel = self.scenario.geometry
+        pressing = Model("wong-reece", model.effects)
+        prediction: Prediction = predict(pressing, wheel, known, values, given="load")
+        lost = np.flatnonzero(np.isnan(prediction.sinkage))
+        if len(lost):
+            self._refuse(known, int(lost[0]))
+        sinkage = true = np.asarray(prediction.sinkage)
+        if model.changes("sinkage"):
+            unseen = _without("wong-reece", model.effects, "sinkage")
+            true = np.asarray(predict(unseen, wheel, known, values, given="load").sinkage)
+        if model.base == "linear":
+            prediction = predict(model, wheel, {**known, "sinkage": sinkage}, values)
+        return {
+            "torque": np.asarray(prediction.torque),
+            "drawbar_pull": np.asarray(prediction.drawbar_pull),
+            "sinkage": sinkage,
+            "true_sinkage": true,
+        }
+
+    def _refuse(self, known: dict[str, Array], sample: int) -> None:
+        soil = self.scenario.soils[int(known["soil"][sample])]
+        raise InputError(
+            f"{soil.name} does not carry {known['load'][sample]:.3g} N at slip {known['slip'][sample]:.2f}: "
+            "the wheel sinks to its axle",
+            hint="give a smaller --load, a wider wheel, less slip or another soil",
+        )
+
+    def _solve(
+        self, quantity: str, felt: Array, known: Mapping[str, Any], values: Mapping[str, Array]
+    ) -> Array:
+        """Return the measured value that the laws on a quantity turn into the one felt (Newton)."""
+        laws = [e for e in self.scenario.model.effects if quantity in e.laws]
+        if not laws:
+            return felt
+        own = {e.id: {p.name: values[e.qualified(p)] for p in e.parameters} for e in laws}
+        start = {name: number for name, number in known.items() if name not in {"torque", "drawbar_pull"}}
+        start |= {f"measured_{name}": known[name] for name in ("torque", "drawbar_pull")}
+        start |= self.scenario.geometry._asdict()
+        start["wheel_radius"] = start.pop("radius")
+        guess: Array = np.array(felt, dtype=float)
+        for _ in range(_ROUNDS):
+            q: dict[str, Any] = {**start, quantity: seed(guess, _UNKNOWN)}
+            for effect in laws:
+                q[quantity] = effect.laws[quantity](ChainMap(own[effect.id], q))
+            steep = slopes(q[quantity]).get(_UNKNOWN, 0.0)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = np.asarray((value(q[quantity]) - felt) / steep)
+            if not np.all(np.isfinite(step)):
+                break
+            guess = np.asarray(guess - step)
+            if _change(guess, guess + step) <= _CLOSE:
+                return guess
+        raise InputError(
+            f"no measured {quantity} gives the {quantity} that the soil is to feel, with the effects "
+            f"{', '.join(e.id for e in laws)}",
+            hint="make them smaller",
+        )
+
+
+def _measured(shown: dict[str, Array], number: int) -> dict[str, Array]:
+    """Return what a law may read as measured: nothing is, before the first round."""
+    return {name: shown[name] for name in ("torque", "drawbar_pull")} if number else {}
+
+
+def _without(base: Any, effects: Iterable[Any], *quantities: str) -> Model:
+    kept = (replace(e, laws={q: law for q, law in e.laws.items() if q not in quantities}) for e in effects)
+    return Model(base, tuple(kept))
+
+
+def wheel_speed(velocity: Array, slip: Array, radius: float) -> Array:
+    """Return ω of a wheel that moves at V with a slip i: the inverse of `telemetry.derive.slip`.
+
+    Parameters
+    ----------
+    velocity : ndarray, shape (n,)
+        V in m/s.
+    slip : ndarray, shape (n,)
+    radius : float
+        r in m.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In rad/s.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        driving = velocity / (radius * (1.0 - np.minimum(slip, 0.999)))
+    return np.where(slip >= 0.0, driving, velocity * (1.0 + slip) / radius)
+
+
+def _change(before: Array, after: Array) -> float:
+    scale = np.max(np.abs(after), initial=1e-12)
+    return float(np.max(np.abs(after - before), initial=0.0) / scale)
+
+
+def bearable(scenario: Scenario, loads: Iterable[float]) -> float:
+    """Return the first of some mean loads under which no wheel sinks too deep anywhere on the drive.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Its effects are left out.
+    loads : iterable of float
+        In N.
+
+    Returns
+    -------
+    float
+        The last one if the soils bear none.
+    """
+    way = plan(scenario)
+    rides = [ride(scenario, way, place) for place in scenario.wheels]
+    most = max(float(r.smooth["load"].max()) for r in rides) / scenario.load
+    slips = [bound(r.smooth["slip"]) for r in rides for bound in (np.min, np.max)]
+    wheel = scenario.geometry
+    load = scenario.load
+    for load in loads:
+        channels = {"slip": np.array(slips), "load": np.full(len(slips), most * load)}
+        depths = [
+            predict(Model(), wheel, channels, s.values(wheel.width), given="load").sinkage
+            for s in scenario.soils
+        ]
+        if np.all(np.asarray(depths) <= _DEEP * wheel.radius):
+            break
+    return load

@@ -1,0 +1,274 @@
+"""From a drive to what its sensors say, and the truth behind that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from terrain_cli.simulation import course, perfect_sensors
+from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, OF_BODY, SLIP, Sensor, clock, ten_digits
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.simulation.course import Ride
+    from terrain_cli.simulation.scenario import Scenario
+
+    Array = NDArray[np.float64]
+
+#: Channels that the message of a bag holds together, and how often it is sent: parts of the rate.
+TOGETHER: dict[str, tuple[tuple[str, ...], float]] = {
+    "joints": (("torque", "angular_velocity"), 1.0),
+    "force": (("load", "drawbar_pull"), 1.0),
+    "sinkage": (("sinkage",), 0.5),
+    "odometry": (("velocity", "x", "y", "elevation"), 0.5),
+    "attitude": (("pitch", "roll", "yaw_rate"), 2.0),
+    "acceleration": (("acceleration",), 2.0),
+    "slip_angle": (("slip_angle",), 0.5),
+    "motor_temperature": (("motor_temperature",), 0.1),
+    "pass_number": (("pass_number",), 1.0),
+}
+
+
+class Series(NamedTuple):
+    """A measured channel.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        In s since the start.
+    values : ndarray, shape (n,)
+        SI units; NaN where the sample was lost.
+    """
+
+    time: Array
+    values: Array
+
+
+class Stretch(NamedTuple):
+    """A soil under a wheel, from start to end in s since the start of the drive."""
+
+    soil: int
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Log:
+    """What was measured of a drive, and the truth.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    wheels : dict of str to dict
+        wheel → channel → `Series`.
+    body : dict of str to Series
+        Of the origin of the body.
+    truth : dict of str to dict
+        wheel → what perfect sensors show and what the soil feels, as `Physics.at` gives it, with
+        "time" in s since the start: whenever anything of the wheel was measured.
+    stretches : dict of str to list of Stretch
+    """
+
+    scenario: Scenario
+    wheels: dict[str, dict[str, Series]]
+    body: dict[str, Series]
+    truth: dict[str, dict[str, Array]]
+    stretches: dict[str, list[Stretch]]
+
+
+def channels(scenario: Scenario) -> tuple[str, ...]:
+    """Return the channels that a drive has: always the same, so that none tells of an effect.
+
+    Parameters
+    ----------
+    scenario : Scenario
+
+    Returns
+    -------
+    tuple of str
+    """
+    return tuple(name for name in CHANNELS_WRITTEN if scenario.drawbar_pull or name != "drawbar_pull")
+
+
+def rates(scenario: Scenario, *, bag: bool) -> dict[str, float]:
+    """Return the rate of every channel.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    bag : bool
+        Channels of one message share the highest rate asked for any of them; without one, messages
+        are sent at rates of their own.
+
+    Returns
+    -------
+    dict of str to float
+        Hz.
+    """
+    if not bag:
+        return {name: scenario.rates.get(name, scenario.rate) for name in channels(scenario)}
+    found = {}
+    for members, part in TOGETHER.values():
+        asked = [scenario.rates[name] for name in members if name in scenario.rates]
+        found.update(dict.fromkeys(members, max(asked) if asked else part * scenario.rate))
+    return {name: found[name] for name in channels(scenario)}
+
+
+def simulate(scenario: Scenario, *, bag: bool = False) -> Log:
+    """Drive and measure; the same scenario always gives the same numbers.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    bag : bool
+        Sample as the messages of a bag are sent; else as the rows of a table.
+
+    Returns
+    -------
+    Log
+
+    Raises
+    ------
+    InputError
+        A soil does not carry the load, or the effects contradict each other.
+    ConfigurationError
+        An effect needs what the drive does not have.
+    """
+    perfect_sensors.check_needs(scenario, channels(scenario))
+    way = course.plan(scenario)
+    clocks = {name: clock(rate, scenario.duration) for name, rate in rates(scenario, bag=bag).items()}
+    log = Log(scenario, {}, {}, {}, {})
+    for place in scenario.wheels:
+        ride = course.ride(scenario, way, place)
+        time = np.unique(np.concatenate([*clocks.values()]))
+        truth = {"time": time, **perfect_sensors.Physics(scenario, ride).at(time)}
+        log.truth[place.name] = truth
+        log.wheels[place.name] = {
+            name: _measure(scenario, place.name, name, times, truth) for name, times in clocks.items()
+        }
+        log.stretches[place.name] = _stretches(ride)
+    origin = course.body_ride(way)
+    for name in sorted(OF_BODY & clocks.keys()):
+        log.body[name] = _measure(scenario, "", name, clocks[name], origin.at(clocks[name]))
+    return log
+
+
+def _measure(scenario: Scenario, wheel: str, channel: str, time: Array, truth: Mapping[str, Array]) -> Series:
+    true = truth[channel]
+    rows = np.searchsorted(truth["time"], time) if "time" in truth else np.arange(len(time))
+    key = f"{'body' if channel in OF_BODY else wheel} {channel}"
+    shown = true[rows]
+    sensor = scenario.sensors.get(channel, Sensor())
+    error = sensor.error(time, shown, scenario.duration, scenario.seed, key)
+    if channel == "angular_velocity" and SLIP in scenario.sensors:
+        shown = _with_wrong_slip(scenario, wheel, time, truth, rows)
+    return Series(time, sensor.rounded(shown + error))
+
+
+def _with_wrong_slip(
+    scenario: Scenario, wheel: str, time: Array, truth: Mapping[str, Array], rows: NDArray[np.intp]
+) -> Array:
+    """Return the wheel speeds from which a wrong slip follows."""
+    slip, velocity, omega = (truth[name][rows] for name in ("slip", "velocity", "angular_velocity"))
+    known = ~np.isnan(slip)
+    true = np.where(known, slip, 0.0)
+    error = scenario.sensors[SLIP].error(time, true, scenario.duration, scenario.seed, f"{wheel} {SLIP}")
+    wrong = np.clip(true + error, -0.95, 0.99)
+    speed = perfect_sensors.wheel_speed(np.abs(velocity), wrong, scenario.geometry.radius)
+    return np.where(known, np.copysign(speed, omega), omega)
+
+
+def _stretches(ride: Ride) -> list[Stretch]:
+    changes = np.flatnonzero(np.diff(ride.soil)) + 1
+    starts = [0, *changes.tolist()]
+    ends = [*changes.tolist(), len(ride.soil) - 1]
+    return [
+        Stretch(int(ride.soil[start]), round(float(ride.time[start]), 6), round(float(ride.time[end]), 6))
+        for start, end in zip(starts, ends, strict=True)
+    ]
+
+
+def table(log: Log) -> dict[str, Array | list[str]]:
+    """Return the log as one table: a row for each wheel and time.
+
+    Parameters
+    ----------
+    log : Log
+
+    Returns
+    -------
+    dict of str to sequence
+        By time, then by wheel; NaN where a channel was not measured then.
+    """
+    parts = []
+    for name, measured in log.wheels.items():
+        time = log.truth[name]["time"]
+        columns = {channel: np.full(len(time), np.nan) for channel in measured}
+        for channel, series in measured.items():
+            columns[channel][np.searchsorted(time, series.time)] = series.values
+        parts.append((name, time, columns))
+    return _stack(log, parts)
+
+
+def truth_table(log: Log) -> dict[str, Array | list[str]]:
+    """Return the truth as one table, whose rows are those of the log.
+
+    Parameters
+    ----------
+    log : Log
+
+    Returns
+    -------
+    dict of str to sequence
+        "time", "wheel", "soil"; what perfect sensors show; "true_load", "true_slip" and
+        "true_sinkage", which the soil has; the parameters of the soil and of the effects.
+    """
+    names = (*channels(log.scenario), "slip", "true_load", "true_slip", "true_sinkage")
+    soils = log.scenario.soils
+    parts, labels = [], []
+    for wheel, truth in log.truth.items():
+        own = truth["soil"].astype(int)
+        columns = {name: ten_digits(truth[name]) for name in names}
+        rows = [soil.values(log.scenario.geometry.width) for soil in soils]
+        for parameter, column in SOIL_COLUMNS.items():
+            columns[column] = np.array([row[parameter] for row in rows])[own]
+        for parameter, number in log.scenario.effect_values().items():
+            columns[parameter] = np.full(len(own), number)
+        parts.append((wheel, truth["time"], columns))
+        labels += [soils[number].name for number in own]
+    stacked = _stack(log, parts)
+    order = _order(parts)
+    soil = [labels[row] for row in order]
+    return {"time": stacked.pop("time"), "wheel": stacked.pop("wheel"), "soil": soil, **stacked}
+
+
+#: Parameter → its column in the truth.
+SOIL_COLUMNS = {
+    "cohesion": "cohesion_Pa",
+    "tan_phi": "tan_phi",
+    "shear_modulus": "shear_modulus_m",
+    "stiffness": "stiffness_Pa_per_m_n",
+    "sinkage_exponent": "sinkage_exponent",
+}
+
+
+def _order(parts: list[tuple[str, Array, dict[str, Array]]]) -> NDArray[np.intp]:
+    return np.argsort(np.concatenate([time for _, time, _ in parts]), kind="stable")
+
+
+def _stack(log: Log, parts: list[tuple[str, Array, dict[str, Array]]]) -> dict[str, Array | list[str]]:
+    order = _order(parts)
+    time = np.concatenate([time for _, time, _ in parts])
+    wheels = [name for name, time, _ in parts for _ in time]
+    stacked: dict[str, Array | list[str]] = {
+        "time": np.round(log.scenario.start + time[order], 6),
+        "wheel": [wheels[row] for row in order],
+    }
+    for channel in parts[0][2]:
+        stacked[channel] = np.concatenate([columns[channel] for _, _, columns in parts])[order]
+    return stacked

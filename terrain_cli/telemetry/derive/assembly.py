@@ -1,0 +1,189 @@
+"""From the channels of a wheel to its samples: what is derived, what is judged."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.telemetry import alignment, derived_channels
+from terrain_cli.telemetry.derive import effect_inputs, plausibility, usable_samples
+from terrain_cli.telemetry.derive.unit_evidence import Evidence
+from terrain_cli.telemetry.plan import derivable_channels
+from terrain_cli.telemetry.raw_columns import as_numbers
+from terrain_cli.telemetry.wheel_names import match_name
+from terrain_cli.telemetry.wheel_samples import Geometry, Raw, Samples
+from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from numpy.typing import NDArray
+
+    from formats import Source
+    from terrain_cli.effects import Effect
+    from terrain_cli.rover import Rover, Wheel
+    from terrain_cli.telemetry.channel_sources import Plan
+    from terrain_cli.telemetry.derive.conditions import Condition
+
+    Array = NDArray[np.float64]
+
+
+def wheel_of(raw: Raw, rover: Rover) -> Wheel:
+    """Return what rover.toml says of the wheel of some samples.
+
+    Parameters
+    ----------
+    raw : Raw
+    rover : Rover
+
+    Returns
+    -------
+    Wheel
+
+    Raises
+    ------
+    ConfigurationError
+        rover.toml names its wheels, and this is none of them.
+    """
+    return rover.wheel(match_name(raw.wheel, rover.wheels) or raw.wheel)
+
+
+def assemble(
+    layout: Plan,
+    raw: Raw,
+    rover: Rover,
+    where: Condition | None = None,
+    effects: Sequence[Effect] | None = None,
+    columns: Collection[str] = (),
+    *,
+    checked: bool = False,
+) -> Samples:
+    """Derive what was not recorded, and judge every sample of a wheel.
+
+    Parameters
+    ----------
+    layout : Plan
+    raw : Raw
+        Consumed: its channels become those of the result. Nothing may be `lacking`.
+    rover : Rover
+    where : Condition, optional
+    effects : sequence of Effect, optional
+        As for `read`; samples without something that an effect needs are set aside.
+    columns : collection of str
+        Further numeric columns that are kept, where they were read.
+    checked : bool
+        It is a later part of a log, whose units were looked at.
+
+    Returns
+    -------
+    Samples
+
+    Raises
+    ------
+    InputError
+        Its times are not in seconds.
+    ImplausibleError
+        It cannot be true.
+    """
+    source, wheel = layout.source, wheel_of(raw, rover)
+    radius, width = rover.geometry(wheel)
+    geometry = Geometry(
+        radius,
+        width,
+        rover.soil_shear_modulus(),
+        wheel.grouser_height,
+        wheel.grouser_count,
+        rover.vehicle.gravity if rover.vehicle else units.STANDARD_GRAVITY,
+    )
+    if not checked:
+        _check_clock(source, raw, radius)
+    origins = derivable_channels.complete(raw, wheel, rover)
+    if where is not None:
+        _keep(raw, where)
+    reasons, restarts = usable_samples.set_aside(raw.channels, raw.time, radius, skids=effects is not None)
+    gap = alignment.stretch_gap(raw.time, rover.max_gap) if raw.time is not None else 0.0
+    stretch = usable_samples.stretches(
+        raw.time,
+        reasons,
+        runs=raw.labels.get("run") if raw.time is not None else None,
+        restarts=restarts,
+        max_gap=gap,
+    )
+    drivers = effect_inputs.drivers(raw, wheel, np.flatnonzero(reasons.codes < 0), stretch, effects or ())
+    for name, values in drivers.items():
+        reasons = usable_samples.also_aside(reasons, f"no {name}", ~np.isfinite(values))
+    further = {name: as_numbers(column) for name, column in raw.extras.items() if name in columns}
+    samples = Samples(
+        source.path,
+        raw.wheel,
+        geometry,
+        raw.origin,
+        raw.time,
+        raw.channels,
+        raw.labels,
+        stretch,
+        _distance(raw, gap),
+        reasons,
+        origins,
+        [*source.remarks, *raw.remarks],
+        {**further, **drivers},
+        rover.noise,
+    )
+    if not checked:
+        evidence = Evidence(geometry, raw.feeds)
+        evidence.add(samples)
+        samples.remarks += plausibility.found(layout, raw.wheel, evidence)
+    return samples
+
+
+def _check_clock(source: Source, raw: Raw, radius: float) -> None:
+    feed = raw.feeds.get("time")
+    if feed is None or feed.asked or raw.time is None:
+        return
+    speed = raw.channels.get("velocity")
+    if speed is None and "angular_velocity" in raw.channels:
+        speed = radius * raw.channels["angular_velocity"]
+    if speed is not None and _agrees(raw, speed):
+        # However far apart the samples are.
+        speed = None
+    header = feed.fields[0]
+    alignment.check_unit_of_time(
+        source.path,
+        header,
+        raw.time + raw.origin,
+        speed=speed,
+        radius=radius,
+        stated=feed.unit is not CHANNELS["time"].unit or stated_unit(header, "time") is not None,
+    )
+
+
+def _agrees(raw: Raw, speed: Array) -> bool:
+    """Tell whether time and velocity make the length of the track, if there is one."""
+    if raw.time is None or not {"x", "y"} <= raw.channels.keys():
+        return False
+    driven = derived_channels.distance_from_velocity(raw.time, speed)[-1:]
+    track = derived_channels.distance_from_track(raw.channels["x"], raw.channels["y"])[-1:]
+    return bool((driven < plausibility.MOST_DISTANCE * track).all())
+
+
+def _keep(raw: Raw, where: Condition) -> None:
+    """Drop the samples that do not satisfy the condition: as if they had never been recorded."""
+    known = {**raw.channels, **raw.labels, **raw.extras}
+    if raw.time is not None:
+        known.setdefault("time", raw.time + raw.origin)
+    nothing = np.full(len(raw), np.nan)
+    raw.select(where.holds({name: known.get(name, nothing) for name in where.names}))
+
+
+def _distance(raw: Raw, max_gap: float) -> Array | None:
+    """Return the metres driven: from the velocity, else from the track."""
+    channels = raw.channels
+    if raw.time is None:
+        return None
+    if "velocity" in channels:
+        return derived_channels.distance_from_velocity(raw.time, channels["velocity"], max_gap=max_gap)
+    if {"x", "y"} <= channels.keys():
+        return derived_channels.distance_from_track(channels["x"], channels["y"])
+    return None

@@ -1,0 +1,194 @@
+"""What the effects of a model need beside load, torque, sinkage and slip, and where it comes from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.mechanics import grouser_phase, rates
+from terrain_cli.telemetry.plan.derivable_channels import Lack
+from terrain_cli.telemetry.raw_columns import as_numbers
+from terrain_cli.telemetry.wheel_samples import NEEDED
+from terrain_cli.vocabulary.channels import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.effects import Effect
+    from terrain_cli.rover import Wheel
+    from terrain_cli.telemetry.wheel_samples import Raw, Samples
+
+    Array = NDArray[np.float64]
+
+#: Constants of a wheel, which rover.toml gives.
+CONSTANTS = ("wheel_radius", "width", "grouser_height", "grouser_count", "gravity")
+ANGLE = "wheel_angle"
+#: What is told by the body, and turned where the wheel turns backwards: uphill is where it goes.
+WITH_COURSE = frozenset({"pitch", "roll"})
+_RATE = "_rate"
+#: What shows the passing of grousers, and what it follows besides.
+_RIPPLING, _BESIDE = ("torque", "drawbar_pull", "sinkage"), ("time", "load", "slip")
+
+
+def sources(name: str) -> tuple[str, ...]:
+    """Return what a need is computed from.
+
+    Parameters
+    ----------
+    name : str
+        A channel, a further column, the rate of either (``torque_rate``), the angle through which
+        the wheel has turned (``wheel_angle``, see `grouser_phase`), or a constant of the wheel.
+
+    Returns
+    -------
+    tuple of str
+        Channels and columns; "time" is one of them.
+    """
+    if name in CHANNELS:
+        return (name,)
+    if name in CONSTANTS:
+        return ()
+    if name == ANGLE:
+        return ("angular_velocity", "time")
+    if name.endswith(_RATE):
+        return (name.removesuffix(_RATE), "time")
+    return (name,)
+
+
+def read(effects: Iterable[Effect]) -> tuple[set[str], set[str]]:
+    """Split what makes a difference to some effects into channels and further columns.
+
+    Parameters
+    ----------
+    effects : iterable of Effect
+
+    Returns
+    -------
+    channels, columns : set of str
+    """
+    names = {source for effect in effects for name in effect.reads for source in sources(name)}
+    return names & CHANNELS.keys(), names - CHANNELS.keys()
+
+
+def lacking(raw: Raw, wheel: Wheel, effects: Iterable[Effect]) -> list[Lack]:
+    """Say what is missing for the effects of a model.
+
+    Parameters
+    ----------
+    raw : Raw
+    wheel : Wheel
+    effects : iterable of Effect
+
+    Returns
+    -------
+    list of Lack
+    """
+    there = _there(raw)
+    lacks = []
+    for effect in effects:
+        for name in effect.needs:
+            for source in sources(name):
+                if source not in there:
+                    behind = f" (for {name})" if source != name else ""
+                    because = f"effect {effect.id} needs {source}{behind}, and nothing gives it"
+                    lacks.append(Lack(source, because, (source,) if source in CHANNELS else ()))
+            if name.startswith("grouser_") and not getattr(wheel, name):
+                because = f"effect {effect.id} needs {name} of rover.toml"
+                lacks.append(Lack(name, because, lines=("[wheel]", f"{name} = …")))
+        if effect.any_of and not any(there.issuperset(sources(name)) for name in effect.any_of):
+            because = f"effect {effect.id} needs one of {', '.join(effect.any_of)}, and nothing gives any"
+            first = next((s for s in sources(effect.any_of[0]) if s not in there), effect.any_of[0])
+            lacks.append(Lack(first, because, (first,) if first in CHANNELS else ()))
+    return lacks
+
+
+def _there(raw: Raw) -> set[str]:
+    there = {*NEEDED, *raw.channels, *raw.extras, *(["time"] if raw.time is not None else [])}
+    # Slip is needed anyway, and with it ω tells V.
+    return there | {"velocity"} if "angular_velocity" in there else there
+
+
+def drivers(
+    raw: Raw, wheel: Wheel, rows: NDArray[np.intp], stretch: NDArray[np.intp], effects: Iterable[Effect]
+) -> dict[str, Array]:
+    """Compute what makes a difference to the effects of a model.
+
+    Parameters
+    ----------
+    raw : Raw
+        Nothing of what they need may be `lacking`.
+    wheel : Wheel
+    rows : ndarray of int
+        The samples that can be used.
+    stretch : ndarray of int, shape (n,)
+        Number of the continuous stretch of each sample.
+    effects : iterable of Effect
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        Without the constants of the wheel, and without what an effect only uses if it is there, and
+        is not. NaN where not known, and outside `rows`.
+    """
+    known = {**{name: as_numbers(column) for name, column in raw.extras.items()}, **raw.channels}
+    return _computed(known, raw.time, rows, stretch, wheel.grouser_count, effects)
+
+
+def of_samples(samples: Samples, effects: Iterable[Effect]) -> dict[str, Array]:
+    """Compute what makes a difference to further effects, from samples that were read for a comparison.
+
+    Parameters
+    ----------
+    samples : Samples
+        With every channel and further column.
+    effects : iterable of Effect
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        As from `drivers`: what cannot be computed is not there.
+    """
+    known = {**samples.drivers, **samples.channels}
+    found = _computed(
+        known, samples.time, samples.usable, samples.stretch, samples.geometry.grouser_count, effects
+    )
+    return {name: values for name, values in found.items() if np.isfinite(values).any()}
+
+
+def _computed(
+    known: dict[str, Array],
+    time: Array | None,
+    rows: NDArray[np.intp],
+    stretch: NDArray[np.intp],
+    grousers: int,
+    effects: Iterable[Effect],
+) -> dict[str, Array]:
+    known = dict(known)
+    if time is not None:
+        known["time"] = time
+    omega = known.get("angular_velocity")
+    if omega is not None:
+        for name in known.keys() & WITH_COURSE:
+            known[name] = np.where(omega < 0.0, -known[name], known[name])
+    effects = list(effects)
+    own, n = stretch[rows], len(stretch)
+    result = {}
+    needed = {name for effect in effects for name in effect.needs}
+    for name in dict.fromkeys(name for effect in effects for name in effect.reads):
+        if not sources(name) or not known.keys() >= set(sources(name)):
+            continue
+        columns = [known[source][rows] for source in sources(name)]
+        values = columns[0]
+        if name == ANGLE:
+            values = rates.wheel_angle(columns[1], own, values)
+            shown, beside = ([known[c][rows] for c in some if c in known] for some in (_RIPPLING, _BESIDE))
+            values = grouser_phase.aligned(values, own, grousers, shown, beside)
+        elif len(columns) > 1:
+            values = rates.rate(columns[1], own, values)
+        if name in needed or np.isfinite(values).any():
+            result[name] = np.full(n, np.nan)
+            result[name][rows] = values
+    return result

@@ -1,0 +1,154 @@
+"""What a drive shows of the units of its channels, gathered part by part in bounded memory."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.telemetry.derived_channels import STANDING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.telemetry.channel_sources import Feed
+    from terrain_cli.telemetry.wheel_samples import Geometry, Samples
+
+    Array = NDArray[np.float64]
+
+#: Samples that are kept: the 5th and 95th percentile of so many are known to a hundredth of a deviation.
+MOST = 1 << 14
+#: Blocks into which a part is cut to set the distance beside the track: enough for a median.
+BLOCKS = 8
+#: Metres in a degree of the Earth's meridian. The Moon's is 0.27 of that: no check is so fine as to see it.
+_DEGREE = 111_195.0
+
+
+class Evidence:
+    """Some samples of a wheel that turns, evenly spread, and what needs every sample.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    feeds : mapping of str to Feed
+        Of its channels.
+
+    Attributes
+    ----------
+    measured : frozenset of str
+        Channels that are neither derived nor a constant of rover.toml.
+    interval : float
+        Median time between two samples in s; NaN without a clock.
+    ends : dict of str to (float, float)
+        Least and greatest value of each channel.
+    count : int
+        Samples of which that is known.
+    blocks : list of (float, float, float, float)
+        Of each block: metres by time and velocity, metres along the track, metres from its first
+        place to its last, and how much of that is the jitter of the places.
+    on_earth : bool
+        The places are longitudes and latitudes, or metres of a map: from a satellite receiver.
+    """
+
+    def __init__(self, geometry: Geometry, feeds: Mapping[str, Feed]) -> None:
+        self.geometry, self.feeds = geometry, feeds
+        self.measured = frozenset(name for name, feed in feeds.items() if feed.constant is None)
+        self.interval, self.count, self.on_earth = np.nan, 0, False
+        self.ends: dict[str, tuple[float, float]] = {}
+        self.blocks: list[tuple[float, float, float, float]] = []
+        self._kept: dict[str, Array] = {}
+        self._step, self._skip = 1, 0
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._kept
+
+    def columns(self, *names: str) -> list[Array] | None:
+        """Return the samples in which each of some channels is known.
+
+        Parameters
+        ----------
+        *names : str
+
+        Returns
+        -------
+        list of ndarray, or None
+            None where they are fewer than 5: a median of less says nothing.
+        """
+        if not all(name in self._kept for name in names):
+            return None
+        columns = np.array([self._kept[name] for name in names])
+        columns = columns[:, np.isfinite(columns).all(axis=0)]
+        return list(columns) if columns.shape[1] >= 5 else None
+
+    def add(self, part: Samples) -> None:
+        """Take the samples that follow.
+
+        Parameters
+        ----------
+        part : Samples
+        """
+        channels = part.channels
+        if part.time is not None and np.isnan(self.interval):
+            steps = np.abs(np.diff(part.time[np.isfinite(part.time)]))
+            self.interval = float(np.median(steps)) if len(steps) else np.nan
+        self._add_track(part)
+        omega = channels.get("angular_velocity")
+        turning = np.full(len(part), fill_value=True) if omega is None else ~(np.abs(omega) <= STANDING)
+        rows = np.flatnonzero(turning)
+        self.count += len(rows)
+        for name, values in channels.items():
+            known = values[rows]
+            known = known[np.isfinite(known)]
+            if len(known):
+                least, greatest = self.ends.get(name, (np.inf, -np.inf))
+                self.ends[name] = min(least, float(known.min())), max(greatest, float(known.max()))
+        while len(rows) > MOST * self._step:
+            self._thin()
+        chosen = rows[self._skip :: self._step]
+        self._skip = (self._skip - len(rows)) % self._step
+        for name in channels:
+            kept = self._kept.get(name, np.empty(0))
+            self._kept[name] = np.concatenate([kept, channels[name][chosen]])
+        while len(next(iter(self._kept.values()), ())) > MOST:
+            self._thin()
+
+    def _thin(self) -> None:
+        self._kept = {name: values[::2] for name, values in self._kept.items()}
+        self._step *= 2
+
+    def _add_track(self, part: Samples) -> None:
+        """Set the distance beside the track, where they are from different channels."""
+        channels = part.channels
+        if part.distance is None or "velocity" not in channels:
+            return
+        geographic = not channels.keys() >= {"x", "y"}
+        names = ("longitude", "latitude") if geographic else ("x", "y")
+        if not channels.keys() >= set(names):
+            return
+        x, y = (channels[name] for name in names)
+        rows = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+        if len(rows) <= BLOCKS:
+            return
+        x, y = x[rows], y[rows]
+        if geographic:
+            x, y = x * _DEGREE * np.cos(np.radians(np.median(y))), y * _DEGREE
+        # Eastings and northings of a map are large numbers; a site begins at its origin.
+        self.on_earth |= bool(geographic or np.median(np.abs(y)) > 1e5)
+        driven, stretch = part.distance[rows], part.stretch[rows]
+        bounds = np.linspace(0, len(rows), BLOCKS + 1).astype(int)
+        self.blocks += [_block(driven[a:b], x[a:b], y[a:b], stretch[a:b]) for a, b in pairwise(bounds)]
+
+
+def _block(driven: Array, x: Array, y: Array, stretch: NDArray[np.intp]) -> tuple[float, float, float, float]:
+    """Measure the longest stretch of a block in each way."""
+    own = stretch == np.bincount(stretch - stretch[0]).argmax() + stretch[0]
+    driven, x, y = driven[own], x[own], y[own]
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = np.hypot(np.diff(x), np.diff(y))
+        # White noise σ of the places makes second differences of 1.65 σ in the median.
+        jitter = max(float(np.median(np.abs(np.diff(c, 2)))) if len(c) > 2 else 0.0 for c in (x, y))
+        ends = float(np.hypot(x[-1] - x[0], y[-1] - y[0]))
+        return float(driven[-1] - driven[0]), float(steps.sum()), ends, jitter

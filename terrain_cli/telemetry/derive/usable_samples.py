@@ -1,0 +1,221 @@
+"""Which samples the estimators cannot use, and why; where a drive is interrupted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from formats import Labels
+from terrain_cli.telemetry.alignment import RESOLUTION, split_clock
+from terrain_cli.telemetry.derived_channels import STANDING
+from terrain_cli.telemetry.wheel_samples import NEEDED
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: The densest soils bear 0.6 MPa with a safety of 3 (BS 8004, presumed bearing values); Pa.
+MOST_PRESSURE = 2e6
+#: No vehicle on soil is faster; m/s.
+MOST_SPEED = 100.0
+BACKWARDS = "time runs backwards"
+STANDS = "wheel stands (ω = 0, slip undefined)"
+
+
+def set_aside(
+    channels: Mapping[str, Array], time: Array | None, radius: float, *, skids: bool = False
+) -> tuple[Labels, NDArray[np.intp]]:
+    """Give each sample the first reason for which it cannot be used.
+
+    Parameters
+    ----------
+    channels : mapping of str to ndarray, shape (n,)
+        SI units; load and slip are needed, and torque and sinkage where they are there at all;
+        angular_velocity and velocity are used where they are there.
+    time : ndarray, shape (n,), or None
+        In s.
+    radius : float
+        Wheel radius in m.
+    skids : bool
+        Keep the samples of a skidding wheel, which the whole model covers and the line does not.
+
+    Returns
+    -------
+    reasons : Labels, shape (n,)
+        Code −1 where the sample can be used.
+    restarts : ndarray of int
+        Indices at which the clock begins anew.
+    """
+    n = len(channels["load"])
+    names: list[str] = []
+    codes = np.full(n, -1, dtype=np.int32)
+
+    def because(reason: str, where: NDArray[np.bool_]) -> None:
+        # Most are true of no sample.
+        if not where.any():
+            return
+        first = where & (codes < 0)
+        if first.any():
+            codes[first] = len(names)
+            names.append(reason)
+
+    restarts = np.array([], dtype=np.intp)
+    if time is not None:
+        because("no time", ~np.isfinite(time))
+        restarts, backwards, repeated = split_clock(time)
+        because(BACKWARDS, backwards)
+        because("time repeated", repeated)
+    with np.errstate(invalid="ignore"):
+        for reason, where in _unusable(channels, radius, skids=skids):
+            because(reason, where)
+    return Labels(codes, tuple(names)), restarts
+
+
+def _unusable(
+    channels: Mapping[str, Array], radius: float, *, skids: bool
+) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Yield what can be wrong with the values of a sample, and where it is, the plainest reason first."""
+    omega = channels.get("angular_velocity")
+    for name in NEEDED:
+        if name not in channels:
+            continue
+        # A standing wheel has no slip, and is better told as that.
+        if name == "slip" and omega is not None:
+            yield STANDS, np.abs(omega) <= STANDING
+        odd = ~np.isfinite(channels[name])
+        if odd.any():
+            yield f"no {name}", np.isnan(channels[name])
+            yield f"{name} is infinite", odd
+    for name in ("angular_velocity", "velocity"):
+        if name in channels:
+            yield f"{name} is infinite", np.isinf(channels[name])
+    slip, load = channels["slip"], channels["load"]
+    if not skids:
+        yield "wheel skids (slip < 0)", slip < 0.0
+    yield "wheel turns against its course (slip < -1)", slip < -1.0
+    yield "wheel rolls against its drive (slip > 1)", slip > 1.0
+    if "sinkage" in channels:
+        yield "sinkage not positive", channels["sinkage"] <= 0.0
+        yield "sinkage beyond the wheel radius", channels["sinkage"] >= radius
+    yield "load not positive", load <= 0.0
+    yield from _beyond(channels, radius)
+
+
+def _beyond(channels: Mapping[str, Array], radius: float) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Yield what no single sample can be, and where it is."""
+    # The whole wheel pressed into the densest soil, were it as wide as it is high.
+    force = MOST_PRESSURE * (2.0 * radius) ** 2
+    limits = {
+        "load": (force, "load beyond what soil bears"),
+        "torque": (force * radius, "torque beyond what soil takes"),
+        "drawbar_pull": (force, "drawbar_pull beyond what soil takes"),
+        "velocity": (MOST_SPEED, "velocity beyond that of any vehicle"),
+        "angular_velocity": (MOST_SPEED / radius, "angular_velocity beyond that of any vehicle"),
+    }
+    for name, (limit, reason) in limits.items():
+        if name in channels:
+            yield reason, np.abs(channels[name]) > limit
+
+
+def also_aside(reasons: Labels, reason: str, where: NDArray[np.bool_]) -> Labels:
+    """Set further samples aside.
+
+    Parameters
+    ----------
+    reasons : Labels, shape (n,)
+        From `set_aside`.
+    reason : str
+    where : ndarray of bool, shape (n,)
+
+    Returns
+    -------
+    Labels, shape (n,)
+        As before where there was a reason already.
+    """
+    new = where & (reasons.codes < 0)
+    if not new.any():
+        return reasons
+    codes = np.where(new, np.int32(len(reasons.names)), reasons.codes)
+    return Labels(codes, (*reasons.names, reason))
+
+
+def stretches(
+    time: Array | None,
+    reasons: Labels,
+    *,
+    runs: Labels | None = None,
+    restarts: NDArray[np.intp] | None = None,
+    max_gap: float,
+) -> NDArray[np.intp]:
+    """Give each sample the number of its continuous stretch of the drive.
+
+    A new one begins with another run, a restart of the clock, and after a gap: nothing recorded, or
+    nothing usable, for longer than `max_gap`. A wheel that stands does not interrupt the ground
+    under it.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,), or None
+        In s; without a clock only runs count.
+    reasons : Labels, shape (n,)
+        From `set_aside`.
+    runs : Labels, shape (n,), optional
+    restarts : ndarray of int, optional
+        From `set_aside`.
+    max_gap : float
+        In s.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        Increasing from 0. A gap is counted at the first usable sample behind it.
+    """
+    n = len(reasons)
+    begins = np.zeros(n, dtype=bool)
+    if runs is not None:
+        begins[1:] |= runs.codes[1:] != runs.codes[:-1]
+    if restarts is not None:
+        begins[restarts] = True
+    if time is not None and n:
+        if not begins.any() and (reasons.codes < 0).all() and np.all(np.diff(time) <= max_gap):
+            # As most drives are; the rest would find the same.
+            return np.zeros(n, dtype=np.intp)
+        driven = driving_time(time, reasons, max_gap)
+        usable = np.flatnonzero(reasons.codes < 0)
+        begins[usable[1:][np.diff(driven[usable]) > max_gap + RESOLUTION]] = True
+    return np.cumsum(begins)
+
+
+def driving_time(time: Array, reasons: Labels, max_gap: float) -> Array:
+    """Return a clock that stops while the wheel stands, so that only lost driving counts as a gap.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        In s; n > 0.
+    reasons : Labels, shape (n,)
+        From `set_aside`.
+    max_gap : float
+        In s.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In s, never falling.
+    """
+    standing, astray = (_is(reasons, reason) for reason in (STANDS, BACKWARDS))
+    known, clock, n = np.isfinite(time) & ~astray, time, len(time)
+    if not known.all():
+        clock = np.interp(np.arange(n), np.flatnonzero(known), time[known]) if known.any() else np.zeros(n)
+    step = np.diff(clock, prepend=clock[0])
+    step[standing & (step <= max_gap + RESOLUTION)] = 0.0
+    return np.asarray(np.cumsum(np.maximum(step, 0.0)))
+
+
+def _is(reasons: Labels, reason: str) -> NDArray[np.bool_]:
+    code = reasons.names.index(reason) if reason in reasons.names else -2
+    return np.asarray(reasons.codes == code)

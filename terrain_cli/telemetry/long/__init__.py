@@ -1,0 +1,1 @@
+"""Logs too long to be held at once."""

@@ -1,0 +1,281 @@
+"""The samples of a long table part by part, as if it had been read whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from formats import Labels
+from terrain_cli.processes.memory import keep_freed
+from terrain_cli.telemetry import alignment, raw_columns
+from terrain_cli.telemetry.derive import plausibility, usable_samples
+from terrain_cli.telemetry.derive.assembly import assemble
+from terrain_cli.telemetry.derive.doubts import Doubt
+from terrain_cli.telemetry.derive.effect_inputs import ANGLE
+from terrain_cli.telemetry.derive.unit_evidence import Evidence
+from terrain_cli.telemetry.read import own_clocks, tables
+from terrain_cli.telemetry.read.raw_channels import choose_wheels, labels_there
+from terrain_cli.telemetry.wheel_names import match_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from formats import Batch, Column
+    from terrain_cli.effects import Effect
+    from terrain_cli.rover import Rover
+    from terrain_cli.telemetry.channel_sources import Plan
+    from terrain_cli.telemetry.derive.conditions import Condition
+    from terrain_cli.telemetry.read.own_clocks import OwnClocks
+    from terrain_cli.telemetry.wheel_samples import Raw, Samples
+
+    Array = NDArray[np.float64]
+
+#: Rows in a part, and rows on either side that are looked at with it: where a clock restarts, what
+#: a rate is, and across which gap a channel is interpolated depends on neighbours.
+ROWS, BESIDE = 1 << 17, 4096
+#: Number of the row of each sample, among its further columns.
+_ROW = "@row"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be read of a table.
+
+    Parameters
+    ----------
+    layout : Plan
+    rover : Rover
+    channels : frozenset of str
+    extras : tuple of str
+        Further columns.
+    wheels : tuple of str
+        Only these; all if empty.
+    where : Condition or None
+    effects : sequence of Effect or None
+        As for `telemetry.read`.
+    """
+
+    layout: Plan
+    rover: Rover
+    channels: frozenset[str]
+    extras: tuple[str, ...]
+    wheels: tuple[str, ...]
+    where: Condition | None
+    effects: Sequence[Effect] | None
+
+
+def in_parts(
+    request: Request,
+    begin: list[Batch],
+    rest: Iterable[Batch],
+    check: Callable[[list[Raw]], None],
+) -> Iterator[Samples]:
+    """Yield the samples of a table part by part.
+
+    Distance, stretches, the angle of the wheel and the clock's origin go on from part to part.
+
+    Parameters
+    ----------
+    request : Request
+    begin : list of dict
+        The first batches; emptied.
+    rest : iterable of dict
+        Those that follow.
+    check : callable
+        Refuses wheels of which something is missing.
+
+    Yields
+    ------
+    Samples
+        Of each wheel in turn. What a person should know stands in the first part of a wheel.
+
+    Raises
+    ------
+    formats.errors.FormatError, InputError, ConfigurationError
+        As for `telemetry.read`.
+    """
+    keep_freed()
+    layout, rover = request.layout, request.rover
+    source = layout.source
+    ends: dict[str, _End] = {}
+    seen: set[str] = set()
+    nameless = 0
+
+    def choose(labels: Labels | None) -> list[str]:
+        if labels is None:
+            return choose_wheels(layout, rover, None, request.wheels)
+        there = labels_there(labels)
+        seen.update(there)
+        asked = {match_name(name, sorted(seen)) for name in request.wheels}
+        return [name for name in there if name in asked or not request.wheels]
+
+    for table, first, last in _tables(begin, rest):
+        table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)
+        raws = tables.wheels(layout, table, request.channels, [*request.extras, _ROW], choose)
+        nameless += tables.nameless(layout, table, slice(first, last))
+        check([raw for raw in raws if raw.wheel not in ends])
+        for raw in raws:
+            # The first part shows whether its columns have clocks of their own, or one was out for a while.
+            if raw.wheel not in ends:
+                ends[raw.wheel] = _End(own_clocks.find(raw))
+            end = ends[raw.wheel]
+            end.bring(raw, first, last, rover.max_gap)
+            end.count_on(raw)
+            samples = assemble(
+                layout,
+                raw,
+                rover,
+                request.where,
+                request.effects,
+                (*layout.extras, _ROW),
+                checked=end.begun,
+            )
+            if not end.begun:
+                told = samples.remarks[len(source.remarks) :]
+                end.remarks = [remark for remark in told if not isinstance(remark, Doubt)]
+                end.evidence = Evidence(samples.geometry, raw.feeds)
+            part = end.go_on(samples, first, last, rover.max_gap)
+            end.evidence.add(part)
+            yield part
+    if "" in layout.labels:
+        every = Labels(np.arange(len(seen), dtype=np.int32), tuple(sorted(seen)))
+        choose_wheels(layout, rover, every, request.wheels)
+    for wheel, end in ends.items():
+        if end.clocks:
+            end.remarks.insert(0, end.clocks.told(wheel, end.samples, end.interpolated))
+        end.remarks[:0] = source.remarks
+        end.remarks += tables.passed_over(layout, nameless)
+        end.remarks += plausibility.found(layout, wheel, end.evidence)
+
+
+def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[str, Column], int, int]]:
+    """Join batches to tables, each with rows of its neighbours.
+
+    Yields
+    ------
+    table : dict of str to ndarray or Labels
+    first, last : int
+        The rows of it that are its own.
+    """
+    pending: list[Batch] = []
+    count = before = 0
+
+    def every() -> Iterator[Batch]:
+        while begin:
+            yield begin.pop(0)
+        yield from rest
+
+    def short() -> Iterator[Batch]:
+        for batch in every():
+            rows = len(next(iter(batch.values())))
+            for start in range(0, rows, ROWS):
+                part = slice(start, start + ROWS)
+                yield batch if rows <= ROWS else {n: raw_columns.take(c, part) for n, c in batch.items()}
+
+    for batch in short():
+        pending.append(batch)
+        count += len(next(iter(batch.values())))
+        if count >= ROWS + 2 * BESIDE:
+            table = raw_columns.whole(pending)
+            yield dict(table), before, count - BESIDE
+            kept = np.arange(max(count - 2 * BESIDE, 0), count)
+            pending = [{name: raw_columns.take(column, kept) for name, column in table.items()}]
+            count, before = len(kept), len(kept) - BESIDE
+    if pending and count > before:
+        yield raw_columns.whole(pending), before, count
+
+
+@dataclass
+class _End:
+    """How far a wheel has come."""
+
+    clocks: OwnClocks | None
+    #: Of columns on clocks of their own: rows that are left, and those of them with interpolated values.
+    samples: int = 0
+    interpolated: int = 0
+    origin: float | None = None
+    begun: bool = False
+    used: bool = False
+    stretch: int = 0
+    distance: float = 0.0
+    angle: float = 0.0
+    turning: int = -1
+    #: Driving time since the last usable sample, where that is out of sight of the next part.
+    lost: float = 0.0
+    remarks: list[str] = field(default_factory=list)
+    evidence: Evidence = field(init=False)
+
+    def bring(self, raw: Raw, first: int, last: int, max_gap: float | None) -> None:
+        """Bring columns on clocks of their own to one, and count the part's own rows."""
+        if self.clocks:
+            interpolated = self.clocks.bring(raw, max_gap)
+            row = raw_columns.as_numbers(raw.extras[_ROW])
+            own = (row >= first) & (row < last)
+            self.samples += int(own.sum())
+            self.interpolated += int((interpolated & own).sum())
+
+    def count_on(self, raw: Raw) -> None:
+        """Count the time from the origin of the first part."""
+        if raw.time is None or not np.isfinite(raw.time).any():
+            return
+        if self.origin is None:
+            self.origin = raw.origin
+        elif raw.origin != self.origin:
+            raw.time = np.round(raw.time + (raw.origin - self.origin), 6)
+            raw.origin = self.origin
+
+    def go_on(self, samples: Samples, first: int, last: int, max_gap: float | None) -> Samples:
+        """Return the samples of a part alone, counted on from where the part before ended."""
+        row = samples.drivers.pop(_ROW)
+        i, j = np.searchsorted(row, [first, last]).tolist()
+        part = samples.taken(slice(i, j))
+        if i == j:
+            return replace(part, remarks=self.remarks)
+        stretch, distance = self._stretches(samples, row, i, j, last, max_gap), part.distance
+        drivers = dict(part.drivers)
+        if self.begun:
+            # Where nothing of the part before is in sight, the drive was interrupted.
+            before = samples.stretch[i - 1] if i else samples.stretch[0] - 1
+            stretch = stretch + (self.stretch - before)
+        if distance is not None and samples.distance is not None:
+            distance = distance + (self.distance - (samples.distance[i - 1] if i else 0.0))
+            self.distance = float(distance[-1])
+        if ANGLE in drivers:
+            drivers[ANGLE] = self._angle(samples.drivers[ANGLE], i, j, stretch)
+        self.begun, self.stretch = True, int(stretch[-1])
+        return replace(part, stretch=stretch, distance=distance, drivers=drivers, remarks=self.remarks)
+
+    def _stretches(
+        self, samples: Samples, row: Array, i: int, j: int, last: int, max_gap: float | None
+    ) -> NDArray[np.intp]:
+        """Count a gap in what is usable that began where the part does not see it."""
+        stretch, time, usable = samples.stretch[i:j], samples.time, samples.usable
+        own = usable[np.searchsorted(usable, i) :]
+        own = own[: np.searchsorted(own, j)]
+        seen = usable[: np.searchsorted(usable, j)]
+        hidden, ends_hidden = len(own) == len(seen), not len(seen) or row[seen[-1]] < last - BESIDE
+        if time is not None and (ends_hidden or (hidden and self.used)):
+            gap = alignment.stretch_gap(time, max_gap)
+            driven = usable_samples.driving_time(time, samples.set_aside, gap)
+            begin = driven[max(i - 1, 0)]
+            lost = self.lost + driven[own[0]] - begin if hidden and self.used and len(own) else 0.0
+            if lost > gap + alignment.RESOLUTION:
+                stretch = stretch + (np.arange(i, j) >= own[0])
+            self.lost = driven[j - 1] - driven[seen[-1]] if len(seen) else self.lost + driven[j - 1] - begin
+        self.used |= len(own) > 0
+        return stretch
+
+    def _angle(self, angle: Array, i: int, j: int, stretch: NDArray[np.intp]) -> Array:
+        """Count the angle of the wheel on through the stretch in which it was last known."""
+        known = np.isfinite(angle)
+        before = np.flatnonzero(known[:i])
+        begin = angle[before[-1]] if len(before) else 0.0
+        result = angle[i:j] + np.where(stretch == self.turning, self.angle - begin, 0.0)
+        own = np.flatnonzero(known[i:j])
+        if len(own):
+            self.angle, self.turning = float(result[own[-1]]), int(stretch[own[-1]])
+        return np.asarray(result)

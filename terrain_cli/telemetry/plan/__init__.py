@@ -1,0 +1,1 @@
+"""Which field of a file feeds which channel of which wheel."""

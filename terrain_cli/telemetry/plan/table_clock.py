@@ -1,0 +1,220 @@
+"""Which column of a table is its time, and whether a table without one can hold steady test points."""
+
+from __future__ import annotations
+
+import re
+from contextlib import closing
+from typing import TYPE_CHECKING, NamedTuple, cast
+
+import numpy as np
+
+from formats import Labels
+from terrain_cli.errors import InputError
+from terrain_cli.telemetry.channel_sources import Feed
+from terrain_cli.telemetry.raw_columns import as_labels, as_numbers, take
+from terrain_cli.telemetry.wheel_samples import Notice
+from terrain_cli.toml import toml_text
+from terrain_cli.vocabulary import time_names
+from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Generator, Mapping, Sequence
+
+    from formats import Batch, Column, Source
+    from terrain_cli.telemetry.channel_sources import Plan
+    from terrain_cli.vocabulary.time_names import TimeName
+
+#: Rows that are looked at.
+_ROWS = 65_536
+#: A column rises if it does so at this share of its steps: sweeps of up to 20 points fall back more often.
+_RISING = 0.95
+#: The rows of so many wheels may share a time, where no column names the wheel. Rovers have up to 8.
+_WHEELS = 8
+#: So many rows are in rising order by chance in one of 10! tables.
+_FEW = 10
+#: Steady points are set by hand. A table of so many, each beyond the one before in a column that does not
+#: just count them, is a log. Judged: a published table of 189 points (Pavlov 2022) has no such column.
+_MANY = 100
+_TIME_OF_DAY = re.compile(r"(.*[T ])?\d{1,2}:\d\d(:\d\d)?([.,]\d+)?\s*\S{0,6}")
+#: Columns that are offered at the most.
+_OFFERED = 3
+
+
+class _Rise(NamedTuple):
+    """How many steps a column makes from row to row of a wheel; shares of them that go up and down."""
+
+    steps: int
+    up: float
+    down: float
+    counts: bool
+
+    @property
+    def steadily(self) -> bool:
+        """It goes up at nearly every row."""
+        return self.steps >= _FEW and self.up >= _RISING
+
+    @property
+    def as_a_clock(self) -> bool:
+        """It hardly falls, as what is called a time must not; one row has nothing to rise from."""
+        return not self.steps or (self.up >= _RISING * (self.up + self.down) and self.up * _WHEELS >= 1.0)
+
+
+def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
+    """Find the time of a table that has no column `time`, and doubt that it has none.
+
+    Parameters
+    ----------
+    plan : Plan
+        Gains the feed of the time, or else a remark, or the error that its rows can hardly be steady
+        test points.
+    pairs : sequence of TimeName
+        Its columns of whole seconds and fractions.
+
+    Raises
+    ------
+    InputError
+        Several columns can be the time.
+    """
+    source, known = plan.source, plan.shared.get("time")
+    unused = _unused(plan)
+    halves = {header for pair in pairs for header in pair.headers}
+    names = time_names.names(header for header in unused if header not in halves)
+    if known and not (pairs or names):
+        return
+    label = plan.labels.get("")
+    table = _beginning(source, [*unused, *(known.fields if known else ()), *([label] if label else [])])
+    wheels = as_labels(table[label]) if label else None
+    if known and _filled(table[known.fields[0]]):
+        return
+    for group in (pairs, names):
+        found = [name for name in group if _is_clock(name, table, wheels)]
+        if len(found) > 1:
+            first = found[0].headers[0]
+            raise InputError(
+                f"{source.path}: columns {' and '.join(repr(n.headers[0]) for n in found)} can all be time",
+                hint=f"choose one in rover.toml: [channels] {_entry(first, table[first])}",
+            )
+        if found:
+            plan.shared["time"] = _feed(found[0])
+            return
+    if not known:
+        _doubt(plan, {header: table[header] for header in unused}, wheels)
+
+
+def _unused(plan: Plan) -> list[str]:
+    every = [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
+    used = {name for feed in every for name in feed.fields} | set(plan.labels.values())
+    return [f.name for f in plan.source.streams()[0].fields if f.name not in used]
+
+
+def _beginning(source: Source, headers: Collection[str]) -> Mapping[str, Column]:
+    """Read the first rows."""
+    if not headers:
+        return {}
+    with closing(cast("Generator[Batch]", source.read("", list(headers), _ROWS))) as batches:
+        return next(batches, dict.fromkeys(headers, np.empty(0)))
+
+
+def _filled(column: Column) -> bool:
+    if isinstance(column, Labels):
+        return bool(np.any(column.codes >= 0))
+    return bool(np.any(~np.isnat(column) if column.dtype.kind == "M" else ~np.isnan(column)))
+
+
+def _is_clock(name: TimeName, table: Mapping[str, Column], wheels: Labels | None) -> bool:
+    """Tell whether columns that are called a time may be one."""
+    columns = [table[header] for header in name.headers]
+    if any(isinstance(column, Labels) for column in columns):
+        # Whoever reads it says that these texts are no times.
+        return all(_are_times_of_day(column) for column in columns)
+    if len(columns) > 1 and np.nanmax(as_numbers(columns[1]) * name.unit.factor, initial=0.0) >= 1.0:
+        return False
+    return _filled(columns[0]) and _rise(columns[0], wheels, whole=len(columns) > 1).as_a_clock
+
+
+def _are_times_of_day(column: Column) -> bool:
+    if not isinstance(column, Labels) or not column.names:
+        return False
+    return all(_TIME_OF_DAY.fullmatch(text) for text in column.names[:_FEW])
+
+
+def _rise(column: Column, wheels: Labels | None, *, whole: bool = False) -> _Rise:
+    """Say how a column goes on within each wheel; of `whole` seconds steps without a change do not count."""
+    steps = [np.empty(0)]
+    for code in np.unique(wheels.codes) if wheels else (0,):
+        values = take(column, wheels.codes == code) if wheels else column
+        assert not isinstance(values, Labels)  # noqa: S101 - texts neither rise nor fall
+        if values.dtype.kind == "M":
+            steps.append(np.diff(values[~np.isnat(values)].astype(np.int64)).astype(float))
+        else:
+            steps.append(np.diff(values[np.isfinite(values)]).astype(float))
+    every = np.concatenate(steps)
+    every = every[every != 0.0] if whole else every
+    n = max(len(every), 1)
+    counts = np.count_nonzero(every == 1.0) >= _RISING * n
+    return _Rise(len(every), np.count_nonzero(every > 0) / n, np.count_nonzero(every < 0) / n, bool(counts))
+
+
+def _feed(name: TimeName) -> Feed:
+    if len(name.headers) == 1:
+        return Feed("time", "", name.headers, name.unit, note="recognised by its name")
+    factor = name.unit.factor
+    return Feed(
+        "time",
+        "",
+        name.headers,
+        CHANNELS["time"].unit,
+        combine=lambda seconds, beyond: seconds + beyond * factor,
+        note="whole seconds, and what is beyond them",
+    )
+
+
+def _doubt(plan: Plan, table: Mapping[str, Column], wheels: Labels | None) -> None:
+    """Say that rows are taken for steady test points, or that they can hardly be some."""
+    sure: list[str] = []
+    rising: list[str] = []
+    for header, column in table.items():
+        stated = stated_unit(header, "time")
+        if isinstance(column, Labels):
+            few = np.count_nonzero(column.codes >= 0) < _FEW
+            if not few and len(column.names) >= _RISING * len(column) and _are_times_of_day(column):
+                sure.append(header)
+            continue
+        if stated_unit(header) and not stated:
+            continue
+        rise, is_time = _rise(column, wheels), column.dtype.kind == "M"
+        if rise.steadily:
+            clear = is_time or stated or (rise.steps >= _MANY and not rise.counts)
+            (sure if clear else rising).append(header)
+        elif is_time and rise.up > 0.0:
+            rising.append(header)
+    shown = ", ".join(map(repr, (sure or rising)[:_OFFERED]))
+    entries = [_entry(header, table[header]) for header in (sure or rising)[:_OFFERED]]
+    if sure:
+        are = "rises from row to row" if len(sure) == 1 else "rise from row to row"
+        plan.no_time = InputError(
+            f"{plan.source.path}: no column is known as a time, but {shown} {are} as a clock does: "
+            "these are hardly steady test points",
+            hint="\n".join(
+                [
+                    "add to rover.toml:",
+                    "[channels]",
+                    "\n# or ".join(entries),
+                    "# or, if the rows are test points all the same: steady = true in [sampling]",
+                ]
+            ),
+        )
+        return
+    text = "no column is known as a time: each row is taken for a steady test point"
+    if rising:
+        text += f"; if {shown} is the time: [channels] {entries[0]} in rover.toml"
+    plan.source.remarks.append(Notice(text))
+
+
+def _entry(header: str, column: Column) -> str:
+    """Write the row of rover.toml that makes a column the time."""
+    if isinstance(column, Labels):
+        return f"# {header!r} holds texts: write them as seconds, or in ISO 8601 as 2026-11-21T08:00:00Z"
+    unit = stated_unit(header, "time")
+    more = "" if column.dtype.kind == "M" else f', unit = "{unit.symbol if unit else "…"}"'
+    return f"time = {{ column = {toml_text.value(header)}{more} }}"

@@ -1,0 +1,279 @@
+"""Raw columns of a source, whole: batches joined, labels merged, times made seconds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from formats import LOG_TIME, STAMP, Labels
+from terrain_cli.errors import InputError
+from terrain_cli.processes.memory import most_held
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from formats import Batch, Column, Source
+
+    Array = NDArray[np.float64]
+
+
+#: How soon after a clock's zero its first stamps come.
+_SOON = np.timedelta64(10, "s")
+#: Rows read at once of a table that may be too long to be held: half as many more take 50 MB more.
+_AT_ONCE = 65_536
+#: The Sun has 2e30 kg and an electron 1e-30 kg: nothing on a rover is larger or smaller in any unit, and the
+#: squares and products of what is between are numbers of this machine.
+_LARGEST, _SMALLEST = 1e30, 1e-30
+
+
+def join(columns: Sequence[Column]) -> Column:
+    """Join the pieces of one column.
+
+    Parameters
+    ----------
+    columns : sequence of ndarray or Labels
+        A column that is text in one piece is text in all.
+
+    Returns
+    -------
+    ndarray or Labels
+    """
+    arrays = [column for column in columns if not isinstance(column, Labels)]
+    if len(arrays) == len(columns):
+        return np.concatenate(arrays) if len(arrays) > 1 else arrays[0]
+    names: dict[str, int] = {}
+    codes = []
+    for column in columns:
+        piece = as_labels(column)
+        new = np.array([names.setdefault(name, len(names)) for name in piece.names] + [-1], dtype=np.int32)
+        codes.append(new[piece.codes])
+    return Labels(np.concatenate(codes), tuple(names))
+
+
+def as_labels(column: Column) -> Labels:
+    """Return a column as labels: whole numbers lose their ".0", days their midnight.
+
+    Parameters
+    ----------
+    column : ndarray or Labels, shape (n,)
+
+    Returns
+    -------
+    Labels, shape (n,)
+        The names in their order of appearance.
+    """
+    if isinstance(column, Labels):
+        return column
+    known = ~np.isnat(column) if column.dtype.kind == "M" else ~np.isnan(column)
+    values, first, inverse = np.unique(column[known], return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    codes = np.full(len(column), -1, dtype=np.int32)
+    codes[known] = np.argsort(order, kind="stable")[inverse]
+    return Labels(codes, tuple(_text(value) for value in values[order]))
+
+
+def _text(value: np.generic) -> str:
+    if isinstance(value, np.datetime64):
+        return str(value.astype("datetime64[s]")).removesuffix("T00:00:00")
+    number = value.item()
+    return str(int(number)) if float(number).is_integer() else repr(float(number))
+
+
+def as_numbers(column: Column) -> Array:
+    """Return a column as numbers: texts and times, which are none, become NaN.
+
+    What is larger than anything measured is cut to a size that is still beyond all that is accepted, and
+    what is smaller is zero.
+
+    Parameters
+    ----------
+    column : ndarray or Labels, shape (n,)
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+    """
+    if isinstance(column, Labels):
+        return _measurable(np.array([*(_number(name) for name in column.names), np.nan]))[column.codes]
+    if column.dtype.kind == "M":
+        return np.full(len(column), np.nan)
+    return _measurable(column.astype(np.float64, copy=False))
+
+
+def _measurable(values: Array) -> Array:
+    size = np.abs(values)
+    large, small = (size > _LARGEST) & (size < np.inf), (size < _SMALLEST) & (size > 0.0)
+    if large.any() or small.any():
+        return np.where(large, np.copysign(_LARGEST, values), np.where(small, 0.0, values))
+    return values
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
+def take(column: Column, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Column:
+    """Take some rows of a column.
+
+    Parameters
+    ----------
+    column : ndarray or Labels, shape (n,)
+    rows : ndarray or slice
+        Indices, or a mask.
+
+    Returns
+    -------
+    ndarray or Labels
+    """
+    if isinstance(column, Labels):
+        return Labels(column.codes[rows], column.names)
+    return column[rows]
+
+
+def read_whole(source: Source, topic: str, fields: Sequence[str]) -> dict[str, Column]:
+    """Read the named columns of a table or topic.
+
+    Parameters
+    ----------
+    source : Source
+    topic : str
+    fields : sequence of str
+
+    Returns
+    -------
+    dict of str to ndarray or Labels
+        Empty columns if there is no record.
+    """
+    return read_topics(source, {topic: fields})[topic]
+
+
+def read_topics(source: Source, fields: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Column]]:
+    """Read the named columns of several topics in one pass.
+
+    Parameters
+    ----------
+    source : Source
+    fields : mapping of str to sequence of str
+        topic → names.
+
+    Returns
+    -------
+    dict of str to dict
+        topic → what `read_whole` returns.
+
+    Raises
+    ------
+    InputError
+        They are more than can be held.
+    """
+    batches: dict[str, list[Batch]] = {topic: [] for topic in fields}
+    size, most = 0, most_held()
+    for topic, batch in source.read_together(fields):
+        batches[topic].append(batch)
+        size += sum(map(_bytes, batch.values()))
+        if size > most:
+            raise InputError(
+                f"{source.path}: too long to be read whole: there is memory for {most:,} bytes of columns",
+                hint='split it, or leave out what needs every sample ("Long logs" in docs/conventions.md)',
+            )
+    return {topic: whole(found) if found else _empty(fields[topic]) for topic, found in batches.items()}
+
+
+def _bytes(column: Column) -> int:
+    return column.codes.nbytes if isinstance(column, Labels) else column.nbytes
+
+
+def _empty(fields: Sequence[str]) -> dict[str, Column]:
+    columns: dict[str, Column] = {name: np.empty(0) for name in fields}
+    return columns | {name: np.empty(0, "datetime64[ns]") for name in (LOG_TIME, STAMP)}
+
+
+def whole(batches: list[Batch]) -> dict[str, Column]:
+    """Join batches.
+
+    Parameters
+    ----------
+    batches : list of dict
+        At least one; emptied.
+
+    Returns
+    -------
+    dict of str to ndarray or Labels
+    """
+    # One column at a time, so that never more than one is held twice.
+    return {name: join([batch.pop(name) for batch in batches]) for name in list(batches[0])}
+
+
+def begin(source: Source, fields: Sequence[str], rows: int) -> tuple[list[Batch], Iterator[Batch] | None]:
+    """Begin to read a table.
+
+    Parameters
+    ----------
+    source : Source
+    fields : sequence of str
+    rows : int
+        Stop once there are more.
+
+    Returns
+    -------
+    begin : list of dict
+    rest : iterator of dict, or None
+        None if the table is not longer.
+    """
+    batches, count = iter(source.read("", fields, _AT_ONCE) if fields else ()), 0
+    first: list[Batch] = []
+    for batch in batches:
+        first.append(batch)
+        count += len(next(iter(batch.values())))
+        if count > rows:
+            return first, batches
+    return first, None
+
+
+def header_stamps(columns: Mapping[str, Column]) -> NDArray[np.datetime64] | None:
+    """Return the stamps of a topic's headers, if every message has one.
+
+    Parameters
+    ----------
+    columns : mapping
+        From `read_whole`.
+
+    Returns
+    -------
+    ndarray of datetime64[ns], shape (n,), or None
+        A stamp of zero is none, unless the others follow it within seconds: a simulated clock
+        starts there.
+    """
+    stamp = np.array(columns[STAMP])
+    missing = np.isnat(stamp)
+    zero = np.datetime64(0, "ns")
+    if missing.any() and not missing.all():
+        first = int(np.argmin(missing))
+        if missing.sum() == first and stamp[first] - zero < _SOON:
+            stamp[:first] = zero
+            missing[:first] = False
+    return None if missing.any() or not len(stamp) else stamp
+
+
+def stamps(columns: Mapping[str, Column]) -> tuple[NDArray[np.datetime64], bool]:
+    """Return the times of a topic's messages, and whether they are the stamps of their headers.
+
+    Parameters
+    ----------
+    columns : dict
+        From `read_whole`.
+
+    Returns
+    -------
+    times : ndarray of datetime64[ns], shape (n,)
+        The headers' stamps if every message has one, else the times of the log.
+    stamped : bool
+    """
+    stamp = header_stamps(columns)
+    return (np.asarray(columns[LOG_TIME]), False) if stamp is None else (stamp, True)

@@ -1,0 +1,1 @@
+"""From the fields of files to the raw channels of each wheel."""

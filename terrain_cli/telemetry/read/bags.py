@@ -1,0 +1,261 @@
+"""The channels of each wheel of a bag: topics at unequal rates, brought to the clock of the torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from formats import LOG_TIME, Labels
+from terrain_cli.telemetry import alignment, raw_columns
+from terrain_cli.telemetry.channel_sources import CLOCKS
+from terrain_cli.telemetry.wheel_names import match_name
+from terrain_cli.telemetry.wheel_samples import Raw
+from terrain_cli.vocabulary.channels import CHANNELS, LABEL
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping
+
+    from numpy.typing import NDArray
+
+    from formats import Column
+    from terrain_cli.telemetry.channel_sources import Feed, Plan
+
+    Array = NDArray[np.float64]
+
+#: Headers whose clocks differ by more than this, in s, do not tell the same time: no message is so late.
+LATEST = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Topic:
+    """One topic, read: its times in s, its columns, its labels of wheels."""
+
+    time: Array
+    table: dict[str, Column]
+    wheels: Labels | None
+
+
+class _Bridges:
+    """Brings channels from the times of one topic to those of another.
+
+    Six wheels, and several channels of one topic, ask for the same places: finding these but once
+    saves half of what is done with ten minutes of messages after they are read.
+    """
+
+    def __init__(self, topics: Mapping[str, _Topic], max_gap: float | None) -> None:
+        self._topics = topics
+        self._max_gap = max_gap
+        self._known: dict[tuple[str, str], alignment.Neighbours] = {}
+
+    def brought(self, ends: tuple[str, str], clock: Array, time: Array, values: Array) -> Array:
+        """Return the values at the times of the clock; `ends` are its topic and that of the channel."""
+        whole = clock is self._topics[ends[0]].time and time is self._topics[ends[1]].time
+        if not whole or np.isnan(values).any():
+            return alignment.resample(clock, time, values, self._max_gap)
+        if ends not in self._known:
+            self._known[ends] = alignment.neighbours(clock, time, self._max_gap)
+        return self._known[ends].between(values)
+
+
+def fields(plan: Plan, wanted: Collection[str]) -> dict[str, list[str]]:
+    """Tell what is read of a bag.
+
+    Parameters
+    ----------
+    plan : Plan
+    wanted : collection of str
+        Channels; those without a feed are passed over.
+
+    Returns
+    -------
+    dict of str to list of str
+        topic → fields.
+    """
+    found: dict[str, set[str]] = {}
+    for feed in _feeds(plan):
+        if feed.channel in wanted and feed.topic:
+            found.setdefault(feed.topic, {*filter(None, [plan.labels.get(feed.topic)])}).update(feed.fields)
+    return {topic: sorted(names) for topic, names in found.items()}
+
+
+def _feeds(plan: Plan) -> list[Feed]:
+    return [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
+
+
+def wheels(
+    plan: Plan,
+    tables: Mapping[str, dict[str, Column]],
+    wanted: Collection[str],
+    choose: Callable[[Labels | None], list[str]],
+    max_gap: float | None,
+) -> list[Raw]:
+    """Part the topics of a bag into its wheels.
+
+    Parameters
+    ----------
+    plan : Plan
+    tables : mapping of str to dict
+        topic → the columns named by `fields`, whole.
+    wanted : collection of str
+        Channels; those without a feed are passed over.
+    choose : callable
+        Names the wheels to read, from the wheel labels of the messages if they have them.
+    max_gap : float or None
+        As for `alignment.resample`.
+
+    Returns
+    -------
+    list of Raw
+        In the order of `choose`.
+    """
+    origin, times, remarks = one_clock(tables)
+    topics = {}
+    for topic, table in tables.items():
+        label = plan.labels.get(topic)
+        topics[topic] = _Topic(times[topic], table, raw_columns.as_labels(table[label]) if label else None)
+    # The torque's labels name the wheels; other topics may tell of fewer.
+    ordered = sorted(
+        _feeds(plan), key=lambda feed: CLOCKS.index(feed.channel) if feed.channel in CLOCKS else len(CLOCKS)
+    )
+    labels = (topics[feed.topic].wheels for feed in ordered if feed.topic in topics)
+    result = []
+    bridges = _Bridges(topics, max_gap)
+    for name in choose(next((found for found in labels if found is not None), None)):
+        key = match_name(name, plan.wheels) or name
+        feeds = {c: feed for c, feed in plan.feeds(key).items() if c in wanted}
+        raw = _wheel(name, origin, feeds, topics, bridges)
+        raw.remarks += remarks
+        result.append(raw)
+    return result
+
+
+def one_clock(tables: Mapping[str, Mapping[str, Column]]) -> tuple[float, dict[str, Array], list[str]]:
+    """Put all topics on one clock: the headers' stamps, or the log's where there are none.
+
+    Parameters
+    ----------
+    tables : mapping of str to mapping
+        topic → columns, from `raw_columns.read_whole`.
+
+    Returns
+    -------
+    origin : float
+        Whole seconds taken off.
+    times : dict of str to ndarray
+        topic → the time of each message in s.
+    remarks : list of str
+    """
+    logged = {topic: np.asarray(table[LOG_TIME]) for topic, table in tables.items()}
+    stamps = {
+        topic: stamp
+        for topic, table in tables.items()
+        if (stamp := raw_columns.header_stamps(table)) is not None
+    }
+    remarks = []
+    lags = {t: float(np.median((logged[t] - stamp) / np.timedelta64(1, "s"))) for t, stamp in stamps.items()}
+    restarted = [
+        t for t, stamp in stamps.items() if len(alignment.split_clock(alignment.seconds(stamp, 0.0))[0])
+    ]
+    if restarted:
+        remarks.append(f"the headers' clock of {restarted[0]} begins anew: the times are the log's")
+        stamps = {}
+    elif stamps and max(lags.values()) - min(lags.values()) > LATEST:
+        late, early = max(lags, key=lags.__getitem__), min(lags, key=lags.__getitem__)
+        apart = lags[late] - lags[early]
+        remarks.append(f"the headers of {late} and {early} are {apart:.0f} s apart: the times are the log's")
+        stamps = {}
+    # Un-stamped topics have the log's clock only, which a recording played back or a simulation shifts.
+    # Messages come late, some topics seconds late, but never early: the least lag is the shift.
+    lag = min((lags[topic] for topic in stamps), default=0.0)
+    if abs(lag) <= alignment.CLOCK_TOLERANCE:
+        lag = 0.0
+    elif len(stamps) < len(tables):
+        remarks.append(
+            f"the log's clock is {lag:+.3f} s off the headers' stamps; "
+            "topics without stamps were shifted by that"
+        )
+    shifted = np.timedelta64(round(lag * 1e9), "ns")
+    clocks: dict[str, NDArray[np.datetime64]] = {
+        topic: stamps[topic] if topic in stamps else np.asarray(log - shifted, dtype="datetime64[ns]")
+        for topic, log in logged.items()
+    }
+    firsts = [clock[0].astype("datetime64[s]").astype(np.int64) for clock in clocks.values() if len(clock)]
+    origin = float(min(firsts, default=0))
+    return origin, {topic: alignment.seconds(clock, origin) for topic, clock in clocks.items()}, remarks
+
+
+def _wheel(
+    name: str, origin: float, feeds: dict[str, Feed], topics: Mapping[str, _Topic], bridges: _Bridges
+) -> Raw:
+    raw = Raw(name, origin, None, {}, {}, {}, feeds)
+    series: dict[str, tuple[Array, Array]] = {}
+    for channel, feed in feeds.items():
+        if not feed.topic or CHANNELS[channel].dimension == LABEL:
+            continue
+        topic = topics[feed.topic]
+        values = feed.si([raw_columns.as_numbers(topic.table[f]) for f in feed.fields])
+        rows = _in_order(topic, name, _elements(feeds, feed))
+        series[channel] = (
+            topic.time if rows is None else topic.time[rows],
+            values if rows is None else values[rows],
+        )
+    clock = next((channel for channel in (*CLOCKS, *series) if channel in series), None)
+    if clock is None:
+        return raw
+    time = series[clock][0]
+    # What comes out is the caller's own, whatever wheels share a topic.
+    raw.time = time.copy()
+    for channel, (own, values) in series.items():
+        ends = feeds[clock].topic, feeds[channel].topic
+        same = ends[0] == ends[1] and np.array_equal(own, time)
+        raw.channels[channel] = values.copy() if same else bridges.brought(ends, time, own, values)
+    for channel, feed in feeds.items():
+        if CHANNELS[channel].dimension == LABEL:
+            raw.labels[channel] = _latest(raw.time, topics, feed, name)
+        elif feed.constant is not None:
+            raw.channels[channel] = feed.values(len(raw.time))
+    return raw
+
+
+def _elements(feeds: Mapping[str, Feed], feed: Feed) -> list[str]:
+    """Return the elements of lists that a wheel reads of the topic of a feed, if that reads one."""
+    if not any("[" in f for f in feed.fields):
+        return []
+    return [f for other in feeds.values() if other.topic == feed.topic for f in other.fields if "[" in f]
+
+
+def _in_order(topic: _Topic, wheel: str, elements: Collection[str]) -> NDArray[np.intp] | None:
+    """Return the messages of one wheel in the order of their times; None if they are all as they are."""
+    rows = _rows(topic, wheel)
+    if elements:
+        # A list without this wheel is another publisher's, and no sample of it.
+        there = [~np.isnan(raw_columns.as_numbers(topic.table[f])[rows]) for f in elements]
+        rows = rows[np.logical_or.reduce(there)]
+    if len(rows) == len(topic.time) and alignment.ascends(topic.time):
+        return None
+    return rows[np.argsort(topic.time[rows], kind="stable")]
+
+
+def _rows(topic: _Topic, wheel: str) -> NDArray[np.intp]:
+    """Return the messages of one wheel."""
+    if topic.wheels is None:
+        return np.arange(len(topic.time))
+    label = match_name(wheel, topic.wheels.names)
+    return np.flatnonzero(topic.wheels.codes == (topic.wheels.names.index(label) if label else -2))
+
+
+def _latest(clock: Array, topics: Mapping[str, _Topic], feed: Feed, wheel: str) -> Labels:
+    """Return the label last said before each time."""
+    if not feed.topic:
+        return feed.labels(len(clock))
+    topic = topics[feed.topic]
+    labels = raw_columns.as_labels(topic.table[feed.fields[0]])
+    rows = _rows(topic, wheel)
+    rows = rows[np.argsort(topic.time[rows], kind="stable")]
+    if len(rows) == 0:
+        return Labels(np.full(len(clock), -1, dtype=np.int32), labels.names)
+    last = np.searchsorted(topic.time[rows], clock, side="right") - 1
+    codes = np.where(last >= 0, labels.codes[rows[np.maximum(last, 0)]], -1)
+    return Labels(codes.astype(np.int32), labels.names)

@@ -1,0 +1,155 @@
+"""From a plan to the channels of each wheel, on the clock of its torque."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.errors import ConfigurationError, InputError
+from terrain_cli.telemetry.channel_sources import CLOCKS
+from terrain_cli.telemetry.plan.mapping import is_table, only_wheel
+from terrain_cli.telemetry.raw_columns import read_topics
+from terrain_cli.telemetry.read import bags, tables
+from terrain_cli.telemetry.wheel_names import match_name
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping, Sequence
+
+    from formats import Batch, Column, Labels
+    from terrain_cli.rover import Rover
+    from terrain_cli.telemetry.channel_sources import Plan
+    from terrain_cli.telemetry.wheel_samples import Raw
+
+
+def read_raw(
+    plan: Plan,
+    rover: Rover,
+    channels: Iterable[str],
+    extras: Sequence[str] = (),
+    *,
+    wheels: Collection[str] = (),
+    batches: list[Batch] | None = None,
+    topics: Mapping[str, dict[str, Column]] | None = None,
+) -> list[Raw]:
+    """Read the channels asked for, wheel by wheel.
+
+    Parameters
+    ----------
+    plan : Plan
+    rover : Rover
+    channels : iterable of str
+        Those without a feed are passed over.
+    extras : sequence of str
+        Further columns of a table.
+    wheels : collection of str
+        Only these; all if empty.
+    batches : list of dict, optional
+        The columns of a table, where they were read before.
+    topics : mapping of str to dict, optional
+        The columns of the topics of a bag (`bags.fields`), where they were read before.
+
+    Returns
+    -------
+    list of Raw
+        Ordered by the name of the wheel.
+
+    Raises
+    ------
+    formats.errors.FormatError
+        The file cannot be read.
+    InputError
+        A wheel is not there.
+    ConfigurationError
+        rover.toml names several wheels, and the data do not say of which they are.
+    """
+    wanted = set(channels)
+
+    def choose(labels: Labels | None) -> list[str]:
+        return choose_wheels(plan, rover, labels, wheels)
+
+    if is_table(plan.source):
+        return tables.read(plan, wanted, extras, choose, rover.max_gap, batches)
+    if topics is None:
+        topics = read_topics(plan.source, bags.fields(plan, wanted))
+    return bags.wheels(plan, topics, wanted, choose, rover.max_gap)
+
+
+def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Collection[str]) -> list[str]:
+    """Name the wheels to read: labels of a column, those of rover.toml, or the only one.
+
+    Parameters
+    ----------
+    plan : Plan
+    rover : Rover
+    labels : Labels or None
+    wheels : collection of str
+        Only these; all if empty.
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    InputError, ConfigurationError
+        As for `read_raw`.
+    """
+    path = plan.source.path
+    if labels is None:
+        there = sorted(plan.wheels) or [only_wheel(rover)]
+    else:
+        there = labels_there(labels)
+        if not there:
+            raise InputError(f"{path}: the column of wheels is empty", hint="fill it in, or leave it out")
+    chosen = among(path, there, wheels)
+    clocks = [next((feeds[c] for c in CLOCKS if c in feeds), None) for feeds in map(plan.feeds, chosen)]
+    if labels is None and len(chosen) > 1 and clocks[0] and clocks.count(clocks[0]) == len(clocks):
+        raise ConfigurationError(
+            f"{path}: {clocks[0].place} is there once, for which of the wheels {', '.join(chosen)}?",
+            hint="choose it with --wheel NAME, or give each its own in rover.toml: [wheels.NAME.channels]",
+        )
+    return chosen
+
+
+def labels_there(labels: Labels) -> list[str]:
+    """Return the labels that occur.
+
+    Parameters
+    ----------
+    labels : Labels
+
+    Returns
+    -------
+    list of str
+        Sorted.
+    """
+    return sorted(labels.names[code] for code in np.unique(labels.codes) if code >= 0)
+
+
+def among(path: str, there: Sequence[str], wheels: Collection[str]) -> list[str]:
+    """Choose among wheels.
+
+    Parameters
+    ----------
+    path : str
+        Of the input, for the message.
+    there : sequence of str
+    wheels : collection of str
+        As asked for; all if empty.
+
+    Returns
+    -------
+    list of str
+        In the order of `there`.
+
+    Raises
+    ------
+    InputError
+        One is not there.
+    """
+    found = {name: match_name(name, there) for name in wheels}
+    for name, match in found.items():
+        if match is None:
+            raise InputError(f"{path}: there is no wheel {name}", hint=f"it has {', '.join(there)}")
+    return [name for name in there if not wheels or name in found.values()]

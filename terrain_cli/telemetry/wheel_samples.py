@@ -1,0 +1,224 @@
+"""The samples of one wheel: every channel on the clock of its torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
+
+import numpy as np
+
+from formats import Labels
+from terrain_cli.telemetry.raw_columns import take
+from terrain_cli.vocabulary.units import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from formats import Column
+    from terrain_cli.mechanics.wheel_model import WheelGeometry
+    from terrain_cli.rover import Noise
+    from terrain_cli.telemetry.channel_sources import Feed
+
+#: What the line y = c + x tan φ is computed from.
+NEEDED = ("load", "torque", "sinkage", "slip")
+
+
+class Notice(str):
+    """A remark that every command says on stderr, whatever else it shows."""
+
+    __slots__ = ()
+
+
+class Line(TypedDict):
+    """Geometry and shear modulus, in m, by the names that the equations of the line have."""
+
+    radius: float
+    width: float
+    shear_modulus: float
+
+
+class Geometry(NamedTuple):
+    """Of a wheel, and the shear modulus assumed of its soil.
+
+    Parameters
+    ----------
+    radius, width, shear_modulus : float
+        r, b and k in m.
+    grouser_height : float
+        In m.
+    grouser_count : int
+    gravity : float
+        In m/s².
+    """
+
+    radius: float
+    width: float
+    shear_modulus: float
+    grouser_height: float = 0.0
+    grouser_count: int = 0
+    gravity: float = STANDARD_GRAVITY
+
+    @property
+    def line(self) -> Line:
+        """What the line y = c + x tan φ is computed with."""
+        return Line(radius=self.radius, width=self.width, shear_modulus=self.shear_modulus)
+
+    @property
+    def wheel(self) -> WheelGeometry:
+        """The constants of the wheel for the whole model."""
+        from terrain_cli.mechanics.wheel_model import WheelGeometry
+
+        return WheelGeometry(self.radius, self.width, self.grouser_height, self.grouser_count, self.gravity)
+
+
+@dataclass
+class Raw:
+    """The channels of one wheel on one clock, before anything is derived or judged.
+
+    Parameters
+    ----------
+    wheel : str
+    origin : float
+        Whole seconds taken off the clock.
+    time : ndarray, shape (n,), or None
+        In s.
+    channels : dict of str to ndarray, shape (n,)
+        In SI units.
+    labels : dict of str to Labels
+    extras : dict of str to ndarray or Labels, shape (n,)
+        Further columns that were asked for, as read.
+    feeds : dict of str to Feed
+    remarks : list of str
+    """
+
+    wheel: str
+    origin: float
+    time: NDArray[np.float64] | None
+    channels: dict[str, NDArray[np.float64]]
+    labels: dict[str, Labels]
+    extras: dict[str, Column]
+    feeds: dict[str, Feed]
+    remarks: list[str] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        columns = (*self.channels.values(), *self.labels.values(), *self.extras.values())
+        return len(self.time) if self.time is not None else max(map(len, columns), default=0)
+
+    def select(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> None:
+        """Keep some samples only.
+
+        Parameters
+        ----------
+        rows : ndarray
+            Indices, or a mask.
+        """
+        self.time = None if self.time is None else self.time[rows]
+        self.channels = {name: values[rows] for name, values in self.channels.items()}
+        self.labels = {name: Labels(column.codes[rows], column.names) for name, column in self.labels.items()}
+        self.extras = {name: take(column, rows) for name, column in self.extras.items()}
+
+
+@dataclass
+class Samples:
+    """One wheel of one input.
+
+    Parameters
+    ----------
+    source : str
+        The input, as the user named it.
+    wheel : str
+    geometry : Geometry
+    origin : float
+        Whole seconds that were taken off the clock.
+    time : ndarray, shape (n,), or None
+        s since `origin`; None for a table of steady test points.
+    channels : dict of str to ndarray, shape (n,)
+        By the names of the contract, in SI units; NaN where not known.
+    labels : dict of str to Labels
+        "run" and "terrain", where the input has them.
+    stretch : ndarray of int, shape (n,)
+        Number of the continuous stretch: a new one begins with every run, gap or restart of the clock.
+    distance : ndarray, shape (n,), or None
+        Metres driven since the first sample; None where no channel tells.
+    set_aside : Labels
+        Why a sample is not used; code −1 for those that are.
+    origins : dict of str to str
+        Where each channel comes from, in words.
+    remarks : list of str
+        What a person should know about the input.
+    drivers : dict of str to ndarray, shape (n,)
+        What makes a difference to the effects of the model, by the names they have there.
+    noise : mapping of str to Noise
+        What rover.toml says of the sensors, by channel.
+    drive : ndarray of int, shape (n,), or None
+        Where only pieces of a log were kept: number of the continuous stretch of the log that each
+        sample is of. `stretch` then tells the pieces apart.
+    total : int or None
+        Usable samples of the log, where only pieces of it were kept.
+    """
+
+    source: str
+    wheel: str
+    geometry: Geometry
+    origin: float
+    time: NDArray[np.float64] | None
+    channels: dict[str, NDArray[np.float64]]
+    labels: dict[str, Labels]
+    stretch: NDArray[np.intp]
+    distance: NDArray[np.float64] | None
+    set_aside: Labels
+    origins: dict[str, str] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+    drivers: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    noise: Mapping[str, Noise] = field(default_factory=dict)
+    drive: NDArray[np.intp] | None = None
+    total: int | None = None
+
+    def __len__(self) -> int:
+        return len(self.set_aside)
+
+    @property
+    def usable(self) -> NDArray[np.intp]:
+        """Indices of the samples that are not set aside."""
+        return np.flatnonzero(self.set_aside.codes < 0)
+
+    def taken(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Samples:
+        """Return some of the samples.
+
+        Parameters
+        ----------
+        rows : ndarray or slice
+            Indices, or a mask.
+
+        Returns
+        -------
+        Samples
+        """
+        labelled = {name: Labels(column.codes[rows], column.names) for name, column in self.labels.items()}
+        return replace(
+            self,
+            time=None if self.time is None else self.time[rows],
+            channels={name: column[rows] for name, column in self.channels.items()},
+            labels=labelled,
+            stretch=self.stretch[rows],
+            distance=None if self.distance is None else self.distance[rows],
+            set_aside=Labels(self.set_aside.codes[rows], self.set_aside.names),
+            drivers={name: column[rows] for name, column in self.drivers.items()},
+            drive=None if self.drive is None else self.drive[rows],
+        )
+
+    def reasons(self) -> dict[str, int]:
+        """Count the samples set aside by reason.
+
+        Returns
+        -------
+        dict of str to int
+            Only reasons that occur, the most frequent first.
+        """
+        codes = self.set_aside.codes
+        counts = np.bincount(codes[codes >= 0], minlength=len(self.set_aside.names))
+        return {
+            self.set_aside.names[j]: int(counts[j]) for j in np.argsort(-counts, kind="stable") if counts[j]
+        }

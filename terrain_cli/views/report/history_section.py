@@ -1,0 +1,108 @@
+"""The history of the model, as a part of the page."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from terrain_cli.views import ladder_table as views
+from terrain_cli.views.report.page_parts import Chart, Section, Table
+from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.english import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from terrain_cli.improvement.error_ladder import Rung
+
+    Spec = dict[str, Any]
+
+#: In pixels.
+_HEIGHT = 220
+
+
+def history(entries: Sequence[Mapping[str, Any]]) -> Section:
+    """Return what the page shows of a model file's history.
+
+    Parameters
+    ----------
+    entries : sequence of mapping
+        [[history]] of the model file.
+
+    Returns
+    -------
+    Section
+        Empty, and so not shown, where there is none.
+    """
+    if not entries:
+        return Section("history", "How the model came about")
+    from terrain_cli.improvement.error_ladder import channels, rungs
+
+    ladder = rungs(entries)
+    head, rows = views.table(ladder)
+    note = "rms errors on stretches of the data that were not fitted, before and after each change."
+    table = Table(
+        "Held-out errors, change by change", [word.capitalize() for word in head], rows, _FIGURES, note
+    )
+    charts = [_chart(ladder, name) for name in channels(ladder)]
+    points = [f"{remark}." for remark in views.remarks(ladder)]
+    return Section("history", "How the model came about", points=points, parts=[*charts, table])
+
+
+_FIGURES = frozenset(range(3, 8))
+
+
+def _chart(ladder: Sequence[Rung], name: str) -> Chart:
+    known = views.measured(ladder, name)
+    what = quantities.quantity(name, known[0][1].unit)
+    first, last = known[0][1].before.value, known[-1][1].after.value
+    told = " to ".join(f"{quantities.number(value * what.factor)} {what.unit}" for value in (first, last))
+    return Chart(
+        f"Held-out error of {what.words}",
+        f"Held-out rms error of {what.words} before and after {counted(len(known), 'change')}: from {told}.",
+        _spec(ladder, name),
+    )
+
+
+def _spec(ladder: Sequence[Rung], name: str) -> Spec:
+    import altair as alt
+
+    from terrain_cli.views.chart_style import COLOURS, INK
+    from terrain_cli.views.report.chart_sheet import Sheet, scale
+
+    known = views.measured(ladder, name)
+    what = quantities.quantity(name, known[0][1].unit)
+    steps = [f"{rung.number} {rung.label}" for rung, _ in known]
+    columns: dict[str, list[Any]] = {"step": [], "when": [], "value": [], "low": [], "high": []}
+    for step, (_, one) in zip(steps, known, strict=True):
+        for when, interval in (("before", one.before), ("after", one.after)):
+            numbers = (v * what.factor for v in interval)
+            for column, cell in zip(columns.values(), (step, when, *numbers), strict=True):
+                column.append(cell)
+    sheet = Sheet()
+    x = alt.X("step:N", sort=None, title=None, axis=alt.Axis(labelAngle=-25, labelLimit=200))
+    aside = alt.XOffset("when:N", sort=["before", "after"], scale=alt.Scale(paddingOuter=0.6))
+    # Of one title and one domain, so that they share a legend.
+    sides: dict[str, Any] = {"domain": ["before", "after"]}
+    legend = alt.Legend(title="held-out; bar: noise")
+    kind = {
+        "shape": alt.Shape("when:N", scale=alt.Scale(**sides, range=["circle", "square"]), legend=legend),
+        "fill": alt.Fill("when:N", scale=alt.Scale(**sides, range=["white", COLOURS[0]]), legend=legend),
+    }
+    title = f"rms error{what.in_unit}"
+    y = alt.Y("value:Q", title=title, scale=scale(0.0, views.top(known) * what.factor))
+    tips = [
+        alt.Tooltip("step:N", title="change"),
+        alt.Tooltip("when:N", title=" "),
+        *(alt.Tooltip(f"{key}:Q", title=title) for key, title in _TIPS),
+    ]
+    base = sheet.chart(**columns).encode(x=x, xOffset=aside)
+    bars = base.mark_rule(color=COLOURS[0], clip=True).encode(y=alt.Y("low:Q", title=title), y2="high:Q")
+    points = base.mark_point(stroke=COLOURS[0], size=60, opacity=1.0).encode(y=y, tooltip=tips, **kind)
+    noise = sheet.chart(step=steps, noise=[one.noise * what.factor for _, one in known])
+    level = noise.mark_tick(color=INK, thickness=1.5, strokeDash=[2, 2]).encode(
+        x=x, y="noise:Q", tooltip=[alt.Tooltip("noise:Q", title=f"noise{what.in_unit}")]
+    )
+    return sheet.finished([level, bars, points], _HEIGHT)
+
+
+_TIPS = (("value", "held-out error"), ("low", "2.5 %"), ("high", "97.5 %"))

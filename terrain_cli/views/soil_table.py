@@ -1,0 +1,115 @@
+"""What a comparison says of the soil: the table of segments, and moments to look under the rim."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from terrain_cli.estimation import WindowEstimates
+from terrain_cli.estimation.estimators import estimate_lines
+from terrain_cli.estimation.wheel_fit import as_window_estimates
+from terrain_cli.presentation import segment_table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike
+
+    from terrain_cli.comparison.comparison_outcome import Comparison, WheelComparison
+    from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
+
+#: Wheels under whose rim one looks.
+MOST_MOMENTS = 4
+
+
+class Moment(NamedTuple):
+    """One wheel at one time, on a soil that was estimated.
+
+    Parameters
+    ----------
+    title : str
+    model : Model
+        With the base "wong-reece".
+    wheel : WheelGeometry
+    channels : mapping of str to ndarray, shape (1,)
+    values : mapping of str to float
+        Of all parameters.
+    """
+
+    title: str
+    model: Model
+    wheel: WheelGeometry
+    channels: Mapping[str, ArrayLike]
+    values: Mapping[str, float]
+
+
+def table(comparison: Comparison) -> segment_table.Table:
+    """Return the soil that the model finds in every segment.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    dict of str to list or ndarray
+        The columns of `segment_table.COLUMNS`.
+    """
+    return segment_table.join([_of_wheel(wheel) for wheel in comparison.wheels])
+
+
+def _of_wheel(wheel: WheelComparison) -> dict[str, Any]:
+    windows, fit = wheel.windows, wheel.fit
+    line = estimate_lines(windows) if windows.lined else _no_line(len(windows))
+    fitted = as_window_estimates(fit, line)
+    return segment_table.table(windows, replace(fitted, n=fit.n, shear_modulus=fit.values["shear_modulus"]))
+
+
+def _no_line(n: int) -> WindowEstimates:
+    """Return the linear estimates of windows without torque or sinkage: nothing is known."""
+    nothing = np.full(n, np.nan)
+    return WindowEstimates(**dict.fromkeys((f.name for f in fields(WindowEstimates)), nothing))
+
+
+def moments(comparison: Comparison) -> list[Moment]:
+    """Choose a moment of each wheel: the middle of the sinkages in its longest segment.
+
+    Parameters
+    ----------
+    comparison : Comparison
+
+    Returns
+    -------
+    list of Moment
+        Of the first few wheels whose sinkage is measured; none of the linear base, whose stresses
+        are triangles.
+    """
+    found = (_moment(wheel) for wheel in comparison.wheels if wheel.model.base == "wong-reece")
+    return [moment for moment in found if moment is not None][:MOST_MOMENTS]
+
+
+def _moment(wheel: WheelComparison) -> Moment | None:
+    samples, windows, fit = wheel.samples, wheel.windows, wheel.fit
+    sinkage = samples.channels.get("sinkage")
+    length = np.where(np.isfinite(fit.values["cohesion"]), np.diff(windows.bounds), 0)
+    if sinkage is None or not length.any():
+        return None
+    window = int(np.argmax(length))
+    values = {name: float(column[window]) for name, column in fit.values.items()} | fit.shared
+    rows = windows.rows[windows.bounds[window] : windows.bounds[window + 1]]
+    columns = {**samples.channels, **samples.drivers}
+    needed = ("slip", "sinkage", *(name for name in wheel.model.needs if name in columns))
+    rows = rows[np.all([np.isfinite(columns[name][rows]) for name in needed], axis=0)]
+    if not len(rows) or not wheel.model.parameters.keys() <= values.keys():
+        return None
+    row = rows[np.argsort(sinkage[rows], kind="stable")[len(rows) // 2]]
+    return Moment(
+        f"wheel {wheel.wheel}, segment {window + 1}: z = {1e3 * sinkage[row]:.1f} mm, "
+        f"i = {samples.channels['slip'][row]:.2f}",
+        wheel.model,
+        samples.geometry.wheel,
+        {name: column[row : row + 1] for name, column in columns.items() if np.isfinite(column[row])},
+        values,
+    )

@@ -1,0 +1,1 @@
+"""What things are called, and in which unit: channels, units, quantities, choices."""

@@ -1,0 +1,111 @@
+"""What axes and tables call things: names, symbols, and the units a person reads."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from terrain_cli.vocabulary.channels import CHANNELS
+
+#: SI unit → the unit shown, and the factor from one to the other.
+_SHOWN = {
+    "1": ("", 1.0),
+    "Pa": ("kPa", 1e-3),
+    "rad": ("°", 57.29577951308232),
+    "rad/s": ("°/s", 57.29577951308232),
+    "rad/s²": ("°/s²", 57.29577951308232),
+}
+#: Lengths are shown in m, save these.
+_IN_MM = frozenset({"sinkage"})
+#: Drivers that no log holds.
+_DERIVED = frozenset({"wheel_angle"})
+#: The forces on a wheel, in the order in which they are shown.
+PREDICTED = ("torque", "drawbar_pull", "sinkage")
+
+
+class Quantity(NamedTuple):
+    """Something measured, as it is shown.
+
+    Parameters
+    ----------
+    words, symbol, unit : str
+        Name, symbol and unit; the latter two may be empty.
+    factor : float
+        From SI to `unit`.
+    """
+
+    words: str
+    symbol: str
+    unit: str
+    factor: float
+
+    @property
+    def label(self) -> str:
+        """Name, symbol and unit: "torque T (N m)"."""
+        symbol = f" {self.symbol}" if self.symbol and self.symbol != self.words else ""
+        return f"{self.words}{symbol}{self.in_unit}"
+
+    @property
+    def in_unit(self) -> str:
+        """The unit in brackets behind a space, or nothing."""
+        return f" ({self.unit})" if self.unit else ""
+
+
+def quantity(name: str, unit: str) -> Quantity:
+    """Return how a channel or driver is shown.
+
+    Parameters
+    ----------
+    name : str
+    unit : str
+        SI; empty where it is not known.
+
+    Returns
+    -------
+    Quantity
+    """
+    channel = CHANNELS.get(name)
+    shown, factor = ("mm", 1e3) if name in _IN_MM and unit == "m" else _SHOWN.get(unit, (unit, 1.0))
+    return Quantity(
+        name.replace("_", " ") if channel or name in _DERIVED else name,
+        channel.symbol if channel else "",
+        shown,
+        factor,
+    )
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Write a number for a person: so many digits, no exponent where it is of common size, – where unknown.
+
+    Parameters
+    ----------
+    value : float
+    digits : int
+
+    Returns
+    -------
+    str
+    """
+    if value != value:  # noqa: PLR0124 - NaN
+        return "–"
+    text = f"{value:.{digits}g}"
+    if "e" in text and 1e-4 <= abs(value) < 1e7:
+        text = f"{value:.0f}" if abs(value) >= 1.0 else f"{value:.6f}".rstrip("0")
+    return text.replace("-", "−")
+
+
+def plus_minus(value: float, error: float) -> str:
+    """Write a value with its standard error, to the digits that the error leaves.
+
+    Parameters
+    ----------
+    value, error : float
+
+    Returns
+    -------
+    str
+        The value alone where the error is not known.
+    """
+    if not error > 0.0 or error == float("inf") or value != value:  # noqa: PLR0124 - NaN
+        return number(value)
+    digits = max(0, 1 - int(f"{error:.1e}".partition("e")[2]))
+    return f"{value:.{digits}f} ± {error:.{digits}f}".replace("-", "−")

@@ -1,0 +1,1 @@
+"""Windows: samples that belong together, because the terrain is one."""

@@ -1,0 +1,356 @@
+"""Windows of homogeneous terrain: which usable samples belong together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypedDict
+
+import numpy as np
+
+from terrain_cli.errors import InputError, UsageError
+from terrain_cli.mechanics import linear
+from terrain_cli.telemetry.wheel_samples import NEEDED
+from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
+from terrain_cli.windows import segmentation
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.telemetry.wheel_samples import Samples
+    from terrain_cli.vocabulary.choices import Segments
+
+#: Samples of an unbroken piece where windows are thinned, the fewest pieces of a window, and what is
+#: kept of one at least.
+_PIECE, _FEWEST, _LEAST_KEPT = 1000, 4, 200
+
+
+#: Windows of one input, some 1.5 kB each with their rows; judged: more than anyone reads, in 3 GB.
+MOST = 2_000_000
+
+
+class Measured(TypedDict):
+    """What the estimators take, of the usable samples: shape (n,), SI units."""
+
+    load: NDArray[np.float64]
+    torque: NDArray[np.float64]
+    sinkage: NDArray[np.float64]
+    slip: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """The windows of one wheel.
+
+    Parameters
+    ----------
+    samples : Samples
+    rows : ndarray of int, shape (n,)
+        The usable samples, as indices into `samples`.
+    bounds : ndarray of int, shape (windows + 1,)
+        Window j is ``rows[bounds[j]:bounds[j + 1]]``.
+    x, y : ndarray, shape (n,)
+        Coordinates in Pa of the line y = c + x tan φ of each usable sample; NaN without torque or
+        sinkage, and where the wheel skids, which no line covers.
+    """
+
+    samples: Samples
+    rows: NDArray[np.intp]
+    bounds: NDArray[np.intp]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.bounds) - 1
+
+    @property
+    def lined(self) -> bool:
+        """Whether torque and sinkage are there, without which no sample has a line."""
+        return _lined(self.samples)
+
+    def measured(self) -> Measured:
+        """Return load, torque, sinkage and slip of the usable samples, in SI units.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+        """
+        return _measured(self.samples, self.rows)
+
+    @property
+    def driving(self) -> NDArray[np.bool_]:
+        """Which of the usable samples are of a wheel that does not skid, shape (n,)."""
+        return np.asarray(at_rows(self.samples.channels["slip"], self.rows) >= 0.0)
+
+    def on_line(self) -> Windows:
+        """Return the same windows without the samples of a skidding wheel.
+
+        Returns
+        -------
+        Windows
+        """
+        driving = self.driving
+        if driving.all():
+            return self
+        before = np.concatenate([[0], np.cumsum(driving)])
+        return replace(
+            self, rows=self.rows[driving], bounds=before[self.bounds], x=self.x[driving], y=self.y[driving]
+        )
+
+
+def at_rows(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """Return some values of a column: the column itself, not a copy, where these are all.
+
+    Parameters
+    ----------
+    column : ndarray, shape (n,)
+    rows : ndarray of int
+
+    Returns
+    -------
+    ndarray
+    """
+    return column[which(rows, len(column))]
+
+
+def which(rows: NDArray[np.intp], n: int) -> NDArray[np.intp] | slice:
+    """Return an index of rows that makes no copy where these are all, in their order.
+
+    Parameters
+    ----------
+    rows : ndarray of int
+    n : int
+        How many there are.
+
+    Returns
+    -------
+    ndarray of int or slice
+    """
+    return slice(None) if len(rows) == n and bool(np.all(rows[1:] > rows[:-1])) else rows
+
+
+def _lined(samples: Samples) -> bool:
+    return {"torque", "sinkage"} <= samples.channels.keys()
+
+
+def _measured(samples: Samples, rows: NDArray[np.intp]) -> Measured:
+    index = which(rows, len(samples))
+    load, torque, sinkage, slip = (samples.channels[name][index] for name in NEEDED)
+    return Measured(load=load, torque=torque, sinkage=sinkage, slip=slip)
+
+
+def line(samples: Samples, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the coordinates x and y of samples on the soil's line.
+
+    Parameters
+    ----------
+    samples : Samples
+    rows : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    x, y : ndarray, shape (n,)
+        In Pa.
+    """
+    return linear.line_coordinates(**_measured(samples, rows), **samples.geometry.line)
+
+
+def _coordinates(
+    samples: Samples, rows: NDArray[np.intp], driving: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return x and y of some rows, NaN of those that are not driving."""
+    if len(driving) == len(rows):
+        return line(samples, rows)
+    x, y = _unknown(rows)
+    x[driving], y[driving] = line(samples, rows[driving])
+    return x, y
+
+
+def _unknown(rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    return np.full((2, len(rows)), np.nan)
+
+
+def cut(
+    samples: Samples,
+    method: Segments = "auto",
+    *,
+    min_samples: int | None = None,
+    window_samples: int | None = None,
+    window_distance: float | None = None,
+    before: int = 0,
+) -> Windows:
+    """Cut the usable samples of a wheel into windows.
+
+    Parameters
+    ----------
+    samples : Samples
+    method : {"auto", "fixed", "terrain", "none"}
+        Where the soil's line changes; every so many samples or metres; where the terrain label
+        changes; one window for each continuous stretch. Of a table of steady test points, and of
+        samples without torque, "auto" makes one window for each terrain label, or one of all.
+    min_samples : int, optional
+        Least number of samples of a window that "auto" makes; 10 if not given.
+    window_samples : int, optional
+        Length of the windows of "fixed".
+    window_distance : float, optional
+        The same in m; for "auto" the least length of a window.
+    before : int
+        Usable samples of the first stretch that came before these, which are a part of a long log.
+
+    Returns
+    -------
+    Windows
+
+    Raises
+    ------
+    UsageError
+        "fixed" without a length.
+    InputError
+        "terrain" without terrain labels; a length in metres where no channel gives the distance.
+    """
+    rows = samples.usable
+    labels = samples.labels.get("terrain")
+    lined = _lined(samples)
+    if method == "auto" and (samples.time is None or not lined):
+        # Steady test points have no order in which the soil could change, and without torque and sinkage
+        # there is no line whose change would show it.
+        method = "none" if labels is None else "terrain"
+    if samples.time is None and labels is not None and method == "terrain":
+        rows = rows[np.argsort(labels.codes[rows], kind="stable")]
+    index = which(rows, len(samples))
+    driving = np.flatnonzero(samples.channels["slip"][index] >= 0.0)
+    x, y = _coordinates(samples, rows, driving) if lined else _unknown(rows)
+    # A soil goes on between pieces of one drive.
+    stretch = (samples.stretch if samples.drive is None else samples.drive)[index]
+    breaks = np.flatnonzero(np.diff(stretch)) + 1
+    distance = samples.distance[index] if samples.distance is not None else None
+    if method == "terrain":
+        if labels is None:
+            raise InputError(
+                f"{samples.source}: wheel {samples.wheel}: there is no terrain label to cut by",
+                hint='add terrain = { column = "…" } under [channels] of rover.toml, or use --segments auto',
+            )
+        bounds = segmentation.label_windows(labels.codes[rows], breaks=breaks)
+    elif method == "fixed":
+        if (window_samples is None) == (window_distance is None):
+            raise UsageError(
+                "--segments fixed needs the length of a window",
+                hint="give --window-samples N or --window-distance M",
+            )
+        if window_distance is not None and distance is None:
+            raise InputError(
+                f"{samples.source}: wheel {samples.wheel}: nothing gives the distance (velocity, or x and y)",
+                hint="use --window-samples N",
+            )
+        bounds = segmentation.fixed_windows(
+            len(rows), samples=window_samples, metres=window_distance, distance=distance, breaks=breaks
+        )
+    elif method == "auto":
+        lined_up = which(driving, len(rows))
+        own = breaks if len(driving) == len(rows) else np.flatnonzero(np.diff(stretch[lined_up])) + 1
+        changes = segmentation.change_points(
+            x[lined_up],
+            y[lined_up],
+            breaks=own,
+            distance=None if distance is None else distance[lined_up],
+            min_samples=CUT_SAMPLES if min_samples is None else min_samples,
+            min_distance=MIN_DISTANCE if window_distance is None else window_distance,
+            before=before,
+        )
+        # A wheel that skids between two soils belongs to the first: no line tells.
+        inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
+        bounds = segmentation.whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))
+    else:
+        bounds = segmentation.whole_windows(len(rows), breaks=breaks)
+    return Windows(samples, rows, bounds, x, y)
+
+
+def check_number(source: str, count: int) -> None:
+    """Refuse more windows than can be held.
+
+    Parameters
+    ----------
+    source : str
+        The input.
+    count : int
+        Windows of all its wheels so far.
+
+    Raises
+    ------
+    InputError
+    """
+    if count > MOST:
+        raise InputError(
+            f"{source}: more than {MOST:,} segments",
+            hint="make them longer (--window-samples, --window-distance, --min-samples), or split the log",
+        )
+
+
+def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, NDArray[np.intp]] | None:
+    """Join the windows of each terrain to one; all of them where there are no terrain labels.
+
+    Parameters
+    ----------
+    windows : Windows
+    step : int
+        Every so many samples are taken.
+
+    Returns
+    -------
+    windows : Windows
+        Its samples ordered by terrain.
+    order : ndarray of int
+        Which usable sample each of them was.
+
+    None where every window is on a terrain of its own already.
+    """
+    labels, rows = windows.samples.labels.get("terrain"), windows.rows
+    terrain = np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
+    order = np.argsort(terrain, kind="stable")[::step]
+    names, counts = np.unique(terrain[order], return_counts=True)
+    if len(names) >= len(windows):
+        return None
+    joined = replace(
+        windows,
+        rows=rows[order],
+        bounds=np.concatenate([[0], np.cumsum(counts)]).astype(np.intp),
+        x=windows.x[order],
+        y=windows.y[order],
+    )
+    return joined, order
+
+
+def thinned(windows: Windows, share: float) -> Windows:
+    """Keep a share of the samples of every window, in unbroken pieces spread evenly over it.
+
+    Parameters
+    ----------
+    windows : Windows
+    share : float
+        Between 0 and 1; of short windows more is kept.
+
+    Returns
+    -------
+    Windows
+        The same windows. Samples of different pieces belong to different stretches.
+    """
+    kept, sizes = [], []
+    for start, stop in zip(windows.bounds[:-1], windows.bounds[1:], strict=True):
+        size = int(stop - start)
+        wanted = min(size, max(_LEAST_KEPT, round(size * share)))
+        pieces = max(_FEWEST, round(wanted / _PIECE)) if wanted < size else 1
+        length = wanted // pieces
+        begins = np.linspace(0, size - length, pieces).astype(int)
+        kept.append(start + (begins[:, None] + np.arange(length)).ravel())
+        sizes.append(pieces * length)
+    index = np.concatenate([np.zeros(0, dtype=np.intp), *kept])
+    rows = windows.rows[index]
+    stretch = windows.samples.stretch.copy()
+    breaks = (np.diff(index) != 1) | (np.diff(stretch[rows]) != 0)
+    stretch[rows] = np.cumsum(np.concatenate([[False], breaks])[: len(rows)])
+    return Windows(
+        replace(windows.samples, stretch=stretch),
+        rows,
+        np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp),
+        windows.x[index],
+        windows.y[index],
+    )

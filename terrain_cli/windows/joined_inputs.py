@@ -1,0 +1,144 @@
+"""Inputs of one wheel joined to one log, so that what is the wheel's own is the same in all of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from formats import Labels
+from terrain_cli.telemetry.derive import effect_inputs
+from terrain_cli.windows.cut_windows import Windows
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.effects import Effect
+    from terrain_cli.telemetry import Samples
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: s between the end of an input and the start of the next.
+_PAUSE = 1000.0
+
+
+def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list[Windows]:
+    """Join what was measured of the same wheel in several inputs.
+
+    Parameters
+    ----------
+    several : sequence of Windows
+        Read for a comparison: with every channel.
+    effects : iterable of Effect
+        What they need is computed, as far as the channels allow.
+
+    Returns
+    -------
+    list of Windows
+        One for each wheel and geometry, of which tables of test points and logs are kept apart. The
+        windows are those of the inputs; each input has runs of its own.
+    """
+    effects = list(effects)
+    parts: dict[tuple[object, ...], list[Windows]] = {}
+    for windows in several:
+        samples = windows.samples
+        drivers = {**samples.drivers, **effect_inputs.of_samples(samples, effects)}
+        known = replace(windows, samples=replace(samples, drivers=drivers))
+        parts.setdefault((samples.wheel, samples.geometry, samples.time is None), []).append(known)
+    # Where the grousers stood as each input began shows only in all of them.
+    turning = [effect for effect in effects if effect_inputs.ANGLE in effect.reads]
+    return [_joined(some, turning) if len(some) > 1 else some[0] for some in parts.values()]
+
+
+def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
+    samples = [windows.samples for windows in parts]
+    sizes = [len(one) for one in samples]
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    stretches = np.concatenate([[0], np.cumsum([_count(one.stretch) for one in samples])])
+    bounds = np.concatenate([[0], np.cumsum([len(windows.rows) for windows in parts])])
+    first = samples[0]
+    joined = replace(
+        first,
+        source=", ".join(dict.fromkeys(one.source for one in samples)),
+        time=_times(samples),
+        channels=_columns(samples, lambda one: one.channels),
+        labels=_labels(samples),
+        drive=None,
+        total=None,
+        stretch=np.concatenate([one.stretch + at for one, at in zip(samples, stretches, strict=False)]),
+        distance=None
+        if any(one.distance is None for one in samples)
+        else np.concatenate([one.distance for one in samples if one.distance is not None]),
+        set_aside=_one_label([one.set_aside for one in samples]),
+        remarks=[remark for one in samples for remark in one.remarks],
+        drivers=_columns(samples, lambda one: one.drivers),
+    )
+    joined.drivers.update(effect_inputs.of_samples(joined, turning))
+    return Windows(
+        joined,
+        np.concatenate([windows.rows + at for windows, at in zip(parts, starts, strict=False)]),
+        np.concatenate(
+            [[0], *(windows.bounds[1:] + at for windows, at in zip(parts, bounds, strict=False))]
+        ).astype(np.intp),
+        np.concatenate([windows.x for windows in parts]),
+        np.concatenate([windows.y for windows in parts]),
+    )
+
+
+def _count(stretch: Index) -> int:
+    return 1 + int(stretch.max(initial=-1))
+
+
+def _times(samples: Sequence[Samples]) -> Array | None:
+    """Let each input begin after the one before it has ended, whatever its clock says."""
+    parts, end = [], 0.0
+    for one in samples:
+        if one.time is None:
+            return None
+        known = one.time[np.isfinite(one.time)]
+        start = float(known.min()) if len(known) else 0.0
+        moved = one.time - start + end
+        parts.append(moved)
+        end = float(np.nanmax(moved, initial=end)) + _PAUSE
+    return np.concatenate(parts)
+
+
+def _columns(samples: Sequence[Samples], of: Callable[[Samples], dict[str, Array]]) -> dict[str, Array]:
+    names = dict.fromkeys(name for one in samples for name in of(one))
+    return {
+        name: np.concatenate([of(one).get(name, np.full(len(one), np.nan)) for one in samples])
+        for name in names
+    }
+
+
+def _labels(samples: Sequence[Samples]) -> dict[str, Labels]:
+    """Join the labels; runs of different inputs are different, and an input without them is one."""
+    found = {}
+    for name in dict.fromkeys(["run", *(name for one in samples for name in one.labels)]):
+        parts = []
+        for number, one in enumerate(samples):
+            own = one.labels.get(name)
+            if name == "run" and own is None:
+                parts.append(Labels(np.zeros(len(one), dtype=np.int32), (f"input {number + 1}",)))
+            elif own is None:
+                parts.append(Labels(np.full(len(one), -1, dtype=np.int32), ()))
+            elif name == "run":
+                parts.append(Labels(own.codes, tuple(f"input {number + 1} {run}" for run in own.names)))
+            else:
+                parts.append(own)
+        found[name] = _one_label(parts)
+    return found
+
+
+def _one_label(parts: Sequence[Labels]) -> Labels:
+    names = tuple(dict.fromkeys(name for part in parts for name in part.names))
+    codes = []
+    for part in parts:
+        place = np.array([names.index(name) for name in part.names], dtype=np.int32)
+        known = part.codes >= 0
+        codes.append(np.where(known, place[np.where(known, part.codes, 0)], -1) if len(place) else part.codes)
+    return Labels(np.concatenate(codes).astype(np.int32), names)

@@ -1,0 +1,13 @@
+"""Windows of homogeneous terrain along one wheel's drive."""
+
+from terrain_cli.windows.segmentation.change_points import PENALTY, TOLERANCE, change_points
+from terrain_cli.windows.segmentation.plain_windows import fixed_windows, label_windows, whole_windows
+
+__all__ = [
+    "PENALTY",
+    "TOLERANCE",
+    "change_points",
+    "fixed_windows",
+    "label_windows",
+    "whole_windows",
+]

@@ -1,0 +1,225 @@
+"""What a stretch of samples is in blocks of equal length, of which the last may be shorter.
+
+Everything that is asked of all samples is summed here, in one pass over them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.windows.segmentation.plain_windows import distinct
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: Rows of what `summed` returns: sums of x, y, x², xy and y²;
+POWERS, SUMS, POWER_X, POWER_Y = slice(0, 5), slice(0, 2), 2, 4
+#: and of squares and products of the second differences of x and y, as far as they are noise.
+SECONDS = slice(5, 8)
+ROWS = 8
+
+#: Samples on either side from which the noise of a sample is learnt.
+REACH = 64
+#: A difference larger than this many mean differences is a step or a wild value, not noise.
+WILD = 3.0
+#: A sample further from its neighbours than this many mean steps is not the soil's doing.
+OUTLIER = 4.7
+
+#: Samples worked on at a time: few enough to stay in the processor's cache.
+_SLAB = 131_072
+
+
+def sizes(n: int, step: int) -> Index:
+    """Return the number of samples of each block.
+
+    Parameters
+    ----------
+    n : int
+        Samples, at least 1.
+    step : int
+        Samples in a block.
+
+    Returns
+    -------
+    ndarray of int, shape (blocks,)
+    """
+    number = np.full(-(-n // step), step, dtype=np.intp)
+    number[-1] = n - (len(number) - 1) * step
+    return number
+
+
+def reach(step: int) -> int:
+    """Return the blocks on either side from which the noise of a block is learnt."""
+    return max(1, round(REACH / step))
+
+
+def slabs(n: int, step: int) -> Iterator[Index]:
+    """Part blocks into runs.
+
+    Parameters
+    ----------
+    n, step : int
+        As for `sizes`.
+
+    Yields
+    ------
+    block : ndarray of int
+        Rising.
+    """
+    count, length = len(sizes(n, step)), max(1, _SLAB // step)
+    for first in range(0, count, length):
+        yield np.arange(first, min(first + length, count))
+
+
+def about(place: Index, n: int, step: int) -> Iterator[Index]:
+    """Part the blocks that depend on some samples into pieces, with what is around them as long as a run.
+
+    Parameters
+    ----------
+    place : ndarray of int, shape (k,)
+    n, step : int
+        As for `sizes`.
+
+    Yields
+    ------
+    block : ndarray of int
+        As from `slabs`.
+    """
+    away = 2 * reach(step) + 2
+    block = _beside(distinct(place // step), away, (n - 1) // step)
+    length = max(1, _SLAB // step // (2 * away))
+    for first in range(0, len(block), length):
+        yield block[first : first + length]
+
+
+def around(block: Index, n: int, step: int) -> Index:
+    """Return the blocks on which depends what `summed` tells of blocks, and these: rising."""
+    # At an end of the series means are those of its first or last blocks, as many as elsewhere.
+    return _beside(block, 2 * reach(step) + 1, (n - 1) // step)
+
+
+def _beside(block: Index, away: int, last: int) -> Index:
+    """Return rising blocks and all so far away from them, none behind the last."""
+    if is_run(block):
+        return np.arange(max(block[0] - away, 0), min(block[-1] + away, last) + 1)
+    return distinct(np.clip(block[:, None] + np.arange(-away, away + 1), 0, last).ravel())
+
+
+def is_run(block: Index) -> bool:
+    """Tell whether rising blocks have none left out between them."""
+    return bool(block[-1] - block[0] == len(block) - 1)
+
+
+def as_index(block: Index) -> Index | slice:
+    """Return rising blocks as a slice where they are a run, which is copied faster."""
+    return slice(int(block[0]), int(block[-1]) + 1) if is_run(block) else block
+
+
+def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Array, Index, Array]:
+    """Sum what is to be known of the samples over blocks, and look for samples far from a neighbour.
+
+    Parameters
+    ----------
+    x, y : ndarray, shape (n,)
+    step : int
+        Samples in a block.
+    scale : float
+        s, which brings y to the scale of x: a second difference is of size |Δ²x| + s |Δ²y|.
+    room : ndarray, shape (6, n rounded up to blocks)
+        Is overwritten.
+
+    Returns
+    -------
+    rows : ndarray, shape (8, blocks)
+        The first and the last sample have no second difference.
+    place : ndarray of int, shape (k,)
+        Rising, among them all samples of which a step of x or y, to or from them, is beyond the limit.
+    limit : ndarray, shape (2, k)
+        For x and y there.
+    """
+    n, number = len(x), sizes(len(x), step)
+    samples = len(number) * step
+    rows, mean = np.empty((ROWS, len(number))), np.empty((3, len(number)))
+    u, v = (
+        (series if n == samples else np.append(series, np.zeros(samples - n))).reshape(-1, step)
+        for series in (x, y)
+    )
+    rises, seconds, (size, spare) = room[:2, :samples], room[2:4, :samples], room[4:6, :samples]
+    for series, rise, second in zip((x, y), rises, seconds, strict=True):
+        rise[0] = rise[n:] = second[0] = second[n - 1 :] = 0.0
+        np.subtract(series[1:], series[:-1], out=rise[1:n])
+        np.subtract(rise[2:n], rise[1 : n - 1], out=second[1 : n - 1])
+        np.abs(rise, out=rise)
+    np.abs(np.multiply(seconds[1], scale, out=size), out=size)
+    size += np.abs(seconds[0], out=spare)
+    p, q, d, e, w = (series.reshape(-1, step) for series in (*rises, *seconds, size))
+    for row, factors in zip(
+        (*rows, *mean),
+        ((u,), (v,), (u, u), (u, v), (v, v), (d, d), (d, e), (e, e), (p,), (q,), (w,)),
+        strict=True,
+    ):
+        np.einsum("ij->i" if len(factors) == 1 else "ij,ij->i", *factors, out=row)
+
+    # There is no step to the first sample.
+    number[0] -= 1
+    moving_mean(mean, number, step, out=mean)
+    limit, most = OUTLIER * mean[:2], WILD * mean[2]
+    # A step is too large for the sample behind it or for that before it, perhaps of the block before.
+    least = limit.copy()
+    np.minimum(limit[:, 1:], limit[:, :-1], out=least[:, 1:])
+    beyond = ((p > least[0, :, None]) | (q > least[1, :, None])).ravel()
+    beyond[:-1] |= beyond[1:]
+    far = np.flatnonzero(beyond)
+    # Beyond the limit a second difference counts as if it were as long as that.
+    large = np.flatnonzero(w > most[:, None])
+    dx, dy, block = seconds[0, large], seconds[1, large], large // step
+    excess = 1.0 - (most[block] / size[large]) ** 2
+    rows[SECONDS] -= [
+        np.bincount(block, excess * product, len(number)) for product in (dx * dx, dx * dy, dy * dy)
+    ]
+    return rows, far, limit[:, far // step]
+
+
+def moving_mean(sums: Array, number: Index, step: int, out: Array | None = None) -> Array:
+    """Return the mean over blocks up to `REACH` samples away, near the ends over as many of them.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (k, blocks)
+        Of each block.
+    number : ndarray of int, shape (blocks,)
+        Of what is summed.
+    step : int
+        Samples in a block.
+    out : ndarray, shape (k, blocks), optional
+        For the means; it may be the sums.
+
+    Returns
+    -------
+    ndarray, shape (k, blocks)
+    """
+    blocks, near = len(number), reach(step)
+    width = min(2 * near + 1, blocks)
+    inner = _running(sums, width) / _running(number, width)
+    mean = np.empty(sums.shape) if out is None else out
+    first = min(near, blocks - 1)
+    last = first + inner.shape[1]
+    mean[:, :first], mean[:, first:last], mean[:, last:] = inner[:, :1], inner, inner[:, -1:]
+    return mean
+
+
+def _running(values: NDArray[np.number], width: int) -> NDArray[np.number]:
+    """Return the sums of so many values in a row: of halves, as cumulative sums are slow to make."""
+    if width == 1:
+        return values
+    half = width // 2
+    part = _running(values, half)
+    total = part[..., :-half] + part[..., half:]
+    return total if width == 2 * half else total[..., :-1] + values[..., width - 1 :]

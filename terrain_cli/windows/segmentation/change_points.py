@@ -1,0 +1,142 @@
+"""Change points of the relation y = c + x tan φ along a drive, and of nothing else.
+
+1. `sensor_noise`: the covariance of the noise of (x, y), from differences of neighbouring samples.
+2. `candidate_search`: candidates by exact optimal partitioning of blocks of samples, on cumulative moments.
+3. `merging`: candidates that chance, a load that moves along one line or the model's own misfit
+   explain are dropped, and the rest are moved to the very sample.
+
+The constants were chosen by benchmarks/segmentation_study.py; its table is in benchmarks/results.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.processes.memory import keep_freed
+from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
+from terrain_cli.windows.segmentation.candidate_search import Limits, candidates
+from terrain_cli.windows.segmentation.merging import Criteria, Criterion, Refinement
+from terrain_cli.windows.segmentation.plain_windows import checked_distance, distinct, whole_windows
+from terrain_cli.windows.segmentation.replaced_samples import Samples
+from terrain_cli.windows.segmentation.running_moments import LONG, Moments
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from terrain_cli.windows.segmentation.plain_windows import Bounds, Breaks
+
+    Array = NDArray[np.float64]
+
+#: Gain in units of the noise's variance, χ² with 2 degrees of freedom if there is no change. Chance
+#: exceeds 25 once in 270,000, and the best of all places in a clean run less than once in 300 runs.
+PENALTY = 25.0
+#: Share of the strength by which lines must differ, as the samples tell.
+TOLERANCE = 0.02
+#: The same in the samples beside the change, whose gain need only be this share of the penalty.
+BESIDE_TOLERANCE, BESIDE_SHARE = 0.05, 0.4
+#: Share of the strength by which lines must differ where that does not show.
+GRADUAL_TOLERANCE = 0.08
+#: A candidate need gain only this share of the penalty.
+CANDIDATE_SHARE = 0.5
+#: Longest blocks whose edges alone are searched, and samples of a stretch that may have `LONG` ones.
+_LONGEST, _LONG_SAMPLES = 15, 1 << 14
+#: Fewer samples than this are not searched: they tell nothing of their noise.
+_FEWEST = 6
+
+
+def change_points(
+    x: ArrayLike,
+    y: ArrayLike,
+    *,
+    breaks: Breaks = (),
+    distance: ArrayLike | None = None,
+    min_samples: int = CUT_SAMPLES,
+    min_distance: float = MIN_DISTANCE,
+    penalty: float | None = None,
+    before: int = 0,
+) -> Bounds:
+    """Find the windows in which one line y = c + x tan φ holds.
+
+    A step of load or slip moves (x, y) along the line of a soil and is no change. Constant load,
+    whose samples determine no line, is the rule and no special case. The same data give the same
+    windows; the time grows with the number of samples.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (n,)
+        Samples of one wheel in the order of time, in Pa, from `mechanics.linear.line_coordinates`.
+        Finite; any one scale of both gives the same windows.
+    breaks : sequence of int
+        Samples before which the series is interrupted: a new run, or a gap. Always bounds; what
+        lies on either side is searched by itself.
+    distance : array_like, shape (n,), optional
+        Metres driven up to each sample, never falling.
+    min_samples : int
+        Least number of samples of a window.
+    min_distance : float
+        Least length of a window in m, where `distance` is given. A stretch between breaks that is
+        shorter is a window all the same.
+    penalty : float, optional
+        What splitting a window must gain, in units of the noise's (long-run) variance; more gives
+        fewer windows. By default 25.
+    before : int
+        Samples of the first stretch that came before these: the longer a stretch, the coarser the
+        first search.
+
+    Returns
+    -------
+    ndarray of int, shape (windows + 1,)
+        Window j is ``[bounds[j], bounds[j + 1])``. The first bound is 0, the last is n.
+
+    Raises
+    ------
+    ValueError
+        x and y differ in shape or are not finite, a break lies outside 0 to n, the distance is not
+        finite or falls, or a least size or the penalty is not positive.
+
+    Notes
+    -----
+    Two clouds of samples always lie on one line. Where load and slip are constant on both sides of
+    a change of soil, it is found only if that line is none a soil can have (`line_costs`).
+    """
+    keep_freed()
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    if x.ndim != 1 or x.shape != y.shape:
+        raise ValueError(f"x and y are to be one series each of equal length, not {x.shape} and {y.shape}")
+    penalty = PENALTY if penalty is None else penalty
+    if min_samples < 1 or min_distance < 0.0 or not penalty > 0.0:
+        raise ValueError(f"{min_samples=}, {min_distance=} and {penalty=} must be positive")
+    bounds = whole_windows(len(x), breaks=breaks)
+    driven = None if distance is None else checked_distance(distance, len(x))
+    found = [bounds]
+    for a, b in pairwise(bounds):
+        metres = None if driven is None else np.append(driven[a:b], driven[b - 1])
+        block = _block_length(b - a, before if a == 0 else 0)
+        found.append(a + _changes(x[a:b], y[a:b], Limits(min_samples, min_distance, metres), penalty, block))
+    return distinct(np.concatenate(found).astype(np.intp))
+
+
+def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> Bounds:
+    """Find the change points of one stretch."""
+    n = len(x)
+    if n < max(2 * limits.samples, _FEWEST):
+        Samples(x, y).check_finite()
+        return np.array([0, n], dtype=np.intp)
+    moments = Moments(x, y, block)
+    bounds, factor = candidates(moments, limits, CANDIDATE_SHARE * penalty)
+    penalty *= factor
+    criteria = Criteria(
+        always=Criterion(penalty, TOLERANCE),
+        beside=Criterion(BESIDE_SHARE * penalty, BESIDE_TOLERANCE),
+        gradual=Criterion(penalty, GRADUAL_TOLERANCE),
+    )
+    return Refinement(moments, limits, criteria).settle(bounds)
+
+
+def _block_length(n: int, before: int) -> int:
+    """Return the samples in a block: 2 for hundreds of samples, 3 for a thousand, 10 for 10⁵, then `LONG`."""
+    length = max(int(0.57 * (n + before) ** 0.25 + 0.5), 1)
+    return LONG if length > _LONGEST and n >= _LONG_SAMPLES else min(length, _LONGEST)
