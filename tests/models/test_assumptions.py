@@ -119,7 +119,7 @@ def test_they_are_listed_and_shown_with_the_effects(terrain_est_here):
     found = json.loads(terrain_est_here("effects", "show", MODULUS, "slip-sinkage", "--json").stdout)
     assert [one["id"] for one in found["effects"]] == ["slip-sinkage"]
     assert [one["id"] for one in found["assumptions"]] == [MODULUS]
-    text = (Path(__file__).resolve().parent.parent / "docs" / "effects.md").read_text("utf-8")
+    text = (Path(__file__).resolve().parent.parent.parent / "docs" / "effects.md").read_text("utf-8")
     assert not [key for key in (*ASSUMPTIONS, *found["assumptions"][0]) if f"{key}" not in text]
 
 
