@@ -21,7 +21,7 @@ from uncatalogued import OUTSIDE  # noqa: E402 - as above
 
 from terrain_cli import models  # noqa: E402 - as above
 from terrain_cli.comparison.compare import fit_wheels  # noqa: E402 - as above
-from terrain_cli.comparison.fitted_wheel import Settings  # noqa: E402 - as above
+from terrain_cli.comparison.fitted_wheel import FitSettings  # noqa: E402 - as above
 from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
 from terrain_cli.effects import catalogue  # noqa: E402 - as above
 from terrain_cli.improvement import Stopped, fitted, until_quiet  # noqa: E402 - as above
@@ -210,7 +210,7 @@ def strength(seed, kind):
 
 
 def _residuals(seed, kind):
-    (wheel,), _ = fit_wheels(windows_of(seed, kind, "none"), Model(), Settings({}, {}, (), None))
+    (wheel,), _ = fit_wheels(windows_of(seed, kind, "none"), Model(), FitSettings({}, {}, (), None))
     return {name: float(np.sqrt(np.nanmean(one**2))) for name, one in wheel.residuals.items()}, len(wheel)
 
 

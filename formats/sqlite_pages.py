@@ -27,12 +27,12 @@ _MOST_COLUMNS = 100
 Value: TypeAlias = "int | float | str | bytes | None"
 
 
-class BrokenError(ValueError):
+class BrokenPageError(ValueError):
     """A page does not add up."""
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class PageCell:
     """One row of a table, or one entry of an index.
 
     Parameters
@@ -63,19 +63,19 @@ class Pages:
 
     Raises
     ------
-    BrokenError
+    BrokenPageError
         Its header does not add up.
     """
 
     def __init__(self, data: Any) -> None:
         if len(data) < HEADER or data[: len(MAGIC)] != MAGIC:
-            raise BrokenError("its header is cut off")
+            raise BrokenPageError("its header is cut off")
         self.data = data
         (size,) = struct.unpack_from(">H", data, 16)
         self.size = 65_536 if size == 1 else size
         self.usable = self.size - data[20]
         if self.size < 512 or self.size & (self.size - 1) or self.usable < 480:
-            raise BrokenError("its header contradicts itself")
+            raise BrokenPageError("its header contradicts itself")
         changes, self.stated, self.free, _ = struct.unpack_from(">IIII", data, 24)
         if changes != struct.unpack_from(">I", data, 92)[0]:
             self.stated = 0
@@ -93,22 +93,22 @@ class Pages:
         """Return what a page is by its first byte."""
         return int(self.data[self.start(page)])
 
-    def cells(self, page: int) -> Iterator[Cell]:
+    def cells(self, page: int) -> Iterator[PageCell]:
         """Yield the cells of a leaf of a table, or of a leaf or node of an index.
 
         Raises
         ------
-        BrokenError
+        BrokenPageError
         """
         code, start, first = self.code(page), self.start(page), (page - 1) * self.size
         node = code == INDEX_NODE
         head = 12 if node else 8
         (count,) = struct.unpack_from(">H", self.data, start + 3)
         if start + head + 2 * count > first + self.usable:
-            raise BrokenError(f"page {page}")
+            raise BrokenPageError(f"page {page}")
         for (offset,) in struct.iter_unpack(">H", self.data[start + head : start + head + 2 * count]):
             if offset < head + 2 * count or offset >= self.usable:
-                raise BrokenError(f"page {page}")
+                raise BrokenPageError(f"page {page}")
             at = first + offset + (4 if node else 0)
             size, at = varint(self.data, at)
             row = 0
@@ -116,21 +116,21 @@ class Pages:
                 row, at = varint(self.data, at)
             yield self._cell(row, size, at, first + self.usable, leaf=code == TABLE_LEAF)
 
-    def _cell(self, row: int, size: int, at: int, limit: int, *, leaf: bool) -> Cell:
+    def _cell(self, row: int, size: int, at: int, limit: int, *, leaf: bool) -> PageCell:
         most = self.usable - 35 if leaf else (self.usable - 12) * 64 // 255 - 23
         if size <= most:
             if at + size > limit:
-                raise BrokenError("a row")
-            return Cell(row, size, at, at + size, 0)
+                raise BrokenPageError("a row")
+            return PageCell(row, size, at, at + size, 0)
         least = (self.usable - 12) * 32 // 255 - 23
         local = least + (size - least) % (self.usable - 4)
         local = local if local <= most else least
         if at + local + 4 > limit:
-            raise BrokenError("a row")
+            raise BrokenPageError("a row")
         (overflow,) = struct.unpack_from(">I", self.data, at + local)
-        return Cell(row, size, at, at + local, overflow)
+        return PageCell(row, size, at, at + local, overflow)
 
-    def cell_at(self, begin: int, size: int) -> Cell:
+    def cell_at(self, begin: int, size: int) -> PageCell:
         """Return the cell of a table whose record begins at a place in the file and has this size."""
         page = begin // self.size
         return self._cell(0, size, begin, page * self.size + self.usable, leaf=True)
@@ -140,25 +140,25 @@ class Pages:
 
         Raises
         ------
-        BrokenError
+        BrokenPageError
         """
         start, first = self.start(page), (page - 1) * self.size
         count, right = struct.unpack_from(">H3xI", self.data, start + 3)
         if start + 12 + 2 * count > first + self.usable:
-            raise BrokenError(f"page {page}")
+            raise BrokenPageError(f"page {page}")
         below = []
         for (offset,) in struct.iter_unpack(">H", self.data[start + 12 : start + 12 + 2 * count]):
             if offset + 4 > self.usable:
-                raise BrokenError(f"page {page}")
+                raise BrokenPageError(f"page {page}")
             below.append(struct.unpack_from(">I", self.data, first + offset)[0])
         return [*below, right]
 
-    def overflow(self, cell: Cell) -> list[int]:
+    def overflow(self, cell: PageCell) -> list[int]:
         """Return the further pages of a cell.
 
         Raises
         ------
-        BrokenError
+        BrokenPageError
             One of them is not there, or there are fewer or more than its size needs.
         """
         pages = []
@@ -170,19 +170,19 @@ class Pages:
                 raise TooMuchError("its rows share their pages")
         for _ in range(min(needed, self.count + 1)):
             if not 1 < following <= self.count:
-                raise BrokenError("the rest of a row")
+                raise BrokenPageError("the rest of a row")
             pages.append(following)
             (following,) = struct.unpack_from(">I", self.data, (following - 1) * self.size)
         if following or len(pages) != needed:
-            raise BrokenError("the rest of a row")
+            raise BrokenPageError("the rest of a row")
         return pages
 
-    def record(self, cell: Cell) -> bytes:
+    def record(self, cell: PageCell) -> bytes:
         """Return the whole record of a cell.
 
         Raises
         ------
-        BrokenError
+        BrokenPageError
         """
         parts = [self.data[cell.begin : cell.end]]
         left = cell.size - (cell.end - cell.begin)
@@ -229,7 +229,7 @@ class Pages:
             if code in {TABLE_NODE, INDEX_NODE}:
                 try:
                     waiting += reversed(self.children(page))
-                except (BrokenError, struct.error):
+                except (BrokenPageError, struct.error):
                     lost.append(page)
             elif code not in {TABLE_LEAF, INDEX_LEAF}:
                 lost.append(page)
@@ -244,7 +244,7 @@ class Pages:
 
         Raises
         ------
-        BrokenError
+        BrokenPageError
         """
         return [self.value(record, span) for span in layout(record)]
 
@@ -259,13 +259,13 @@ class Pages:
 
         Raises
         ------
-        BrokenError
+        BrokenPageError
             It is not there.
         """
         serial, begin, end = span
         content = record[begin:end]
         if end > len(record):
-            raise BrokenError("a row")
+            raise BrokenPageError("a row")
         if serial == 0:
             return None
         if serial in _WIDTHS:
@@ -282,7 +282,7 @@ def layout(record: bytes) -> list[tuple[int, int, int]]:
 
     Raises
     ------
-    BrokenError
+    BrokenPageError
     """
     head, at = varint(record, 0)
     spans: list[tuple[int, int, int]] = []
@@ -290,12 +290,12 @@ def layout(record: bytes) -> list[tuple[int, int, int]]:
     while at < head:
         serial, at = varint(record, at)
         if serial in {10, 11} or serial < 0 or len(spans) > _MOST_COLUMNS:
-            raise BrokenError("a row")
+            raise BrokenPageError("a row")
         size = _WIDTHS.get(serial, 8 if serial == 7 else 0) if serial < 12 else (serial - 12) // 2
         spans.append((serial, begin, begin + size))
         begin += size
     if at != head or head > len(record):
-        raise BrokenError("a row")
+        raise BrokenPageError("a row")
     return spans
 
 
@@ -304,14 +304,14 @@ def varint(data: Any, at: int) -> tuple[int, int]:
 
     Raises
     ------
-    BrokenError
+    BrokenPageError
     """
     if at < len(data) and data[at] < 0x80:
         return data[at], at + 1
     value = 0
     for k in range(9):
         if at + k >= len(data):
-            raise BrokenError("a number")
+            raise BrokenPageError("a number")
         byte = data[at + k]
         if k == 8:
             value = value << 8 | byte
@@ -319,4 +319,4 @@ def varint(data: Any, at: int) -> tuple[int, int]:
         value = value << 7 | byte & 0x7F
         if byte < 0x80:
             return value, at + k + 1
-    raise BrokenError("a number")
+    raise BrokenPageError("a number")

@@ -12,7 +12,7 @@ from benchmarks.harness import Case, Stage
 from terrain_cli import effects, models
 from terrain_cli.comparison import blocks, smoothed_model
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.fitted_wheel import Settings
+from terrain_cli.comparison.fitted_wheel import FitSettings
 from terrain_cli.diagnosis import screening
 from terrain_cli.estimation import estimators
 from terrain_cli.mechanics.wheel_model import Model
@@ -67,7 +67,7 @@ def screen(size: str, folder: Path) -> Case:  # noqa: ARG001 - every stage is ma
     file = models.ModelFile()
     held, priors, noise = estimators.assumed(windows, file)
     further = tuple(dict.fromkeys(name for effect in every for name in effect.reads))
-    wheels, _ = fit_wheels(windows, Model(), Settings(held, priors, (), noise), further=further)
+    wheels, _ = fit_wheels(windows, Model(), FitSettings(held, priors, (), noise), further=further)
     tried = [one for one in screening.hypotheses(file, wheels, every)[0] if one.effects]
     block = [own.astype(np.intp) for own in blocks.fine([len(w) for w in wheels], int(BLOCK * Kind.rate))]
     data = wheels[0].least_squares_data()

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from formats.output.column_forms import Table
-    from formats.output.wkt import Shape
+    from formats.output.wkt import WktShape
 
 _TYPES = {"real": pa.float64(), "integer": pa.int64(), "text": pa.string()}
 #: Of the binary geometry, which stands beside the text.
@@ -75,12 +75,12 @@ class Extent:
     low: tuple[float, float] | None = None
     high: tuple[float, float] | None = None
 
-    def take(self, shape: Shape) -> bytes:
+    def take(self, shape: WktShape) -> bytes:
         """Take in a shape, and return its bytes.
 
         Parameters
         ----------
-        shape : Shape
+        shape : WktShape
 
         Returns
         -------

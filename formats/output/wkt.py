@@ -16,7 +16,7 @@ _EMPTY = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?EMPTY\s*", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
+class WktShape:
     """A point or a line.
 
     Parameters
@@ -43,7 +43,7 @@ class Shape:
         return struct.pack("<BI", 1, code) + count + struct.pack(f"<{size * len(self.points)}d", *numbers)
 
 
-def parse(text: str | None) -> Shape | None:
+def parse(text: str | None) -> WktShape | None:
     """Read well-known text.
 
     Parameters
@@ -52,7 +52,7 @@ def parse(text: str | None) -> Shape | None:
 
     Returns
     -------
-    Shape or None
+    WktShape or None
         None for nothing and for an empty geometry.
 
     Raises
@@ -68,4 +68,4 @@ def parse(text: str | None) -> Shape | None:
     points = tuple(tuple(map(float, point.split())) for point in match[2].split(","))
     if len({len(point) for point in points}) != 1 or len(points[0]) not in (2, 3):
         raise ValueError(f"points without two or three coordinates: {text[:60]!r}")
-    return Shape("Point" if match[1].upper() == "POINT" else "LineString", points)
+    return WktShape("Point" if match[1].upper() == "POINT" else "LineString", points)

@@ -10,7 +10,7 @@ from formats.errors import FormatError
 from formats.rosbag.containers import Container
 from formats.rosbag.decoding.decoder import Decoder, UndecodableError
 from formats.rosbag.decoding.definitions import UnusableError, define
-from formats.rosbag.decoding.plain_extraction import Request
+from formats.rosbag.decoding.plain_extraction import FieldRequest
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.topic_columns import Reading, nearest
 from formats.salvage.decodable import Decodable
@@ -251,7 +251,7 @@ class BagSource(Source):
             )
         return found
 
-    def _request(self, topic: _Topic, asked: str) -> Request:
+    def _request(self, topic: _Topic, asked: str) -> FieldRequest:
         stream = topic.stream
         fields = {field.name: field for field in stream.fields}
         name, bracket, element = asked.partition("[")
@@ -269,7 +269,7 @@ class BagSource(Source):
                     f"{stream.topic}: {name} is one value, not a list",
                     hint=f"ask for {name}",
                 )
-            return Request(asked, name, field.kind)
+            return FieldRequest(asked, name, field.kind)
         if not bracket:
             example = field.elements[0] if field.elements else "0"
             raise FormatError(
@@ -279,7 +279,7 @@ class BagSource(Source):
             )
         text = element.removesuffix("]")
         by_place = text.isascii() and text.isdigit() and text not in topic.names.get(name, ())
-        return Request(
+        return FieldRequest(
             asked, name, "number" if field.kind == "numbers" else "text", int(text) if by_place else text
         )
 

@@ -10,7 +10,7 @@ import numpy as np
 from formats.errors import DamagedError, FormatError
 from formats.rosbag.decoding.decoder import UndecodableError
 from formats.rosbag.decoding.definitions import STAMP as HEADER_STAMP
-from formats.rosbag.decoding.plain_extraction import NAT, Request, labels
+from formats.rosbag.decoding.plain_extraction import NAT, FieldRequest, labels
 from formats.table import LOG_TIME, STAMP
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Reading:
     stream : Stream
     decoders : mapping of int to Decoder
         By the place of the connection.
-    requests : sequence of Request
+    requests : sequence of FieldRequest
     batch_rows : int
     """
 
@@ -46,14 +46,14 @@ class Reading:
         path: str,
         stream: Stream,
         decoders: Mapping[int, Decoder],
-        requests: Sequence[Request],
+        requests: Sequence[FieldRequest],
         batch_rows: int,
     ) -> None:
         self.topic = stream.topic
         self._path = path
         self._stream = stream
         self.decoders = decoders
-        self._requests = [*requests, Request(STAMP, HEADER_STAMP, "time")]
+        self._requests = [*requests, FieldRequest(STAMP, HEADER_STAMP, "time")]
         self._absent = {request.asked: request for request in requests if request.key is not None}
         self._batch_rows = batch_rows
         #: Which of two messages logged at one time comes first is for rosbags a matter of their

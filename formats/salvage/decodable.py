@@ -8,7 +8,7 @@ import numpy as np
 
 from formats.rosbag.decoding.bulk_extraction import UnevenError, gather
 from formats.rosbag.decoding.decoder import UndecodableError
-from formats.rosbag.decoding.plain_extraction import Request, elements_of
+from formats.rosbag.decoding.plain_extraction import FieldRequest, elements_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -78,15 +78,17 @@ class Decodable:
         self._remarks[:0] = self._told
 
 
-def _texts(decoder: Decoder, messages: Messages) -> list[tuple[Leaf, Request]]:
+def _texts(decoder: Decoder, messages: Messages) -> list[tuple[Leaf, FieldRequest]]:
     """Ask for every text of the messages: numbers are right in any bytes, texts are not."""
     leaves = decoder.definition.leaves.values()
-    wanted = [(leaf, Request(leaf.name, leaf.name, "text")) for leaf in leaves if leaf.kind == "text"]
+    wanted = [(leaf, FieldRequest(leaf.name, leaf.name, "text")) for leaf in leaves if leaf.kind == "text"]
     if lists := [leaf for leaf in leaves if leaf.kind == "texts"]:
         first = decoder.message(messages.payload(0))
         for leaf in lists:
             places = range(len(elements_of(first, leaf)[0]))
-            wanted += [(leaf, Request(f"{leaf.name}[{place}]", leaf.name, "text", place)) for place in places]
+            wanted += [
+                (leaf, FieldRequest(f"{leaf.name}[{place}]", leaf.name, "text", place)) for place in places
+            ]
     return wanted
 
 

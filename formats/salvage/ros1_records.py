@@ -16,12 +16,12 @@ SECOND = 1_000_000_000
 _LONGEST_HEADER = 1 << 20
 
 
-class BrokenError(ValueError):
+class BrokenRecordError(ValueError):
     """A record does not add up."""
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class BagRecord:
     """One record; its data need not all be there.
 
     Parameters
@@ -49,11 +49,11 @@ class Record:
         """Return a field that is a time, ns."""
         seconds, rest = struct.unpack("<II", self.fields.get(name, b""))
         if rest >= SECOND:
-            raise BrokenError("a time")
+            raise BrokenRecordError("a time")
         return int(seconds) * SECOND + int(rest)
 
 
-def read_record(data: Any, at: int) -> Record:
+def read_record(data: Any, at: int) -> BagRecord:
     """Read the header of a record; its data may end beyond those that are there.
 
     Parameters
@@ -63,11 +63,11 @@ def read_record(data: Any, at: int) -> Record:
 
     Returns
     -------
-    Record
+    BagRecord
 
     Raises
     ------
-    BrokenError
+    BrokenRecordError
         The header does not add up.
     struct.error
         It is cut off.
@@ -75,9 +75,9 @@ def read_record(data: Any, at: int) -> Record:
     (length,) = struct.unpack_from("<I", data, at)
     begin, end = at + 4, at + 4 + length
     if length > _LONGEST_HEADER or end + 4 > len(data):
-        raise BrokenError(f"a record that begins at byte {at:,}")
+        raise BrokenRecordError(f"a record that begins at byte {at:,}")
     (stored,) = struct.unpack_from("<I", data, end)
-    return Record(fields_of(data[begin:end]), end + 4, end + 4 + stored)
+    return BagRecord(fields_of(data[begin:end]), end + 4, end + 4 + stored)
 
 
 def fields_of(header: bytes) -> dict[bytes, bytes]:
@@ -85,7 +85,7 @@ def fields_of(header: bytes) -> dict[bytes, bytes]:
 
     Raises
     ------
-    BrokenError, struct.error
+    BrokenRecordError, struct.error
     """
     fields, at = {}, 0
     while at < len(header):
@@ -93,18 +93,18 @@ def fields_of(header: bytes) -> dict[bytes, bytes]:
         name, sign, value = header[at + 4 : at + 4 + size].partition(b"=")
         at += 4 + size
         if not sign or at > len(header):
-            raise BrokenError("the header of a record")
+            raise BrokenRecordError("the header of a record")
         fields[name] = value
     return fields
 
 
-def records(raw: bytes) -> Iterator[tuple[int, Record | None]]:
+def records(raw: bytes) -> Iterator[tuple[int, BagRecord | None]]:
     """Yield place and record of all in a chunk; None at the first that does not fit."""
     at = 0
     while at < len(raw):
         try:
             record = read_record(raw, at)
-        except (BrokenError, struct.error):
+        except (BrokenRecordError, struct.error):
             yield at, None
             return
         if record.end > len(raw):

@@ -23,7 +23,7 @@ from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.db3 import FORMATS
 from formats.rosbag.storage.raw_messages import WILD, Messages, astray, collected
 from formats.salvage.salvaged_file import Piece, SalvagedFile
-from formats.sqlite_pages import INDEX_LEAF, INDEX_NODE, TABLE_LEAF, BrokenError, Cell, Pages, layout
+from formats.sqlite_pages import INDEX_LEAF, INDEX_NODE, TABLE_LEAF, BrokenPageError, PageCell, Pages, layout
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -87,7 +87,7 @@ class SalvagedDb3(SalvagedFile):
         self._lost: set[int] = set()
         tables = self._tables()
         if "messages" not in tables or "topics" not in tables:
-            raise BrokenError("the pages that name its tables are not there")
+            raise BrokenPageError("the pages that name its tables are not there")
         known = self._topics(tables)
         rows = self._rows = self._messages(tables, set(known))
         pages.budget = None
@@ -123,9 +123,9 @@ class SalvagedDb3(SalvagedFile):
             try:
                 for cell in self._pages.cells(page):
                     if cell.size <= CHUNK_BYTES:
-                        with contextlib.suppress(BrokenError, struct.error):
+                        with contextlib.suppress(BrokenPageError, struct.error):
                             yield cell.row, self._pages.values(self._pages.record(cell))
-            except (BrokenError, struct.error):
+            except (BrokenPageError, struct.error):
                 self._lost.add(page)
 
     def _topics(self, tables: dict[str, tuple[int, list[str], str]]) -> dict[int, Connection]:
@@ -160,7 +160,7 @@ class SalvagedDb3(SalvagedFile):
         """Return the rows of messages: topic, time, place of the record in the file, its size, number."""
         names = tables["messages"][1]
         if not set(_COLUMNS[1:]) <= set(names):
-            raise BrokenError("its table of messages has other columns")
+            raise BrokenPageError("its table of messages has other columns")
         self._places = [names.index(name) for name in _COLUMNS[1:]]
         self._width = len(names)
         own, orphans = self._leaves(tables)
@@ -206,9 +206,11 @@ class SalvagedDb3(SalvagedFile):
         leaves = (page for page in range(2, pages.count + 1) if pages.code(page) == TABLE_LEAF)
         return dict.fromkeys(own), [page for page in leaves if page not in taken]
 
-    def _leaf(self, page: int, topics: set[int]) -> tuple[dict[int, tuple[int, int, Cell, list[int]]], bool]:
+    def _leaf(
+        self, page: int, topics: set[int]
+    ) -> tuple[dict[int, tuple[int, int, PageCell, list[int]]], bool]:
         """Return the rows of a page that are messages, and whether all of it added up."""
-        rows: dict[int, tuple[int, int, Cell, list[int]]] = {}
+        rows: dict[int, tuple[int, int, PageCell, list[int]]] = {}
         whole = True
         before = None
         try:
@@ -218,13 +220,13 @@ class SalvagedDb3(SalvagedFile):
                 before = cell.row
                 try:
                     message = self._message(cell, topics)
-                except (BrokenError, struct.error):
+                except (BrokenPageError, struct.error):
                     whole = False
                     continue
                 # The rest of a long message may be lost; the others of its page are not.
-                with contextlib.suppress(BrokenError, struct.error):
+                with contextlib.suppress(BrokenPageError, struct.error):
                     rows[cell.row] = (*message, cell, self._pages.overflow(cell))
-        except (BrokenError, struct.error):
+        except (BrokenPageError, struct.error):
             whole = False
         # A time that no index confirms is compared with the others of its page.
         if unnamed := [row for row in rows if row not in self._times]:
@@ -235,20 +237,20 @@ class SalvagedDb3(SalvagedFile):
                     whole = False
         return rows, whole
 
-    def _message(self, cell: Cell, topics: set[int]) -> tuple[int, int]:
+    def _message(self, cell: PageCell, topics: set[int]) -> tuple[int, int]:
         """Return topic and time of a row, if it is one of messages in every respect."""
         # Of a long record the first part holds all but the end of the payload.
         begins = self._pages.data[cell.begin : cell.end]
         spans = layout(begins)
         topic_at, time_at, data_at = self._places
         if len(spans) != self._width or spans[-1][2] != cell.size or cell.size > CHUNK_BYTES:
-            raise BrokenError("a row")
+            raise BrokenPageError("a row")
         serial = spans[data_at][0]
         topic, time = (self._pages.value(begins, spans[at]) for at in (topic_at, time_at))
         if serial < 12 or serial % 2 or not isinstance(topic, int) or not isinstance(time, int):
-            raise BrokenError("a row")
+            raise BrokenPageError("a row")
         if topic not in topics or time < 0:
-            raise BrokenError("a row")
+            raise BrokenPageError("a row")
         return topic, time
 
     def _index(self, tables: dict[str, tuple[int, list[str], str]]) -> dict[int, int]:
@@ -266,7 +268,7 @@ class SalvagedDb3(SalvagedFile):
                     values = self._pages.values(self._pages.record(cell))
                     if len(values) == 2 and isinstance(values[0], int) and isinstance(values[1], int):
                         times[values[1]] = values[0]
-            except (BrokenError, struct.error):
+            except (BrokenPageError, struct.error):
                 self._lost.add(page)
         return times
 

@@ -49,7 +49,7 @@ class _Told:
     end: int | None = None
 
 
-class BrokenError(ValueError):
+class BrokenChunkError(ValueError):
     """A record does not add up."""
 
 
@@ -66,7 +66,7 @@ class SalvagedMcap(SalvagedFile):
         while at < size and not ended:
             try:
                 at, ended = self._record(at)
-            except BrokenError as error:
+            except BrokenChunkError as error:
                 following = self._next_chunk(at + 1)
                 self._lose(
                     str(error) if following else f"cut off at byte {size:,}, in {error}: its index is missing"
@@ -90,19 +90,19 @@ class SalvagedMcap(SalvagedFile):
     def _record(self, at: int) -> tuple[int, bool]:
         """Read one record; return where the next begins, and whether it was the last."""
         if at + _RECORD > len(self.data):
-            raise BrokenError(f"a record at byte {at:,}")
+            raise BrokenChunkError(f"a record at byte {at:,}")
         code, length = struct.unpack_from("<BQ", self.data, at)
         begin, end = at + _RECORD, at + _RECORD + length
         if code == 0 or 0x0F < code < 0x80:
-            raise BrokenError(f"there is no record at byte {at:,}")
+            raise BrokenChunkError(f"there is no record at byte {at:,}")
         if end > len(self.data):
             if code == _CHUNK:
                 self._note_cut_chunk(begin)
-            raise BrokenError(f"a {'chunk' if code == _CHUNK else 'record'} that begins at byte {at:,}")
+            raise BrokenChunkError(f"a {'chunk' if code == _CHUNK else 'record'} that begins at byte {at:,}")
         try:
             end = self._content(code, begin, end)
         except (struct.error, UnicodeDecodeError, IndexError) as error:
-            raise BrokenError(f"the record at byte {at:,} contradicts itself") from error
+            raise BrokenChunkError(f"the record at byte {at:,} contradicts itself") from error
         self.recovery.bytes_read += end - at
         return end, code == _FOOTER
 
@@ -121,7 +121,7 @@ class SalvagedMcap(SalvagedFile):
         elif code == _FOOTER:
             self._footer(begin, *struct.unpack("<QQI", self.data[begin:end]))
             if self.data[end:] != _MAGIC:
-                raise BrokenError(f"the end of the file, behind byte {end:,},")
+                raise BrokenChunkError(f"the end of the file, behind byte {end:,},")
         return end
 
     def _next_chunk(self, start: int) -> int | None:
@@ -130,7 +130,7 @@ class SalvagedMcap(SalvagedFile):
             at = match.start()
             try:
                 _, _, end = _head(self.data, at + _RECORD)
-            except (struct.error, BrokenError):
+            except (struct.error, BrokenChunkError):
                 continue
             if end <= len(self.data) and end - at - _RECORD == struct.unpack_from("<Q", self.data, at + 1)[0]:
                 return at
@@ -150,7 +150,7 @@ class SalvagedMcap(SalvagedFile):
         self._end_loose()
         head, contents, chunk_end = _head(self.data, begin)
         if chunk_end != end:
-            raise BrokenError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
+            raise BrokenChunkError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
         index, end = self._index(end)
         start, last, size, checksum, packing = head
         load = partial(self._load, contents, end=chunk_end, packing=packing, size=size, checksum=checksum)
@@ -202,7 +202,7 @@ class SalvagedMcap(SalvagedFile):
         """Take a message that is in no chunk; no checksum and no index vouches for it."""
         channel, _, time, _ = struct.unpack_from("<HIQQ", self.data, begin)
         if end - begin < 22:
-            raise BrokenError(f"a message at byte {begin - _RECORD:,}")
+            raise BrokenChunkError(f"a message at byte {begin - _RECORD:,}")
         self._loose.append((channel, time, begin + 22, end - begin - 22))
         if end - self._loose[0][2] > CHUNK_BYTES >> 5:
             self._end_loose()
@@ -219,10 +219,10 @@ class SalvagedMcap(SalvagedFile):
     def _statistics(self, content: bytes) -> None:
         end, size = struct.unpack_from("<QI", content, 34)
         if size % 10 or size != len(content) - 46:
-            raise BrokenError("the statistics")
+            raise BrokenChunkError("the statistics")
         counts = dict(struct.iter_unpack("<HQ", content[46:]))
         if sum(counts.values()) != struct.unpack_from("<Q", content)[0]:
-            raise BrokenError("the statistics")
+            raise BrokenChunkError("the statistics")
         self._told.counts = counts
         self._told.end = end if 0 < end < 2**63 and counts else None
 
@@ -278,7 +278,7 @@ def _head(data: Any, begin: int) -> tuple[tuple[int, int, int, int, str], int, i
     start, last, size, checksum, letters = struct.unpack_from("<QQQII", data, begin)
     packing = bytes(data[begin + 32 : begin + 32 + min(letters, 8)])
     if (start > last and size) or packing not in {b"", b"lz4", b"zstd"}:
-        raise BrokenError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
+        raise BrokenChunkError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
     (stored,) = struct.unpack_from("<Q", data, begin + 32 + letters)
     contents = begin + 40 + letters
     return (start, last, size, checksum, packing.decode()), contents, contents + stored
@@ -314,7 +314,7 @@ def _messages_in(raw: bytes, told: _Told, *, vouched: bool) -> tuple[list[tuple[
                 found.append((channel, time, begin + 22, end - begin - 22))
             elif code in {_SCHEMA, _CHANNEL}:
                 _note(told, code, raw[begin:end], vouched=vouched)
-        except (struct.error, UnicodeDecodeError, BrokenError):
+        except (struct.error, UnicodeDecodeError, BrokenChunkError):
             return found, False
     return found, True
 
@@ -359,7 +359,7 @@ def _note(told: _Told, code: int, content: bytes, *, vouched: bool) -> None:
         (size,) = struct.unpack_from("<I", content, at)
         at, kept, where = at + 4 + size, (schema, topic, encoding), told.channels
     if at != len(content):
-        raise BrokenError(f"the description of {number}")
+        raise BrokenChunkError(f"the description of {number}")
     join_told(where, {number: [(vouched, kept)]})
 
 
@@ -367,5 +367,5 @@ def _text(content: bytes, at: int) -> tuple[int, str]:
     (size,) = struct.unpack_from("<I", content, at)
     end = at + 4 + size
     if end > len(content):
-        raise BrokenError("a text")
+        raise BrokenChunkError("a text")
     return end, content[at + 4 : end].decode()

@@ -22,7 +22,7 @@ from rosbags.typesys.msg import normalize_msgtype
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.unpacking import unpack
 from formats.salvage.msg_checksum import checksum
-from formats.salvage.ros1_records import SECOND, BrokenError, Record, fields_of, read_record, records
+from formats.salvage.ros1_records import SECOND, BagRecord, BrokenRecordError, fields_of, read_record, records
 from formats.salvage.salvaged_file import SalvagedFile, agreed, join_told, lost_between, rows_of, tame
 
 _MAGIC = b"#ROSBAG V2.0\n"
@@ -64,8 +64,8 @@ class SalvagedRos1(SalvagedFile):
                 at = self._record(at)
             except TooMuchError:
                 raise
-            except (BrokenError, struct.error, UnicodeDecodeError, ValueError) as error:
-                what = str(error) if isinstance(error, BrokenError) else f"a record at byte {at:,}"
+            except (BrokenRecordError, struct.error, UnicodeDecodeError, ValueError) as error:
+                what = str(error) if isinstance(error, BrokenRecordError) else f"a record at byte {at:,}"
                 following = self._next_chunk(at + 1)
                 self._lose(f"{what} is damaged" if following else f"cut off at byte {size:,}, in {what}")
                 at = following or size
@@ -102,7 +102,7 @@ class SalvagedRos1(SalvagedFile):
             if record.code == _CHUNK:
                 self._cut_chunk(record)
             what = "chunk" if record.code == _CHUNK else "record"
-            raise BrokenError(f"a {what} that begins at byte {at:,}")
+            raise BrokenRecordError(f"a {what} that begins at byte {at:,}")
         match record.code:
             case 5:
                 end = self._chunk(at, record)
@@ -120,7 +120,7 @@ class SalvagedRos1(SalvagedFile):
             case 4:
                 pass
             case _:
-                raise BrokenError(f"a record at byte {at:,}")
+                raise BrokenRecordError(f"a record at byte {at:,}")
         self.recovery.bytes_read += end - at
         return end
 
@@ -133,13 +133,13 @@ class SalvagedRos1(SalvagedFile):
                     continue
                 try:
                     record = read_record(self.data, at)
-                except (BrokenError, struct.error):
+                except (BrokenRecordError, struct.error):
                     continue
                 if record.code == _CHUNK and record.end <= len(self.data):
                     return at
         return None
 
-    def _chunk(self, at: int, record: Record) -> int:
+    def _chunk(self, at: int, record: BagRecord) -> int:
         """Read a chunk and the index behind it; return where that ends."""
         self._end_open()
         if record.begin == record.end:
@@ -167,7 +167,7 @@ class SalvagedRos1(SalvagedFile):
         self.take(rows, kept, load, damage)
         return end
 
-    def _cut_chunk(self, record: Record) -> None:
+    def _cut_chunk(self, record: BagRecord) -> None:
         """Take the whole messages of a chunk that is cut off, if it is not packed."""
         if record.fields.get(b"compression") != b"none" or len(self.data) - record.begin > CHUNK_BYTES:
             return
@@ -194,7 +194,7 @@ class SalvagedRos1(SalvagedFile):
                 if record.number(b"count") * 12 != record.end - record.begin or record.number(b"ver") != 1:
                     break
                 connection = record.number(b"conn")
-            except (BrokenError, struct.error):
+            except (BrokenRecordError, struct.error):
                 break
             numbers = np.frombuffer(self.data[record.begin : record.end], "<u4")
             entries = numbers.reshape(-1, 3).astype(np.int64)
@@ -203,7 +203,7 @@ class SalvagedRos1(SalvagedFile):
             at = record.end
         return index, at
 
-    def _message(self, record: Record) -> None:
+    def _message(self, record: BagRecord) -> None:
         """Take a message of a chunk that was never closed."""
         row = (record.number(b"conn"), record.time(), record.begin, record.end - record.begin)
         self._open.append(row)
@@ -219,10 +219,10 @@ class SalvagedRos1(SalvagedFile):
         self._unchecked = True
         self.take(rows := rows_of(found), tame(rows), lambda: self.data[first:last])
 
-    def _chunk_info(self, record: Record) -> None:
+    def _chunk_info(self, record: BagRecord) -> None:
         content = self.data[record.begin : record.end]
         if len(content) != 8 * record.number(b"count"):
-            raise BrokenError("the index")
+            raise BrokenRecordError("the index")
         self._told.counted += 1
         self._told.indexed += 1
         self._told.counts += sum(count for _, count in struct.iter_unpack("<II", content))
@@ -283,7 +283,7 @@ def _messages_in(
                 )
             )
             earlier = None
-        except (BrokenError, struct.error, UnicodeDecodeError, ValueError):
+        except (BrokenRecordError, struct.error, UnicodeDecodeError, ValueError):
             return found, False
     return found, True
 
@@ -315,12 +315,12 @@ def _fits(said: tuple[str, str, str, str, str | None]) -> bool:
     return found in {None, digest}
 
 
-def _note(told: _Told, record: Record, content: bytes, *, vouched: bool) -> None:
+def _note(told: _Told, record: BagRecord, content: bytes, *, vouched: bool) -> None:
     """Take in what a record says of a connection."""
     number, topic = record.number(b"conn"), record.fields.get(b"topic", b"").decode()
     about = fields_of(content)
     if not topic or b"type" not in about:
-        raise BrokenError(f"the description of connection {number}")
+        raise BrokenRecordError(f"the description of connection {number}")
     kept = (
         normalize(topic),
         normalize_msgtype(about[b"type"].decode()),

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Self
 from formats.errors import CannotWriteError, shown
 from formats.output.whole_files import explained
 from terrain_cli.batch import durable_files
-from terrain_cli.batch.manifest import Entry, Manifest
+from terrain_cli.batch.manifest import Manifest, ManifestEntry
 from terrain_cli.batch.mission_records import Records
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class Folder:
     ----------
     path, state : Path
     manifest : Manifest
-    latest : dict of str to Entry
+    latest : dict of str to ManifestEntry
         The entry that holds, by location; in the order in which they were written.
     holders : dict of (str, str) to str
         The location that stands for a content (hash) under a configuration.
@@ -72,7 +72,7 @@ class Folder:
         if writable:
             self._take()
         self.manifest = Manifest(self.path / MANIFEST, writable=writable)
-        self.latest: dict[str, Entry] = {}
+        self.latest: dict[str, ManifestEntry] = {}
         self.holders: dict[tuple[str, str], str] = {}
         self.kept: dict[tuple[str, str], Pointer] = {}
         for entry in self.manifest.entries:
@@ -126,7 +126,7 @@ class Folder:
                 if rest.name not in {_LOCK, _RECORDS, _ASSEMBLED} and not rest.is_dir():
                     rest.unlink()
 
-    def _note(self, entry: Entry) -> None:
+    def _note(self, entry: ManifestEntry) -> None:
         # Taken out, so that the last one written stands last.
         before = self.latest.pop(entry.location, None)
         if before and before.sha256:
@@ -142,12 +142,12 @@ class Folder:
         if entry.record:
             self.kept[key] = entry.record
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: ManifestEntry) -> None:
         """Write an entry of the manifest.
 
         Parameters
         ----------
-        entry : Entry
+        entry : ManifestEntry
 
         Raises
         ------
@@ -223,12 +223,12 @@ class Folder:
         if name and re.fullmatch(rf"{RESULTS}/[^/]+", name):
             durable_files.remove(self.path / name)
 
-    def has_result(self, entry: Entry, name: str) -> bool:
+    def has_result(self, entry: ManifestEntry, name: str) -> bool:
         """Tell whether the result of an input is there as it was written.
 
         Parameters
         ----------
-        entry : Entry
+        entry : ManifestEntry
         name : str
             Where it belongs.
 

@@ -11,7 +11,7 @@ from formats.errors import NotFoundError
 from terrain_cli.batch import decisions
 from terrain_cli.batch.batch_folder import result_name
 from terrain_cli.batch.durable_files import uninterrupted
-from terrain_cli.batch.manifest import Entry
+from terrain_cli.batch.manifest import ManifestEntry
 from terrain_cli.batch.worker_tasks import Estimate, Failure, Identify, Reply, Restore, failure
 
 if TYPE_CHECKING:
@@ -55,9 +55,9 @@ class Tally:
         "failed before".
     bytes_total, bytes_done : int
         With something for each input, however small.
-    failures : dict of str to Entry
+    failures : dict of str to ManifestEntry
         Those of the inputs of this run that failed, now or before and unchanged; by location.
-    salvaged : list of Entry
+    salvaged : list of ManifestEntry
         Those of the damaged inputs that were read in this run.
     """
 
@@ -65,8 +65,8 @@ class Tally:
     counts: Counter[str] = field(default_factory=Counter)
     bytes_total: int = 0
     bytes_done: int = 0
-    failures: dict[str, Entry] = field(default_factory=dict)
-    salvaged: list[Entry] = field(default_factory=list)
+    failures: dict[str, ManifestEntry] = field(default_factory=dict)
+    salvaged: list[ManifestEntry] = field(default_factory=list)
 
     @property
     def done(self) -> int:
@@ -233,7 +233,7 @@ class Keeper:
                 )
             )
 
-    def _leave(self, item: Input, entry: Entry) -> None:
+    def _leave(self, item: Input, entry: ManifestEntry) -> None:
         if entry.status == "duplicate":
             self._copies.append(item)
         if entry.status == "failed":
@@ -242,7 +242,7 @@ class Keeper:
         else:
             self.tally.counts["as before"] += 1
 
-    def _unreadable(self, item: Input, before: Entry | None) -> None:
+    def _unreadable(self, item: Input, before: ManifestEntry | None) -> None:
         self.tally.total += 1
         self.tally.bytes_total += _OVERHEAD
         case = _Case(item, None)
@@ -281,7 +281,7 @@ class Keeper:
                 self._folder.remove(before.result)
         self._write(case, entry)
 
-    def _failed(self, case: _Case, reply: Reply, why: Failure) -> Entry:
+    def _failed(self, case: _Case, reply: Reply, why: Failure) -> ManifestEntry:
         return replace(
             self._entry(case, reply),
             status="failed",
@@ -292,7 +292,7 @@ class Keeper:
             passing=why.passing,
         )
 
-    def _keep(self, case: _Case, reply: Reply) -> Entry:
+    def _keep(self, case: _Case, reply: Reply) -> ManifestEntry:
         """Write the record and the result: before the manifest speaks of them."""
         kept = self._folder.kept.get((str(case.sha256), self._configuration(case)))
         if reply.record and self._folder.records:
@@ -304,8 +304,8 @@ class Keeper:
     def _configuration(self, case: _Case) -> str:
         return case.configuration or self._wish.configuration
 
-    def _entry(self, case: _Case, reply: Reply) -> Entry:
-        return Entry(
+    def _entry(self, case: _Case, reply: Reply) -> ManifestEntry:
+        return ManifestEntry(
             path=case.item.path,
             location=case.item.location,
             size=case.item.size,
@@ -325,7 +325,7 @@ class Keeper:
             finished=datetime.now(UTC).isoformat(timespec="milliseconds"),
         )
 
-    def _write(self, case: _Case, entry: Entry) -> None:
+    def _write(self, case: _Case, entry: ManifestEntry) -> None:
         before = self._folder.latest.get(entry.location)
         # An interruption between the two would be told of one input fewer than is kept.
         with uninterrupted():
@@ -356,7 +356,7 @@ class Keeper:
                 self._folder.add(failed)
                 self.tally.failures[entry.location] = failed
 
-    def _count(self, case: _Case, entry: Entry) -> None:
+    def _count(self, case: _Case, entry: ManifestEntry) -> None:
         case.finished = True
         self.tally.counts["restored" if case.restored and entry.status == "ok" else entry.status] += 1
         self.tally.bytes_done += (case.item.size or 0) + _OVERHEAD
@@ -366,5 +366,5 @@ class Keeper:
             self.tally.salvaged.append(entry)
 
 
-def _told(entry: Entry) -> tuple[object, ...]:
+def _told(entry: ManifestEntry) -> tuple[object, ...]:
     return entry.status, entry.size, entry.stamp, entry.sha256, entry.configuration, entry.duplicate_of

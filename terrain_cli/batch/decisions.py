@@ -11,7 +11,7 @@ from terrain_cli.batch.batch_folder import result_name
 if TYPE_CHECKING:
     from terrain_cli.batch.batch_folder import Folder
     from terrain_cli.batch.batch_input import Input
-    from terrain_cli.batch.manifest import Entry
+    from terrain_cli.batch.manifest import ManifestEntry
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def key(sha256: str, folder: Folder, wish: Wish) -> tuple[str, str]:
     return other if own not in folder.holders and holder and _regardless(holder, wish) else own
 
 
-def _holds(entry: Entry, folder: Folder, wish: Wish) -> bool:
+def _holds(entry: ManifestEntry, folder: Folder, wish: Wish) -> bool:
     """Tell whether the options of an entry give what those of now would give."""
     if entry.configuration != wish.twin:
         return entry.configuration == wish.configuration
@@ -102,20 +102,20 @@ def _holds(entry: Entry, folder: Folder, wish: Wish) -> bool:
     return _regardless(folder.latest[holder], wish)
 
 
-def _regardless(entry: Entry, wish: Wish) -> bool:
+def _regardless(entry: ManifestEntry, wish: Wish) -> bool:
     """Tell whether an input is one to which --salvage makes no difference."""
     if entry.status == "failed":
         return wish.salvage and entry.error_class != DamagedError.__name__
     return entry.recovered_of is None
 
 
-def same(item: Input, entry: Entry) -> bool:
+def same(item: Input, entry: ManifestEntry) -> bool:
     """Tell whether an input is what it was, without reading it.
 
     Parameters
     ----------
     item : Input
-    entry : Entry
+    entry : ManifestEntry
 
     Returns
     -------

@@ -20,7 +20,7 @@ Status = Literal["ok", "failed", "duplicate"]
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class ManifestEntry:
     """What became of one input; the last entry of a location holds.
 
     Parameters
@@ -105,12 +105,12 @@ class Entry:
             return json.dumps(asdict(self), allow_nan=False).encode() + b"\n"
 
 
-_NAMES = frozenset(one.name for one in fields(Entry))
+_NAMES = frozenset(one.name for one in fields(ManifestEntry))
 _versions: dict[str, dict[str, str]] = {}
 _NEEDED = frozenset({"path", "location", "size", "stamp", "sha256", "configuration", "status"})
 
 
-def parse(line: bytes) -> Entry | None:
+def parse(line: bytes) -> ManifestEntry | None:
     """Read a line of the manifest.
 
     Parameters
@@ -119,7 +119,7 @@ def parse(line: bytes) -> Entry | None:
 
     Returns
     -------
-    Entry or None
+    ManifestEntry or None
         None for a line that no batch wrote whole.
     """
     try:
@@ -136,7 +136,7 @@ def parse(line: bytes) -> Entry | None:
     told = known["versions"]
     known["versions"] = _versions.setdefault(json.dumps(told), told)
     known["configuration"] = sys.intern(known["configuration"])
-    return Entry(**known)
+    return ManifestEntry(**known)
 
 
 class Manifest:
@@ -150,7 +150,7 @@ class Manifest:
 
     Attributes
     ----------
-    entries : list of Entry
+    entries : list of ManifestEntry
         In the order in which they were written.
     unreadable : list of int
         Lines, from 1, that say nothing: their inputs count as never seen.
@@ -158,7 +158,7 @@ class Manifest:
 
     def __init__(self, path: Path, *, writable: bool = True) -> None:
         self._path = path
-        self.entries: list[Entry] = []
+        self.entries: list[ManifestEntry] = []
         self.unreadable: list[int] = []
         self._descriptor = -1
         self._size = size = 0
@@ -181,12 +181,12 @@ class Manifest:
                 if self._size < size:
                     os.ftruncate(self._descriptor, self._size)
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: ManifestEntry) -> None:
         """Write an entry, so that it outlasts a loss of power.
 
         Parameters
         ----------
-        entry : Entry
+        entry : ManifestEntry
 
         Raises
         ------

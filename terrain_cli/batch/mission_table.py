@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from terrain_cli.batch.batch_folder import Folder
-    from terrain_cli.batch.manifest import Entry
+    from terrain_cli.batch.manifest import ManifestEntry
     from terrain_cli.batch.mission_records import Pointer, Records
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.presentation.segment_table import Table
@@ -35,7 +35,7 @@ _WHOLE = frozenset({"segment", "n_samples", "n_rejected"})
 
 
 @dataclass(frozen=True)
-class Part:
+class MissionPart:
     """One content of the mission.
 
     Parameters
@@ -52,7 +52,7 @@ class Part:
     configuration: str
 
 
-def parts(folder: Folder) -> list[Part]:
+def parts(folder: Folder) -> list[MissionPart]:
     """Return what the mission consists of, in the order of the names.
 
     Parameters
@@ -61,7 +61,7 @@ def parts(folder: Folder) -> list[Part]:
 
     Returns
     -------
-    list of Part
+    list of MissionPart
     """
     found = []
     for sha256, entries in _by_content(folder).items():
@@ -71,12 +71,12 @@ def parts(folder: Folder) -> list[Part]:
         record = folder.kept.get((sha256, last.configuration))
         first = min(entries, key=_order)
         if record:
-            found.append((_order(first), Part(first.path, record, last.configuration)))
+            found.append((_order(first), MissionPart(first.path, record, last.configuration)))
     return [part for _, part in sorted(found, key=lambda pair: pair[0])]
 
 
-def _by_content(folder: Folder) -> dict[str, list[Entry]]:
-    names: dict[str, list[Entry]] = {}
+def _by_content(folder: Folder) -> dict[str, list[ManifestEntry]]:
+    names: dict[str, list[ManifestEntry]] = {}
     for entry in folder.latest.values():
         if entry.sha256 and entry.status != "failed":
             names.setdefault(entry.sha256, []).append(entry)
@@ -119,7 +119,7 @@ def account(folder: Folder) -> dict[str, Any]:
     }
 
 
-def _order(entry: Entry) -> tuple[list[tuple[int, int | str]], str]:
+def _order(entry: ManifestEntry) -> tuple[list[tuple[int, int | str]], str]:
     return natural(entry.path), entry.location
 
 
@@ -133,7 +133,7 @@ class Assemble:
     ----------
     folder : str
         Of the batch.
-    parts : sequence of Part
+    parts : sequence of MissionPart
     account : dict
         From `account`.
     settings : Settings
@@ -143,7 +143,7 @@ class Assemble:
     """
 
     folder: str
-    parts: Sequence[Part]
+    parts: Sequence[MissionPart]
     account: Mapping[str, Any]
     settings: Settings
     crs: str | None
@@ -219,7 +219,7 @@ class Assemble:
                 some = self.parts[first : first + _AT_ONCE]
                 yield [decode(self._record(file, part), part.path) for part in some]
 
-    def _record(self, file: Records, part: Part) -> bytes:
+    def _record(self, file: Records, part: MissionPart) -> bytes:
         from terrain_cli.errors import InputError
 
         record = file.read(part.record)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from terrain_cli.batch.batch_run import Order
     from terrain_cli.batch.configuration import Configuration
     from terrain_cli.batch.coordinator import Tally
-    from terrain_cli.batch.manifest import Entry
+    from terrain_cli.batch.manifest import ManifestEntry
     from terrain_cli.errors import InterruptedBatchError
 
 #: Of a batch that has finished, with failures.
@@ -209,11 +209,11 @@ def _told(tally: Tally, seconds: float) -> str:
     return f"{', '.join(counts) or 'nothing to do'} · {seconds:.1f} s"
 
 
-def _line(entry: Entry) -> str:
+def _line(entry: ManifestEntry) -> str:
     return f"failed ({entry.exit_code}): {entry.error}"
 
 
-def _saved(entry: Entry) -> str:
+def _saved(entry: ManifestEntry) -> str:
     # Never 100 % of what is not whole.
     percent = "" if entry.recovered is None else f"{min(100 * entry.recovered, 99.9):.1f} % of "
     return f"salvaged ({percent}{entry.recovered_of}): {entry.path}"

@@ -13,7 +13,7 @@ from terrain_cli.commands import options, paths
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from terrain_cli.simulation import Log
+    from terrain_cli.simulation import SimulatedLog
 
 _EFFECT = re.compile(r"(?P<name>.+?)(?::(?P<values>[^:/\\]*=[^:/\\]*))?")
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
@@ -258,7 +258,7 @@ def _rover_beside(given: Mapping[str, Any]) -> str | None:
     return None
 
 
-def _tell(log: Log, given: dict[str, Any], truth: str | None, rover: str | None) -> None:
+def _tell(log: SimulatedLog, given: dict[str, Any], truth: str | None, rover: str | None) -> None:
     """Say what was written; of a hidden effect only where it stands."""
     scenario = log.scenario
     soils = ", ".join(dict.fromkeys(soil.name for soil in scenario.soils))

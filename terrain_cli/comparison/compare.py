@@ -19,7 +19,7 @@ from terrain_cli.comparison.comparison_outcome import (
     WheelComparison,
 )
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.fitted_wheel import Settings, Wheel
+from terrain_cli.comparison.fitted_wheel import FitSettings, FittedWheel
 from terrain_cli.processes import parallel
 from terrain_cli.vocabulary.english import counted
 from terrain_cli.windows.cut_windows import thinned
@@ -105,7 +105,7 @@ def compare(
         Nothing that the model predicts was measured.
     """
     fitted, warnings = fit_wheels(
-        wheels, model, Settings(fixed or {}, priors or {}, shared, noise), progress=progress
+        wheels, model, FitSettings(fixed or {}, priors or {}, shared, noise), progress=progress
     )
     fitted, joined = one_soil_or_several.as_few_as_predict(fitted, progress)
     return of_fitted(fitted, like=like, seed=seed, warnings=[*warnings, *joined], progress=progress)
@@ -114,25 +114,25 @@ def compare(
 def fit_wheels(
     wheels: Sequence[Windows],
     model: Model,
-    settings: Settings,
+    settings: FitSettings,
     *,
     further: Collection[str] = (),
     progress: Callable[[str], None] = lambda _: None,
-) -> tuple[list[Wheel], list[str]]:
+) -> tuple[list[FittedWheel], list[str]]:
     """Fit a model to wheels, of which not more samples are taken than can be compared.
 
     Parameters
     ----------
     wheels : sequence of Windows
     model : Model
-    settings : Settings
+    settings : FitSettings
     further : collection of str
         Channels that are kept although the model does not read them.
     progress : callable
 
     Returns
     -------
-    list of Wheel
+    list of FittedWheel
     list of str
         What has to be said about it.
     """
@@ -144,12 +144,12 @@ def fit_wheels(
         warnings.append(
             f"{used} of {total} samples are compared, in unbroken pieces spread over every segment"
         )
-    fit = partial(Wheel, model=model, settings=settings, further=further)
+    fit = partial(FittedWheel, model=model, settings=settings, further=further)
     return parallel.each(fit, wheels, lambda one: progress(f"fitting wheel {one.samples.wheel}")), warnings
 
 
 def of_fitted(
-    fitted: Sequence[Wheel],
+    fitted: Sequence[FittedWheel],
     *,
     like: Comparison | None = None,
     seed: int = 0,
@@ -160,7 +160,7 @@ def of_fitted(
 
     Parameters
     ----------
-    fitted : sequence of Wheel
+    fitted : sequence of FittedWheel
         All of one model.
     like, seed, progress
         As for `compare`.
@@ -220,7 +220,7 @@ def of_fitted(
 
 
 def _between_segments(
-    wheels: Sequence[Wheel], before: Sequence[Finding], levels: Mapping[str, float], seed: int
+    wheels: Sequence[FittedWheel], before: Sequence[Finding], levels: Mapping[str, float], seed: int
 ) -> list[Finding]:
     """Find what makes one soil look like several: what each segment's own soil hides.
 
@@ -249,13 +249,13 @@ def _between_segments(
     )
 
 
-def _why(wheels: Sequence[Wheel]) -> str:
+def _why(wheels: Sequence[FittedWheel]) -> str:
     return (
         "too few samples" if any(wheel.ordered for wheel in wheels) else "too few test points were repeated"
     )
 
 
-def _unpredicted(wheels: Sequence[Wheel]) -> Iterator[str]:
+def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:
     """Say where channels are measured and the model has no answer."""
     for wheel in wheels:
         for name, measured in wheel.measured.items():
@@ -269,7 +269,7 @@ def _unpredicted(wheels: Sequence[Wheel]) -> Iterator[str]:
                 )
 
 
-def _pooled_noise(wheels: Sequence[Wheel], name: str) -> float:
+def _pooled_noise(wheels: Sequence[FittedWheel], name: str) -> float:
     """Average the wheels' noise, weighted by their samples."""
     known = [
         (int(np.isfinite(wheel.residuals[name]).sum()), wheel.noise[name].deviation)
@@ -280,14 +280,14 @@ def _pooled_noise(wheels: Sequence[Wheel], name: str) -> float:
     return float(np.sqrt(sum(count * level**2 for count, level in known) / total)) if total else np.nan
 
 
-def _scale(wheels: Sequence[Wheel], name: str, level: float) -> float:
+def _scale(wheels: Sequence[FittedWheel], name: str, level: float) -> float:
     errors = np.concatenate([wheel.residuals[name] for wheel in wheels if name in wheel.measured])
     errors = errors[np.isfinite(errors)]
     rms = float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0
     return max(level, _LEAST_NOISE * rms) if np.isfinite(level) else rms
 
 
-def _blocks(wheels: Sequence[Wheel]) -> _Blocks:
+def _blocks(wheels: Sequence[FittedWheel]) -> _Blocks:
     """Cut the data into blocks: at the same times for all wheels of an input."""
     memory = max(wheel.memory for wheel in wheels)
     shortest = max(_SHORTEST, _MEMORIES * (memory + 1)) if any(wheel.ordered for wheel in wheels) else 1
@@ -320,13 +320,13 @@ def _blocks(wheels: Sequence[Wheel]) -> _Blocks:
     return _Blocks(of, None if enough else chain)
 
 
-def _runs(wheel: Wheel) -> Index:
+def _runs(wheel: FittedWheel) -> Index:
     samples, rows = wheel.windows.samples, wheel.windows.rows
     labels = samples.labels.get("run")
     return np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
 
 
-def _same_times(leader: Wheel, block: Index, other: Wheel) -> Index:
+def _same_times(leader: FittedWheel, block: Index, other: FittedWheel) -> Index:
     """Give the samples of another wheel the block that the leader's last sample before them has."""
     time, own = (w.windows.samples.time[w.windows.rows] for w in (leader, other))  # type: ignore[index]
     order = np.argsort(time, kind="stable")
@@ -334,7 +334,7 @@ def _same_times(leader: Wheel, block: Index, other: Wheel) -> Index:
     return np.asarray(block[order[place]])
 
 
-def _compared(wheel: Wheel, block: Index, scale: dict[str, float], seed: int) -> WheelComparison:
+def _compared(wheel: FittedWheel, block: Index, scale: dict[str, float], seed: int) -> WheelComparison:
     known = {name: scale.get(name, 1.0) for name in wheel.measured}
     out = held_out.predict(wheel, block, known)
     series = {

@@ -10,7 +10,7 @@ from terrain_cli.comparison import blocks, finding_sentences, shapes
 from terrain_cli.comparison.comparison_outcome import UNITS, Finding
 from terrain_cli.comparison.drivers import ANGLE, PARTS
 from terrain_cli.comparison.prediction import derivatives
-from terrain_cli.comparison.residual_evidence import Evidence, Slopes
+from terrain_cli.comparison.residual_evidence import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.residual_search import Found
     from terrain_cli.comparison.shapes import Shape
 
@@ -32,7 +32,7 @@ MOST_SAMPLES = 60_000
 _WORST = 3
 
 
-def _precision(wheel: Wheel) -> Array:
+def _precision(wheel: FittedWheel) -> Array:
     """Return what is known beforehand of the soil of each window, about where it was fitted."""
     widths = [
         wheel.prior[name] * (np.abs(wheel.parameters[name]) if name in wheel.logarithmic else 1.0)
@@ -48,7 +48,7 @@ class Residuals:
 
     Parameters
     ----------
-    wheels : sequence of Wheel
+    wheels : sequence of FittedWheel
     block : sequence of ndarray of int
         Block of each usable sample of each wheel.
     scale : mapping of str to float
@@ -60,7 +60,7 @@ class Residuals:
 
     def __init__(
         self,
-        wheels: Sequence[Wheel],
+        wheels: Sequence[FittedWheel],
         block: Sequence[Index],
         scale: Mapping[str, float],
         *,
@@ -81,7 +81,7 @@ class Residuals:
             for name in scale
         }
 
-    def _of_wheel(self, index: int, block: Index, gap: int) -> Evidence:
+    def _of_wheel(self, index: int, block: Index, gap: int) -> ResidualEvidence:
         wheel, rows = self.wheels[index], self.rows[index]
         channels, drivers = wheel.smoothed(gap, rows)
         known = np.ones(len(rows), dtype=bool)
@@ -115,7 +115,9 @@ class Residuals:
             for name, column in wheel.residuals.items()
             if name in self.scale
         }
-        return Evidence(residuals, slopes, values, self.first[index] + wheel.window[rows], block[rows])
+        return ResidualEvidence(
+            residuals, slopes, values, self.first[index] + wheel.window[rows], block[rows]
+        )
 
     def _codes(self, name: str, labels: Sequence[str], codes: Array) -> Array:
         """Count the labels of all wheels together."""

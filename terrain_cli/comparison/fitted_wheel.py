@@ -63,7 +63,7 @@ _LONGEST = 25
 
 
 @dataclass(frozen=True)
-class Settings:
+class FitSettings:
     """How models are fitted.
 
     Parameters
@@ -83,14 +83,14 @@ class Settings:
     noise: Noise | None
 
 
-class Wheel:
+class FittedWheel:
     """A wheel and the model fitted to it.
 
     Parameters
     ----------
     windows : Windows
     model : Model
-    settings : Settings
+    settings : FitSettings
     segment : ndarray of int, shape (n,), optional
         Segment of each usable sample, where the windows are no segments but join several.
     further : collection of str
@@ -101,7 +101,7 @@ class Wheel:
         self,
         windows: Windows,
         model: Model,
-        settings: Settings,
+        settings: FitSettings,
         segment: Index | None = None,
         further: Collection[str] = (),
     ) -> None:
@@ -212,7 +212,7 @@ class Wheel:
         number = np.log(np.maximum(column, 1e-300)) if unknown.logarithm else column
         return np.asarray((number - unknown.mean) / unknown.sd)
 
-    def least_squares_data(self, white: Whitening | None = None) -> smoothed_model.Data:
+    def least_squares_data(self, white: Whitening | None = None) -> smoothed_model.SmoothedData:
         """Prepare a fit by `smoothed_fit.solve`.
 
         Parameters
@@ -228,7 +228,7 @@ class Wheel:
             self.record, self.quiet(smoothed_channels.GAP), load_tells_sinkage=self.model.base == "wong-reece"
         )
         blocks = max(len(self) // _LEAST_BLOCK, 1) if self.ordered else len(self)
-        return smoothed_model.Data(
+        return smoothed_model.SmoothedData(
             self.geometry,
             known,
             self.measured,
@@ -252,7 +252,7 @@ class Wheel:
         ]
         return whitening.Whitening(found.channels, np.diag(np.square(known)))
 
-    def take(self, solution: smoothed_fit.Solution, data: smoothed_model.Data) -> None:
+    def take(self, solution: smoothed_fit.Solution, data: smoothed_model.SmoothedData) -> None:
         """Replace what was fitted.
 
         Parameters
@@ -264,7 +264,7 @@ class Wheel:
         self.fit = smoothed_covariance.as_fit(data, solution, self.fit)
         self.parameters.update(smoothed_covariance.parameters(solution))
 
-    def _parameters(self, settings: Settings) -> dict[str, Array]:
+    def _parameters(self, settings: FitSettings) -> dict[str, Array]:
         """Return every parameter of every window; those of windows without samples are never used."""
         count = len(self.windows)
         found: dict[str, Array] = {}
@@ -286,12 +286,14 @@ class Wheel:
         return np.cumsum(change[: len(self)]).astype(np.intp)
 
     @cached_property
-    def record(self) -> smoothed_channels.Record:
+    def record(self) -> smoothed_channels.RecordedWheel:
         """What was measured, without the model."""
-        return smoothed_channels.Record(self.channels, self.window, self.group if self.ordered else None)
+        return smoothed_channels.RecordedWheel(
+            self.channels, self.window, self.group if self.ordered else None
+        )
 
     @cached_property
-    def one_soil(self) -> tuple[Wheel, Index] | None:
+    def one_soil(self) -> tuple[FittedWheel, Index] | None:
         """The model fitted with one soil to all segments of each terrain.
 
         With its samples ordered by terrain, and which usable sample of this wheel each of them is; None
@@ -299,23 +301,23 @@ class Wheel:
         """
         return self._joined(1)
 
-    def on_common_soil(self) -> tuple[Wheel, Index] | None:
+    def on_common_soil(self) -> tuple[FittedWheel, Index] | None:
         """Return the same, of evenly thinned samples if they are many.
 
         Returns
         -------
-        wheel : Wheel
+        wheel : FittedWheel
         order : ndarray of int
         """
         step = max(1, -(-len(self) // _MOST_COMMON))
         return self.one_soil if step == 1 else self._joined(step)
 
-    def _joined(self, step: int) -> tuple[Wheel, Index] | None:
+    def _joined(self, step: int) -> tuple[FittedWheel, Index] | None:
         found = by_terrain(self.windows, step)
         if found is None:
             return None
         joined, order = found
-        return Wheel(joined, self.model, self.settings, self.segment[order], self.further), order
+        return FittedWheel(joined, self.model, self.settings, self.segment[order], self.further), order
 
     def of_samples(self, rows: Index | slice = slice(None)) -> dict[str, Array]:
         """Return the parameters of some usable samples.

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -53,7 +53,7 @@ def folds(window: Index, block: Index) -> Index:
 
 
 def predict(
-    wheel: Wheel, block: Index, scale: Mapping[str, float], inputs: Mapping[str, Array] | None = None
+    wheel: FittedWheel, block: Index, scale: Mapping[str, float], inputs: Mapping[str, Array] | None = None
 ) -> dict[str, Array]:
     """Predict every sample by a fit of the other blocks.
 
@@ -63,7 +63,7 @@ def predict(
 
     Parameters
     ----------
-    wheel : Wheel
+    wheel : FittedWheel
     block : ndarray of int, shape (n,)
     scale : dict of str to float
         Channel → standard deviation that weighs its residuals.
@@ -146,7 +146,7 @@ def _per_fold(change: Mapping[str, Array], fold: Index) -> Array:
     return np.asarray(np.bincount(fold, squares) / np.maximum(count, 1))
 
 
-def _without(wheel: Wheel, fold: Index, scale: Mapping[str, float]) -> tuple[Index, Array]:
+def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tuple[Index, Array]:
     """Return the cell of each sample, and how far a cell's parameters move when its fold is left out.
 
     In the unit sought: logarithms of parameters that are positive.

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -25,8 +25,8 @@ _PARTS, _SHORTEST = 24, 10
 
 
 def as_few_as_predict(
-    wheels: Sequence[Wheel], progress: Callable[[str], None] = lambda _: None
-) -> tuple[list[Wheel], list[str]]:
+    wheels: Sequence[FittedWheel], progress: Callable[[str], None] = lambda _: None
+) -> tuple[list[FittedWheel], list[str]]:
     """Join the segments of wheels of which one soil for each terrain predicts no worse.
 
     A model without something that follows the drive needs a new soil at every turn; with it, one is
@@ -34,13 +34,13 @@ def as_few_as_predict(
 
     Parameters
     ----------
-    wheels : sequence of Wheel
+    wheels : sequence of FittedWheel
         Fitted.
     progress : callable
 
     Returns
     -------
-    list of Wheel
+    list of FittedWheel
     list of str
         What has to be said about it.
     """
@@ -70,12 +70,12 @@ def as_few_as_predict(
     return result, told
 
 
-def _parts(wheel: Wheel) -> Index:
+def _parts(wheel: FittedWheel) -> Index:
     """Cut the samples into what is left out in turn."""
     return blocks.fine([len(wheel)], _SHORTEST if wheel.ordered else 1, most=_PARTS)[0].astype(np.intp)
 
 
-def _loss(wheel: Wheel, like: Wheel, part: Index) -> Array:
+def _loss(wheel: FittedWheel, like: FittedWheel, part: Index) -> Array:
     """Return the held-out loss by part, in units of what the second wheel leaves."""
     scale = {}
     for name, error in like.residuals.items():

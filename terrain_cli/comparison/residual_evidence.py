@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison.score_test import Cell
+from terrain_cli.comparison.score_test import ScoreCell
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -40,7 +40,7 @@ class Slopes:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class ResidualEvidence:
     """Residuals of one wheel, and what they may follow.
 
     Slip, load and sinkage as measured carry noise, which is in the residual and in anything computed
@@ -90,7 +90,9 @@ class Evidence:
                 out[:, column] = np.nan_to_num(shape(self.drivers[shape.driver][rows]))
         return out
 
-    def cells(self, channel: str, shapes: Sequence[Shape], columns: Index, weight: float) -> Iterator[Cell]:
+    def cells(
+        self, channel: str, shapes: Sequence[Shape], columns: Index, weight: float
+    ) -> Iterator[ScoreCell]:
         """Yield the samples of a channel by block and group.
 
         Parameters
@@ -103,7 +105,7 @@ class Evidence:
 
         Yields
         ------
-        Cell
+        ScoreCell
         """
         residual = self.residuals.get(channel)
         if residual is None or len(self) == 0:
@@ -120,7 +122,7 @@ class Evidence:
             inside = ends[np.searchsorted(ends, start, side="right") : np.searchsorted(ends, stop)]
             for low, high in zip([start, *inside], [*inside, stop], strict=True):
                 part = slice(low - start, high - start)
-                yield Cell(
+                yield ScoreCell(
                     int(self.group[low]),
                     int(self.block[low]),
                     columns,

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.residual_evidence import Evidence
-    from terrain_cli.comparison.score_test import Cell, Fitted
+    from terrain_cli.comparison.residual_evidence import ResidualEvidence
+    from terrain_cli.comparison.score_test import FittedTerms, ScoreCell
     from terrain_cli.comparison.shapes import Shape
 
     Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ class Search:
 
     Parameters
     ----------
-    wheels : sequence of Evidence
+    wheels : sequence of ResidualEvidence
     shapes : mapping of str to sequence of Shape
         Channel → shapes tested in it.
     scale : mapping of str to float
@@ -97,7 +97,7 @@ class Search:
 
     def __init__(
         self,
-        wheels: Sequence[Evidence],
+        wheels: Sequence[ResidualEvidence],
         shapes: Mapping[str, Sequence[Shape]],
         scale: Mapping[str, float],
         *,
@@ -116,7 +116,7 @@ class Search:
         self.blocks, (self.groups, self.soil) = blocks, precision.shape
         self.system = System(precision, blocks, start).add(self._cells())
 
-    def _cells(self) -> Iterator[Cell]:
+    def _cells(self) -> Iterator[ScoreCell]:
         for wheel in self.wheels:
             for channel, shapes in self.shapes.items():
                 yield from wheel.cells(channel, shapes, self.columns[channel], self.scale[channel] ** -2.0)
@@ -130,7 +130,7 @@ class Search:
         """
         return self.system.scores(self._cells())
 
-    def refit(self, chosen: Sequence[int]) -> Fitted:
+    def refit(self, chosen: Sequence[int]) -> FittedTerms:
         """Fit the model's parameters anew together with some terms, and take both off the residuals.
 
         Parameters
@@ -140,7 +140,7 @@ class Search:
 
         Returns
         -------
-        Fitted
+        FittedTerms
         """
         fitted = self.system.fit([*range(self.common), *chosen], self._cells())
         coefficients = np.zeros(self.common + len(self.terms))

@@ -26,7 +26,7 @@ _RANK = 1e-9
 
 
 @dataclass(frozen=True)
-class Cell:
+class ScoreCell:
     """Some samples of one channel, in one block and one group.
 
     Parameters
@@ -52,7 +52,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedTerms:
     """Coefficients of some terms and of every group's own parameters.
 
     Parameters
@@ -90,12 +90,12 @@ class System:
         self._share = np.zeros((groups, terms, soil))
         self._cross = np.zeros((terms, terms))
 
-    def add(self, cells: Iterable[Cell]) -> System:
+    def add(self, cells: Iterable[ScoreCell]) -> System:
         """Collect the moments of all samples and eliminate the groups' own parameters.
 
         Parameters
         ----------
-        cells : iterable of Cell
+        cells : iterable of ScoreCell
 
         Returns
         -------
@@ -114,12 +114,12 @@ class System:
             self._cross -= share @ mixed.T
         return self
 
-    def scores(self, cells: Iterable[Cell]) -> Array:
+    def scores(self, cells: Iterable[ScoreCell]) -> Array:
         """Return the scores of every block and term.
 
         Parameters
         ----------
-        cells : iterable of Cell
+        cells : iterable of ScoreCell
 
         Returns
         -------
@@ -166,17 +166,17 @@ class System:
         """
         return np.asarray(np.diag(cross) / np.where(self._squares > 0.0, self._squares, np.inf))
 
-    def fit(self, terms: Sequence[int], cells: Iterable[Cell]) -> Fitted:
+    def fit(self, terms: Sequence[int], cells: Iterable[ScoreCell]) -> FittedTerms:
         """Fit some terms and every group's own parameters to the residual together.
 
         Parameters
         ----------
         terms : sequence of int
-        cells : iterable of Cell
+        cells : iterable of ScoreCell
 
         Returns
         -------
-        Fitted
+        FittedTerms
         """
         chosen = np.asarray(terms, dtype=np.intp)
         own, score = np.zeros(self._soil.shape[:2]), np.zeros(len(self._squares))
@@ -187,7 +187,7 @@ class System:
         score -= np.einsum("gmq,gq->m", self._share, own)
         coefficients = _pseudo_inverse(self._cross[np.ix_(chosen, chosen)]) @ score[chosen]
         rest = own - np.einsum("gmq,m->gq", self._mixed[:, chosen], coefficients)
-        return Fitted(chosen, coefficients, np.einsum("gpq,gq->gp", self._inverse, rest))
+        return FittedTerms(chosen, coefficients, np.einsum("gpq,gq->gp", self._inverse, rest))
 
 
 def _pseudo_inverse(matrix: Array) -> Array:

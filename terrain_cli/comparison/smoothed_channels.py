@@ -42,7 +42,7 @@ GAP = _WAYS[0][0]
 
 
 @dataclass(frozen=True)
-class Record:
+class RecordedWheel:
     """The usable samples of a wheel as they were measured.
 
     Parameters
@@ -72,13 +72,13 @@ class Record:
 
 
 def without_noise(
-    record: Record, read: Mapping[str, Array], *, load_tells_sinkage: bool
+    record: RecordedWheel, read: Mapping[str, Array], *, load_tells_sinkage: bool
 ) -> tuple[dict[str, Array], NDArray[np.bool_]]:
     """Return the channels from which to predict without their noise, and the samples of use.
 
     Parameters
     ----------
-    record : Record
+    record : RecordedWheel
     read : mapping of str to ndarray, shape (n,)
         All channels as effects may read them, those of time series interpolated over `GAP`.
     load_tells_sinkage : bool
@@ -107,7 +107,7 @@ def without_noise(
     return channels, use
 
 
-def _interpolated(record: Record, group: Index, name: str) -> tuple[Array, NDArray[np.bool_]]:
+def _interpolated(record: RecordedWheel, group: Index, name: str) -> tuple[Array, NDArray[np.bool_]]:
     """Return a channel from its neighbours, as far apart as its changes allow, and where that is right.
 
     Farther neighbours share less of the noise, nearer ones more of what changes; where even the
@@ -126,7 +126,7 @@ def _interpolated(record: Record, group: Index, name: str) -> tuple[Array, NDArr
     return measured, np.ones(len(measured), dtype=bool)
 
 
-def _calibrated(record: Record, name: str, column: Array) -> Array:
+def _calibrated(record: RecordedWheel, name: str, column: Array) -> Array:
     """Draw an interpolated channel to its mean by the share of noise that is left in it.
 
     Of a load that does not vary, all that an interpolation shows is noise: taken for true, the soil
@@ -158,12 +158,12 @@ def _calibrated(record: Record, name: str, column: Array) -> Array:
     return np.asarray(middle + share * (column - middle))
 
 
-def _felt(record: Record) -> float:
+def _felt(record: RecordedWheel) -> float:
     """Return the variance of the load, in N², that sinkage or torque answers to: noise has no part."""
     return max(_answered(record, name, growth) for name, growth in _ANSWERS.items())
 
 
-def _answered(record: Record, name: str, growth: float) -> float:
+def _answered(record: RecordedWheel, name: str, growth: float) -> float:
     if name not in record.channels or "slip" not in record.channels:
         return 0.0
     load, answer, slip = (record.channels[one] for one in ("load", name, "slip"))

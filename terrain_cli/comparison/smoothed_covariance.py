@@ -13,18 +13,18 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.smoothed_fit import Solution
-    from terrain_cli.comparison.smoothed_model import Data
+    from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.estimation.wheel_fit import Fit
 
     Array = NDArray[np.float64]
 
 
-def covariance(data: Data, solution: Solution) -> tuple[Array, Array]:
+def covariance(data: SmoothedData, solution: Solution) -> tuple[Array, Array]:
     """Return the covariance of the parameters sought.
 
     Parameters
     ----------
-    data : Data
+    data : SmoothedData
     solution : Solution
 
     Returns
@@ -73,12 +73,12 @@ def parameters(solution: Solution) -> dict[str, Array]:
     return found | {name: np.full(windows, float(value)) for name, value in common.items()}
 
 
-def as_fit(data: Data, solution: Solution, fit: Fit) -> Fit:
+def as_fit(data: SmoothedData, solution: Solution, fit: Fit) -> Fit:
     """Put a solution in the place of what another fit of the same windows found.
 
     Parameters
     ----------
-    data : Data
+    data : SmoothedData
     solution : Solution
     fit : Fit
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.smoothed_model import Data
+    from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
     from terrain_cli.mechanics.wheel_model import Model
 
@@ -89,7 +89,7 @@ class Solution:
 
 
 def solve(
-    model: Model, sought: Unknowns, data: Data, t: Array, common: Array, *, rounds: int = _ROUNDS
+    model: Model, sought: Unknowns, data: SmoothedData, t: Array, common: Array, *, rounds: int = _ROUNDS
 ) -> Solution:
     """Fit a model, by the method of Levenberg and Marquardt.
 
@@ -97,7 +97,7 @@ def solve(
     ----------
     model : Model
     sought : Unknowns
-    data : Data
+    data : SmoothedData
     t, common : ndarray, shape (w, q) and (m,)
         Where the search begins.
     rounds : int
@@ -158,7 +158,7 @@ def solve(
 
 
 def search(
-    model: Model, sought: Unknowns, data: Data, beginnings: Iterable[tuple[Array | None, Array]]
+    model: Model, sought: Unknowns, data: SmoothedData, beginnings: Iterable[tuple[Array | None, Array]]
 ) -> Solution:
     """Fit a model from several beginnings, of which a part of the samples chooses one.
 
@@ -166,7 +166,7 @@ def search(
     ----------
     model : Model
     sought : Unknowns
-    data : Data
+    data : SmoothedData
     beginnings : iterable of (ndarray of shape (w, q) or None, ndarray of shape (m,))
         Soils and what is common to them; the neutral soil for None.
 
@@ -192,14 +192,14 @@ def search(
     return solve(model, sought, data, best.t, best.common)
 
 
-def neutral(model: Model, sought: Unknowns, data: Data, common: Array) -> Array:
+def neutral(model: Model, sought: Unknowns, data: SmoothedData, common: Array) -> Array:
     """Return the soil expected before anything is known, as stiff as the measured sinkage says.
 
     Parameters
     ----------
     model : Model
     sought : Unknowns
-    data : Data
+    data : SmoothedData
     common : ndarray, shape (m,)
 
     Returns
@@ -234,7 +234,7 @@ class _State(NamedTuple):
 
 
 def _linear(
-    model: Model, sought: Unknowns, data: Data, t: Array, common: Array, guess: Array | None
+    model: Model, sought: Unknowns, data: SmoothedData, t: Array, common: Array, guess: Array | None
 ) -> _State:
     """Return residuals and design."""
     names = [u.name for u in (*sought.local, *sought.shared)]
@@ -254,7 +254,7 @@ def _linear(
 
 
 def _carrying(
-    model: Model, sought: Unknowns, data: Data, t: Array, common: Array, guess: Array | None = None
+    model: Model, sought: Unknowns, data: SmoothedData, t: Array, common: Array, guess: Array | None = None
 ) -> Array | None:
     """Return the sinkages at which the soil carries the load; None where these are given."""
     if "sinkage" in data.inputs or model.base == "linear":
@@ -279,7 +279,7 @@ def _cost(left: Array, t: Array, common: Array, spread: float) -> float:
     return float(smoothed_model.bounded(left).sum() / spread + (t**2).sum() + (common**2).sum())
 
 
-def _spread(data: Data, left: Array) -> float:
+def _spread(data: SmoothedData, left: Array) -> float:
     """Weigh the misfit against the prior: beyond the noise it has few independent values in a block."""
     count = max(int(data.seen.sum()), 1)
     ratio = float(smoothed_model.bounded(left).sum()) / count
@@ -334,7 +334,7 @@ def moments(design: Array, left: Array, cell: Index, cells: int) -> tuple[Array,
 
 
 def _step(
-    data: Data, state: _State, t: Array, common: Array, spread: float, damping: float
+    data: SmoothedData, state: _State, t: Array, common: Array, spread: float, damping: float
 ) -> tuple[Array, Array]:
     left, design, _ = state
     q = t.shape[1]

@@ -41,7 +41,7 @@ _CARRIES = 0.2
 
 
 @dataclass(frozen=True)
-class Data:
+class SmoothedData:
     """Samples of one wheel, and what is to be explained of them.
 
     Parameters
@@ -72,12 +72,12 @@ class Data:
         return np.stack([np.isfinite(self.measured[n]) & self.use for n in self.white.channels], axis=1)
 
 
-def with_noise_of(data: Data, left: Array, fewest: int) -> Data:
+def with_noise_of(data: SmoothedData, left: Array, fewest: int) -> SmoothedData:
     """Take what a model leaves for the noise.
 
     Parameters
     ----------
-    data : Data
+    data : SmoothedData
     left : ndarray, shape (n, c)
         In units of the noise as it is.
     fewest : int
@@ -85,7 +85,7 @@ def with_noise_of(data: Data, left: Array, fewest: int) -> Data:
 
     Returns
     -------
-    Data
+    SmoothedData
     """
     seen = data.seen.all(axis=1)
     if np.count_nonzero(seen) < fewest:
@@ -127,7 +127,7 @@ def parameters(sought: Unknowns, t: Array, common: Array, window: Index) -> dict
 
 def forecast(
     model: Model,
-    data: Data,
+    data: SmoothedData,
     numbers: Mapping[str, Array],
     by: Sequence[str] = (),
     *,
@@ -139,7 +139,7 @@ def forecast(
     Parameters
     ----------
     model : Model
-    data : Data
+    data : SmoothedData
     numbers : mapping of str to ndarray, shape (n,)
         Every parameter of every sample.
     by : sequence of str
@@ -203,7 +203,7 @@ def forecast(
 
 def _carrying(
     model: Model,
-    data: Data,
+    data: SmoothedData,
     inputs: Mapping[str, Array],
     numbers: Mapping[str, Array],
     by: Sequence[str],
@@ -232,7 +232,7 @@ def _carrying(
 
 
 def nearby(
-    model: Model, data: Data, numbers: Mapping[str, Array], by: Sequence[str], guess: Array
+    model: Model, data: SmoothedData, numbers: Mapping[str, Array], by: Sequence[str], guess: Array
 ) -> tuple[dict[str, Array], dict[str, Array], Array]:
     """Predict from sinkages close to those at which the soil carries the load, without seeking a root.
 
@@ -243,7 +243,7 @@ def nearby(
     ----------
     model : Model
         Of the base wong-reece.
-    data : Data
+    data : SmoothedData
     numbers : mapping of str to ndarray, shape (n,)
     by : sequence of str
     guess : ndarray, shape (n,)
@@ -297,12 +297,12 @@ def nearby(
     return found, {name: np.where(np.isfinite(table), table, 0.0) for name, table in tables.items()}, moved
 
 
-def residual(data: Data, predicted: Mapping[str, Array]) -> Array:
+def residual(data: SmoothedData, predicted: Mapping[str, Array]) -> Array:
     """Return what is left of the channels, in units of the noise.
 
     Parameters
     ----------
-    data : Data
+    data : SmoothedData
     predicted : mapping of str to ndarray, shape (n,)
 
     Returns
@@ -334,17 +334,17 @@ def bounded(errors: Array) -> Array:
     return np.where(size < BEND, size**2, BEND * (2.0 * size - BEND))
 
 
-def thinned(data: Data, rows: Index) -> Data:
+def thinned(data: SmoothedData, rows: Index) -> SmoothedData:
     """Keep some samples.
 
     Parameters
     ----------
-    data : Data
+    data : SmoothedData
     rows : ndarray of int
 
     Returns
     -------
-    Data
+    SmoothedData
     """
     return replace(
         data,

@@ -9,7 +9,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import (
     NextDrive,
     NotTestable,
     Size,
-    Unknown,
+    UnknownEffect,
 )
 
 __all__ = [
@@ -20,6 +20,6 @@ __all__ = [
     "NextDrive",
     "NotTestable",
     "Size",
-    "Unknown",
+    "UnknownEffect",
     "diagnose",
 ]

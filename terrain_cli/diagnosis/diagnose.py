@@ -16,7 +16,7 @@ from terrain_cli.vocabulary.english import counted
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence
 
-    from terrain_cli.diagnosis.diagnosed_log import Log
+    from terrain_cli.diagnosis.diagnosed_log import DiagnosedLog
     from terrain_cli.diagnosis.refits import Refit
     from terrain_cli.diagnosis.screening import Screened
     from terrain_cli.diagnosis.steps import Ranked
@@ -120,7 +120,7 @@ def diagnose(
     )
 
 
-def _silent(case: Case, log: Log, base: Refit, alarm: Alarm) -> Diagnosis:
+def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnosis:
     """Say that nothing shows; of few data also what they speak for."""
     few = log.data.blocks < ENOUGH_BLOCKS
     warnings = list(log.comparison.warnings)

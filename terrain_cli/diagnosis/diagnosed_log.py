@@ -11,7 +11,7 @@ from terrain_cli.comparison import blocks
 from terrain_cli.comparison import one_soil_or_several as comparison_soils
 from terrain_cli.comparison.compare import ENOUGH_RUNS, fit_wheels, of_fitted
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.fitted_wheel import Settings
+from terrain_cli.comparison.fitted_wheel import FitSettings
 from terrain_cli.diagnosis import refits, screening, several_soils
 from terrain_cli.diagnosis.alarm import ENOUGH_BLOCKS
 from terrain_cli.estimation import estimators
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison import Comparison, Finding
-    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable
     from terrain_cli.diagnosis.refits import Ground
     from terrain_cli.diagnosis.screening import Screened
@@ -49,7 +49,7 @@ class Case:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Log:
+class DiagnosedLog:
     """What is known of the data before any effect is fitted.
 
     Parameters
@@ -82,12 +82,12 @@ class Log:
         return self.screened
 
 
-def soils(case: Case, wheels: Sequence[Windows]) -> Log:
+def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
     """Fit the model, and find how many soils the data speak for."""
     read = notes([windows.samples for windows in wheels])
     joined = joined_inputs.by_wheel(wheels, case.effects)
     held, priors, noise = estimators.assumed(joined, case.file)
-    settings = Settings(held, priors, [name for name in case.file.shared if name not in held], noise)
+    settings = FitSettings(held, priors, [name for name in case.file.shared if name not in held], noise)
     further = tuple(dict.fromkeys(name for effect in case.effects for name in effect.reads))
     fitted, warnings = fit_wheels(joined, case.file.model, settings, further=further, progress=case.progress)
     few, joined_soils = comparison_soils.as_few_as_predict(fitted, case.progress)
@@ -104,12 +104,12 @@ def soils(case: Case, wheels: Sequence[Windows]) -> Log:
         hypotheses, alike = screening.on_changing_soil(hypotheses)
         not_testable = [*not_testable, *alike]
     comparison = replace(comparison, warnings=[*comparison.warnings, *notes_of_soils])
-    return Log(
+    return DiagnosedLog(
         data=chosen, block=own, comparison=comparison, hypotheses=hypotheses, not_testable=list(not_testable)
     )
 
 
-def scores(case: Case, log: Log) -> Log:
+def scores(case: Case, log: DiagnosedLog) -> DiagnosedLog:
     """Score every effect without a refit, on blocks long enough to be unrelated."""
     case.progress("scoring every effect")
     found = screening.screen(log.data.wheels, log.block, log.hypotheses, case.seed)
@@ -126,7 +126,7 @@ def scores(case: Case, log: Log) -> Log:
     )
 
 
-def _longer_blocks(log: Log, found: Screened) -> Log | None:
+def _longer_blocks(log: DiagnosedLog, found: Screened) -> DiagnosedLog | None:
     """Join blocks whose scores are related; None where runs are blocks, or none are related."""
     count = len(found.blocks)
     runs = [wheel.windows.samples.labels.get("run") for wheel in log.data.wheels]
@@ -148,9 +148,9 @@ def _longer_blocks(log: Log, found: Screened) -> Log | None:
     return replace(log, data=data, block=[label[one] for one in log.block])
 
 
-def _findings(log: Log, seed: int) -> list[Finding]:
+def _findings(log: DiagnosedLog, seed: int) -> list[Finding]:
     """Search the residuals on other soils for findings."""
-    wheels: Sequence[Wheel] = log.data.wheels
+    wheels: Sequence[FittedWheel] = log.data.wheels
     levels = {name: errors.noise for name, errors in log.comparison.channels.items()}
     scale = {
         name: float(

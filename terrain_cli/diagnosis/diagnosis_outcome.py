@@ -149,7 +149,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Unknown:
+class UnknownEffect:
     """What no effect of the catalogue explains.
 
     Parameters
@@ -223,7 +223,7 @@ class Diagnosis:
         Those that the data cannot tell apart, the best first.
     candidates : list of Candidate
         The best first.
-    unknown : Unknown or None
+    unknown : UnknownEffect or None
     next_drive : list of NextDrive
     not_testable : list of NotTestable
     warnings : list of str
@@ -242,7 +242,7 @@ class Diagnosis:
     effect: str | None
     family: tuple[str, ...]
     candidates: list[Candidate]
-    unknown: Unknown | None
+    unknown: UnknownEffect | None
     next_drive: list[NextDrive]
     not_testable: list[NotTestable]
     warnings: list[str]

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.effects import Effect
 
     Array = NDArray[np.float64]
@@ -74,12 +74,12 @@ class Draft:
     effect: Effect
 
 
-def drivers(wheel: Wheel) -> dict[str, Array]:
+def drivers(wheel: FittedWheel) -> dict[str, Array]:
     """Return what a draft may follow: numbers that vary and that a law can read.
 
     Parameters
     ----------
-    wheel : Wheel
+    wheel : FittedWheel
 
     Returns
     -------
@@ -96,7 +96,7 @@ def drivers(wheel: Wheel) -> dict[str, Array]:
 
 
 def screen(
-    wheel: Wheel, values: Mapping[str, Array], channels: Mapping[str, Array], rows: Index
+    wheel: FittedWheel, values: Mapping[str, Array], channels: Mapping[str, Array], rows: Index
 ) -> Iterator[tuple[str, str, str, dict[str, Array]]]:
     """Yield the signatures of all drafts without writing them.
 
@@ -104,7 +104,7 @@ def screen(
 
     Parameters
     ----------
-    wheel : Wheel
+    wheel : FittedWheel
     values : mapping of str to ndarray, shape (n,)
         Of the drivers, at the rows.
     channels, rows

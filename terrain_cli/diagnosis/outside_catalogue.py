@@ -10,7 +10,7 @@ import numpy as np
 
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
 from terrain_cli.diagnosis import effect_scores as scoring
-from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, Unknown
+from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.processes import parallel
 
@@ -186,7 +186,7 @@ def beats(tried: Sequence[Tried], effect: Refit) -> bool:
 
 def verdict(
     base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence[str]
-) -> tuple[Unknown | None, bool]:
+) -> tuple[UnknownEffect | None, bool]:
     """Tell whether a draft explains what no effect does.
 
     Parameters
@@ -199,7 +199,7 @@ def verdict(
 
     Returns
     -------
-    unknown : Unknown or None
+    unknown : UnknownEffect or None
         A draft that predicts better than every effect.
     alone : bool
         Whether the effects leave so much that they are none of the story.
@@ -224,7 +224,7 @@ def verdict(
         f"{head}: {channel.replace('_', ' ')} {follows} ({draft.form}), "
         f"which accounts for {explained:.0%} of the misfit."
     )
-    return Unknown(channel, draft.driver, draft.form, explained, sentence, draft.text), alone
+    return UnknownEffect(channel, draft.driver, draft.form, explained, sentence, draft.text), alone
 
 
 def _channel(base: Refit, refit: Refit) -> str:

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.smoothed_fit import Solution
-    from terrain_cli.comparison.smoothed_model import Data
+    from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 
@@ -37,19 +37,19 @@ class Ground:
 
     Parameters
     ----------
-    wheels : list of Wheel
+    wheels : list of FittedWheel
     rows : list of ndarray of int
         Usable samples of each wheel that are taken.
     block : list of ndarray of int
         Block of each of these.
-    data : list of Data
+    data : list of SmoothedData
     base : list of Solution
     """
 
-    wheels: list[Wheel]
+    wheels: list[FittedWheel]
     rows: list[Index]
     block: list[Index]
-    data: list[Data]
+    data: list[SmoothedData]
     base: list[Solution]
 
     @property
@@ -86,12 +86,14 @@ class Refit:
     heldout: dict[str, float]
 
 
-def ground(wheels: Sequence[Wheel], block: Sequence[Index], most: int, like: Ground | None = None) -> Ground:
+def ground(
+    wheels: Sequence[FittedWheel], block: Sequence[Index], most: int, like: Ground | None = None
+) -> Ground:
     """Fit the base to evenly thinned samples.
 
     Parameters
     ----------
-    wheels : sequence of Wheel
+    wheels : sequence of FittedWheel
     block : sequence of ndarray of int, shape (n,)
     most : int
         Samples of all wheels that are taken.
@@ -123,7 +125,7 @@ def ground(wheels: Sequence[Wheel], block: Sequence[Index], most: int, like: Gro
     return Ground(list(wheels), rows, kept, datas, solutions)
 
 
-def _noise(wheel: Wheel, data: Data, solution: Solution) -> whitening.Whitening:
+def _noise(wheel: FittedWheel, data: SmoothedData, solution: Solution) -> whitening.Whitening:
     """Estimate the noise of what the base leaves, from all samples."""
     found, _ = smoothed_model.forecast(wheel.model, data, solution.of_samples(data.window))
     errors = {
@@ -301,7 +303,7 @@ def _let_go(held: Solution, free: Solution, value: Mapping[str, float]) -> Solut
 
 
 def _solved(
-    data: Ground, index: int, part: Data, hypothesis: Hypothesis, after: Sequence[Solution]
+    data: Ground, index: int, part: SmoothedData, hypothesis: Hypothesis, after: Sequence[Solution]
 ) -> Solution:
     """Search from the base, or from its parts, and where each shape of it is present; keep the best."""
     wheel, base = data.wheels[index], data.base[index]
@@ -356,7 +358,7 @@ def _beginnings(sought: Unknowns, common: Array, hypothesis: Hypothesis) -> Iter
         yield begun
 
 
-def _held_out(part: Data, solution: Solution, block: Index) -> tuple[Array, dict[str, Array]]:
+def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Array, dict[str, Array]]:
     """Predict every sample by the parameters without its block, one step of Gauss and Newton away."""
     fold = held_out.folds(part.window, block)
     pairs, cell = np.unique(np.stack([part.window, fold]), axis=1, return_inverse=True)

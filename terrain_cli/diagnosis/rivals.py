@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.smoothed_model import Data
+    from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.mechanics.wheel_model import Model
@@ -188,7 +188,7 @@ class _Part:
         return np.asarray(loss.sum(axis=1))
 
 
-def _white(part: Data, model: Model, numbers: Mapping[str, Array]) -> Array:
+def _white(part: SmoothedData, model: Model, numbers: Mapping[str, Array]) -> Array:
     """Return what a model predicts, in units of the noise; 0 where nothing is measured."""
     found, _ = smoothed_model.forecast(model, part, numbers, order=smoothed_model.ORDER)
     return np.asarray(part.white({name: np.nan_to_num(column) for name, column in found.items()}, part.seen))

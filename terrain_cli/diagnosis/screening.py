@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.effects import Effect
     from terrain_cli.models import ModelFile
 
@@ -70,14 +70,14 @@ class Screened:
 
 
 def hypotheses(
-    file: ModelFile, wheels: Sequence[Wheel], effects: Sequence[Effect]
+    file: ModelFile, wheels: Sequence[FittedWheel], effects: Sequence[Effect]
 ) -> tuple[list[Hypothesis], list[NotTestable]]:
     """List what a model may lack, as far as the channels are there.
 
     Parameters
     ----------
     file : ModelFile
-    wheels : sequence of Wheel
+    wheels : sequence of FittedWheel
         Fitted.
     effects : sequence of Effect
         None of which is in the model.
@@ -131,14 +131,14 @@ def with_stresses(file: ModelFile, shear_modulus: float) -> ModelFile:
     return file
 
 
-def _available(wheel: Wheel) -> dict[str, Any]:
+def _available(wheel: FittedWheel) -> dict[str, Any]:
     geometry, time = wheel.windows.samples.geometry, wheel.windows.samples.time
     constants = {name: getattr(geometry, name) for name in ("grouser_count", "grouser_height")}
     there = {name: value for name, value in constants.items() if value}
     return {**wheel.channels, **there, **({} if time is None else {"time": time})}
 
 
-def _missing(effect: Effect, wheels: Sequence[Wheel]) -> str:
+def _missing(effect: Effect, wheels: Sequence[FittedWheel]) -> str:
     lacking = {name for wheel in wheels for name in catalogues.missing(effect, _available(wheel))}
     measured = {name for wheel in wheels for name in wheel.measured}
     if lacking:
@@ -172,13 +172,13 @@ def on_changing_soil(every: Sequence[Hypothesis]) -> tuple[list[Hypothesis], lis
 
 
 def screen(
-    wheels: Sequence[Wheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis], seed: int
+    wheels: Sequence[FittedWheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis], seed: int
 ) -> Screened:
     """Score every hypothesis.
 
     Parameters
     ----------
-    wheels : sequence of Wheel
+    wheels : sequence of FittedWheel
         Fitted.
     block : sequence of ndarray of int, shape (n,)
         Of the usable samples of each.
@@ -211,13 +211,13 @@ def screen(
 
 
 def promising(
-    wheels: Sequence[Wheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis]
+    wheels: Sequence[FittedWheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis]
 ) -> list[Hypothesis]:
     """Order hypotheses by what they explain to first order, assumptions of the base in front.
 
     Parameters
     ----------
-    wheels : sequence of Wheel
+    wheels : sequence of FittedWheel
         Fitted.
     block : sequence of ndarray of int, shape (n,)
         Of the usable samples of each.
@@ -257,7 +257,7 @@ def promising_pairs(found: Screened, hypotheses: Sequence[Hypothesis]) -> list[t
 
 
 def _columns(
-    wheels: Sequence[Wheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis]
+    wheels: Sequence[FittedWheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis]
 ) -> list[_Columns]:
     step = max(1, -(-sum(len(wheel) for wheel in wheels) // MOST_SAMPLES))
     blocks = 1 + max(int(one.max(initial=-1)) for one in block)
@@ -290,7 +290,7 @@ class _Columns:
     """The signatures of all hypotheses in one wheel, in units of the noise, and their scores."""
 
     def __init__(
-        self, wheel: Wheel, block: Index, blocks: int, hypotheses: Sequence[Hypothesis], step: int
+        self, wheel: FittedWheel, block: Index, blocks: int, hypotheses: Sequence[Hypothesis], step: int
     ) -> None:
         rows = np.arange(0, len(wheel), step)
         known = signatures.evidence(wheel, rows)

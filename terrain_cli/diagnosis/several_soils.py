@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.fitted_wheel import Settings, Wheel
+from terrain_cli.comparison.fitted_wheel import FitSettings, FittedWheel
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
 from terrain_cli.estimation import estimators
 from terrain_cli.vocabulary.english import counted
@@ -161,7 +161,7 @@ def _ground(
     windows: Sequence[Windows], block: Sequence[Index], file: ModelFile, effects: Sequence[Effect] = ()
 ) -> Ground:
     held, priors, noise = estimators.assumed(windows, file)
-    settings = Settings(held, priors, [name for name in file.shared if name not in held], noise)
+    settings = FitSettings(held, priors, [name for name in file.shared if name not in held], noise)
     further = {name for effect in effects for name in effect.reads}
     return refits.ground(fit_wheels(windows, file.model, settings, further=further)[0], block, MOST_SAMPLES)
 
@@ -265,11 +265,11 @@ def _gains(solution: Solution, rows: Index) -> Array:
     return np.asarray(first + second - taken(square[-1:], product[-1:]) - q)
 
 
-def _cut(wheel: Wheel, sample: int) -> Wheel:
+def _cut(wheel: FittedWheel, sample: int) -> FittedWheel:
     """Fit the model of a wheel with one more soil, from a usable sample on."""
     windows = wheel.windows
     window = int(wheel.window[sample])
-    return Wheel(
+    return FittedWheel(
         replace(windows, bounds=np.insert(windows.bounds, window + 1, sample)),
         wheel.model,
         wheel.settings,
@@ -277,7 +277,7 @@ def _cut(wheel: Wheel, sample: int) -> Wheel:
     )
 
 
-def _where(wheel: Wheel, sample: int) -> str:
+def _where(wheel: FittedWheel, sample: int) -> str:
     samples, row = wheel.windows.samples, int(wheel.windows.rows[sample])
     when = f"{samples.time[row] - samples.time[0]:.4g} s" if samples.time is not None else f"row {row + 1}"
     distance = samples.distance

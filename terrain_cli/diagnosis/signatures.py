@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.fitted_wheel import Wheel
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.whitening import Whitening
     from terrain_cli.effects import Effect
 
@@ -49,12 +49,12 @@ class Signature:
     tables: dict[str, Array]
 
 
-def of_soil(wheel: Wheel, channels: Mapping[str, Array], rows: Index) -> dict[str, Array]:
+def of_soil(wheel: FittedWheel, channels: Mapping[str, Array], rows: Index) -> dict[str, Array]:
     """Differentiate the predictions by the parameters that were fitted.
 
     Parameters
     ----------
-    wheel : Wheel
+    wheel : FittedWheel
     channels : mapping of str to ndarray, shape (n,)
         Of the rows; without their own noise.
     rows : ndarray of int, shape (n,)
@@ -70,7 +70,7 @@ def of_soil(wheel: Wheel, channels: Mapping[str, Array], rows: Index) -> dict[st
     )
 
 
-class Evidence(NamedTuple):
+class SignatureEvidence(NamedTuple):
     """Residuals of some samples of a wheel, in units of their noise.
 
     Parameters
@@ -108,19 +108,19 @@ class Evidence(NamedTuple):
         return self.white({n: np.nan_to_num(tables.get(n, nothing)) for n in self.white.channels}, self.known)
 
 
-def evidence(wheel: Wheel, rows: Index) -> Evidence:
+def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     """Collect what the residuals of some samples of a wheel have to say.
 
     Parameters
     ----------
-    wheel : Wheel
+    wheel : FittedWheel
         Fitted.
     rows : ndarray of int, shape (n,)
         Usable samples.
 
     Returns
     -------
-    Evidence
+    SignatureEvidence
     """
     channels, _ = wheel.smoothed(wheel.memory, rows)
     levels = {name: level.deviation for name, level in wheel.noise.items()}
@@ -131,19 +131,19 @@ def evidence(wheel: Wheel, rows: Index) -> Evidence:
             use &= np.isfinite(channels[name])
     errors = {name: wheel.residuals[name][rows] for name in white.channels}
     residual, known = whitening.known_of(white, errors, use)
-    found = Evidence(channels, white, residual, known, np.zeros(0))
+    found = SignatureEvidence(channels, white, residual, known, np.zeros(0))
     names = (*wheel.soil, *wheel.common)
     return found._replace(soil=found.whitened(of_soil(wheel, channels, rows), len(names)))
 
 
 def of_effects(
-    wheel: Wheel, effects: Iterable[Effect], channels: Mapping[str, Array], rows: Index
+    wheel: FittedWheel, effects: Iterable[Effect], channels: Mapping[str, Array], rows: Index
 ) -> Iterator[Signature]:
     """Differentiate the predictions by the parameters of effects that the model does not have.
 
     Parameters
     ----------
-    wheel : Wheel
+    wheel : FittedWheel
     effects : iterable of Effect
         Whose channels are there and which the base can have.
     channels, rows
@@ -207,7 +207,7 @@ def possible(model: Model, effect: Effect) -> str:
 
 
 def _tables(
-    wheel: Wheel,
+    wheel: FittedWheel,
     effects: Sequence[Effect],
     channels: Mapping[str, Array],
     rows: Index,

@@ -25,8 +25,8 @@ from terrain_cli.processes import parallel
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.diagnosis.diagnosed_log import Case, Log
-    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NextDrive, Unknown
+    from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
+    from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NextDrive, UnknownEffect
     from terrain_cli.diagnosis.refits import Ground, Refit
 
     Fitted = tuple[Hypothesis, Refit]
@@ -47,7 +47,7 @@ class Ranked:
 
     Parameters
     ----------
-    log : Log
+    log : DiagnosedLog
     base : Refit
         The model as it is.
     several : list of (Hypothesis, Refit)
@@ -56,7 +56,7 @@ class Ranked:
         Laws of one driver, the best first.
     """
 
-    log: Log
+    log: DiagnosedLog
     base: Refit
     several: list[Fitted]
     drafts: list[outside_catalogue.Tried]
@@ -110,10 +110,10 @@ class Family:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Law:
+class LawFound:
     """A drafted law that predicts better than every effect, and whether it stands alone."""
 
-    unknown: Unknown | None
+    unknown: UnknownEffect | None
     alone: bool
 
 
@@ -126,7 +126,7 @@ class Two:
     fitted: list[Fitted] = field(default_factory=list)
 
 
-def alarm_of_scores(case: Case, log: Log, base: Refit) -> Alarm:
+def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
     """Tell how often chance gives scores as strong; of too few blocks nothing is told."""
     p_value = min([1.0, *log.found.p_values.values(), *(one.p_value for one in log.failures)])
     assumed = [one for one in log.hypotheses if not one.effects]
@@ -139,7 +139,7 @@ def alarm_of_scores(case: Case, log: Log, base: Refit) -> Alarm:
     return Alarm(p_value < LEVEL, p_value, LEVEL, 0.0, 0.0)
 
 
-def refitted(case: Case, log: Log) -> list[Fitted]:
+def refitted(case: Case, log: DiagnosedLog) -> list[Fitted]:
     """Fit every testable hypothesis in the form of its law that predicts best, the best first."""
     testable = [one for one in log.hypotheses if one.id in log.found.p_values]
 
@@ -150,7 +150,7 @@ def refitted(case: Case, log: Log) -> list[Fitted]:
     return sorted(several, key=lambda pair: float(pair[1].loss.sum()))
 
 
-def ranking(case: Case, log: Log, base: Refit) -> Ranked:
+def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
     """Fit every effect and draft laws, and weigh them anew by the noise that the best of them leaves.
 
     From neighbouring samples alone, noise that lasts would be taken for too small.
@@ -208,10 +208,10 @@ def family(case: Case, ranked: Ranked) -> Family:
     )
 
 
-def outside_the_catalogue(ranked: Ranked, found: Family) -> Law:
+def outside_the_catalogue(ranked: Ranked, found: Family) -> LawFound:
     """Tell whether a drafted law explains what no effect does."""
     unknown, alone = outside_catalogue.verdict(ranked.base, ranked.best, ranked.drafts, found.ids)
-    return Law(unknown=unknown, alone=alone)
+    return LawFound(unknown=unknown, alone=alone)
 
 
 def two_at_once(case: Case, ranked: Ranked, found: Family) -> Two:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
     from terrain_cli.models import ModelFile
-    from terrain_cli.rover import Noise as SensorNoise
+    from terrain_cli.rover import SensorNoise
     from terrain_cli.telemetry import Samples
     from terrain_cli.telemetry.wheel_samples import Geometry
     from terrain_cli.vocabulary.choices import LineMethod, Method

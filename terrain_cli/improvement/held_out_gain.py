@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from terrain_cli.comparison.comparison_outcome import UNITS
-from terrain_cli.improvement.improvement_outcome import ChannelChange, Evidence, Interval
+from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence, Interval
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +22,7 @@ _TINY = 1e-300
 _UNKNOWN = Interval(np.nan, np.nan, np.nan)
 
 
-def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], Evidence]:
+def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], HeldOutEvidence]:
     """Tell by how much held-out errors differ: of every channel, and of all together.
 
     Counted are the samples that both models predict. Each block is left out in turn, for both models
@@ -46,7 +46,7 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], E
     -------
     channels : list of ChannelChange
         A channel that only one of them predicts has no difference.
-    evidence : Evidence
+    evidence : HeldOutEvidence
     """
     names = [name for name in UNITS if name in first.channels and name in second.channels]
     sums, lost = _sums(first, second, names)
@@ -68,7 +68,7 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], E
         elif levels:
             before, after = _alone(first, name), _alone(second, name)
             channels.append(ChannelChange(name, UNITS[name], before, after, noise, _UNKNOWN))
-    return channels, Evidence(overall, len(sums), lost)
+    return channels, HeldOutEvidence(overall, len(sums), lost)
 
 
 def _sums(first: Comparison, second: Comparison, names: list[str]) -> tuple[Array, float]:

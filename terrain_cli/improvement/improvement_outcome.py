@@ -175,7 +175,7 @@ class Lost(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Evidence:
+class HeldOutEvidence:
     """What held-out blocks say of two models.
 
     Parameters
@@ -207,7 +207,7 @@ class Step:
     first, second : Comparison
         Of these two, on the same blocks.
     channels : list of ChannelChange
-    evidence : Evidence
+    evidence : HeldOutEvidence
     parameters : list of Estimated
         Of what is changed, where the model has it.
     shifts : list of Shift
@@ -240,7 +240,7 @@ class Step:
     first: Comparison
     second: Comparison
     channels: list[ChannelChange]
-    evidence: Evidence
+    evidence: HeldOutEvidence
     parameters: list[Estimated] = field(default_factory=list)
     shifts: list[Shift] = field(default_factory=list)
     undetermined: tuple[str, ...] = ()

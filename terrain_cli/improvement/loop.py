@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from terrain_cli.comparison import Comparison
-    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, Unknown
+    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, UnknownEffect
     from terrain_cli.improvement.improvement_outcome import Action, Step
     from terrain_cli.models import ModelFile
     from terrain_cli.windows.cut_windows import Windows
@@ -28,7 +28,7 @@ def until_quiet(
     file: ModelFile,
     *,
     diagnose: Callable[[Sequence[Windows], ModelFile], Diagnosis],
-    draft: Callable[[Unknown], str] | None = None,
+    draft: Callable[[UnknownEffect], str] | None = None,
     paths: Mapping[str, str] | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
@@ -126,7 +126,7 @@ def _rivals(found: Diagnosis, names: Sequence[str]) -> tuple[tuple[str, ...], Ne
 
 
 def _candidates(
-    found: Diagnosis, draft: Callable[[Unknown], str] | None
+    found: Diagnosis, draft: Callable[[UnknownEffect], str] | None
 ) -> tuple[list[tuple[str, ...]], str]:
     """Return what is to be tried, alone or together, the best first; or nothing, and why."""
     if not found.alarm.raised:

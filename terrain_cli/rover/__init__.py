@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from terrain_cli.rover.rover_file import find, load
-from terrain_cli.rover.vehicle import NOISY, Entry, Motor, Noise, Rover, Vehicle, Wheel
+from terrain_cli.rover.vehicle import NOISY, ChannelEntry, Motor, Rover, SensorNoise, Vehicle, Wheel
 
-__all__ = ["NOISY", "Entry", "Motor", "Noise", "Rover", "Vehicle", "Wheel", "find", "load"]
+__all__ = ["NOISY", "ChannelEntry", "Motor", "Rover", "SensorNoise", "Vehicle", "Wheel", "find", "load"]

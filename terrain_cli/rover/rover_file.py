@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.rover.vehicle import FILE_NAME, NOISY, Entry, Motor, Noise, Rover, Vehicle, Wheel
+from terrain_cli.rover.vehicle import (
+    FILE_NAME,
+    NOISY,
+    ChannelEntry,
+    Motor,
+    Rover,
+    SensorNoise,
+    Vehicle,
+    Wheel,
+)
 from terrain_cli.toml import strict
 from terrain_cli.toml.strict import choice, flag, number, require, table, tables, text, vector
 from terrain_cli.vocabulary import units
@@ -120,16 +129,16 @@ def _vehicle(value: Any, place: str) -> Vehicle:
 
 
 def _entry(channel: str) -> Rule:
-    def rule(value: Any, place: str) -> Entry:
+    def rule(value: Any, place: str) -> ChannelEntry:
         if isinstance(value, str):
-            return Entry(channel, place, column=text(value, place))
+            return ChannelEntry(channel, place, column=text(value, place))
         if not isinstance(value, dict):
             form = f'{{ constant = {value!r}, unit = "…" }}'
             raise ConfigurationError(f"{place}: must be a column or a table such as {form}, not {value!r}")
         values = _ENTRY(value, place)
         _check_place_of_values(values, place)
         _check_unit(channel, values, place)
-        return Entry(channel, place, **values)
+        return ChannelEntry(channel, place, **values)
 
     return rule
 
@@ -174,7 +183,7 @@ def _unit(symbol: str, channel: str, place: str) -> Unit:
 
 
 def _noise(channel: str) -> Rule:
-    def rule(value: Any, place: str) -> Noise:
+    def rule(value: Any, place: str) -> SensorNoise:
         values = _NOISE(value, place)
         if not {"relative", "absolute"} & values.keys():
             raise ConfigurationError(
@@ -186,7 +195,7 @@ def _noise(channel: str) -> Rule:
             absolute *= _unit(values["unit"], channel, f"{place}.unit").factor
         elif "absolute" in values and CHANNELS[channel].dimension != "ratio":
             raise ConfigurationError(f"{place}: unit of absolute is missing", hint=unit_hint(channel))
-        return Noise(values.get("relative", 0.0), absolute)
+        return SensorNoise(values.get("relative", 0.0), absolute)
 
     return rule
 

@@ -22,7 +22,7 @@ NOISY = ("load", "torque", "sinkage", "slip", "drawbar_pull")
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class ChannelEntry:
     """Where rover.toml says one channel is found: a column, a field of a topic, or a constant.
 
     Parameters
@@ -59,7 +59,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class SensorNoise:
     """Standard deviation of a sensor's noise; both parts add in quadrature.
 
     Parameters
@@ -139,7 +139,7 @@ class Wheel:
         m.
     position : (float, float, float), optional
         Of the point of contact: x forward, y left, z up in m.
-    channels : mapping of str to Entry
+    channels : mapping of str to ChannelEntry
     motor : Motor, optional
     """
 
@@ -149,7 +149,7 @@ class Wheel:
     grouser_count: int = 0
     grouser_height: float = 0.0
     position: Vector | None = None
-    channels: Mapping[str, Entry] = field(default_factory=dict)
+    channels: Mapping[str, ChannelEntry] = field(default_factory=dict)
     motor: Motor | None = None
 
 
@@ -172,7 +172,7 @@ class Rover:
         [sampling]: longest time in s over which a channel is interpolated.
     steady : bool
         [sampling]: the rows of tables are steady test points, whatever columns they have.
-    noise : mapping of str to Noise
+    noise : mapping of str to SensorNoise
         [noise]: what is known of the sensors, by channel.
     estimate : mapping
         [estimate]: long options of `terrain-est estimate` and their values.
@@ -185,7 +185,7 @@ class Rover:
     vehicle: Vehicle | None = None
     max_gap: float | None = None
     steady: bool = False
-    noise: Mapping[str, Noise] = field(default_factory=dict)
+    noise: Mapping[str, SensorNoise] = field(default_factory=dict)
     estimate: Mapping[str, str | int | float] = field(default_factory=dict)
 
     @property

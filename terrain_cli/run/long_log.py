@@ -80,7 +80,7 @@ def lean(part: Samples) -> Samples:
     return replace(part, channels=channels, drivers={})
 
 
-def work(parts: Iterable[Samples], settings: Settings) -> dict[str, Wheel]:
+def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
     """Work through a log.
 
     Parameters
@@ -91,14 +91,14 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, Wheel]:
 
     Returns
     -------
-    dict of str to Wheel
+    dict of str to LongWheel
         By their names.
     """
-    wheels: dict[str, Wheel] = {}
+    wheels: dict[str, LongWheel] = {}
     source = ""
     for part in parts:
         source = part.source
-        wheels.setdefault(part.wheel, Wheel(settings)).take(part)
+        wheels.setdefault(part.wheel, LongWheel(settings)).take(part)
         cut_windows.check_number(source, sum(wheel.windows for wheel in wheels.values()))
     for wheel in wheels.values():
         wheel.end()
@@ -106,7 +106,7 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, Wheel]:
     return wheels
 
 
-class Wheel:
+class LongWheel:
     """The windows of one wheel so far, and the samples that are not yet in one.
 
     Parameters

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from multiprocessing.connection import Connection
 
-    from terrain_cli.run.long_log import Wheel
+    from terrain_cli.run.long_log import LongWheel
     from terrain_cli.run.settings import Settings
     from terrain_cli.telemetry import Samples
 
@@ -41,7 +41,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def work(parts: Iterable[Samples], settings: Settings) -> dict[str, Wheel]:
+def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
     """Do what `long_log.work` does in another process; in this one where no other can be started.
 
     Parameters
@@ -52,7 +52,7 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, Wheel]:
 
     Returns
     -------
-    dict of str to Wheel
+    dict of str to LongWheel
 
     Raises
     ------
@@ -127,13 +127,13 @@ class _Beside:
         self._tell((slot, sizes if pieces else [], head))
         self._sent += 1
 
-    def end(self) -> dict[str, Wheel]:
+    def end(self) -> dict[str, LongWheel]:
         """Return the wheels by their names, once all of their windows are made."""
         self._tell(None)
         while self._done < self._sent:
             self._hear()
             self._done += 1
-        wheels: dict[str, Wheel] = self._hear()
+        wheels: dict[str, LongWheel] = self._hear()
         return wheels
 
     def _tell(self, message: object) -> None:

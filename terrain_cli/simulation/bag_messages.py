@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.simulation.simulated_log import Log, Series
+    from terrain_cli.simulation.simulated_log import SimulatedLog, SimulatedSeries
 
     Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ NUMBER = "terrain_est_msgs/msg/Float64Stamped"
 NUMBER_DEFINITION = "std_msgs/Header header\nfloat64 data\n"
 
 
-def topics(log: Log) -> list[Topic]:
+def topics(log: SimulatedLog) -> list[Topic]:
     """Return the messages of a log.
 
     Joint states carry torque (effort, N m) and wheel speed, a WrenchStamped for each wheel load
@@ -33,7 +33,7 @@ def topics(log: Log) -> list[Topic]:
 
     Parameters
     ----------
-    log : Log
+    log : SimulatedLog
         Simulated for a bag.
 
     Returns
@@ -43,7 +43,7 @@ def topics(log: Log) -> list[Topic]:
     return [*_joint_states(log), *_of_wheels(log), *_of_body(log)]
 
 
-def _joint_states(log: Log) -> Iterator[Topic]:
+def _joint_states(log: SimulatedLog) -> Iterator[Topic]:
     efforts = {name: measured["torque"] for name, measured in log.wheels.items()}
     speeds = [measured["angular_velocity"].values for measured in log.wheels.values()]
     time = next(iter(efforts.values())).time
@@ -58,7 +58,7 @@ def _joint_states(log: Log) -> Iterator[Topic]:
     )
 
 
-def _of_wheels(log: Log) -> Iterator[Topic]:
+def _of_wheels(log: SimulatedLog) -> Iterator[Topic]:
     for wheel, measured in log.wheels.items():
         place = f"/{identifier(wheel)}"
         numbers = ["sinkage", "motor_temperature", "pass_number"]
@@ -74,7 +74,7 @@ def _of_wheels(log: Log) -> Iterator[Topic]:
             yield _number(log, f"{place}/{name}", measured[name])
 
 
-def _of_body(log: Log) -> Iterator[Topic]:
+def _of_body(log: SimulatedLog) -> Iterator[Topic]:
     body = log.body
     odometry = {name: body[name] for name in TOGETHER["odometry"][0]}
     time = odometry["velocity"].time
@@ -103,13 +103,13 @@ def _of_body(log: Log) -> Iterator[Topic]:
         yield _number(log, f"/{name}", body[name])
 
 
-def _number(log: Log, name: str, series: Series) -> Topic:
+def _number(log: SimulatedLog, name: str, series: SimulatedSeries) -> Topic:
     known = series.values[:, np.newaxis]
     return _topic(log, name, NUMBER, series.time, {"data": series.values}, known, NUMBER_DEFINITION)
 
 
 def _topic(
-    log: Log,
+    log: SimulatedLog,
     name: str,
     message_type: str,
     time: Array,

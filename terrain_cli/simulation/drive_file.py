@@ -12,7 +12,7 @@ from terrain_cli.mechanics.wheel_model import WheelGeometry
 from terrain_cli.simulation import perfect_sensors
 from terrain_cli.simulation.prepared_drives import CALM, DURATION, PRESETS, WHEELS
 from terrain_cli.simulation.profiles import profile_rule
-from terrain_cli.simulation.scenario import START, Part, Scenario, places
+from terrain_cli.simulation.scenario import START, DrivePart, Scenario, places
 from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, sensors_rule
 from terrain_cli.simulation.simulated_effects import Chosen, choose, effects_rule, settle
 from terrain_cli.simulation.simulated_soils import find, soils_rule
@@ -186,7 +186,7 @@ def _wheels(content: Mapping[str, Any]) -> int:
     return max((WHEELS.get(drive, 1) for drive in content.get("drive", ())), default=1)
 
 
-def _parts(content: Mapping[str, Any]) -> tuple[Part, ...]:
+def _parts(content: Mapping[str, Any]) -> tuple[DrivePart, ...]:
     asked = content.get("part") or [{"drive": drive} for drive in content.get("drive", ["mixed"])]
     share = content["duration"] / len(asked) if "duration" in content else DURATION
     parts = []
@@ -194,7 +194,7 @@ def _parts(content: Mapping[str, Any]) -> tuple[Part, ...]:
         preset = PRESETS[part["drive"]] if "drive" in part else {}
         plain = {name: _PROFILES[name](value, name) for name, value in (CALM | preset).items()}
         own = {name: value for name, value in part.items() if name in _PROFILES}
-        parts.append(Part(part.get("duration", share), plain | own))
+        parts.append(DrivePart(part.get("duration", share), plain | own))
     if "part" in content and "duration" in content:
         total = sum(part.duration for part in parts)
         parts = [replace(part, duration=part.duration * content["duration"] / total) for part in parts]

@@ -66,7 +66,7 @@ def places(count: int) -> tuple[Place, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class DrivePart:
     """A stretch of the drive.
 
     Parameters
@@ -87,7 +87,7 @@ class Scenario:
 
     Parameters
     ----------
-    parts : tuple of Part
+    parts : tuple of DrivePart
     soils : tuple of Soil
         In turn, over equal distances of the track.
     geometry : WheelGeometry
@@ -112,7 +112,7 @@ class Scenario:
         Whether it is measured.
     """
 
-    parts: tuple[Part, ...]
+    parts: tuple[DrivePart, ...]
     soils: tuple[Soil, ...]
     geometry: WheelGeometry
     wheels: tuple[Place, ...]

@@ -43,7 +43,7 @@ _AMOUNT = re.compile(r"\s*([-+]?[\d.]+(?:e[-+]?\d+)?)\s*(\S.*)?", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
-class Amount:
+class SensorAmount:
     """How large an error is.
 
     Parameters
@@ -80,17 +80,17 @@ class Sensor:
 
     Parameters
     ----------
-    white : Amount
+    white : SensorAmount
         Standard deviation of noise that has no memory.
-    correlated : Amount
+    correlated : SensorAmount
         Standard deviation of first-order autoregressive noise.
     correlation_time : float
         Of that, in s.
-    drift : Amount
+    drift : SensorAmount
         How far off the channel is at the end of the drive; it grows evenly.
     outliers : float
         Share of the samples that are wild.
-    outlier_size : Amount
+    outlier_size : SensorAmount
         How far those are off, either way.
     dropouts : float
         Share of the samples that are lost.
@@ -100,12 +100,12 @@ class Sensor:
         Step in which the channel is reported, in its unit.
     """
 
-    white: Amount = field(default_factory=Amount)
-    correlated: Amount = field(default_factory=Amount)
+    white: SensorAmount = field(default_factory=SensorAmount)
+    correlated: SensorAmount = field(default_factory=SensorAmount)
     correlation_time: float = 1.0
-    drift: Amount = field(default_factory=Amount)
+    drift: SensorAmount = field(default_factory=SensorAmount)
     outliers: float = 0.0
-    outlier_size: Amount = field(default_factory=lambda: Amount(share=2.0))
+    outlier_size: SensorAmount = field(default_factory=lambda: SensorAmount(share=2.0))
     dropouts: float = 0.0
     dropout_length: float = 0.0
     quantum: float = 0.0
@@ -248,25 +248,25 @@ def amount_rule(channel: str) -> Rule:
     Returns
     -------
     callable
-        Gives an `Amount`.
+        Gives an `SensorAmount`.
     """
     number = strict.number(f"an amount in {CHANNELS[channel].unit.symbol}, at least 0", 0.0)  # type: ignore[union-attr]
 
-    def rule(value: Any, place: str) -> Amount:
+    def rule(value: Any, place: str) -> SensorAmount:
         if not isinstance(value, str):
-            return Amount(absolute=number(value, place))
+            return SensorAmount(absolute=number(value, place))
         size, text = _parts(value, place)
         if text == "%":
-            return Amount(share=size / 100.0)
+            return SensorAmount(share=size / 100.0)
         if not text:
-            return Amount(absolute=size)
+            return SensorAmount(absolute=size)
         unit = units.parse(text, CHANNELS[channel].dimension)
         if unit is None:
             raise ConfigurationError(
                 f"{place}: {value!r} is no amount of {channel}", hint=f"{unit_hint(channel)}, or a share in %"
             )
         # A difference: the zero of the unit does not matter.
-        return Amount(absolute=size * unit.factor)
+        return SensorAmount(absolute=size * unit.factor)
 
     return rule
 
@@ -321,7 +321,7 @@ def sensor_rule(channel: str) -> Rule:
     seconds = strict.number("a positive number of seconds", strict.ABOVE_ZERO)
 
     def quantum(value: Any, place: str) -> float:
-        step: Amount = amount(value, place)
+        step: SensorAmount = amount(value, place)
         if step.share:
             raise ConfigurationError(f"{place}: a step is no share of the value")
         return step.absolute
@@ -370,4 +370,4 @@ def sensors_rule(value: Any, place: str) -> dict[str, Sensor]:
     if isinstance(value, dict):
         sensors: dict[str, Sensor] = _SENSORS(value, place)
         return sensors
-    return dict.fromkeys(USUAL, Sensor(white=Amount(share=share_rule(value, place))))
+    return dict.fromkeys(USUAL, Sensor(white=SensorAmount(share=share_rule(value, place))))

@@ -34,7 +34,7 @@ TOGETHER: dict[str, tuple[tuple[str, ...], float]] = {
 }
 
 
-class Series(NamedTuple):
+class SimulatedSeries(NamedTuple):
     """A measured channel.
 
     Parameters
@@ -58,15 +58,15 @@ class Stretch(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Log:
+class SimulatedLog:
     """What was measured of a drive, and the truth.
 
     Parameters
     ----------
     scenario : Scenario
     wheels : dict of str to dict
-        wheel → channel → `Series`.
-    body : dict of str to Series
+        wheel → channel → `SimulatedSeries`.
+    body : dict of str to SimulatedSeries
         Of the origin of the body.
     truth : dict of str to dict
         wheel → what perfect sensors show and what the soil feels, as `Physics.at` gives it, with
@@ -75,8 +75,8 @@ class Log:
     """
 
     scenario: Scenario
-    wheels: dict[str, dict[str, Series]]
-    body: dict[str, Series]
+    wheels: dict[str, dict[str, SimulatedSeries]]
+    body: dict[str, SimulatedSeries]
     truth: dict[str, dict[str, Array]]
     stretches: dict[str, list[Stretch]]
 
@@ -119,7 +119,7 @@ def rates(scenario: Scenario, *, bag: bool) -> dict[str, float]:
     return {name: found[name] for name in channels(scenario)}
 
 
-def simulate(scenario: Scenario, *, bag: bool = False) -> Log:
+def simulate(scenario: Scenario, *, bag: bool = False) -> SimulatedLog:
     """Drive and measure; the same scenario always gives the same numbers.
 
     Parameters
@@ -130,7 +130,7 @@ def simulate(scenario: Scenario, *, bag: bool = False) -> Log:
 
     Returns
     -------
-    Log
+    SimulatedLog
 
     Raises
     ------
@@ -142,7 +142,7 @@ def simulate(scenario: Scenario, *, bag: bool = False) -> Log:
     perfect_sensors.check_needs(scenario, channels(scenario))
     way = course.plan(scenario)
     clocks = {name: clock(rate, scenario.duration) for name, rate in rates(scenario, bag=bag).items()}
-    log = Log(scenario, {}, {}, {}, {})
+    log = SimulatedLog(scenario, {}, {}, {}, {})
     for place in scenario.wheels:
         ride = course.ride(scenario, way, place)
         time = np.unique(np.concatenate([*clocks.values()]))
@@ -158,7 +158,9 @@ def simulate(scenario: Scenario, *, bag: bool = False) -> Log:
     return log
 
 
-def _measure(scenario: Scenario, wheel: str, channel: str, time: Array, truth: Mapping[str, Array]) -> Series:
+def _measure(
+    scenario: Scenario, wheel: str, channel: str, time: Array, truth: Mapping[str, Array]
+) -> SimulatedSeries:
     true = truth[channel]
     rows = np.searchsorted(truth["time"], time) if "time" in truth else np.arange(len(time))
     key = f"{'body' if channel in OF_BODY else wheel} {channel}"
@@ -167,7 +169,7 @@ def _measure(scenario: Scenario, wheel: str, channel: str, time: Array, truth: M
     error = sensor.error(time, shown, scenario.duration, scenario.seed, key)
     if channel == "angular_velocity" and SLIP in scenario.sensors:
         shown = _with_wrong_slip(scenario, wheel, time, truth, rows)
-    return Series(time, sensor.rounded(shown + error))
+    return SimulatedSeries(time, sensor.rounded(shown + error))
 
 
 def _with_wrong_slip(
@@ -193,12 +195,12 @@ def _stretches(ride: Ride) -> list[Stretch]:
     ]
 
 
-def table(log: Log) -> dict[str, Array | list[str]]:
+def table(log: SimulatedLog) -> dict[str, Array | list[str]]:
     """Return the log as one table: a row for each wheel and time.
 
     Parameters
     ----------
-    log : Log
+    log : SimulatedLog
 
     Returns
     -------
@@ -215,12 +217,12 @@ def table(log: Log) -> dict[str, Array | list[str]]:
     return _stack(log, parts)
 
 
-def truth_table(log: Log) -> dict[str, Array | list[str]]:
+def truth_table(log: SimulatedLog) -> dict[str, Array | list[str]]:
     """Return the truth as one table, whose rows are those of the log.
 
     Parameters
     ----------
-    log : Log
+    log : SimulatedLog
 
     Returns
     -------
@@ -261,7 +263,9 @@ def _order(parts: list[tuple[str, Array, dict[str, Array]]]) -> NDArray[np.intp]
     return np.argsort(np.concatenate([time for _, time, _ in parts]), kind="stable")
 
 
-def _stack(log: Log, parts: list[tuple[str, Array, dict[str, Array]]]) -> dict[str, Array | list[str]]:
+def _stack(
+    log: SimulatedLog, parts: list[tuple[str, Array, dict[str, Array]]]
+) -> dict[str, Array | list[str]]:
     order = _order(parts)
     time = np.concatenate([time for _, time, _ in parts])
     wheels = [name for name, time, _ in parts for _ in time]

@@ -14,7 +14,7 @@ from terrain_cli.simulation import simulated_log as logs
 from terrain_cli.simulation import truth as truths
 
 if TYPE_CHECKING:
-    from terrain_cli.simulation.simulated_log import Log
+    from terrain_cli.simulation.simulated_log import SimulatedLog
 
 Kind = Literal["csv", "parquet", "ros1", "mcap", "db3"]
 _KINDS: dict[str, Kind] = {
@@ -60,12 +60,12 @@ def kind_of(destination: str) -> Kind:
     return kind
 
 
-def write_log(log: Log, destination: str) -> None:
+def write_log(log: SimulatedLog, destination: str) -> None:
     """Write the telemetry, whole or not at all.
 
     Parameters
     ----------
-    log : Log
+    log : SimulatedLog
         Simulated for a bag where the destination is one.
     destination : str
     """
@@ -81,12 +81,12 @@ def write_log(log: Log, destination: str) -> None:
         formats.write_table(logs.table(log), destination, kind=kind)
 
 
-def write(log: Log, destination: str, *, truth: str | None = None, rover: str | None = None) -> None:
+def write(log: SimulatedLog, destination: str, *, truth: str | None = None, rover: str | None = None) -> None:
     """Write the log, and what belongs to it: all of them, or none.
 
     Parameters
     ----------
-    log : Log
+    log : SimulatedLog
         Simulated for a bag where the destination is one.
     destination : str
     truth : str, optional
@@ -107,7 +107,7 @@ def write(log: Log, destination: str, *, truth: str | None = None, rover: str | 
         write_log(log, destination)
 
 
-def _write_truth(log: Log, path: str) -> None:
+def _write_truth(log: SimulatedLog, path: str) -> None:
     if Path(path).suffix.lower() in {".csv", ".parquet"}:
         formats.write_table(logs.truth_table(log), path)
         return

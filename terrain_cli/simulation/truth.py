@@ -11,17 +11,17 @@ from terrain_cli.simulation.simulated_log import truth_table
 
 if TYPE_CHECKING:
     from terrain_cli.simulation.scenario import Scenario
-    from terrain_cli.simulation.simulated_log import Log
+    from terrain_cli.simulation.simulated_log import SimulatedLog
 
 FORMAT = "terrain-est/truth/1"
 
 
-def document(log: Log) -> dict[str, Any]:
+def document(log: SimulatedLog) -> dict[str, Any]:
     """Describe the truth behind a log.
 
     Parameters
     ----------
-    log : Log
+    log : SimulatedLog
 
     Returns
     -------

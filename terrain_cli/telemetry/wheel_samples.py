@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from formats import Column
     from terrain_cli.mechanics.wheel_model import WheelGeometry
-    from terrain_cli.rover import Noise
+    from terrain_cli.rover import SensorNoise
     from terrain_cli.telemetry.channel_sources import Feed
 
 #: What the line y = c + x tan φ is computed from.
@@ -31,7 +31,7 @@ class Notice(str):
     __slots__ = ()
 
 
-class Line(TypedDict):
+class LineGeometry(TypedDict):
     """Geometry and shear modulus, in m, by the names that the equations of the line have."""
 
     radius: float
@@ -61,9 +61,9 @@ class Geometry(NamedTuple):
     gravity: float = STANDARD_GRAVITY
 
     @property
-    def line(self) -> Line:
+    def line(self) -> LineGeometry:
         """What the line y = c + x tan φ is computed with."""
-        return Line(radius=self.radius, width=self.width, shear_modulus=self.shear_modulus)
+        return LineGeometry(radius=self.radius, width=self.width, shear_modulus=self.shear_modulus)
 
     @property
     def wheel(self) -> WheelGeometry:
@@ -150,7 +150,7 @@ class Samples:
         What a person should know about the input.
     drivers : dict of str to ndarray, shape (n,)
         What makes a difference to the effects of the model, by the names they have there.
-    noise : mapping of str to Noise
+    noise : mapping of str to SensorNoise
         What rover.toml says of the sensors, by channel.
     drive : ndarray of int, shape (n,), or None
         Where only pieces of a log were kept: number of the continuous stretch of the log that each
@@ -172,7 +172,7 @@ class Samples:
     origins: dict[str, str] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     drivers: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    noise: Mapping[str, Noise] = field(default_factory=dict)
+    noise: Mapping[str, SensorNoise] = field(default_factory=dict)
     drive: NDArray[np.intp] | None = None
     total: int | None = None
 

@@ -8,7 +8,7 @@ import os
 import pytest
 
 from formats.errors import CannotWriteError
-from terrain_cli.batch.manifest import Entry, Manifest, parse
+from terrain_cli.batch.manifest import Manifest, ManifestEntry, parse
 
 
 def entry(number=0, **more):
@@ -20,7 +20,9 @@ def entry(number=0, **more):
         "versions": {},
         "status": "ok",
     }
-    return Entry(**{"path": f"in/größe-{number}.bag", "location": f"/in/{number}.bag", **values, **more})
+    return ManifestEntry(
+        **{"path": f"in/größe-{number}.bag", "location": f"/in/{number}.bag", **values, **more}
+    )
 
 
 def test_what_is_written_is_read(tmp_path):

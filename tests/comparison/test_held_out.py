@@ -6,12 +6,12 @@ from known_misfits import Kind, windows_of
 from scipy.optimize import lsq_linear
 
 from terrain_cli.comparison import held_out, prediction
-from terrain_cli.comparison.fitted_wheel import Settings, Wheel
+from terrain_cli.comparison.fitted_wheel import FitSettings, FittedWheel
 from terrain_cli.effects import catalogue
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.mechanics.wheel_model import Model
 
-SETTINGS = Settings({}, {}, (), None)
+SETTINGS = FitSettings({}, {}, (), None)
 
 
 def test_blocks_are_left_out_and_parts_of_a_window_that_is_one_block():
@@ -79,10 +79,10 @@ def test_leaving_a_block_out_of_what_the_data_hardly_tell_costs_hardly_anything(
     """The effect is not there, and the soil imitates it: no fit without a block would predict worse."""
     windows = windows_of(3, Kind(), "none")
     block = np.arange(len(windows.rows)) // 160
-    plain = Wheel(windows, Model(), SETTINGS)
+    plain = FittedWheel(windows, Model(), SETTINGS)
     scale = {name: level.deviation for name, level in plain.noise.items()}
     for effect in ("crust", "shear-modulus", "post-peak-softening"):
-        wheel = Wheel(windows, Model(effects=(catalogue()[effect],)), SETTINGS)
+        wheel = FittedWheel(windows, Model(effects=(catalogue()[effect],)), SETTINGS)
         out = held_out.predict(wheel, block, scale)
         for name, measured in wheel.measured.items():
             held = np.sqrt(np.nanmean((measured - out[name]) ** 2))
@@ -99,7 +99,7 @@ def test_along_a_curved_valley_the_linear_prediction_is_taken():
 def test_one_step_is_near_a_fit_without_the_block():
     windows = windows_of(3, Kind(), "none")
     block = np.arange(len(windows.rows)) // 320
-    wheel = Wheel(windows, Model(), SETTINGS)
+    wheel = FittedWheel(windows, Model(), SETTINGS)
     scale = {name: level.deviation for name, level in wheel.noise.items()}
     out = held_out.predict(wheel, block, scale)
     for left in (0, 4):
@@ -125,7 +125,7 @@ def test_one_step_is_near_a_fit_without_the_block():
 def test_heldout_errors_are_larger_where_a_window_is_short():
     windows = windows_of(3, Kind(), "none")
     short = replace(windows, bounds=np.arange(0, len(windows.rows) + 1, 40))
-    wheel = Wheel(short, Model(), SETTINGS)
+    wheel = FittedWheel(short, Model(), SETTINGS)
     block = np.arange(len(windows.rows)) // 40
     out = held_out.predict(wheel, block, {name: level.deviation for name, level in wheel.noise.items()})
     inside = np.sqrt(np.nanmean(wheel.residuals["torque"] ** 2))
@@ -135,7 +135,7 @@ def test_heldout_errors_are_larger_where_a_window_is_short():
 
 def test_derivatives_are_those_of_the_predictions():
     windows = windows_of(3, Kind(), "none")
-    wheel = Wheel(windows, Model(), SETTINGS)
+    wheel = FittedWheel(windows, Model(), SETTINGS)
     rows = np.arange(0, len(windows.rows), 97)
     # On the model's own surface, where the sinkage measured is the one predicted.
     channels = {name: column[rows] for name, column in wheel.channels.items()}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from terrain_cli.comparison import shapes
-from terrain_cli.comparison.residual_evidence import Evidence, Slopes
+from terrain_cli.comparison.residual_evidence import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
 
 BLOCKS, LONG = 16, 50
@@ -20,7 +20,7 @@ def search_of(residual, drivers, *, soil=None):
     n = len(residual)
     slopes = {"torque": Slopes(np.ones((n, 1)) if soil is None else soil, np.zeros((n, 0)))}
     block = np.repeat(np.arange(BLOCKS), LONG)
-    evidence = Evidence({"torque": residual}, slopes, drivers, np.zeros(n, dtype=np.intp), block)
+    evidence = ResidualEvidence({"torque": residual}, slopes, drivers, np.zeros(n, dtype=np.intp), block)
     every = [shape for name, values in drivers.items() for shape in shapes.of_number(name, values)]
     return Search([evidence], {"torque": every}, NOISE, precision=np.zeros((1, 1)), blocks=BLOCKS)
 

@@ -11,6 +11,6 @@ from terrain_cli.comparison import smoothed_channels
 def test_a_constant_channel_answers_to_no_load(torque, slip):
     load = np.linspace(50.0, 150.0, 40)
     columns = {"load": load, "torque": np.full(40, torque), "slip": np.full(40, slip)}
-    record = smoothed_channels.Record(columns, np.zeros(40, dtype=np.intp), None)
+    record = smoothed_channels.RecordedWheel(columns, np.zeros(40, dtype=np.intp), None)
     answered = smoothed_channels._answered(record, "torque", 1.0)
     assert answered == pytest.approx(0.0, abs=1e-9)

@@ -8,7 +8,7 @@ from known_misfits import Kind, samples_of
 
 from terrain_cli import effects
 from terrain_cli.comparison import smoothed_covariance, smoothed_fit, smoothed_model
-from terrain_cli.comparison.fitted_wheel import Settings, Wheel
+from terrain_cli.comparison.fitted_wheel import FitSettings, FittedWheel
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.windows.cut_windows import cut
 
@@ -19,7 +19,7 @@ def wheel():
     samples = samples_of(5, Kind({"drivetrain-friction": {"Tc": 0.3, "Bv": 0.07}}))
     windows = cut(samples, "fixed", window_samples=len(samples) // 2)
     model = Model(effects=(effects.catalogue()["drivetrain-friction"],))
-    return Wheel(windows, model, Settings({}, {}, (), None))
+    return FittedWheel(windows, model, FitSettings({}, {}, (), None))
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 from hidden_drives import Kind, samples_of, sized, windows_of
 
 from terrain_cli.comparison import smoothed_model
-from terrain_cli.comparison.fitted_wheel import Settings, Wheel
+from terrain_cli.comparison.fitted_wheel import FitSettings, FittedWheel
 from terrain_cli.diagnosis import diagnose
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
@@ -30,7 +30,9 @@ def test_an_assumption_is_in_the_family_on_a_poor_drive():
 
 
 def test_from_load_and_sinkage_the_full_model_has_derivatives_that_keep_the_load():
-    wheel = Wheel(windows_of(5, Kind(seconds=16.0), "none")[0], Model("linear"), Settings({}, {}, (), None))
+    wheel = FittedWheel(
+        windows_of(5, Kind(seconds=16.0), "none")[0], Model("linear"), FitSettings({}, {}, (), None)
+    )
     data = wheel.least_squares_data()
     assert {"load", "sinkage"} <= data.inputs.keys()
     full, n = Model(), len(wheel)

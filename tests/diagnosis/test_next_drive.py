@@ -15,7 +15,7 @@ from simulator import constant, simulate
 from terrain_cli import simulation
 from terrain_cli.comparison import blocks, one_soil_or_several
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.fitted_wheel import Settings
+from terrain_cli.comparison.fitted_wheel import FitSettings
 from terrain_cli.diagnosis import refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.diagnosis.next_drive import manoeuvres, suggestion
@@ -81,7 +81,7 @@ def fitted(several, names):
     file = ModelFile(Model("wong-reece"))
     joined = joined_inputs.by_wheel(several, effects)
     held, priors, noise = estimators.assumed(joined, file)
-    settings = Settings(held, priors, [name for name in file.shared if name not in held], noise)
+    settings = FitSettings(held, priors, [name for name in file.shared if name not in held], noise)
     further = tuple(dict.fromkeys(name for effect in effects for name in effect.reads))
     wheels, _ = fit_wheels(joined, file.model, settings, further=further)
     wheels, _ = one_soil_or_several.as_few_as_predict(wheels)
@@ -177,7 +177,7 @@ def test_each_of_the_others_gets_a_drive_and_no_more_than_asked():
 def power(name, manoeuvre, seconds):
     """Return the power of one manoeuvre of a length."""
     data, pairs = case(name)
-    ground = suggestion.Log(data, 0, pairs[0][1])
+    ground = suggestion.PowerLog(data, 0, pairs[0][1])
     sides = [suggestion.Side(ground, one, refit.solutions[0]) for one, refit in pairs]
     at = manoeuvres.Conditions.of(data.data[0])
     table = suggestion.margins(ground, sides, manoeuvres.library(at, seconds)[manoeuvre].drive(at))
@@ -195,8 +195,8 @@ def test_the_longer_it_is_driven_the_surer(name, manoeuvre):
 def test_noise_that_lasts_makes_it_less_sure():
     data, pairs = case("lasting")
     lasting, white = (
-        suggestion.Log(data, 0, pairs[0][1]),
-        suggestion.Log(case("warm")[0], 0, case("warm")[1][0][1]),
+        suggestion.PowerLog(data, 0, pairs[0][1]),
+        suggestion.PowerLog(case("warm")[0], 0, case("warm")[1][0][1]),
     )
     assert lasting.inflation > 1.8 * white.inflation
     assert power("lasting", 0, 24.0) < power("warm", 0, 24.0)

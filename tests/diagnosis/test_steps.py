@@ -9,7 +9,7 @@ from hidden_drives import Kind, samples_of, sized, windows_of
 from formats import Labels
 from terrain_cli import effects
 from terrain_cli.comparison import smoothed_fit, smoothed_model, whitening
-from terrain_cli.comparison.fitted_wheel import Settings, Wheel
+from terrain_cli.comparison.fitted_wheel import FitSettings, FittedWheel
 from terrain_cli.diagnosis import candidates, diagnose, drafted_laws, effect_scores, refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.effects.laws import effect_file
@@ -21,13 +21,13 @@ from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.windows import joined_inputs
 from terrain_cli.windows.cut_windows import cut
 
-NOTHING = Settings({}, {}, (), None)
+NOTHING = FitSettings({}, {}, (), None)
 
 
 @pytest.fixture(scope="module")
 def wheel():
     some = joined_inputs.by_wheel(windows_of(3, Kind(seconds=40.0), "none"))
-    return Wheel(some[0], Model(), NOTHING)
+    return FittedWheel(some[0], Model(), NOTHING)
 
 
 def test_inputs_of_a_wheel_are_joined_with_soils_and_runs_of_their_own():
@@ -204,7 +204,7 @@ def test_held_out_loss_falls_with_the_right_effect_only():
     kind = Kind(sized("slope"), seconds=64.0)
     (some,) = joined_inputs.by_wheel(windows_of(5, kind, "none"), effects.catalogue().values())
     further = [name for effect in effects.catalogue().values() for name in effect.reads]
-    base = Wheel(some, Model(), NOTHING, further=further)
+    base = FittedWheel(some, Model(), NOTHING, further=further)
     block = np.arange(len(base)) * 16 // len(base)
     data = refits.ground([base], [block], 1500)
     loss = {"": float(refits.refit(data, None).loss.sum())}
@@ -312,7 +312,7 @@ def test_a_line_along_what_is_never_near_zero_has_room_for_its_offset():
 
 def test_a_shape_that_stuck_at_its_end_is_let_go():
     wheels, every = windows_of(2, Kind(seconds=48.0)), [effects.catalogue()["crust"]]
-    fitted = [Wheel(one, Model(), NOTHING) for one in wheels]
+    fitted = [FittedWheel(one, Model(), NOTHING) for one in wheels]
     data = refits.ground(fitted, [np.arange(len(one)) // 120 for one in fitted], 1_000)
     (crust,), _ = screening.hypotheses(ModelFile(Model()), fitted, every)
     free = refits.refit(data, crust)

@@ -346,7 +346,7 @@ def test_place_of_every_part_is_its_text(text):
     while waiting:
         node = waiting.pop()
         waiting.extend(expression.children(node))
-        if not isinstance(node, expression.Comparison | expression.Logic):
+        if not isinstance(node, expression.Relation | expression.Logic):
             try:
                 own = grammar.parse(text[node.start : node.end])
             except LawError as error:

@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from formats.rosbag.decoding.bulk_extraction import UnevenError, gather
 from formats.rosbag.decoding.decoder import Decoder, UndecodableError
 from formats.rosbag.decoding.definitions import Definition, find_leaves
-from formats.rosbag.decoding.plain_extraction import Request, extract
+from formats.rosbag.decoding.plain_extraction import FieldRequest, extract
 from formats.rosbag.storage.raw_messages import of_payloads
 
 
@@ -22,11 +22,11 @@ def requests(definition):
     wanted = []
     for leaf in definition.leaves.values():
         if leaf.kind in {"number", "text", "time"}:
-            wanted.append((leaf, Request(leaf.name, leaf.name, leaf.kind)))
+            wanted.append((leaf, FieldRequest(leaf.name, leaf.name, leaf.kind)))
             continue
         kind = {"numbers": "number", "texts": "text"}[leaf.kind]
         keys = [0, 2, *([*NAMES, "nobody"] if leaf.names else [])]
-        wanted += [(leaf, Request(f"{leaf.name}[{key}]", leaf.name, kind, key)) for key in keys]
+        wanted += [(leaf, FieldRequest(f"{leaf.name}[{key}]", leaf.name, kind, key)) for key in keys]
     return wanted
 
 
@@ -135,7 +135,7 @@ def test_names_may_change_their_order_and_number_of_letters(order):
     ]
     definition, payloads = pack("string[] name\nfloat64[] effort\n", rows, order)
     leaf = definition.leaves["effort"]
-    wanted = [(leaf, Request("e", "effort", "number", key)) for key in ("fl", "front_right", "rl", 1)]
+    wanted = [(leaf, FieldRequest("e", "effort", "number", key)) for key in ("fl", "front_right", "rl", 1)]
     columns = [values.tolist() for values, _ in gather(definition, of_payloads(payloads), wanted)]
     np.testing.assert_array_equal(
         columns, [[1, 1.5, 1.25, np.nan], [2, 2.5, np.nan, np.nan], [np.nan] * 3 + [9], [2, 1.5, 9, np.nan]]
@@ -156,7 +156,7 @@ def test_lists_of_messages_by_place_and_by_name(order):
     definition, payloads = pack("Wheel[] wheels\nuint8 end\n", rows, order)
     assert list(definition.leaves) == ["wheels.name", "wheels.torque", "wheels.sinkage", "end"]
     leaf = definition.leaves["wheels.sinkage"]
-    wanted = [(leaf, Request("s", "wheels.sinkage", "number", key)) for key in ("fl", "rear", "x", 1, 2)]
+    wanted = [(leaf, FieldRequest("s", "wheels.sinkage", "number", key)) for key in ("fl", "rear", "x", 1, 2)]
     results = gather(definition, of_payloads(payloads), wanted)
     nan = np.nan
     np.testing.assert_array_equal(
@@ -176,7 +176,7 @@ def test_lists_that_go_the_plain_way(order, counts):
         gather(definition, of_payloads(payloads), requests(definition))
     columns = Decoder(definition).columns(
         of_payloads(payloads),
-        [Request("t", "wheels.torque", "number", "w1"), Request("end", "end", "number")],
+        [FieldRequest("t", "wheels.torque", "number", "w1"), FieldRequest("end", "end", "number")],
     )
     np.testing.assert_array_equal(columns[0][0], [np.nan if counts[0] == 1 else 1, 1])
     assert columns[1][0].tolist() == [5, 5]
@@ -210,7 +210,7 @@ def test_a_message_cut_anywhere_is_never_read_as_something_else(order):
 def test_bytes_left_over(order):
     definition, (whole,) = pack(TEXT, [ROW], order)
     decoder = Decoder(definition)
-    asked = [Request("end", "end", "number")]
+    asked = [FieldRequest("end", "end", "number")]
     if order != "ros1":  # CDR may be padded
         assert decoder.columns(of_payloads([whole, whole + bytes(3)]), asked)[0][0].tolist() == [9, 9]
     with pytest.raises(UndecodableError) as caught:
@@ -244,12 +244,16 @@ def test_a_text_that_is_not_utf8_harms_only_who_asks_for_it(order):
     definition, (whole,) = pack("string s\nuint16 end\n", [{"s": "ab", "end": 9}], order)
     broken = whole.replace(b"ab", b"\xe4b")
     decoder = Decoder(definition)
-    assert decoder.columns(of_payloads([broken]), [Request("end", "end", "number")])[0][0].tolist() == [9]
+    assert decoder.columns(of_payloads([broken]), [FieldRequest("end", "end", "number")])[0][0].tolist() == [
+        9
+    ]
     with pytest.raises(UndecodableError):
-        decoder.columns(of_payloads([broken]), [Request("s", "s", "text")])
+        decoder.columns(of_payloads([broken]), [FieldRequest("s", "s", "text")])
 
 
 def test_an_encapsulation_that_is_not_plain_cdr():
     definition, (whole,) = pack("int32 a\n", [{"a": 1}], "<")
     with pytest.raises(UndecodableError, match="encapsulation"):
-        Decoder(definition).columns(of_payloads([b"\x00\x07" + whole[2:]]), [Request("a", "a", "number")])
+        Decoder(definition).columns(
+            of_payloads([b"\x00\x07" + whole[2:]]), [FieldRequest("a", "a", "number")]
+        )

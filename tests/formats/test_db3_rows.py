@@ -205,7 +205,7 @@ def test_a_tree_without_end(tmp_path):
     contents[begin + 3 : begin + 5] = b"\x00\x00"
     contents[begin + 8 : begin + 12] = root.to_bytes(4, "big")
     path.write_bytes(contents)
-    with path.open("rb") as file, pytest.raises(db3_rows.BrokenError, match="circles"):
+    with path.open("rb") as file, pytest.raises(db3_rows.BrokenPageError, match="circles"):
         db3_rows.Leaves(file, root, pytest.fail)
 
 

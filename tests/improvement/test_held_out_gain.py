@@ -10,7 +10,7 @@ import pytest
 
 from terrain_cli.comparison.comparison_outcome import UNITS, Series
 from terrain_cli.improvement.held_out_gain import weigh
-from terrain_cli.improvement.improvement_outcome import Estimated, Evidence, Interval, Step
+from terrain_cli.improvement.improvement_outcome import Estimated, HeldOutEvidence, Interval, Step
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.presentation.change_sentences import verdict
 
@@ -195,7 +195,7 @@ def test_a_channel_that_only_one_predicts_has_no_difference():
     assert not sinkage.fell
     assert not sinkage.rose
     _, nothing = weigh(outcome({"torque": a["torque"]}), outcome({"sinkage": a["sinkage"]}))
-    assert isinstance(nothing, Evidence)
+    assert isinstance(nothing, HeldOutEvidence)
     assert nothing.blocks == 0
 
 

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.rover import Motor, Noise, Rover, Vehicle, find, load
+from terrain_cli.rover import Motor, Rover, SensorNoise, Vehicle, find, load
 
 CONTRACT = """
 [wheel]
@@ -253,7 +253,11 @@ def test_noise_is_in_si_units(write):
             """
         )
     ).noise
-    assert noise == {"load": Noise(0.01, 0.0), "torque": Noise(0.02, 0.05), "slip": Noise(0.0, 0.01)}
+    assert noise == {
+        "load": SensorNoise(0.01, 0.0),
+        "torque": SensorNoise(0.02, 0.05),
+        "slip": SensorNoise(0.0, 0.01),
+    }
 
 
 def test_a_model_file_lies_beside_it(write):

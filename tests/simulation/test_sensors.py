@@ -13,8 +13,8 @@ from profiles import examples
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation.sensors import (
     USUAL,
-    Amount,
     Sensor,
+    SensorAmount,
     amount_rule,
     clock,
     sensors_rule,
@@ -39,7 +39,7 @@ def autocorrelation(values, lag):
 @FEW
 @given(st.floats(0.001, 0.5), st.integers(0, 2**31))
 def test_white(share, seed):
-    noise = error(Sensor(white=Amount(share=share)), seed) / (share * TRUE)
+    noise = error(Sensor(white=SensorAmount(share=share)), seed) / (share * TRUE)
     assert np.std(noise) == pytest.approx(1.0, rel=4.0 / math.sqrt(2 * N))
     assert abs(np.mean(noise)) < 5.0 / math.sqrt(N)
     assert abs(autocorrelation(noise, 1)) < 5.0 / math.sqrt(N)
@@ -48,7 +48,7 @@ def test_white(share, seed):
 @FEW
 @given(st.floats(0.1, 2.0), st.integers(0, 2**31))
 def test_correlated(correlation_time, seed):
-    noise = error(Sensor(correlated=Amount(absolute=0.3), correlation_time=correlation_time), seed)
+    noise = error(Sensor(correlated=SensorAmount(absolute=0.3), correlation_time=correlation_time), seed)
     # As many independent samples as there are correlation times.
     wide = 5.0 / math.sqrt(TIME[-1] / (2.0 * correlation_time))
     assert np.std(noise) == pytest.approx(0.3, rel=wide)
@@ -70,14 +70,14 @@ def test_dropouts(share, length, seed):
 @FEW
 @given(st.floats(0.01, 0.5), st.integers(0, 2**31))
 def test_outliers(share, seed):
-    off = error(Sensor(outliers=share, outlier_size=Amount(absolute=7.0)), seed)
+    off = error(Sensor(outliers=share, outlier_size=SensorAmount(absolute=7.0)), seed)
     assert np.mean(off != 0.0) == pytest.approx(share, abs=5.0 * math.sqrt(share / N))
     assert set(np.abs(off[off != 0.0])) == {7.0}
     assert abs(np.mean(np.sign(off[off != 0.0]))) < 6.0 / math.sqrt(share * N)
 
 
 def test_drift_ends_at_its_amount():
-    drift = error(Sensor(drift=Amount(absolute=0.5)))
+    drift = error(Sensor(drift=SensorAmount(absolute=0.5)))
     np.testing.assert_allclose(drift, 0.5 * TIME / TIME[-1])
 
 
@@ -115,13 +115,13 @@ def test_clock(rate):
 @pytest.mark.parametrize(
     ("channel", "text", "amount"),
     [
-        ("torque", 0.02, Amount(absolute=0.02)),
-        ("torque", "0.02", Amount(absolute=0.02)),
-        ("torque", "20 mN m", Amount(absolute=0.02)),
-        ("sinkage", "1mm", Amount(absolute=1e-3)),
-        ("sinkage", "3%", Amount(share=0.03)),
-        ("motor_temperature", "2 K", Amount(absolute=2.0)),
-        ("slip", 0.01, Amount(absolute=0.01)),
+        ("torque", 0.02, SensorAmount(absolute=0.02)),
+        ("torque", "0.02", SensorAmount(absolute=0.02)),
+        ("torque", "20 mN m", SensorAmount(absolute=0.02)),
+        ("sinkage", "1mm", SensorAmount(absolute=1e-3)),
+        ("sinkage", "3%", SensorAmount(share=0.03)),
+        ("motor_temperature", "2 K", SensorAmount(absolute=2.0)),
+        ("slip", 0.01, SensorAmount(absolute=0.01)),
     ],
 )
 def test_amounts(channel, text, amount):
@@ -146,7 +146,7 @@ def test_noise_of_all_and_of_one():
     sensors = sensors_rule(
         {"load": "1 N", "torque": {"white": "2%", "dropouts": "5%", "quantum": "1 mN m"}}, "f"
     )
-    assert sensors["load"].white == Amount(absolute=1.0)
+    assert sensors["load"].white == SensorAmount(absolute=1.0)
     assert sensors["torque"].describe() == {
         "white": {"share": 0.02, "absolute": 0.0},
         "dropouts": 0.05,

@@ -342,7 +342,7 @@ def test_the_samples_that_are_looked_at_are_bounded(monkeypatch):
     monkeypatch.setattr(unit_evidence, "MOST", 64)
     drive = steady()
     channels = {name: drive[name].to_numpy() for name in drive if name != "time"}
-    gathered = unit_evidence.Evidence(telemetry.Geometry(RADIUS, 0.1, 0.018), {})
+    gathered = unit_evidence.UnitEvidence(telemetry.Geometry(RADIUS, 0.1, 0.018), {})
     for begin in range(0, 1000, 90):
         rows = slice(begin, begin + 90)
         part = telemetry.Samples(

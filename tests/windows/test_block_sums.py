@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from profiles import examples
 
 from terrain_cli.windows.segmentation import block_sums, sensor_noise
-from terrain_cli.windows.segmentation.replaced_samples import Samples
-from terrain_cli.windows.segmentation.running_moments import FINE, Moments
+from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
+from terrain_cli.windows.segmentation.running_moments import FINE, RunningMoments
 
 SMALL_SLAB, SMALL_REACH = 24, 6
 
@@ -89,7 +89,7 @@ def test_what_is_far_from_a_neighbour_is_found(case):
 def test_what_depends_on_changed_samples_is_measured_again(case, changed):
     """Part by part, as all at once, and with few samples around some again."""
     x, y, step = np.tile(case[0], 12), np.tile(case[1], 12), case[2]
-    samples, usual = Samples(x, y), np.array([2.0, 1.0])
+    samples, usual = ReplacedSamples(x, y), np.array([2.0, 1.0])
     out = np.full((block_sums.ROWS, -(-len(x) // step)), np.nan)
     sensor_noise._measure(samples, step, usual, list(block_sums.slabs(len(x), step)), out)
     place = np.unique(np.array(changed) % len(x))
@@ -99,7 +99,7 @@ def test_what_depends_on_changed_samples_is_measured_again(case, changed):
     y[place] += 500.0
     expected = np.full(out.shape, np.nan)
     wild, _ = sensor_noise._measure(
-        Samples(x, y), step, usual, list(block_sums.slabs(len(x), step)), expected
+        ReplacedSamples(x, y), step, usual, list(block_sums.slabs(len(x), step)), expected
     )
     np.testing.assert_allclose(out, expected, rtol=1e-9, atol=1e-9 * expected.max())
     np.testing.assert_allclose(out[block_sums.POWERS], summed(x, y, step)[0][block_sums.POWERS], rtol=1e-12)
@@ -111,9 +111,9 @@ def test_what_is_long_is_measured_slab_by_slab(monkeypatch):
     x, y = 1e4 + 100.0 * rng.standard_normal(5000), 5e3 + 80.0 * rng.standard_normal(5000)
     x[::700] *= 3.0
     monkeypatch.setattr(block_sums, "_SLAB", 10_000)
-    whole = sensor_noise.tame(Samples(x, y), 4)
+    whole = sensor_noise.tame(ReplacedSamples(x, y), 4)
     monkeypatch.setattr(block_sums, "_SLAB", 400)
-    for part, one in zip(sensor_noise.tame(Samples(x, y), 4), whole, strict=True):
+    for part, one in zip(sensor_noise.tame(ReplacedSamples(x, y), 4), whole, strict=True):
         np.testing.assert_allclose(part, one, rtol=1e-9)
 
 
@@ -121,7 +121,7 @@ def test_what_is_long_is_measured_slab_by_slab(monkeypatch):
 def test_few_samples_are_replaced_without_a_copy(case, changed, data):
     x, y, step = case
     n = len(x)
-    samples, new = Samples(x, y), np.stack([x, y])
+    samples, new = ReplacedSamples(x, y), np.stack([x, y])
     before = new.copy()
     for number in range(2):
         place = np.array(changed, dtype=int) % n
@@ -169,7 +169,7 @@ def test_near_the_ends_the_mean_is_that_of_the_first_or_last_blocks(count):
 def test_no_wild_sample_is_overlooked(case):
     x, y, step = case
     before = x.copy(), y.copy()
-    samples = Samples(x, y)
+    samples = ReplacedSamples(x, y)
     sums, _ = sensor_noise.tame(samples, step)
     found = samples.between(0, len(x))
     np.testing.assert_array_equal(found, tame_by_hand(x, y, step))
@@ -180,7 +180,7 @@ def test_no_wild_sample_is_overlooked(case):
 @given(series(), st.data())
 def test_sums_up_to_any_bound_agree(case, data):
     x, y, step = case
-    moments, n = Moments(x, y, step), len(x)
+    moments, n = RunningMoments(x, y, step), len(x)
     sample = np.array([data.draw(st.integers(0, n - 1))])
     bounds, sums = moments.around(sample, data.draw(st.integers(1, 2 * step)))
     np.testing.assert_allclose(
@@ -195,7 +195,7 @@ def test_sums_up_to_any_bound_agree(case, data):
 @given(series(), st.integers(1, 3))
 def test_sums_up_to_bounds_within_blocks_agree(case, multiple):
     x, y, _ = case
-    moments = Moments(x, y, multiple * FINE)
+    moments = RunningMoments(x, y, multiple * FINE)
     bounds, sums = moments.finer(np.arange(len(moments.edges) - 1))
     assert bounds.ravel().tolist() == list(range(0, bounds.size * FINE, FINE))
     inside = bounds <= len(x)

@@ -12,7 +12,7 @@ from soil_drives import Kind, clean, drive, mixed
 from terrain_cli.windows.segmentation import candidate_search, change_points, line_costs
 from terrain_cli.windows.segmentation.candidate_search import CHUNK, EXACT, Limits, candidates
 from terrain_cli.windows.segmentation.merging import Criteria, Criterion, Refinement
-from terrain_cli.windows.segmentation.running_moments import LONG, Moments
+from terrain_cli.windows.segmentation.running_moments import LONG, RunningMoments
 
 SOILS = ((1000.0, 0.55), (3000.0, 0.7), (1500.0, 0.3))
 
@@ -48,7 +48,7 @@ def exhaustive(moments, n, least, penalty):
 @given(st.integers(0, 200), st.sampled_from([10, 25]), st.sampled_from([5.0, 12.5, 50.0]))
 def test_the_candidates_of_few_blocks_are_the_exact_optimum(seed, least, penalty):
     x, y, _ = three_soils(seed, n=EXACT, noise=0.05)
-    moments = Moments(x, y, 1)
+    moments = RunningMoments(x, y, 1)
     bounds, factor = candidates(moments, Limits(least), penalty)
     assert bounds.tolist() == exhaustive(moments, len(x), least, penalty * factor)
 
@@ -114,7 +114,7 @@ def test_the_best_place_to_cut_is_found_to_the_sample(seed, change, step):
     x = rng.uniform(8e3, 1.4e4, n)
     y = (1000.0 + 0.6 * x) * np.where(np.arange(n) < change, 1.0, 1.3)
     y *= 1.0 + 0.01 * rng.standard_normal(n)
-    moments = Moments(x, y, step)
+    moments = RunningMoments(x, y, step)
     criterion = Criterion(25.0, 0.02)
     refinement = Refinement(moments, Limits(10), Criteria(criterion, criterion, criterion))
     ends = np.array([0]), np.array([n])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from profiles import examples
 
 from terrain_cli.windows.segmentation import line_costs
-from terrain_cli.windows.segmentation.running_moments import Moments
+from terrain_cli.windows.segmentation.running_moments import RunningMoments
 
 PLACES = st.integers(0, 300)
 
@@ -38,7 +38,7 @@ def weighted(moments, first, last):
 @given(PLACES, PLACES, st.integers(1, 32))
 def test_moments_of_any_window_are_the_sums_over_its_samples(a, b, step):
     first, last = min(a, b), max(a, b)
-    moments = Moments(*cloud(1), step)
+    moments = RunningMoments(*cloud(1), step)
     w, x, y, noise = weighted(moments, first, last)
     expected = [
         *(np.sum(w * v) for v in (1, x, y, x * x, x * y, y * y)),
@@ -53,7 +53,7 @@ def test_moments_of_any_window_are_the_sums_over_its_samples(a, b, step):
 @examples(40)
 @given(st.integers(0, 1000), st.floats(0.2, 1.1), st.sampled_from([0.0, 300.0, 3000.0]))
 def test_the_best_line_is_the_best_of_all_slopes(seed, slope, spread):
-    moments = Moments(*cloud(seed, slope=slope, spread=spread), 4)
+    moments = RunningMoments(*cloud(seed, slope=slope, spread=spread), 4)
     window = moments.between(index(20), index(280))
     w, x, y, noise = weighted(moments, 20, 280)
     low, high = (float(limit[0]) for limit in line_costs.possible_slopes(window))
@@ -68,7 +68,7 @@ def test_the_best_line_is_the_best_of_all_slopes(seed, slope, spread):
 def test_the_gain_of_a_split_is_that_of_two_regressions_across_the_line():
     x, y = cloud(3, noise=((300.0, 90.0), (0.0, 200.0)))
     y[150:] += 300.0
-    moments = Moments(x, y, 5)
+    moments = RunningMoments(x, y, 5)
     left, right = moments.between(index(0, 150), index(150, 300)).T
     gain, _ = line_costs.split_gain(left[:, None], right[:, None])
     both = (left + right)[:, None]
@@ -96,7 +96,7 @@ def test_a_load_step_gains_nothing_but_chance():
         x, y = cloud(seed, n=600, spread=0.0)
         x[300:] += 2500.0
         y[300:] += 0.6 * 2500.0
-        moments = Moments(x, y, 3)
+        moments = RunningMoments(x, y, 3)
         gain, _ = line_costs.split_gain(*moments.between(index(0, 300), index(300, 600)).T[:, :, None])
         gains.append(gain[0])
 
@@ -114,7 +114,7 @@ def test_a_load_step_gains_nothing_but_chance():
 def test_lines_apart_gain_their_distance():
     x, y = cloud(5, n=20_000)
     y[10_000:] += 100.0
-    moments = Moments(x, y, 10)
+    moments = RunningMoments(x, y, 10)
     gain, worth = line_costs.split_gain(
         *moments.between(index(0, 10_000), index(10_000, 20_000)).T[:, :, None]
     )
@@ -126,7 +126,7 @@ def test_late_windows_of_a_long_drifting_series_are_exact():
     rng = np.random.default_rng(0)
     x = np.linspace(4e3, 4e4, n) + 30.0 * rng.standard_normal(n)
     y = 1000.0 + 0.6 * x + 20.0 * rng.standard_normal(n)
-    moments = Moments(x, y, 18)
+    moments = RunningMoments(x, y, 18)
     first, last = n - 1003, n - 500
     w, x, y, _ = weighted(moments, first, last)
     residuals = y - 0.6 * x
@@ -137,8 +137,8 @@ def test_late_windows_of_a_long_drifting_series_are_exact():
 
 def test_no_soil_has_a_negative_or_a_vertical_line():
     x = np.concatenate([np.full(50, 1e4), np.full(50, 2e4)])
-    down = Moments(x, np.where(x < 1.5e4, 8e3, 6e3), 2)
-    up = Moments(x, np.where(x < 1.5e4, 2e3, 3e4), 2)
+    down = RunningMoments(x, np.where(x < 1.5e4, 8e3, 6e3), 2)
+    up = RunningMoments(x, np.where(x < 1.5e4, 2e3, 3e4), 2)
     for moments in (down, up):
         slope, misfit = line_costs.best_line(moments.between(index(0), index(100)))
         assert line_costs.SMALLEST_SLOPE <= slope[0] <= line_costs.LARGEST_SLOPE

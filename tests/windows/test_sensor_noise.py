@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from terrain_cli.windows.segmentation import block_sums
-from terrain_cli.windows.segmentation.replaced_samples import Samples
+from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
 from terrain_cli.windows.segmentation.sensor_noise import block_noise, correlation_factor, tame
 
 X, Y = 12_000.0, 8_000.0
@@ -16,7 +16,7 @@ def noise_of(x, y, step=4):
 
 def tamed(x, y, step):
     """Return the samples with those that are wild replaced."""
-    tame(found := Samples(x, y), step)
+    tame(found := ReplacedSamples(x, y), step)
     return found.between(0, len(x))
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces.typing import FieldDesc
 
     from formats.rosbag.decoding.definitions import Definition, Leaf
-    from formats.rosbag.decoding.plain_extraction import Request, Values
+    from formats.rosbag.decoding.plain_extraction import FieldRequest, Values
     from formats.rosbag.storage.raw_messages import Messages
 
     #: Names or places, and whether they are names.
@@ -57,7 +57,7 @@ class _Spot:
 
 
 def gather(
-    definition: Definition, messages: Messages, wanted: Sequence[tuple[Leaf, Request]]
+    definition: Definition, messages: Messages, wanted: Sequence[tuple[Leaf, FieldRequest]]
 ) -> list[tuple[Values, bool]]:
     """Take values from all messages at once.
 
@@ -66,7 +66,7 @@ def gather(
     definition : Definition
     messages : Messages
         At least one; all of this definition.
-    wanted : sequence of (Leaf, Request)
+    wanted : sequence of (Leaf, FieldRequest)
 
     Returns
     -------
@@ -109,7 +109,7 @@ def elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -
     return [cursor.elements(leaf) for leaf in lists]
 
 
-def _needs(leaf: Leaf, request: Request) -> list[str]:
+def _needs(leaf: Leaf, request: FieldRequest) -> list[str]:
     return [leaf.name, _names_of(leaf)] if isinstance(request.key, str) else [leaf.name]
 
 
@@ -249,7 +249,7 @@ class _Cursor:
             return tuple(texts), True
         return tuple(map(str, range(count))), False
 
-    def values(self, leaf: Leaf, request: Request) -> tuple[Values, bool]:
+    def values(self, leaf: Leaf, request: FieldRequest) -> tuple[Values, bool]:
         """Return the column of a request, and whether any message has a value for it."""
         spots = self._spots[leaf.name]
         if request.key is None:
@@ -259,7 +259,9 @@ class _Cursor:
             return self._of_numbers(leaf, request, spots[0], index)
         return self._of_spots(leaf, request, spots, index)
 
-    def _of_numbers(self, leaf: Leaf, request: Request, spot: _Spot, index: Places) -> tuple[Values, bool]:
+    def _of_numbers(
+        self, leaf: Leaf, request: FieldRequest, spot: _Spot, index: Places
+    ) -> tuple[Values, bool]:
         """Take one element from a list of numbers."""
         element = _Spot(spot.begin + index * int(CODES[leaf.base][1]))
         there = (np.asarray(index) >= 0) & (np.asarray(index) < spot.count)
@@ -271,7 +273,7 @@ class _Cursor:
         return column, len(rows) > 0
 
     def _of_spots(
-        self, leaf: Leaf, request: Request, spots: list[_Spot], index: Places
+        self, leaf: Leaf, request: FieldRequest, spots: list[_Spot], index: Places
     ) -> tuple[Values, bool]:
         """Take one element from a list whose elements have their own spots."""
         if isinstance(index, int):

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from formats.rosbag.decoding.bulk_extraction import Elements
     from formats.rosbag.decoding.definitions import Definition, Leaf
-    from formats.rosbag.decoding.plain_extraction import Request, Values
+    from formats.rosbag.decoding.plain_extraction import FieldRequest, Values
     from formats.rosbag.storage.raw_messages import Messages
 
 
@@ -43,13 +43,13 @@ class Decoder:
     def __init__(self, definition: Definition) -> None:
         self.definition = definition
 
-    def columns(self, messages: Messages, requests: Sequence[Request]) -> list[tuple[Values, bool]]:
+    def columns(self, messages: Messages, requests: Sequence[FieldRequest]) -> list[tuple[Values, bool]]:
         """Take one value per request from each message.
 
         Parameters
         ----------
         messages : Messages
-        requests : sequence of Request
+        requests : sequence of FieldRequest
 
         Returns
         -------
@@ -105,7 +105,7 @@ class Decoder:
         except Exception as error:  # rosbags answers damaged bytes and texts with any exception there is
             raise UndecodableError(row, " ".join(str(error).split())[:160] or type(error).__name__) from error
 
-    def _leaf(self, request: Request) -> Leaf | None:
+    def _leaf(self, request: FieldRequest) -> Leaf | None:
         """Find the field in this definition, which need not be the one it was listed by."""
         if request.asked == STAMP and not self.definition.stamped:
             return None

@@ -26,7 +26,7 @@ Values: TypeAlias = "NDArray[Any]"
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class FieldRequest:
     """What is asked of each message.
 
     Parameters
@@ -53,7 +53,7 @@ class Request:
         return np.full(rows, np.nan) if self.kind == "number" else np.full(rows, NAT)
 
 
-def extract(messages: Sequence[object], leaf: Leaf, request: Request) -> tuple[Values, bool]:
+def extract(messages: Sequence[object], leaf: Leaf, request: FieldRequest) -> tuple[Values, bool]:
     """Take one value from each message.
 
     Parameters
@@ -61,7 +61,7 @@ def extract(messages: Sequence[object], leaf: Leaf, request: Request) -> tuple[V
     messages : sequence
         As rosbags decodes them.
     leaf : Leaf
-    request : Request
+    request : FieldRequest
 
     Returns
     -------

@@ -25,7 +25,7 @@ from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.db3_rows import Leaves
 from formats.rosbag.storage.raw_messages import astray, collected
-from formats.sqlite_pages import BrokenError
+from formats.sqlite_pages import BrokenPageError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -148,7 +148,7 @@ class Db3File:
         self._file = self.path.open("rb")
         try:
             return Leaves(self._file, root, lambda number: database.execute(query, (number,)).fetchone()[0])
-        except (BrokenError, IndexError):
+        except (BrokenPageError, IndexError):
             return None
 
     @staticmethod

@@ -18,7 +18,7 @@ import numpy as np
 
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.raw_messages import Messages, numbers_at
-from formats.sqlite_pages import HEADER, TABLE_LEAF, TABLE_NODE, BrokenError, Pages, layout
+from formats.sqlite_pages import HEADER, TABLE_LEAF, TABLE_NODE, BrokenPageError, Pages, layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
@@ -79,7 +79,7 @@ class Leaves:
 
     Raises
     ------
-    BrokenError, IndexError
+    BrokenPageError, IndexError
         Something is not plain, or damaged.
     """
 
@@ -96,7 +96,7 @@ class Leaves:
         names = ("number", "topic", "time", "begin", "size")
         rows = _Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
         if (rows.number[1:] <= rows.number[:-1]).any():
-            raise BrokenError("rows out of order")
+            raise BrokenPageError("rows out of order")
         later = rows.time[1:] >= rows.time[:-1]
         self._rows = rows if later.all() else rows.take(np.lexsort((rows.number, rows.time)))
 
@@ -107,28 +107,28 @@ class Leaves:
         level = np.array([root], dtype=np.int64)
         for _ in range(_DEEPEST):
             if len(level) > count:
-                raise BrokenError("pages that are in two places")
+                raise BrokenPageError("pages that are in two places")
             if self._read(level[:1])[0] != TABLE_NODE:
                 return level
             # Of such a file the nodes are pages 2, 3 and so on.
             nodes = Pages(header + self._read(level).tobytes())
             places = range(2, nodes.count + 1)
             if any(nodes.code(place) != TABLE_NODE for place in places):
-                raise BrokenError("pages of another kind")
+                raise BrokenPageError("pages of another kind")
             level = np.concatenate([np.array(nodes.children(place)) for place in places])
-        raise BrokenError("pages that go round in circles")
+        raise BrokenPageError("pages that go round in circles")
 
     def _read(self, pages: Index) -> Bytes:
         """Return the bytes of some pages, one after the other."""
         size = self._pages.size
         block = np.empty(len(pages) * size, np.uint8)
         if (pages < 1).any():
-            raise BrokenError("a page that is not there")
+            raise BrokenPageError("a page that is not there")
         begins = np.flatnonzero(np.diff(pages, prepend=-1) != 1)
         for begin, end in pairwise([*begins.tolist(), len(pages)]):
             self._file.seek((int(pages[begin]) - 1) * size)
             if self._file.readinto(block[begin * size : end * size].data) != (end - begin) * size:
-                raise BrokenError("a page that is not there")
+                raise BrokenPageError("a page that is not there")
         return block
 
     def times(self) -> tuple[Index, Index]:
@@ -170,7 +170,7 @@ class Leaves:
         for row in np.flatnonzero(~inside):
             payload = self._fetch(int(rows.number[row]))
             if len(payload) != rows.size[row]:
-                raise BrokenError("a payload is not as long as it says")
+                raise BrokenPageError("a payload is not as long as it says")
             starts[row], end = end, end + len(payload)
             parts.append(np.frombuffer(payload, np.uint8))
         buffer = (np.concatenate(parts) if len(parts) > 1 else parts[0]).data
@@ -201,15 +201,15 @@ def _decoded(block: Bytes, page: Index, pages: Pages) -> _Rows:
 
     Raises
     ------
-    BrokenError, IndexError
+    BrokenPageError, IndexError
     """
     size, usable = pages.size, pages.usable
     first = np.arange(len(page)) * size
     if (block[first] != TABLE_LEAF).any():
-        raise BrokenError("pages of another kind")
+        raise BrokenPageError("pages of another kind")
     count = numbers_at(block, first + 3, ">u2").astype(np.int64)
     if (_LEAF_HEAD + _LEAST * count > usable).any():
-        raise BrokenError("more rows than its page holds")
+        raise BrokenPageError("more rows than its page holds")
     nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     of = np.repeat(np.arange(len(page)), count)
     base = first[of]
@@ -229,7 +229,7 @@ def _decoded(block: Bytes, page: Index, pages: Pages) -> _Rows:
     inside = length <= usable - 35
     plain &= ~inside | (record + length <= base + usable)
     if not (plain & (offset >= _LEAF_HEAD + 2 * count[of])).all():
-        raise BrokenError("a row is not plain")
+        raise BrokenPageError("a row is not plain")
     return _Rows(
         number,
         _integers(block, record + head, topic, topic_width),
@@ -251,7 +251,7 @@ def _varints(block: Bytes, at: Index) -> tuple[Index, Index]:
         value[further] = value[further] << 7 | last & 0x7F
         at[further] += 1
         further = further[last >= 0x80]
-    raise BrokenError("a number")
+    raise BrokenPageError("a number")
 
 
 def _integers(block: Bytes, at: Index, serial: Index, width: Index) -> Index:

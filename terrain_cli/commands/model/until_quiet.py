@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     import click
 
-    from terrain_cli.diagnosis.diagnosis_outcome import Unknown
+    from terrain_cli.diagnosis.diagnosis_outcome import UnknownEffect
     from terrain_cli.improvement import Step, Stopped
 
 
@@ -113,7 +113,7 @@ class _Drafts:
         self.where, self.folder = Path(where), Path(model).parent
         self.written: list[Path] = []
 
-    def write(self, unknown: Unknown) -> str:
+    def write(self, unknown: UnknownEffect) -> str:
         """Write a draft under a name that is free, and return its path as the model file has it."""
         import formats
         from formats.output.whole_files import explained

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.smoothed_model import Data
+    from terrain_cli.comparison.smoothed_model import SmoothedData
 
     Array = NDArray[np.float64]
 
@@ -59,12 +59,12 @@ class Conditions:
     radius: float
 
     @classmethod
-    def of(cls, data: Data) -> Conditions:
+    def of(cls, data: SmoothedData) -> Conditions:
         """Look them up.
 
         Parameters
         ----------
-        data : quiet.Data
+        data : quiet.SmoothedData
 
         Returns
         -------

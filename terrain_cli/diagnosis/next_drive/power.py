@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.smoothed_fit import Solution
-    from terrain_cli.comparison.smoothed_model import Data
+    from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
 
@@ -46,7 +46,7 @@ _STEP = 4
 _BENT = (0.05, 4.0)
 
 
-class Log:
+class PowerLog:
     """The log at hand: one wheel of it, and how much less its samples tell than independent ones."""
 
     def __init__(self, data: Ground, wheel: int, best: Refit) -> None:
@@ -94,7 +94,7 @@ class Shown:
 class Side:
     """One of the two, fitted to the log."""
 
-    def __init__(self, ground: Log, hypothesis: Hypothesis, solution: Solution) -> None:
+    def __init__(self, ground: PowerLog, hypothesis: Hypothesis, solution: Solution) -> None:
         self.hypothesis, self.solution = hypothesis, solution
         part = ground.part
         self.soil, self.windows = solution.t.shape[1], part.windows
@@ -118,7 +118,7 @@ class Side:
         wide[:, :, self.windows * q :] = design[:, :, q:]
         return wide
 
-    def shown(self, part: Data) -> Shown:
+    def shown(self, part: SmoothedData) -> Shown:
         """Predict with the effect, and without it."""
         numbers = self.solution.of_samples(part.window)
         predicted, known, sinkage = self._white(part, numbers)
@@ -129,13 +129,15 @@ class Side:
         without, there, _ = self._white(part, absent)
         return Shown(predicted, (predicted - without) * (known & there)[:, None], known, sinkage)
 
-    def _white(self, part: Data, numbers: Mapping[str, Array]) -> tuple[Array, NDArray[np.bool_], Array]:
+    def _white(
+        self, part: SmoothedData, numbers: Mapping[str, Array]
+    ) -> tuple[Array, NDArray[np.bool_], Array]:
         found, _ = smoothed_model.forecast(self.solution.model, part, numbers, order=smoothed_model.ORDER)
         known: NDArray[np.bool_] = np.logical_and.reduce([np.isfinite(column) for column in found.values()])
         white = part.white({name: np.nan_to_num(column) for name, column in found.items()}, part.seen)
         return white, known, found.get("sinkage", np.zeros(0))
 
-    def slopes(self, part: Data) -> Array:
+    def slopes(self, part: SmoothedData) -> Array:
         """Differentiate what is predicted by all unknowns, in units of the noise."""
         solution = self.solution
         sought = solution.unknowns
@@ -165,7 +167,7 @@ class Side:
         return np.asarray(norm * bend(effect) - effect)
 
 
-def margins(ground: Log, sides: Sequence[Side], course: Mapping[str, Array]) -> Array:
+def margins(ground: PowerLog, sides: Sequence[Side], course: Mapping[str, Array]) -> Array:
     """Return by how many deviations a drive leads to the right one of two.
 
     With d the distances by which the new drive takes the wrong and the right one from what is shown, in
@@ -175,7 +177,7 @@ def margins(ground: Log, sides: Sequence[Side], course: Mapping[str, Array]) -> 
 
     Parameters
     ----------
-    ground : Log
+    ground : PowerLog
     sides : sequence of Side
     course : mapping of str to ndarray, shape (n,)
 
@@ -215,7 +217,7 @@ def margins(ground: Log, sides: Sequence[Side], course: Mapping[str, Array]) -> 
     return found
 
 
-def _apart(ground: Log, side: Side, old_gap: Array, new_gap: Array, design: Array) -> float:
+def _apart(ground: PowerLog, side: Side, old_gap: Array, new_gap: Array, design: Array) -> float:
     """Return by how much a new drive takes a model, fitted to old and new, from what is shown."""
     old, new = old_gap / np.sqrt(ground.inflation), new_gap / np.sqrt(ground.new_inflation)
     table = (design / np.sqrt(ground.new_inflation)).reshape(-1, design.shape[2])
@@ -251,7 +253,9 @@ class _Views:
         return np.sqrt(self.step) * known[:, None] if np.mean(known) >= _ANSWERED else None
 
 
-def _views(ground: Log, truth: Side, sides: Sequence[Side], course: Mapping[str, Array]) -> _Views | None:
+def _views(
+    ground: PowerLog, truth: Side, sides: Sequence[Side], course: Mapping[str, Array]
+) -> _Views | None:
     """Forecast a drive with every model; None if one of them would be stuck."""
     reads = {name for side in sides for effect in side.solution.model.effects for name in effect.reads}
     # A sinkage from which a model predicts is the drive's own.
@@ -268,8 +272,8 @@ def _views(ground: Log, truth: Side, sides: Sequence[Side], course: Mapping[str,
 
 
 def _measured(
-    ground: Log, truth: Side, course: Mapping[str, Array], coupled: Sequence[str], step: int
-) -> Data:
+    ground: PowerLog, truth: Side, course: Mapping[str, Array], coupled: Sequence[str], step: int
+) -> SmoothedData:
     """Return what would be measured, were one model the truth, as far as models read it."""
     part, n = ground.part, len(course["time"])
     stretch = np.zeros(n, dtype=np.intp)

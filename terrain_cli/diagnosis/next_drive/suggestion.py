@@ -11,7 +11,7 @@ import numpy as np
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 from terrain_cli.diagnosis.next_drive import manoeuvres
-from terrain_cli.diagnosis.next_drive.power import Log, Side, margins
+from terrain_cli.diagnosis.next_drive.power import PowerLog, Side, margins
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,7 +80,7 @@ def suggest(
     part = data.data[wheel]
     if not part.use.any() or "slip" not in part.inputs:
         return []
-    ground = Log(data, wheel, pairs[0][1])
+    ground = PowerLog(data, wheel, pairs[0][1])
     sides = [Side(ground, hypothesis, refit.solutions[wheel]) for hypothesis, refit in pairs[: most + 1]]
     at = manoeuvres.Conditions.of(part)
     channels = set(part.inputs) | set(part.measured)

@@ -120,7 +120,7 @@ class Call(Node):
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison(Node):
+class Relation(Node):
     """Terms in a chain: ``0 < slip <= 1``."""
 
     operators: tuple[str, ...]
@@ -151,7 +151,7 @@ def children(node: Node) -> tuple[Node, ...]:
             return (operand,)
         case Arithmetic(left=left, right=right):
             return (left, right)
-        case Call(arguments=parts) | Comparison(terms=parts) | Logic(terms=parts):
+        case Call(arguments=parts) | Relation(terms=parts) | Logic(terms=parts):
             return parts
     return ()
 
@@ -207,7 +207,7 @@ def _value(node: Node, q: Mapping[str, Any]) -> Any:  # noqa: PLR0911 - one for 
             return _ARITHMETIC[operator](_value(left, q), _value(right, q))
         case Call(function=function, arguments=arguments):
             return FUNCTIONS[function].evaluate(*(_value(argument, q) for argument in arguments))
-        case Comparison(operators=operators, terms=terms):
+        case Relation(operators=operators, terms=terms):
             values = [_value(term, q) for term in terms]
             pairs = zip(operators, values[:-1], values[1:], strict=True)
             return reduce(np.logical_and, [COMPARE[sign](a, b) for sign, a, b in pairs])

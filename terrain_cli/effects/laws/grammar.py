@@ -17,12 +17,12 @@ from terrain_cli.effects.laws.expression import (
     FUNCTIONS,
     Arithmetic,
     Call,
-    Comparison,
     Logic,
     Name,
     Negative,
     Node,
     Number,
+    Relation,
     children,
     evaluate,
     names,
@@ -260,7 +260,7 @@ class _Parser:
         while self.next.text in COMPARE:
             operators.append(self.take().text)
             terms.append(self.number(self.expression(_BINDING["<"] + 1)))
-        return self.made(Comparison(left.start, terms[-1].end, tuple(operators), tuple(terms)))
+        return self.made(Relation(left.start, terms[-1].end, tuple(operators), tuple(terms)))
 
     def term(self) -> Node:  # noqa: PLR0911 - one for each kind of term
         token = self.take()
@@ -339,12 +339,12 @@ class _Parser:
         return node
 
     def number(self, node: Node) -> Node:
-        if isinstance(node, Comparison | Logic):
+        if isinstance(node, Relation | Logic):
             self.fail("a condition stands where a number must be", node, "use where(condition, a, b)")
         return node
 
     def condition(self, node: Node) -> Node:
-        if not isinstance(node, Comparison | Logic):
+        if not isinstance(node, Relation | Logic):
             self.fail("a number stands where a condition must be", node, "such as slip > 0.2")
         return node
 
@@ -361,7 +361,7 @@ def _check_constants(root: Node, text: str) -> None:
     waiting = [root]
     while waiting:
         node = waiting.pop()
-        if any(names(node)) or isinstance(node, Comparison | Logic):
+        if any(names(node)) or isinstance(node, Relation | Logic):
             waiting.extend(children(node))
         elif not math.isfinite(evaluate(node, {})):
             raise LawError("this is no finite number", text, node.start, node.end)

@@ -59,7 +59,7 @@ class _Inference:
                 return self.joined(operator, left, right)
             case expression.Call(function=function, arguments=arguments):
                 return self.call(function, arguments)
-            case expression.Comparison(terms=terms):
+            case expression.Relation(terms=terms):
                 self.alike(terms, "compares {1} with {0}")
             case expression.Logic(terms=terms):
                 for term in terms:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.estimation.line.least_squares import Line
-    from terrain_cli.estimation.line.moments import Moments
+    from terrain_cli.estimation.line.moments import WindowMoments
 
     Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Errors:
     tan_phi: Array
 
 
-def sampling_errors(moments: Moments, line: Line, *, correlated: bool) -> Errors:
+def sampling_errors(moments: WindowMoments, line: Line, *, correlated: bool) -> Errors:
     """Variances of a line's mean stress and slope.
 
     The residuals' autocorrelation is taken as a ρᵏ at lag k: white noise (a = 0), a
@@ -67,7 +67,7 @@ def sampling_errors(moments: Moments, line: Line, *, correlated: bool) -> Errors
 
     Parameters
     ----------
-    moments : Moments
+    moments : WindowMoments
     line : Line
     correlated : bool
         False for steady test points, which have no order in time.
@@ -98,7 +98,7 @@ def sampling_errors(moments: Moments, line: Line, *, correlated: bool) -> Errors
         return Errors(variance, np.nan_to_num(mean / variance), tan_phi * count / spread)
 
 
-def _effective(moments: Moments, line: Line) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _effective(moments: WindowMoments, line: Line) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Return the samples per independent one, for mean and slope, and the degrees of freedom left.
 
     And whether the residuals are smooth: their second partial autocorrelation is negative by more

@@ -12,7 +12,7 @@ from terrain_cli.estimation.line.moments import X, Y
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation.line.moments import Moments
+    from terrain_cli.estimation.line.moments import WindowMoments
 
     Array = NDArray[np.float64]
 
@@ -41,12 +41,12 @@ class Line:
     condition_number: Array
 
 
-def fit_line(moments: Moments) -> Line:
+def fit_line(moments: WindowMoments) -> Line:
     """Fit each window by least squares.
 
     Parameters
     ----------
-    moments : Moments
+    moments : WindowMoments
 
     Returns
     -------

@@ -43,7 +43,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Moments:
+class WindowMoments:
     """Means of windows and sums of products about the means.
 
     Parameters
@@ -79,7 +79,9 @@ def segment_sum(values: Array, bounds: Bounds) -> Array:
     return total
 
 
-def of_windows(columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[Key] = _KEYS) -> Moments:
+def of_windows(
+    columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[Key] = _KEYS
+) -> WindowMoments:
     """Moments of every window.
 
     Parameters
@@ -93,7 +95,7 @@ def of_windows(columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[
 
     Returns
     -------
-    Moments
+    WindowMoments
     """
     count = np.diff(bounds)
     if len(count) and len(columns[0]) >= _LONG * len(count):
@@ -104,10 +106,10 @@ def of_windows(columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[
     mean = segment_sum(columns, bounds) / np.maximum(count, 1)
     deviation = columns - np.repeat(mean, count, axis=-1)
     products = {key: segment_sum(product, bounds) for key, product in _products(deviation, bounds, keys)}
-    return Moments(count.astype(float), mean, products)
+    return WindowMoments(count.astype(float), mean, products)
 
 
-def _of_long_window(columns: Sequence[Array], keys: Sequence[Key]) -> Moments:
+def _of_long_window(columns: Sequence[Array], keys: Sequence[Key]) -> WindowMoments:
     """Moments of one window, all products of a lag at once."""
     rows, length = len(columns), len(columns[0])
     mean = np.array([np.einsum("n->", row) for row in columns]) / max(length, 1)
@@ -126,10 +128,10 @@ def _of_long_window(columns: Sequence[Array], keys: Sequence[Key]) -> Moments:
         for lag in range(lags + 1):
             total[lag] += late @ some[:, lags - lag : some.shape[1] - lag].T
     products = {(lag, a, b): np.array([0.5 * (total[lag, a, b] + total[lag, b, a])]) for lag, a, b in keys}
-    return Moments(np.array([float(length)]), mean[:, None], products)
+    return WindowMoments(np.array([float(length)]), mean[:, None], products)
 
 
-def _of_equal_windows(columns: Array, bounds: Bounds, keys: Sequence[Key]) -> Moments:
+def _of_equal_windows(columns: Array, bounds: Bounds, keys: Sequence[Key]) -> WindowMoments:
     """Moments of windows of one length, columns of shape (6, w, length): in half the time."""
     rows, windows, length = columns.shape
     mean = np.einsum("rwn->rw", columns) / length
@@ -140,29 +142,29 @@ def _of_equal_windows(columns: Array, bounds: Bounds, keys: Sequence[Key]) -> Mo
     lagged = [key for key in keys if key[0]]
     for key, product in _products(deviation.reshape(rows, -1), bounds, lagged):
         products[key] = np.einsum("wn->w", product.reshape(windows, length))
-    return Moments(np.full(windows, float(length)), mean, products)
+    return WindowMoments(np.full(windows, float(length)), mean, products)
 
 
-def join(parts: Sequence[Moments]) -> Moments:
+def join(parts: Sequence[WindowMoments]) -> WindowMoments:
     """Put the windows of several blocks behind one another.
 
     Parameters
     ----------
-    parts : sequence of Moments
+    parts : sequence of WindowMoments
         At least one, all with the same products.
 
     Returns
     -------
-    Moments
+    WindowMoments
     """
-    return Moments(
+    return WindowMoments(
         np.concatenate([part.count for part in parts]),
         np.concatenate([part.mean for part in parts], axis=1),
         {key: np.concatenate([part.products[key] for part in parts]) for key in parts[0].products},
     )
 
 
-def running(columns: Array) -> Moments:
+def running(columns: Array) -> WindowMoments:
     """Moments of the first 1, 2, …, n samples of one window.
 
     Parameters
@@ -172,7 +174,7 @@ def running(columns: Array) -> Moments:
 
     Returns
     -------
-    Moments
+    WindowMoments
         With n entries; the last is that of the whole window.
     """
     size = columns.shape[1]
@@ -193,7 +195,7 @@ def running(columns: Array) -> Moments:
             - 0.5 * (mean[a] * both[b] + mean[b] * both[a])
             + np.maximum(count - lag, 0.0) * mean[a] * mean[b]
         )
-    return Moments(count, origin + mean, products)
+    return WindowMoments(count, origin + mean, products)
 
 
 def _products(deviation: Array, bounds: Bounds, keys: Sequence[Key]) -> Iterator[tuple[Key, Array]]:

@@ -25,7 +25,7 @@ from terrain_cli.estimation.line.moments import X, Y, segment_sum
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation.line.moments import Bounds, Moments
+    from terrain_cli.estimation.line.moments import Bounds, WindowMoments
 
     Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class Ridge:
     gain: Array
 
 
-def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: int | None) -> Ridge:
+def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Ridge:
     """Fit each window by ridge regression.
 
     Parameters
@@ -70,7 +70,7 @@ def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: in
     x, y : ndarray, shape (n,)
         In Pa.
     bounds : ndarray of int, shape (w + 1,)
-    moments : Moments
+    moments : WindowMoments
         Of these windows.
     folds : int or None
         As for `losses`.
@@ -82,7 +82,7 @@ def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: in
     return choose(moments, losses(x, y, bounds, moments, folds=folds))
 
 
-def losses(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: int | None) -> Array:
+def losses(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Array:
     """Sum the squared errors of prediction of what is left out of each window.
 
     Parameters
@@ -90,7 +90,7 @@ def losses(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: int |
     x, y : ndarray, shape (n,)
         In Pa.
     bounds : ndarray of int, shape (w + 1,)
-    moments : Moments
+    moments : WindowMoments
         Of these windows.
     folds : int or None
         Leave one of so many contiguous blocks out, at least 2; None leaves one sample out, by
@@ -107,12 +107,12 @@ def losses(x: Array, y: Array, bounds: Bounds, moments: Moments, *, folds: int |
     return _leave_block_out(design, x, y, bounds, folds)
 
 
-def choose(moments: Moments, loss: Array) -> Ridge:
+def choose(moments: WindowMoments, loss: Array) -> Ridge:
     """Fit each window with the δ of which the error of prediction is least.
 
     Parameters
     ----------
-    moments : Moments
+    moments : WindowMoments
     loss : ndarray, shape (17, w)
         From `losses`.
 
@@ -149,7 +149,7 @@ class _Design:
     minus: Array
 
 
-def _scaled(moments: Moments) -> _Design:
+def _scaled(moments: WindowMoments) -> _Design:
     count, varies = np.maximum(moments.count, 1.0), moments.varies(X)
     variance = np.where(varies, moments[0, X, X], 0.0) / count
     scale = np.sqrt(moments.mean[X] ** 2 + variance)

@@ -25,7 +25,7 @@ from terrain_cli.vocabulary.choices import LARGEST_PHI
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation.line.moments import Moments
+    from terrain_cli.estimation.line.moments import WindowMoments
 
     Array = NDArray[np.float64]
 
@@ -42,12 +42,12 @@ _PLAIN_VARIATION = 0.05
 _PLAIN_CORRELATION = 0.8
 
 
-def phi_bounds(moments: Moments, *, correlated: bool) -> tuple[Array, Array]:
+def phi_bounds(moments: WindowMoments, *, correlated: bool) -> tuple[Array, Array]:
     """Bounds of φ that hold for any amount of noise in any of the four sensors.
 
     Parameters
     ----------
-    moments : Moments
+    moments : WindowMoments
     correlated : bool
         Whether samples follow each other in time.
 
@@ -89,7 +89,7 @@ def distance_to_bounds(phi: Array, low: Array, high: Array) -> Array:
     return np.asarray(np.sqrt((high - low) ** 2 / 12.0 + (0.5 * (low + high) - phi) ** 2))
 
 
-def _significant(moments: Moments, channel: int, *, correlated: bool) -> NDArray[np.bool_]:
+def _significant(moments: WindowMoments, channel: int, *, correlated: bool) -> NDArray[np.bool_]:
     """Whether x follows a channel by more than chance (Fisher's z of their correlation).
 
     The samples are worth as many as are independent in what the channel leaves of x, so that

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.estimation.line.least_squares import Line
-    from terrain_cli.estimation.line.moments import Moments
+    from terrain_cli.estimation.line.moments import WindowMoments
 
     Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class Uncertainty:
 
 
 def uncertainty(
-    moments: Moments, line: Line, cohesion: Array, tan_phi: Array, gain: Array, *, correlated: bool
+    moments: WindowMoments, line: Line, cohesion: Array, tan_phi: Array, gain: Array, *, correlated: bool
 ) -> Uncertainty:
     """Errors of estimates made from least-squares lines.
 
@@ -75,7 +75,7 @@ def uncertainty(
 
     Parameters
     ----------
-    moments : Moments
+    moments : WindowMoments
     line : Line
         Least squares of the same windows.
     cohesion, tan_phi : ndarray, shape (w,)

@@ -17,7 +17,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, State, accumul
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Problem
 
     Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ _FALL, _SHARE = 0.01, 1e-3
 
 def descend(
     problem: Problem,
-    data: Data,
+    data: FitData,
     t: Array,
     common: Array,
     *,
@@ -43,7 +43,7 @@ def descend(
     Parameters
     ----------
     problem : Problem
-    data : Data
+    data : FitData
     t, common : ndarray, shape (w, p) and (q,)
         Within their bounds.
     order : int or None
@@ -97,7 +97,7 @@ def descend(
 
 
 def _cost(
-    problem: Problem, data: Data, t: Array, common: Array, latent: Array, order: int | None
+    problem: Problem, data: FitData, t: Array, common: Array, latent: Array, order: int | None
 ) -> tuple[Normal, Array, Array]:
     """Return equations and sum of squares with the true values of the inputs that go with the unknowns."""
     latent = latent.copy()

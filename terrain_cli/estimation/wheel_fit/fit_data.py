@@ -26,7 +26,7 @@ _BLOCK = 16_384
 
 
 @dataclass(frozen=True)
-class Data:
+class FitData:
     """Samples of some windows.
 
     Parameters
@@ -61,7 +61,7 @@ class Data:
         """Samples of each window."""
         return np.diff(self.bounds)
 
-    def take(self, rows: NDArray[np.intp], count: NDArray[np.intp], windows: NDArray[np.intp]) -> Data:
+    def take(self, rows: NDArray[np.intp], count: NDArray[np.intp], windows: NDArray[np.intp]) -> FitData:
         """Return some of the samples.
 
         Parameters
@@ -75,9 +75,9 @@ class Data:
 
         Returns
         -------
-        Data
+        FitData
         """
-        return Data(
+        return FitData(
             {name: column[rows] for name, column in self.channels.items()},
             self.inputs,
             self.outputs,
@@ -104,7 +104,7 @@ class Data:
         ends = np.cumsum(count)
         return np.arange(ends[-1] if len(ends) else 0) + np.repeat(self.bounds[windows] - ends + count, count)
 
-    def only(self, windows: NDArray[np.intp]) -> Data:
+    def only(self, windows: NDArray[np.intp]) -> FitData:
         """Return the samples of some windows.
 
         Parameters
@@ -114,7 +114,7 @@ class Data:
 
         Returns
         -------
-        Data
+        FitData
         """
         return self.take(self.rows_of(windows), self.count[windows], windows)
 
@@ -161,7 +161,7 @@ class Data:
 
 def collect(
     model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given
-) -> tuple[Data, NDArray[np.intp]]:
+) -> tuple[FitData, NDArray[np.intp]]:
     """Sort channels into what is given and what is predicted, and leave out samples that tell nothing.
 
     Parameters
@@ -174,7 +174,7 @@ def collect(
 
     Returns
     -------
-    data : Data
+    data : FitData
     rows : ndarray of int
         The samples kept.
 
@@ -216,7 +216,7 @@ def collect(
     if "load" in kept:
         kept["load"] = np.where(np.isfinite(kept["load"]), kept["load"], 0.0)
     return (
-        Data(
+        FitData(
             kept,
             inputs,
             outputs,

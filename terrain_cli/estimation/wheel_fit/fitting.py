@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from terrain_cli.estimation.wheel_fit.channel_noise import Noise
-    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.gauss_newton import State
     from terrain_cli.estimation.wheel_fit.linearised import Equations
     from terrain_cli.mechanics.prior import Prior
@@ -151,7 +151,7 @@ def fit(
     )
 
 
-def _order(noise: Noise, data: Data) -> int | None:
+def _order(noise: Noise, data: FitData) -> int | None:
     """Return how many nodes the noise of what is predicted is worth."""
     for output in data.outputs:
         name = "load" if output == BALANCE else output
@@ -164,7 +164,7 @@ def _order(noise: Noise, data: Data) -> int | None:
 
 
 def _all(
-    problem: Problem, data: Data, order: int | None, *, correlated: bool
+    problem: Problem, data: FitData, order: int | None, *, correlated: bool
 ) -> tuple[Posterior, NDArray[np.bool_]]:
     """Fit all windows: together where they share something, else in groups that bound the memory."""
     groups = [np.arange(len(data.windows))] if problem.unknowns.shared else list(data.blocks(_GROUP))
@@ -185,7 +185,7 @@ def _all(
     return Posterior(**together), np.concatenate(converged)
 
 
-def _search(problem: Problem, data: Data, order: int | None) -> State:
+def _search(problem: Problem, data: FitData, order: int | None) -> State:
     """Find the most probable unknowns, from several beginnings where one does not suffice."""
     t, common = starts.centre(problem, data)
     begun = [common, *starts.of_shapes(problem, common)]
@@ -198,7 +198,7 @@ def _search(problem: Problem, data: Data, order: int | None) -> State:
     return _elsewhere(problem, data, state, common, order)
 
 
-def _towards(problem: Problem, data: Data, t: Array, common: Array, order: int | None) -> State:
+def _towards(problem: Problem, data: FitData, t: Array, common: Array, order: int | None) -> State:
     """Search from one beginning: with few samples and nodes, then with all."""
     rows, count = data.thin(_SOME)
     some = data.take(rows, count, np.arange(len(count)))
@@ -209,7 +209,7 @@ def _towards(problem: Problem, data: Data, t: Array, common: Array, order: int |
     return state
 
 
-def _elsewhere(problem: Problem, data: Data, state: State, common: Array, order: int | None) -> State:
+def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, order: int | None) -> State:
     """Search again, from elsewhere, in the windows that fit badly."""
     t = state.t
     usual = segment_sum(data.seen.sum(axis=0).astype(float), data.bounds) + t.shape[1]
@@ -228,7 +228,7 @@ def _elsewhere(problem: Problem, data: Data, state: State, common: Array, order:
     return state
 
 
-def _learn(problem: Problem, data: Data, *, ordered: bool) -> tuple[Problem, float]:
+def _learn(problem: Problem, data: FitData, *, ordered: bool) -> tuple[Problem, float]:
     """Scale the noise until the residuals are as large as it says, and return their degrees of freedom.
 
     The noise is one for all windows, as the sensors are. Of samples in time only the white part of
@@ -251,7 +251,7 @@ def _learn(problem: Problem, data: Data, *, ordered: bool) -> tuple[Problem, flo
         state = _settled(problem, sample, state, order)
         residual = np.zeros_like(sample.measured)
 
-        def keep(block: NDArray[np.intp], _: Data, found: Equations, residual: Array = residual) -> None:
+        def keep(block: NDArray[np.intp], _: FitData, found: Equations, residual: Array = residual) -> None:
             residual[:, sample.bounds[block[0]] : sample.bounds[block[-1] + 1]] = found.bounded
 
         normal = accumulate(problem, sample, state.t, state.common, state.latent, order=order, each=keep)
@@ -272,7 +272,7 @@ def _learn(problem: Problem, data: Data, *, ordered: bool) -> tuple[Problem, flo
     return problem, dof
 
 
-def _settled(problem: Problem, data: Data, begun: State, order: int | None) -> State:
+def _settled(problem: Problem, data: FitData, begun: State, order: int | None) -> State:
     """Search from where the last one ended, by steps that never go uphill where the quick ones get lost.
 
     Residuals of a search that is lost say nothing of the noise, and differ with the last digit.
@@ -289,7 +289,7 @@ def _settled(problem: Problem, data: Data, begun: State, order: int | None) -> S
     return state
 
 
-def _white(residual: Array, data: Data) -> float:
+def _white(residual: Array, data: FitData) -> float:
     """Return the variance of neighbours' differences in the residuals; infinite where there are none."""
     if residual.shape[1] < 3:
         return np.inf
@@ -302,7 +302,7 @@ def _white(residual: Array, data: Data) -> float:
 
 
 def _residuals(
-    problem: Problem, data: Data, t: Array, common: Array, rows: NDArray[np.intp], n: int
+    problem: Problem, data: FitData, t: Array, common: Array, rows: NDArray[np.intp], n: int
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
     """Return residuals, predictions and root mean squares at the measured channels."""
     prediction = problem.predict(data, t, common, by=False, order=_order(problem.noise, data))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
 
@@ -75,12 +75,12 @@ class Normal:
     misfit: Array
 
 
-def initial(data: Data, t: Array, common: Array) -> State:
+def initial(data: FitData, t: Array, common: Array) -> State:
     """Begin a search with the measured values for the true ones.
 
     Parameters
     ----------
-    data : Data
+    data : FitData
     t, common : ndarray, shape (w, p) and (q,)
 
     Returns
@@ -93,14 +93,14 @@ def initial(data: Data, t: Array, common: Array) -> State:
 
 
 def solve(
-    problem: Problem, data: Data, start: State, *, order: int | None, iterations: int = ITERATIONS
+    problem: Problem, data: FitData, start: State, *, order: int | None, iterations: int = ITERATIONS
 ) -> State:
     """Find the most probable unknowns.
 
     Parameters
     ----------
     problem : Problem
-    data : Data
+    data : FitData
     start : State
         Changed in place.
     order : int or None
@@ -155,20 +155,20 @@ def solve(
 
 def accumulate(
     problem: Problem,
-    data: Data,
+    data: FitData,
     t: Array,
     common: Array,
     latent: Array,
     *,
     order: int | None,
-    each: Callable[[NDArray[np.intp], Data, Equations], None] | None = None,
+    each: Callable[[NDArray[np.intp], FitData, Equations], None] | None = None,
 ) -> Normal:
     """Linearise all windows, block by block, and move the true values of the inputs along.
 
     Parameters
     ----------
     problem : Problem
-    data : Data
+    data : FitData
     t, common : ndarray, shape (w, p) and (q,)
     latent : ndarray, shape (inputs, n)
         Changed in place.

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.estimation.wheel_fit.channel_noise import Noise
-    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
     from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry
 
@@ -70,13 +70,20 @@ class Problem:
     robust: bool = False
 
     def predict(
-        self, data: Data, t: Array, common: Array, *, by: bool, order: int | None, latent: Array | None = None
+        self,
+        data: FitData,
+        t: Array,
+        common: Array,
+        *,
+        by: bool,
+        order: int | None,
+        latent: Array | None = None,
     ) -> Prediction:
         """Predict all samples of some windows.
 
         Parameters
         ----------
-        data : Data
+        data : FitData
         t : ndarray, shape (w, p)
             Local unknowns of the windows of `data`.
         common : ndarray, shape (q,)
@@ -154,12 +161,12 @@ class Equations:
         return np.asarray(np.einsum("abn,bpn->apn", self.factor, self.design))
 
     @_QUIET
-    def latent(self, data: Data) -> Array:
+    def latent(self, data: FitData) -> Array:
         """Return the true values of the inputs that go best with the residuals.
 
         Parameters
         ----------
-        data : Data
+        data : FitData
 
         Returns
         -------
@@ -206,14 +213,14 @@ class Equations:
 
 @_QUIET
 def equations(
-    problem: Problem, data: Data, t: Array, common: Array, latent: Array, *, order: int | None = None
+    problem: Problem, data: FitData, t: Array, common: Array, latent: Array, *, order: int | None = None
 ) -> Equations:
     """Linearise the model about a guess.
 
     Parameters
     ----------
     problem : Problem
-    data : Data
+    data : FitData
     t, common : ndarray, shape (w, p) and (q,)
         Local and shared unknowns.
     latent : ndarray, shape (inputs, n)
@@ -275,7 +282,7 @@ def equations(
     return Equations(residual, table[:, 1 : 1 + size], table[:, 1 + size :], spread, weight, factor, size_of)
 
 
-def _large(problem: Problem, name: str, prediction: Prediction, predicted: Array, data: Data) -> Array:
+def _large(problem: Problem, name: str, prediction: Prediction, predicted: Array, data: FitData) -> Array:
     """Keep forces and torques from nothing, where noise that is a share of them would weigh without end."""
     load = data.channels.get("load") if prediction.load is None else value(prediction.load)
     if name not in {"torque", "drawbar_pull"} or load is None:

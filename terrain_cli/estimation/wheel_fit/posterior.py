@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.gauss_newton import State
     from terrain_cli.estimation.wheel_fit.linearised import Problem
 
@@ -85,7 +85,7 @@ class Posterior:
     inflation : ndarray, shape (w,)
         How much larger the long-run variance of the residuals is than the noise says.
     excess : ndarray, shape (w,)
-        As in `Data`.
+        As in `FitData`.
     at_bound : ndarray of bool, shape (w, p)
         Which of a window's own unknowns the data would take beyond their bounds.
     """
@@ -105,14 +105,14 @@ class Posterior:
 
 
 def posterior(
-    problem: Problem, data: Data, state: State, *, order: int | None, correlated: bool
+    problem: Problem, data: FitData, state: State, *, order: int | None, correlated: bool
 ) -> Posterior:
     """Return means and covariances from the most probable unknowns.
 
     Parameters
     ----------
     problem : Problem
-    data : Data
+    data : FitData
     state : State
         From `gauss_newton`; its true values of the inputs become those that go with the means.
     order : int or None
@@ -243,7 +243,7 @@ def _width(normal: Normal, local: int, *, prior: float) -> Array:
 class _Last:
     """What the last equations say of each sample: its residuals and its part in the scores."""
 
-    def __init__(self, data: Data, own: Array, gain: Array, held: Array) -> None:
+    def __init__(self, data: FitData, own: Array, gain: Array, held: Array) -> None:
         self.bounds, self.gain = data.bounds, gain
         self.axes: Array = square_root(own)
         self.axes_shared: Array = square_root(held)
@@ -251,7 +251,7 @@ class _Last:
         self.score = np.zeros((own.shape[1], data.measured.shape[1]))
         self.score_shared = np.zeros((len(held), data.measured.shape[1]))
 
-    def keep(self, block: Index, part: Data, found: Equations) -> None:
+    def keep(self, block: Index, part: FitData, found: Equations) -> None:
         rows = slice(self.bounds[block[0]], self.bounds[block[-1] + 1])
         self.residual[:, rows] = found.bounded
         score = np.einsum("mpn,mn->pn", found.design, found.residual * found.weight)
@@ -307,7 +307,7 @@ def _bounded(move: Array, own: Array) -> Array:
 class _Few:
     """Some samples of each window, which stand for all of them."""
 
-    def __init__(self, problem: Problem, data: Data, state: State) -> None:
+    def __init__(self, problem: Problem, data: FitData, state: State) -> None:
         rows, count = data.thin(_SAMPLES_SHARED if len(state.common) else _SAMPLES)
         self.problem, self.state = problem, state
         self.data = data.take(rows, count, np.arange(len(count)))
@@ -330,7 +330,7 @@ class _Few:
             part = data.only(block)
             latent = self.latent[:, data.bounds[block[0]] : data.bounds[block[-1] + 1]]
 
-            def at(guess: Array, part: Data = part, block: Index = block) -> Equations:
+            def at(guess: Array, part: FitData = part, block: Index = block) -> Equations:
                 return equations(self.problem, part, state.t[block], state.common, guess, order=_ORDER)
 
             base = at(latent)
@@ -339,7 +339,9 @@ class _Few:
         return Normal(self.weight * information, self.weight[:, 0] * score, misfit), self.weight * noise
 
 
-def _noise_of_design(base: Equations, at: Callable[[Array], Equations], latent: Array, data: Data) -> Array:
+def _noise_of_design(
+    base: Equations, at: Callable[[Array], Equations], latent: Array, data: FitData
+) -> Array:
     """Return Σ A'ᵀ S⁻¹ A' var û by window."""
     size = base.design.shape[1]
     plain = base.unwhitened()

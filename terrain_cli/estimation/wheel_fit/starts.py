@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Problem
 
     Array = NDArray[np.float64]
@@ -30,13 +30,13 @@ _APART = 1.2
 _STIFFER = 5
 
 
-def centre(problem: Problem, data: Data) -> tuple[Array, Array]:
+def centre(problem: Problem, data: FitData) -> tuple[Array, Array]:
     """Begin at the prior means, with the stiffness that carries the load there.
 
     Parameters
     ----------
     problem : Problem
-    data : Data
+    data : FitData
 
     Returns
     -------
@@ -47,13 +47,13 @@ def centre(problem: Problem, data: Data) -> tuple[Array, Array]:
     return carried(problem, data, np.clip(t, *_range(problem)), common), common
 
 
-def others(problem: Problem, data: Data, common: Array) -> Iterator[Array]:
+def others(problem: Problem, data: FitData, common: Array) -> Iterator[Array]:
     """Yield further beginnings, far apart in what the model is most curved in.
 
     Parameters
     ----------
     problem : Problem
-    data : Data
+    data : FitData
     common : ndarray, shape (q,)
 
     Yields
@@ -107,13 +107,13 @@ def of_shapes(problem: Problem, common: Array) -> Iterator[Array]:
             yield begun
 
 
-def carried(problem: Problem, data: Data, t: Array, common: Array) -> Array:
+def carried(problem: Problem, data: FitData, t: Array, common: Array) -> Array:
     """Choose each window's stiffness so that the soil carries the load.
 
     Parameters
     ----------
     problem : Problem
-    data : Data
+    data : FitData
     t, common : ndarray, shape (w, p) and (q,)
 
     Returns

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation.wheel_fit.fit_data import Data
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Problem
 
     Array = NDArray[np.float64]
@@ -42,14 +42,14 @@ _ROUNDS, _TOGETHER, _RAISED = 10, 2, 5.0
 
 
 def mend(
-    problem: Problem, data: Data, state: State, found: Posterior, *, order: int | None, correlated: bool
+    problem: Problem, data: FitData, state: State, found: Posterior, *, order: int | None, correlated: bool
 ) -> Posterior:
     """Fit those windows anew in which the search went astray.
 
     Parameters
     ----------
     problem : Problem
-    data : Data
+    data : FitData
     state : State
         Changed in place.
     found : Posterior
@@ -90,7 +90,7 @@ def mend(
 def _temper(
     problem: Problem,
     alone: Problem,
-    data: Data,
+    data: FitData,
     state: State,
     found: Posterior,
     order: int | None,
@@ -104,7 +104,7 @@ def _temper(
         _alone(problem, alone, data, state, found, np.flatnonzero(wide), order)
 
 
-def _raise(data: Data, found: Posterior, wide: NDArray[np.bool_]) -> None:
+def _raise(data: FitData, found: Posterior, wide: NDArray[np.bool_]) -> None:
     data.excess[wide] = np.maximum(found.inflation, _RAISED * data.excess)[wide]
 
 
@@ -121,7 +121,7 @@ def _held(unknowns: Unknowns, state: State) -> Unknowns:
     return Unknowns(unknowns.local, (), {**unknowns.fixed, **held})
 
 
-def _best(problem: Problem, data: Data, t: Array, common: Array, order: int | None) -> State:
+def _best(problem: Problem, data: FitData, t: Array, common: Array, order: int | None) -> State:
     """Go down from where the search ended or from another beginning, whichever leads lowest."""
     rows, count = data.thin(_SOME)
     some = data.take(rows, count, np.arange(len(count)))
@@ -133,7 +133,7 @@ def _best(problem: Problem, data: Data, t: Array, common: Array, order: int | No
     return descend(problem, data, best.t, best.common, order=order)
 
 
-def _lowest(ends: Sequence[State], data: Data, problem: Problem) -> State:
+def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:
     """Return the lowest of several ends: of each window, or of all where they share something."""
     if problem.unknowns.shared:
         return min(ends, key=lambda end: float(end.merit.sum() + np.sum(end.common**2)))
@@ -144,7 +144,7 @@ def _lowest(ends: Sequence[State], data: Data, problem: Problem) -> State:
     return best
 
 
-def _downhill(problem: Problem, data: Data, state: State, order: int | None) -> State:
+def _downhill(problem: Problem, data: FitData, state: State, order: int | None) -> State:
     """Go down anew from where the search ended, and from the prior means."""
     low, high, _ = limits(problem.unknowns.local)
     common = state.common if problem.unknowns.shared else np.zeros(0)
@@ -155,7 +155,7 @@ def _downhill(problem: Problem, data: Data, state: State, order: int | None) -> 
 def _alone(
     problem: Problem,
     alone: Problem,
-    data: Data,
+    data: FitData,
     state: State,
     found: Posterior,
     at: Index,

@@ -8,7 +8,7 @@ import numpy as np
 
 from terrain_cli.telemetry import alignment, derived_channels
 from terrain_cli.telemetry.derive import effect_inputs, plausibility, usable_samples
-from terrain_cli.telemetry.derive.unit_evidence import Evidence
+from terrain_cli.telemetry.derive.unit_evidence import UnitEvidence
 from terrain_cli.telemetry.plan import derivable_channels
 from terrain_cli.telemetry.raw_columns import as_numbers
 from terrain_cli.telemetry.wheel_names import match_name
@@ -132,7 +132,7 @@ def assemble(
         rover.noise,
     )
     if not checked:
-        evidence = Evidence(geometry, raw.feeds)
+        evidence = UnitEvidence(geometry, raw.feeds)
         evidence.add(samples)
         samples.remarks += plausibility.found(layout, raw.wheel, evidence)
     return samples

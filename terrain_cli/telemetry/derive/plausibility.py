@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.telemetry.channel_sources import Plan
-    from terrain_cli.telemetry.derive.unit_evidence import Evidence
+    from terrain_cli.telemetry.derive.unit_evidence import UnitEvidence
 
     Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ SPARSE = 20.0
 _DEPTH, _TORQUE, _PRESSURE = 0.1, 0.35, 15e3
 
 
-def _track(e: Evidence) -> Suspicion | None:
+def _track(e: UnitEvidence) -> Suspicion | None:
     """Set the distance by time and velocity against the track."""
     blocks = np.array([block for block in e.blocks if block[0] > 0.0])
     if not len(blocks):
@@ -101,7 +101,7 @@ def _metres(distance: float) -> str:
     return f"{distance:,.{2 if distance < 10.0 else 0}f} m"
 
 
-def _sparse(e: Evidence) -> Suspicion | None:
+def _sparse(e: UnitEvidence) -> Suspicion | None:
     """Find samples that are too far apart, where no track shows that they are."""
     found = e.columns("velocity") if "time" in e.measured and not e.blocks else None
     if found is None:
@@ -115,7 +115,7 @@ def _sparse(e: Evidence) -> Suspicion | None:
     return Suspicion(what, "time", Mend("time", unit))
 
 
-def _slip(e: Evidence) -> Suspicion | None:
+def _slip(e: UnitEvidence) -> Suspicion | None:
     """Find a measured slip beyond ±1."""
     found = e.columns("slip") if "slip" in e.measured else None
     if found is None:
@@ -129,7 +129,7 @@ def _slip(e: Evidence) -> Suspicion | None:
     return Suspicion(what, "slip", Mend("slip", "%"), "impossible" if share > 0.5 else "odd")
 
 
-def _rim(e: Evidence) -> Suspicion | None:
+def _rim(e: UnitEvidence) -> Suspicion | None:
     """Set ω r against V."""
     if not {"angular_velocity", "velocity"} <= e.measured:
         return None
@@ -163,7 +163,7 @@ def _rim(e: Evidence) -> Suspicion | None:
     return None
 
 
-def _follows(e: Evidence, ratio: Array) -> bool:
+def _follows(e: UnitEvidence, ratio: Array) -> bool:
     """Tell whether the torque follows a slip that seems to be above 0.89 all the time.
 
     The shear of the soil is spent there: T/(W r) changes by less than the slip itself does.
@@ -181,7 +181,7 @@ def _follows(e: Evidence, ratio: Array) -> bool:
     return bool(np.median(share[~fast]) - np.median(share[fast]) > 2.0 * apart)
 
 
-def _two_slips(e: Evidence, ratio: float) -> Suspicion | None:
+def _two_slips(e: UnitEvidence, ratio: float) -> Suspicion | None:
     """Set a measured slip against that of ω and V."""
     found = e.columns("slip", "angular_velocity", "velocity")
     if found is None or np.median(np.abs(found[0])) > 1.0:
@@ -207,7 +207,7 @@ def _slip_of(ratio: float) -> float:
     return 1.0 - ratio if ratio <= 1.0 else 1.0 / ratio - 1.0
 
 
-def _depth(e: Evidence) -> Suspicion | None:
+def _depth(e: UnitEvidence) -> Suspicion | None:
     """Set the sinkage against the radius."""
     source = "sinkage" if "sinkage" in e.measured else "entry_angle"
     found = e.columns(source) if source in e.measured else None
@@ -233,7 +233,7 @@ def _depth(e: Evidence) -> Suspicion | None:
     return Suspicion(what, source, mend, "impossible" if share > 0.5 else "odd")
 
 
-def _forces(e: Evidence) -> Suspicion | None:
+def _forces(e: UnitEvidence) -> Suspicion | None:
     """Set the load against the torque, and against the area that the sinkage gives it."""
     radius, width = e.geometry.radius, e.geometry.width
     pressure = share = slip = np.nan
@@ -272,7 +272,7 @@ def _over(limit: float, value: float) -> float:
     return limit / value if value > 0.0 else 0.0
 
 
-def _unit_of_force(e: Evidence, share: float, pressure: float) -> Mend | None:
+def _unit_of_force(e: UnitEvidence, share: float, pressure: float) -> Mend | None:
     """Choose the unit that comes nearest to a typical drive."""
     # By what T/(W r) and the pressure are multiplied: the powers of the factor.
     options = {
@@ -292,7 +292,7 @@ def _unit_of_force(e: Evidence, share: float, pressure: float) -> Mend | None:
     return best if best and far(options[best], best.factor) < far((0.0, 0.0), 1.0) else None
 
 
-def _sign(e: Evidence) -> Suspicion | None:
+def _sign(e: UnitEvidence) -> Suspicion | None:
     """Find a torque that brakes a driving wheel."""
     found = e.columns("torque", "slip")
     if found is None or np.median(found[0]) >= 0.0 or np.median(found[1]) <= 0.0:
@@ -301,8 +301,8 @@ def _sign(e: Evidence) -> Suspicion | None:
     return Suspicion("torque is negative although the wheel drives", source, Mend(source, unit, -1.0))
 
 
-def _angle(name: str, most: float) -> Callable[[Evidence], Suspicion | None]:
-    def check(e: Evidence) -> Suspicion | None:
+def _angle(name: str, most: float) -> Callable[[UnitEvidence], Suspicion | None]:
+    def check(e: UnitEvidence) -> Suspicion | None:
         found = e.columns(name) if name in e.measured else None
         if found is None:
             return None
@@ -316,7 +316,7 @@ def _angle(name: str, most: float) -> Callable[[Evidence], Suspicion | None]:
     return check
 
 
-def _hot(e: Evidence) -> Suspicion | None:
+def _hot(e: UnitEvidence) -> Suspicion | None:
     """Find a motor that would have burnt."""
     found = e.columns("motor_temperature") if "motor_temperature" in e.measured else None
     if found is None or (middle := float(np.median(found[0]))) <= HOTTEST:
@@ -325,10 +325,10 @@ def _hot(e: Evidence) -> Suspicion | None:
     return Suspicion(what, "motor_temperature", Mend("motor_temperature", "K"))
 
 
-def _stuck(name: str) -> Callable[[Evidence], Suspicion | None]:
+def _stuck(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
     """Return a check of a channel that must change where slip or load do."""
 
-    def check(e: Evidence) -> Suspicion | None:
+    def check(e: UnitEvidence) -> Suspicion | None:
         least, greatest = e.ends.get(name, (0.0, 1.0))
         if name not in e.measured or least != greatest or e.count < STUCK:
             return None
@@ -350,7 +350,7 @@ def _stuck(name: str) -> Callable[[Evidence], Suspicion | None]:
 
 
 #: In this order: of several that are errors the first is raised.
-CHECKS: tuple[Callable[[Evidence], Suspicion | None], ...] = (
+CHECKS: tuple[Callable[[UnitEvidence], Suspicion | None], ...] = (
     _track,
     _sparse,
     _slip,
@@ -368,14 +368,14 @@ CHECKS: tuple[Callable[[Evidence], Suspicion | None], ...] = (
 )
 
 
-def found(layout: Plan, wheel: str, evidence: Evidence) -> list[Doubt]:
+def found(layout: Plan, wheel: str, evidence: UnitEvidence) -> list[Doubt]:
     """Say what is hardly true of a wheel, and what would mend it.
 
     Parameters
     ----------
     layout : Plan
     wheel : str
-    evidence : Evidence
+    evidence : UnitEvidence
 
     Returns
     -------

@@ -27,7 +27,7 @@ BLOCKS = 8
 _DEGREE = 111_195.0
 
 
-class Evidence:
+class UnitEvidence:
     """Some samples of a wheel that turns, evenly spread, and what needs every sample.
 
     Parameters

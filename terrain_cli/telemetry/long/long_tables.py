@@ -14,7 +14,7 @@ from terrain_cli.telemetry.derive import plausibility, usable_samples
 from terrain_cli.telemetry.derive.assembly import assemble
 from terrain_cli.telemetry.derive.doubts import Doubt
 from terrain_cli.telemetry.derive.effect_inputs import ANGLE
-from terrain_cli.telemetry.derive.unit_evidence import Evidence
+from terrain_cli.telemetry.derive.unit_evidence import UnitEvidence
 from terrain_cli.telemetry.read import own_clocks, tables
 from terrain_cli.telemetry.read.raw_channels import choose_wheels, labels_there
 from terrain_cli.telemetry.wheel_names import match_name
@@ -137,7 +137,7 @@ def in_parts(
             if not end.begun:
                 told = samples.remarks[len(source.remarks) :]
                 end.remarks = [remark for remark in told if not isinstance(remark, Doubt)]
-                end.evidence = Evidence(samples.geometry, raw.feeds)
+                end.evidence = UnitEvidence(samples.geometry, raw.feeds)
             part = end.go_on(samples, first, last, rover.max_gap)
             end.evidence.add(part)
             yield part
@@ -207,7 +207,7 @@ class _End:
     #: Driving time since the last usable sample, where that is out of sight of the next part.
     lost: float = 0.0
     remarks: list[str] = field(default_factory=list)
-    evidence: Evidence = field(init=False)
+    evidence: UnitEvidence = field(init=False)
 
     def bring(self, raw: Raw, first: int, last: int, max_gap: float | None) -> None:
         """Bring columns on clocks of their own to one, and count the part's own rows."""

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from formats import Field, Source, Stream
-    from terrain_cli.rover import Entry, Rover
-    from terrain_cli.telemetry.plan.topic_discovery import Candidate
+    from terrain_cli.rover import ChannelEntry, Rover
+    from terrain_cli.telemetry.plan.topic_discovery import TopicCandidate
     from terrain_cli.vocabulary.units import Unit
 
 #: The name of a wheel that nothing names.
@@ -131,7 +131,7 @@ def _plan_bag(
     result: Plan, streams: Mapping[str, Stream], asked: dict[str, dict[str, Feed]], rover: Rover
 ) -> None:
     chosen = _given(asked)
-    candidates: dict[str, list[Candidate]] = {}
+    candidates: dict[str, list[TopicCandidate]] = {}
     for topic, stream in streams.items():
         try:
             found, label = topic_discovery.find(stream)
@@ -168,7 +168,7 @@ def _plan_bag(
         result.wheels[wheel].update(feeds)
 
 
-def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed]]) -> list[Candidate]:
+def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed]]) -> list[TopicCandidate]:
     """Find the speeds of joints that rover.toml asks for, but the first message of a topic does not have.
 
     They are in messages of another publisher.
@@ -213,7 +213,7 @@ def only_wheel(rover: Rover, there: Sequence[str] = ()) -> str:
     return entry.name or next(filter(None, parts), ONLY_WHEEL)
 
 
-def _feed(entry: Entry, streams: Mapping[str, Stream], wheel: str) -> Feed:
+def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Feed:
     """Turn an entry of rover.toml into a feed, checked against what the file holds."""
     own = CHANNELS[entry.channel].unit
     base = Feed(
@@ -261,7 +261,7 @@ def _feed(entry: Entry, streams: Mapping[str, Stream], wheel: str) -> Feed:
     return replace(base, topic=topic, fields=(path,), unit=unit or own, note=note)
 
 
-def _meant(entry: Entry, stream: Stream, wheel: str) -> Feed | None:
+def _meant(entry: ChannelEntry, stream: Stream, wheel: str) -> Feed | None:
     """Return the one feed of a topic that carries a channel, where rover.toml names no field."""
     found = [c for c in topic_discovery.find(stream)[0] if c.feed.channel == entry.channel]
     name = entry.name or wheel
@@ -272,7 +272,7 @@ def _meant(entry: Entry, stream: Stream, wheel: str) -> Feed | None:
     return found[0].feed if len(found) == 1 else None
 
 
-def _unit(entry: Entry, message_type: str, name: str, topic: str) -> Unit | None:
+def _unit(entry: ChannelEntry, message_type: str, name: str, topic: str) -> Unit | None:
     """Return the unit that the type of a message or the name of a field, topic or column fixes."""
     channel, dimension = entry.channel, CHANNELS[entry.channel].dimension
     symbol = standard_messages.unit_symbol(message_type, name)
@@ -299,7 +299,7 @@ def _unit(entry: Entry, message_type: str, name: str, topic: str) -> Unit | None
     return None
 
 
-def _element(entry: Entry, target: Field, wheel: str) -> str:
+def _element(entry: ChannelEntry, target: Field, wheel: str) -> str:
     """Return the path of a field, with the element of a list that is meant."""
     if target.kind not in {"numbers", "texts"}:
         return target.name

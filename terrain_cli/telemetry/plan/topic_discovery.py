@@ -30,7 +30,7 @@ OF_WHEELS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class TopicCandidate:
     """A feed found without being asked for.
 
     Parameters
@@ -44,7 +44,7 @@ class Candidate:
     places: tuple[str, ...]
 
 
-def find(stream: Stream) -> tuple[list[Candidate], str | None]:
+def find(stream: Stream) -> tuple[list[TopicCandidate], str | None]:
     """Find the channels that one topic carries.
 
     Parameters
@@ -53,7 +53,7 @@ def find(stream: Stream) -> tuple[list[Candidate], str | None]:
 
     Returns
     -------
-    candidates : list of Candidate
+    candidates : list of TopicCandidate
     label : str or None
         The field that names the wheel of each message.
 
@@ -76,12 +76,12 @@ def _places(stream: Stream) -> tuple[str, ...]:
     return tuple(part for part in stream.topic.split("/") if part)
 
 
-def _find_joints(stream: Stream) -> list[Candidate]:
+def _find_joints(stream: Stream) -> list[TopicCandidate]:
     velocity = next((field for field in stream.fields if field.name == "velocity"), None)
     return [joint_speed(stream.topic, name) for name in (velocity.elements if velocity else ())]
 
 
-def joint_speed(topic: str, joint: str) -> Candidate:
+def joint_speed(topic: str, joint: str) -> TopicCandidate:
     """Return the speed of a joint in a JointState.
 
     Parameters
@@ -90,20 +90,20 @@ def joint_speed(topic: str, joint: str) -> Candidate:
 
     Returns
     -------
-    Candidate
+    TopicCandidate
     """
     feed = Feed("angular_velocity", topic, (f"velocity[{joint}]",), units.si("angular speed"))
-    return Candidate(feed, (joint,))
+    return TopicCandidate(feed, (joint,))
 
 
-def _find_by_topic(stream: Stream, field: Field) -> list[Candidate]:
+def _find_by_topic(stream: Stream, field: Field) -> list[TopicCandidate]:
     """Take the single value of a message for what the topic is called."""
     *places, leaf = _places(stream) or ("",)
     match = identify(leaf, letters=False)
     if match is None or match.channel in {"time", "wheel"} or not _fits(field, match.channel):
         return []
     feed = Feed(match.channel, stream.topic, (field.name,), match.unit, rank=NAMED)
-    return [Candidate(feed, tuple(places))]
+    return [TopicCandidate(feed, tuple(places))]
 
 
 def _fits(field: Field, channel: str) -> bool:
@@ -111,7 +111,7 @@ def _fits(field: Field, channel: str) -> bool:
     return field.kind == "number" or (field.kind == "text" and CHANNELS[channel].dimension == LABEL)
 
 
-def _find_by_type(stream: Stream) -> list[Candidate]:
+def _find_by_type(stream: Stream) -> list[TopicCandidate]:
     found = []
     there = {field.name for field in stream.fields}
     for meaning in standard_messages.meanings(stream.type):
@@ -129,13 +129,13 @@ def _find_by_type(stream: Stream) -> list[Candidate]:
             rank=meaning.rank,
             of_body=meaning.of_body,
         )
-        found.append(Candidate(feed, _places(stream)))
+        found.append(TopicCandidate(feed, _places(stream)))
     return found
 
 
-def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[Candidate], str | None]:
+def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[TopicCandidate], str | None]:
     """Take the fields of a message of the user's own for what they are called."""
-    found: list[Candidate] = []
+    found: list[TopicCandidate] = []
     label: str | None = None
     for field in fields:
         # Single letters deep inside are anything's coordinates.
@@ -150,19 +150,19 @@ def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[Candid
                 (Feed(match.channel, stream.topic, (f"{field.name}[{name}]",), match.unit, rank=NAMED), name)
                 for name in field.elements
             )
-            found += [Candidate(feed, (name,)) for feed, name in feeds]
+            found += [TopicCandidate(feed, (name,)) for feed, name in feeds]
         elif _fits(field, match.channel):
             feed = Feed(match.channel, stream.topic, (field.name,), match.unit, rank=NAMED)
-            found.append(Candidate(feed, _places(stream)))
+            found.append(TopicCandidate(feed, _places(stream)))
     return found, label
 
 
-def wheels_in(candidates: Mapping[str, Sequence[Candidate]], labelled: Collection[str]) -> list[str]:
+def wheels_in(candidates: Mapping[str, Sequence[TopicCandidate]], labelled: Collection[str]) -> list[str]:
     """Name the wheels that topics or joints of one kind tell apart.
 
     Parameters
     ----------
-    candidates : mapping of str to sequence of Candidate
+    candidates : mapping of str to sequence of TopicCandidate
         By channel.
     labelled : collection of str
         Topics whose messages name their wheel.
@@ -188,13 +188,13 @@ def _differing(places: Sequence[tuple[str, ...]]) -> list[str]:
     return []
 
 
-def assign(channel: str, found: Sequence[Candidate], others: Iterable[str], plan: Plan) -> None:
+def assign(channel: str, found: Sequence[TopicCandidate], others: Iterable[str], plan: Plan) -> None:
     """Give the feeds found for a channel to the wheels they belong to.
 
     Parameters
     ----------
     channel : str
-    found : sequence of Candidate
+    found : sequence of TopicCandidate
     others : iterable of str
         Wheels and joints of the bag that are not wanted.
     plan : Plan

@@ -15,7 +15,7 @@ from terrain_cli.windows.segmentation.sensor_noise import correlation_factor
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.windows.segmentation.running_moments import Moments
+    from terrain_cli.windows.segmentation.running_moments import RunningMoments
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -156,12 +156,12 @@ def _chunked(places: int, size: int) -> Index:
     return np.asarray(np.minimum(index, places - 1))
 
 
-def candidates(moments: Moments, limits: Limits, penalty: float) -> tuple[Index, float]:
+def candidates(moments: RunningMoments, limits: Limits, penalty: float) -> tuple[Index, float]:
     """Search for bounds among which all changes of the line are.
 
     Parameters
     ----------
-    moments : Moments
+    moments : RunningMoments
     limits : Limits
     penalty : float
         Least gain of a bound, for white noise.
@@ -186,7 +186,7 @@ def candidates(moments: Moments, limits: Limits, penalty: float) -> tuple[Index,
         places = found
 
 
-def _promising(moments: Moments, penalty: float) -> _Places:
+def _promising(moments: RunningMoments, penalty: float) -> _Places:
     """Return places among which the bounds are: in long drives few where all is calm.
 
     What a change of soil leaves about one line through a few blocks is a residual whose sum first
@@ -212,7 +212,7 @@ def _promising(moments: Moments, penalty: float) -> _Places:
     return _finer(moments, np.flatnonzero(kept), block)
 
 
-def _finer(moments: Moments, edges: Index, block: Index) -> _Places:
+def _finer(moments: RunningMoments, edges: Index, block: Index) -> _Places:
     """Return some edges of blocks, and places within other, whole blocks from their beginning on."""
     samples, sums = moments.finer(block)
     samples = np.concatenate([moments.edges[edges], samples.ravel()])
@@ -257,7 +257,7 @@ def _wanders(windows: Array, parts: Array, limit: float) -> NDArray[np.bool_]:
     return ~calm
 
 
-def _survey(moments: Moments, limits: Limits, penalty: float) -> float:
+def _survey(moments: RunningMoments, limits: Limits, penalty: float) -> float:
     """Find the correlation that remains about the lines that it allows, in chunks all along the stretch.
 
     With the factor too low, correlated noise is cut into many windows that take some of it away,
@@ -280,7 +280,7 @@ def _survey(moments: Moments, limits: Limits, penalty: float) -> float:
     return factor
 
 
-def _surveyed(moments: Moments) -> tuple[_Places, Index]:
+def _surveyed(moments: RunningMoments) -> tuple[_Places, Index]:
     """Return places, and those of each chunk of the survey."""
     blocks = len(moments.edges) - 1
     if moments.step < LONG:
@@ -296,7 +296,7 @@ def _surveyed(moments: Moments) -> tuple[_Places, Index]:
     return places, index + np.searchsorted(places.samples, first * LONG)
 
 
-def _residuals(moments: Moments, first: Index, last: Index) -> Array:
+def _residuals(moments: RunningMoments, first: Index, last: Index) -> Array:
     """Distances from the lines of the windows [first, last), in standard deviations of the noise."""
     windows = moments.between(first, last)
     slope, _ = line_costs.best_line(windows)

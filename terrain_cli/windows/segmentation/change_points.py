@@ -20,8 +20,8 @@ from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.segmentation.candidate_search import Limits, candidates
 from terrain_cli.windows.segmentation.merging import Criteria, Criterion, Refinement
 from terrain_cli.windows.segmentation.plain_windows import checked_distance, distinct, whole_windows
-from terrain_cli.windows.segmentation.replaced_samples import Samples
-from terrain_cli.windows.segmentation.running_moments import LONG, Moments
+from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
+from terrain_cli.windows.segmentation.running_moments import LONG, RunningMoments
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -123,9 +123,9 @@ def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> 
     """Find the change points of one stretch."""
     n = len(x)
     if n < max(2 * limits.samples, _FEWEST):
-        Samples(x, y).check_finite()
+        ReplacedSamples(x, y).check_finite()
         return np.array([0, n], dtype=np.intp)
-    moments = Moments(x, y, block)
+    moments = RunningMoments(x, y, block)
     bounds, factor = candidates(moments, limits, CANDIDATE_SHARE * penalty)
     penalty *= factor
     criteria = Criteria(

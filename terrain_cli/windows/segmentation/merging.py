@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.windows.segmentation.candidate_search import Limits
-    from terrain_cli.windows.segmentation.running_moments import Moments
+    from terrain_cli.windows.segmentation.running_moments import RunningMoments
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -108,12 +108,12 @@ class Refinement:
 
     Parameters
     ----------
-    moments : Moments
+    moments : RunningMoments
     limits : Limits
     criteria : Criteria
     """
 
-    def __init__(self, moments: Moments, limits: Limits, criteria: Criteria) -> None:
+    def __init__(self, moments: RunningMoments, limits: Limits, criteria: Criteria) -> None:
         self._moments = moments
         self._before = _Known(moments.before)
         self._n = len(moments.samples)

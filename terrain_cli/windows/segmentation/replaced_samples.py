@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     Index = NDArray[np.intp]
 
 
-class Samples:
+class ReplacedSamples:
     """Samples (x, y) in the order of time.
 
     Parameters

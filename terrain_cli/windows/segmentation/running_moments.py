@@ -18,7 +18,7 @@ from terrain_cli.windows.segmentation.line_costs import (
     X,
     across,
 )
-from terrain_cli.windows.segmentation.replaced_samples import Samples
+from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
 from terrain_cli.windows.segmentation.sensor_noise import tame
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 LONG, FINE = 64, 8
 
 
-class Moments:
+class RunningMoments:
     """Moments of all windows of one stretch.
 
     Sums are accumulated block by block; what ten million of them lose by cancellation is far below
@@ -48,7 +48,7 @@ class Moments:
     def __init__(self, x: Array, y: Array, step: int) -> None:
         self.step = step
         self.edges = np.append(np.arange(0, len(x), step, dtype=np.intp), len(x))
-        self.samples = Samples(x, y)
+        self.samples = ReplacedSamples(x, y)
         sums, self.noise = tame(self.samples, step)
         number = block_sums.sizes(len(x), step)
         noise_xx, noise_xy, noise_yy = self.noise

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.windows.segmentation.replaced_samples import Samples
+    from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -36,12 +36,12 @@ NOISE_CORRELATION = 0.15
 LARGEST_LAG = 30
 
 
-def tame(samples: Samples, step: int) -> tuple[Array, Array]:
+def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
     """Replace wild samples, one or two in a row, by the median of five around them.
 
     Parameters
     ----------
-    samples : Samples
+    samples : ReplacedSamples
         Three or more; some are replaced.
     step : int
         Samples in a block.
@@ -79,7 +79,9 @@ def tame(samples: Samples, step: int) -> tuple[Array, Array]:
     return rows[block_sums.POWERS], block_noise(rows, number, step, LEVEL_FLOOR * usual)
 
 
-def _measure(samples: Samples, step: int, usual: Array, parts: Parts, out: Array) -> tuple[Index, Array]:
+def _measure(
+    samples: ReplacedSamples, step: int, usual: Array, parts: Parts, out: Array
+) -> tuple[Index, Array]:
     """Fill in the rows of these blocks, one part after another in the same memory.
 
     Returns which of their samples are wild, and the medians of x and y there.
