@@ -80,16 +80,16 @@ def points(seed, slips, loads, effects):
     columns = simulate(drive).wheels["wheel"].aligned()
     middle = np.searchsorted(columns["time"], STEADY * (np.arange(len(slip)) + 0.5))
     return Samples(
-        f"points {seed}",
-        "wheel",
-        Geometry(WHEEL.radius, WHEEL.width, 0.018),
-        0.0,
-        None,
-        {name: columns[name][middle] for name in CHANNELS},
-        {},
-        np.zeros(len(slip), dtype=np.intp),
-        None,
-        Labels(np.full(len(slip), -1, dtype=np.int32), ()),
+        source=f"points {seed}",
+        wheel="wheel",
+        geometry=Geometry(WHEEL.radius, WHEEL.width, 0.018),
+        origin=0.0,
+        time=None,
+        channels={name: columns[name][middle] for name in CHANNELS},
+        labels={},
+        stretch=np.zeros(len(slip), dtype=np.intp),
+        distance=None,
+        set_aside=Labels(np.full(len(slip), -1, dtype=np.int32), ()),
     )
 
 
@@ -97,7 +97,7 @@ def asked(job):
     """Diagnose a table: alarm, name and family."""
     seed, slips, loads, effect, form = job
     samples = points(seed, slips, loads, sized(effect, form=form) if effect else {})
-    found = diagnose([cut(samples, "none")], ModelFile(Model()), seed=seed)
+    found = diagnose([cut(samples, "none")], ModelFile(model=Model()), seed=seed)
     return found.alarm.raised, found.effect, found.family
 
 

@@ -31,7 +31,7 @@ def told(remarks: Iterable[str]) -> list[str]:
     return [remark for remark in remarks if remark.startswith(_BEGINNINGS)]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Recovery:
     """What was found in a file that was read with salvage.
 

@@ -67,7 +67,7 @@ class Field:
     elements: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Stream:
     """A series of records with the same fields: a table, or one topic of a bag.
 

@@ -264,7 +264,7 @@ class _FrameSource(formats.Source):
 
     def streams(self) -> tuple[Stream, ...]:
         fields = tuple(_field(name, column) for name, column in self._columns.items())
-        return (formats.Stream("", "table", fields),)
+        return (formats.Stream(topic="", type="table", fields=fields),)
 
     def read(
         self, topic: str, fields: Sequence[str], batch_rows: int = formats.BATCH_ROWS

@@ -108,7 +108,7 @@ class ParquetSource(Source):
         tuple of Stream
         """
         fields = tuple(Field(name, kind) for name, kind in self._kinds.items())
-        return (Stream("", "table", fields, count=self._rows),)
+        return (Stream(topic="", type="table", fields=fields, count=self._rows),)
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
         """Read the named columns, in the order of the parts.
@@ -163,7 +163,7 @@ class ParquetSource(Source):
 
     def _readable(self, files: Sequence[str]) -> list[str]:
         """Set aside the parts that cannot be read, and tell of them; fail where there is no other."""
-        self.recovery = Recovery("parts", checked=True)
+        self.recovery = Recovery(what="parts", checked=True)
         readable = []
         for file in files:
             size = Path(file).stat().st_size

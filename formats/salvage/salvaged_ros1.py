@@ -32,7 +32,7 @@ _CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")
 _LONGEST_CHUNK_HEADER = 80
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Told:
     """What the file says of its connections, and of the log as a whole."""
 

@@ -82,7 +82,7 @@ class DelimitedSource(Source):
     def __init__(self, path: str, file: str, *, salvage: bool = False) -> None:
         super().__init__(path, "csv")
         self._file = file
-        self.recovery = Recovery("rows", bytes_expected=Path(file).stat().st_size) if salvage else None
+        self.recovery = Recovery(what="rows", bytes_expected=Path(file).stat().st_size) if salvage else None
         stream = self._open()
         try:
             head = stream.read(_HEAD_BYTES)
@@ -119,7 +119,7 @@ class DelimitedSource(Source):
         tuple of Stream
         """
         fields = tuple(Field(name, kind) for name, kind in self._kinds.items() if name)
-        return (Stream("", "table", fields, count=self._count),)
+        return (Stream(topic="", type="table", fields=fields, count=self._count),)
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
         """Read the named columns, in the order of the file.

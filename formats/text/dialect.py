@@ -22,7 +22,7 @@ DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 SAMPLE_ROWS = 1000
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
     """How a text table is written.
 
@@ -95,13 +95,13 @@ def examine(path: str, head: str, *, whole: bool) -> Dialect:
     if begin == first:
         remarks.append(f"the names of the columns are in the comment on line {first}")
     return Dialect(
-        delimiter,
-        decimal,
-        names,
-        tuple(kind_of(cells, decimal) for cells in columns),
-        begin + 1,
-        len("".join(lines[:begin]).encode()),
-        tuple(remarks),
+        delimiter=delimiter,
+        decimal=decimal,
+        names=names,
+        kinds=tuple(kind_of(cells, decimal) for cells in columns),
+        first_row=begin + 1,
+        offset=len("".join(lines[:begin]).encode()),
+        remarks=tuple(remarks),
     )
 
 

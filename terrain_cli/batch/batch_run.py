@@ -34,7 +34,7 @@ _TICK, _LOOK = 0.2, 1.0
 _PAUSE = 10
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Order:
     """How a batch is to be run.
 
@@ -82,12 +82,12 @@ class Order:
         Wish
         """
         return decisions.Wish(
-            configuration.hash,
-            configuration.twin,
-            configuration.settings.salvage,
-            self.kind,
-            self.force,
-            self.retry_failed,
+            configuration=configuration.hash,
+            twin=configuration.twin,
+            salvage=configuration.settings.salvage,
+            kind=self.kind,
+            force=self.force,
+            retry_failed=self.retry_failed,
         )
 
 
@@ -158,12 +158,12 @@ def run(
     with Folder(directory) as folder:
         _document(folder, configuration)
         job = Job(
-            configuration.rover,
-            configuration.resolved,
-            configuration.crs,
-            order.kind,
-            order.largest,
-            versions(),
+            rover=configuration.rover,
+            settings=configuration.resolved,
+            crs=configuration.crs,
+            kind=order.kind,
+            largest=order.largest,
+            versions=versions(),
         )
         with closing(_workers(order)) as pool:
             keeper = Keeper(folder, pool, job, order.wish(configuration))
@@ -244,7 +244,12 @@ def _assemble(folder: Folder, configuration: Configuration, order: Order) -> Non
     if folder.assembled == note():
         return
     task = mission_table.Assemble(
-        str(folder.path), parts, account, configuration.settings, configuration.crs, kinds
+        folder=str(folder.path),
+        parts=parts,
+        account=account,
+        settings=configuration.settings,
+        crs=configuration.crs,
+        kinds=kinds,
     )
     with closing(LocalPool(1)) as desk:
         desk.submit(0, task)

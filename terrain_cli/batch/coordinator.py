@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _OVERHEAD = 1_000_000
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class _Case:
     """An input for which something is to be done."""
 
@@ -42,7 +42,7 @@ class _Case:
     configuration: str | None = None
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Tally:
     """How far a batch has come.
 
@@ -129,7 +129,7 @@ class Keeper:
                 self._unreadable(item, entry)
             else:
                 known = entry.sha256 if entry and decisions.same(item, entry) else None
-                cases.append(_Case(item, known))
+                cases.append(_Case(item=item, sha256=known))
         self._sizes.update(case.item.size for case in cases)
         for case in cases:
             size = case.item.size
@@ -245,7 +245,7 @@ class Keeper:
     def _unreadable(self, item: Input, before: ManifestEntry | None) -> None:
         self.tally.total += 1
         self.tally.bytes_total += _OVERHEAD
-        case = _Case(item, None)
+        case = _Case(item=item, sha256=None)
         why = failure(item.problem) if item.problem else Failure("FormatError", "cannot be read")
         reply = Reply(failure=why)
         if isinstance(item.problem, NotFoundError):
@@ -259,7 +259,7 @@ class Keeper:
 
     def _duplicate(self, case: _Case, holder: str) -> None:
         entry = replace(
-            self._entry(case, Reply(case.sha256)),
+            self._entry(case, Reply(sha256=case.sha256)),
             configuration=self._key(case)[1],
             status="duplicate",
             duplicate_of=self._paths[holder],

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from terrain_cli.batch.manifest import ManifestEntry
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Wish:
     """What a batch is asked for.
 

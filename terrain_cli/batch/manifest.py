@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Status = Literal["ok", "failed", "duplicate"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ManifestEntry:
     """What became of one input; the last entry of a location holds.
 

@@ -123,7 +123,7 @@ def _order(entry: ManifestEntry) -> tuple[list[tuple[int, int | str]], str]:
     return natural(entry.path), entry.location
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Assemble:
     """Write the table and the summary, ready to be put in their place.
 

@@ -43,7 +43,7 @@ class Failure:
     passing: bool = False
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Reply:
     """What a worker hands back.
 
@@ -94,7 +94,7 @@ class Task(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Job:
     """What is the same for all inputs of a batch.
 
@@ -131,7 +131,7 @@ class Identify:
         """Return its hash."""
         started = time.monotonic()
         with opened(self.item, self.job.largest) as path:
-            reply = Reply(input_discovery.content_hash(path))
+            reply = Reply(sha256=input_discovery.content_hash(path))
         reply.seconds = time.monotonic() - started
         return reply
 
@@ -146,7 +146,7 @@ class Estimate:
 
     def run(self) -> Reply:
         """Return its result, or why there is none."""
-        reply, started, path = Reply(self.sha256), time.monotonic(), ""
+        reply, started, path = Reply(sha256=self.sha256), time.monotonic(), ""
         try:
             _check_versions(self.job.versions)
             with opened(self.item, self.job.largest) as path:
@@ -187,7 +187,7 @@ class Restore:
         from terrain_cli.batch import mission_records
 
         table, _, account = mission_records.decode(self.record, self.item.path)
-        reply = Reply(self.sha256, result=as_file(table, self.job), segments=len(table["source"]))
+        reply = Reply(sha256=self.sha256, result=as_file(table, self.job), segments=len(table["source"]))
         reply.tell(account)
         return reply
 

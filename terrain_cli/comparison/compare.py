@@ -345,16 +345,16 @@ def _compared(wheel: FittedWheel, block: Index, scale: dict[str, float], seed: i
     }
     samples = wheel.windows.samples
     return WheelComparison(
-        samples.source,
-        samples.wheel,
-        samples,
-        wheel.windows,
-        wheel.fit,
-        wheel.model,
-        series,
-        errors,
-        wheel.drivers,
-        block,
+        source=samples.source,
+        wheel=samples.wheel,
+        samples=samples,
+        windows=wheel.windows,
+        fit=wheel.fit,
+        model=wheel.model,
+        series=series,
+        errors=errors,
+        drivers=wheel.drivers,
+        blocks=block,
     )
 
 
@@ -367,16 +367,16 @@ def _errors(name: str, parts: Sequence[tuple[Series, Index]], level: float, seed
     size = float(np.sqrt(np.mean(measured[known] ** 2))) if n else np.nan
     left_out, low, high = _heldout(parts, seed)
     return ChannelErrors(
-        name,
-        UNITS[name],
-        n,
-        rmse,
-        float(np.mean(error[known])) if n else np.nan,
-        rmse / size if size > 0.0 else np.nan,
-        level,
-        left_out,
-        low,
-        high,
+        name=name,
+        unit=UNITS[name],
+        n=n,
+        rmse=rmse,
+        bias=float(np.mean(error[known])) if n else np.nan,
+        nrmse=rmse / size if size > 0.0 else np.nan,
+        noise=level,
+        heldout_rmse=left_out,
+        heldout_low=low,
+        heldout_high=high,
     )
 
 

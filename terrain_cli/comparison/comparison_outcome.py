@@ -23,7 +23,7 @@ UNITS = {"torque": "N m", "drawbar_pull": "N", "sinkage": "m"}
 FEWEST_BLOCKS = 8
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ChannelErrors:
     """How well one channel is predicted, of one wheel or of all together.
 
@@ -95,7 +95,7 @@ class Driver:
     labels: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class WheelComparison:
     """One wheel of one input.
 
@@ -126,7 +126,7 @@ class WheelComparison:
     blocks: NDArray[np.intp]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Finding:
     """One way in which the model fails.
 
@@ -172,7 +172,7 @@ class Finding:
     seen: float = 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Difference:
     """What another model changes.
 

@@ -231,20 +231,20 @@ class Residuals:
         seen = self._seen(one, [part for _, part in missing])
         at = shape.at if shape.name in ("step", "saturating", "periodic") else None
         return Finding(
-            channel,
-            shape.driver,
-            shape.name,
-            one.p_value,
-            float(np.clip(one.explained / misfit, 0.0, 1.0)) if misfit > 0.0 else 1.0,
-            amplitude,
-            UNITS[channel],
-            at,
-            finding_sentences.of(
+            channel=channel,
+            driver=shape.driver,
+            shape=shape.name,
+            p_value=one.p_value,
+            share=float(np.clip(one.explained / misfit, 0.0, 1.0)) if misfit > 0.0 else 1.0,
+            amplitude=amplitude,
+            unit=UNITS[channel],
+            at=at,
+            sentence=finding_sentences.of(
                 channel, shape, amplitude, label, one.alternatives, self._unit(shape.driver), seen
             ),
-            self._worst(missing),
-            one.alternatives,
-            seen,
+            worst_segments=self._worst(missing),
+            alternatives=one.alternatives,
+            seen=seen,
         )
 
     def _unit(self, driver: str) -> str:

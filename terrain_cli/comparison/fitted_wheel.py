@@ -229,14 +229,14 @@ class FittedWheel:
         )
         blocks = max(len(self) // _LEAST_BLOCK, 1) if self.ordered else len(self)
         return smoothed_model.SmoothedData(
-            self.geometry,
-            known,
-            self.measured,
-            use,
-            white or self._noise_of_channels(),
-            self.window,
-            len(self.windows),
-            min(blocks, _BLOCKS),
+            geometry=self.geometry,
+            inputs=known,
+            measured=self.measured,
+            use=use,
+            white=white or self._noise_of_channels(),
+            window=self.window,
+            windows=len(self.windows),
+            blocks=min(blocks, _BLOCKS),
         )
 
     def _noise_of_channels(self) -> Whitening:

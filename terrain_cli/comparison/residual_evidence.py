@@ -123,13 +123,13 @@ class ResidualEvidence:
             for low, high in zip([start, *inside], [*inside, stop], strict=True):
                 part = slice(low - start, high - start)
                 yield ScoreCell(
-                    int(self.group[low]),
-                    int(self.block[low]),
-                    columns,
-                    weight,
-                    error[low:high],
-                    soil[part],
-                    terms[part],
+                    group=int(self.group[low]),
+                    block=int(self.block[low]),
+                    columns=columns,
+                    weight=weight,
+                    residual=error[low:high],
+                    soil=soil[part],
+                    terms=terms[part],
                 )
 
     def less(self, channel: str, shapes: Sequence[Shape], coefficients: Array, soil: Array) -> Array:

@@ -53,7 +53,7 @@ class Term(NamedTuple):
     shape: Shape
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Found:
     """One term beyond chance.
 
@@ -226,12 +226,12 @@ class Search:
             need = np.maximum(need, _NEXT * size) if not found else need
             found.append(
                 Found(
-                    Term(term.channel, self.terms[pair[0]].shape),
-                    float(p_values[[*strongest, *pair]].min()),
-                    float(coefficient[pair[0]]),
-                    float(coefficient[pair[1]]) if len(pair) > 1 else 0.0,
-                    size,
-                    self._alternatives(best, cross, testable),
+                    term=Term(term.channel, self.terms[pair[0]].shape),
+                    p_value=float(p_values[[*strongest, *pair]].min()),
+                    coefficient=float(coefficient[pair[0]]),
+                    other=float(coefficient[pair[1]]) if len(pair) > 1 else 0.0,
+                    explained=size,
+                    alternatives=self._alternatives(best, cross, testable),
                 )
             )
             # All shapes of the driver: what is left of it would be the same finding again.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _RANK = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ScoreCell:
     """Some samples of one channel, in one block and one group.
 

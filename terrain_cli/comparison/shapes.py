@@ -24,7 +24,7 @@ _FEW_LEVELS = 6
 HARMONICS = (1, 2, 3, 4, 6, 8, 9, 10, 12, 15, 16, 18, 20, 24, 30, 36)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Shape:
     """One function of one driver, of a size of about 1.
 
@@ -97,7 +97,7 @@ def constant() -> Shape:
     -------
     Shape
     """
-    return Shape("", "constant", None, 0.0, 1.0, 1.0)
+    return Shape(driver="", name="constant", at=None, low=0.0, high=1.0, span=1.0)
 
 
 def of_number(driver: str, values: Array) -> list[Shape]:
@@ -122,19 +122,32 @@ def of_number(driver: str, values: Array) -> list[Shape]:
     if len(levels) <= _FEW_LEVELS:
         steps = [float(v) for v in 0.5 * (levels[1:] + levels[:-1])]
         low, high = float(levels[0]), float(levels[-1])
-        shapes = [Shape(driver, "step", at, low, high, 1.0) for at in steps]
+        shapes = [Shape(driver=driver, name="step", at=at, low=low, high=high, span=1.0) for at in steps]
         if len(levels) > 2:
-            shapes.append(Shape(driver, "linear", None, low, high, 1.0))
+            shapes.append(Shape(driver=driver, name="linear", at=None, low=low, high=high, span=1.0))
         return shapes
     size = max(abs(low), abs(high))
     if not high - low > 1e-6 * size:
         return []
-    shapes = [Shape(driver, "linear", None, low, high, 1.0), Shape(driver, "quadratic", None, low, high, 1.0)]
+    shapes = [
+        Shape(driver=driver, name="linear", at=None, low=low, high=high, span=1.0),
+        Shape(driver=driver, name="quadratic", at=None, low=low, high=high, span=1.0),
+    ]
     for part in _SCALES:
         scale = part * (high - low)
-        shapes.append(Shape(driver, "saturating", scale, low, high, 1.0 - float(np.exp(-1.0 / part))))
+        shapes.append(
+            Shape(
+                driver=driver,
+                name="saturating",
+                at=scale,
+                low=low,
+                high=high,
+                span=1.0 - float(np.exp(-1.0 / part)),
+            )
+        )
     shapes += [
-        Shape(driver, "step", float(at), low, high, 1.0) for at in np.unique(np.quantile(known, _THRESHOLDS))
+        Shape(driver=driver, name="step", at=float(at), low=low, high=high, span=1.0)
+        for at in np.unique(np.quantile(known, _THRESHOLDS))
     ]
     return shapes
 
@@ -154,7 +167,9 @@ def of_label(driver: str, codes: Array) -> list[Shape]:
     present = np.unique(codes[np.isfinite(codes)])
     if not 1 < len(present) <= 50:
         return []
-    return [Shape(driver, "label", float(code), 0.0, 1.0, 1.0) for code in present]
+    return [
+        Shape(driver=driver, name="label", at=float(code), low=0.0, high=1.0, span=1.0) for code in present
+    ]
 
 
 def of_turning(driver: str, angles: Sequence[Array], counts: Sequence[int] = HARMONICS) -> list[Shape]:
@@ -181,7 +196,15 @@ def of_turning(driver: str, angles: Sequence[Array], counts: Sequence[int] = HAR
     steps = np.abs(np.concatenate([np.diff(angle) for angle in known]))
     step = float(np.median(steps[steps > 0.0]))
     return [
-        Shape(driver, "periodic", 2.0 * np.pi / count, 0.0, 2.0 * np.pi, 1.0, part)
+        Shape(
+            driver=driver,
+            name="periodic",
+            at=2.0 * np.pi / count,
+            low=0.0,
+            high=2.0 * np.pi,
+            span=1.0,
+            partner=part,
+        )
         for count in counts
         if step < 0.4 * 2.0 * np.pi / count
         for part in (0, 1)

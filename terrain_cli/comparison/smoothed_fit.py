@@ -41,7 +41,7 @@ _FAR = 0.1
 _PER_BLOCK = 4.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Solution:
     """A model fitted to the samples of one wheel.
 
@@ -146,14 +146,14 @@ def solve(
     guess = _carrying(model, sought, data, t, common, state.sinkage)
     state = _linear(model, sought, data, t, common, guess)
     return Solution(
-        model,
-        sought,
-        t,
-        common,
-        state.left,
-        state.design,
-        spread,
-        float(smoothed_model.bounded(state.left).sum()),
+        model=model,
+        unknowns=sought,
+        t=t,
+        common=common,
+        residual=state.left,
+        design=state.design,
+        spread=spread,
+        cost=float(smoothed_model.bounded(state.left).sum()),
     )
 
 

@@ -40,7 +40,7 @@ _STIFFNESS = "stiffness"
 _CARRIES = 0.2
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SmoothedData:
     """Samples of one wheel, and what is to be explained of them.
 

@@ -75,7 +75,16 @@ def _error(first: Comparison, second: Comparison, name: str, seed: int) -> Diffe
         se = float(np.std(draws))
     change = float(other - one)
     return Difference(
-        name, UNITS[name], None, float(one), float(other), change, low, high, se, abs(change) > MOVED * se
+        name=name,
+        unit=UNITS[name],
+        where=None,
+        first=float(one),
+        second=float(other),
+        difference=change,
+        low=low,
+        high=high,
+        se=se,
+        moved=abs(change) > MOVED * se,
     )
 
 
@@ -94,14 +103,14 @@ def _soil(a: WheelComparison, b: WheelComparison) -> Iterator[Difference]:
             change = float(second[place] - first[segment])
             se = float(np.hypot(first_se[segment], second_se[place]))
             yield Difference(
-                name,
-                unit,
-                (a.source, a.wheel, segment + 1),
-                float(first[segment]),
-                float(second[place]),
-                change,
-                change - 1.96 * se,
-                change + 1.96 * se,
-                se,
-                abs(change) > MOVED * se,
+                name=name,
+                unit=unit,
+                where=(a.source, a.wheel, segment + 1),
+                first=float(first[segment]),
+                second=float(second[place]),
+                difference=change,
+                low=change - 1.96 * se,
+                high=change + 1.96 * se,
+                se=se,
+                moved=abs(change) > MOVED * se,
             )

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Verdict = Literal["none", "effect", "family", "unknown"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Hypothesis:
     """Something that the model may lack, and the model that has it.
 
@@ -104,7 +104,7 @@ class Alarm:
     gain_se: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Candidate:
     """An effect that may be what is missing.
 
@@ -148,7 +148,7 @@ class Candidate:
     in_family: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class UnknownEffect:
     """What no effect of the catalogue explains.
 
@@ -207,7 +207,7 @@ class NotTestable(NamedTuple):
     because: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """What a model lacks, as far as the data can tell.
 

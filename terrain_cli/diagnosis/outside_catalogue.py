@@ -101,9 +101,9 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
             continue
         model = data.wheels[0].model
         one = Hypothesis(
-            draft.effect.id,
-            draft.effect.title,
-            Model(model.base, (*model.effects, draft.effect)),
+            id=draft.effect.id,
+            title=draft.effect.title,
+            model=Model(model.base, (*model.effects, draft.effect)),
             effects=(draft.effect,),
         )
         written.append((draft, one, _extra(data, driver)))
@@ -224,7 +224,14 @@ def verdict(
         f"{head}: {channel.replace('_', ' ')} {follows} ({draft.form}), "
         f"which accounts for {explained:.0%} of the misfit."
     )
-    return UnknownEffect(channel, draft.driver, draft.form, explained, sentence, draft.text), alone
+    return UnknownEffect(
+        channel=channel,
+        driver=draft.driver,
+        form=draft.form,
+        explained=explained,
+        sentence=sentence,
+        draft=draft.text,
+    ), alone
 
 
 def _channel(base: Refit, refit: Refit) -> str:

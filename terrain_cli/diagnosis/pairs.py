@@ -161,10 +161,10 @@ def _both(data: Ground, first: Hypothesis, second: Hypothesis) -> Hypothesis | N
         return None
     effects = (*first.effects, *second.effects)
     return Hypothesis(
-        f"{first.id} and {second.id}",
-        f"{first.title}; {second.title}",
-        Model(model.base, (*model.effects, *effects)),
-        {**first.fixed, **second.fixed},
-        {**first.priors, **second.priors},
-        effects,
+        id=f"{first.id} and {second.id}",
+        title=f"{first.title}; {second.title}",
+        model=Model(model.base, (*model.effects, *effects)),
+        fixed={**first.fixed, **second.fixed},
+        priors={**first.priors, **second.priors},
+        effects=effects,
     )

@@ -58,7 +58,7 @@ class Ground:
         return 1 + max(int(one.max(initial=-1)) for one in self.block)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Refit:
     """A model fitted to the data of a ground.
 
@@ -256,7 +256,14 @@ def refit(
             total, count = squares.get(name, (0.0, 0))
             squares[name] = total + float(error @ error), count + len(error)
     rms = {name: float(np.sqrt(total / count)) for name, (total, count) in squares.items() if count}
-    return Refit(hypothesis.id if hypothesis else "", solutions, residuals, predicted, loss, rms)
+    return Refit(
+        id=hypothesis.id if hypothesis else "",
+        solutions=solutions,
+        residuals=residuals,
+        predicted=predicted,
+        loss=loss,
+        heldout=rms,
+    )
 
 
 def over_shapes(data: Ground, hypothesis: Hypothesis, one: Refit) -> Refit:

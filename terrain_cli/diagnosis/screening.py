@@ -42,7 +42,7 @@ _SHOWS = 2.0
 _WIDTH = 5.0
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Screened:
     """What the scores say of each hypothesis.
 
@@ -98,7 +98,7 @@ def hypotheses(
             continue
         model = Model(file.model.base, (*file.model.effects, effect))
         held = {effect.qualified(p): p.null for p in effect.parameters if p.idle(available)}
-        found.append(Hypothesis(effect.id, effect.title, model, held, effects=(effect,)))
+        found.append(Hypothesis(id=effect.id, title=effect.title, model=model, fixed=held, effects=(effect,)))
     modulus = wheels[0].windows.samples.geometry.shear_modulus
     made = assumptions.made_by(file, modulus)
     for assumption in made:
@@ -106,7 +106,13 @@ def hypotheses(
         if assumption.id == assumptions.STRESSES and len(made) > 1:
             ways.append(with_stresses(file, modulus))
         one, *others = [
-            Hypothesis(assumption.id, assumption.title, way.model, dict(way.fixed), dict(way.priors))
+            Hypothesis(
+                id=assumption.id,
+                title=assumption.title,
+                model=way.model,
+                fixed=dict(way.fixed),
+                priors=dict(way.priors),
+            )
             for way in ways
         ]
         found.append(replace(one, others=tuple(others)))

@@ -250,13 +250,13 @@ def _estimated(
     """Return a parameter, or the sum of several, in the unit of the model file."""
     factor = file.factor(names[0])
     return Estimated(
-        wheel.source,
-        wheel.wheel,
-        " + ".join(names),
-        file.units[names[0]],
-        value / factor,
-        se / factor,
-        not any(bool(wheel.fit.undetermined[name].all()) for name in names),
+        source=wheel.source,
+        wheel=wheel.wheel,
+        name=" + ".join(names),
+        unit=file.units[names[0]],
+        value=value / factor,
+        se=se / factor,
+        determined=not any(bool(wheel.fit.undetermined[name].all()) for name in names),
     )
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _SIGNS = {"add": "+", "remove": "−"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Rung:
     """One change of a model, as its file remembers it.
 
@@ -78,16 +78,23 @@ def _rung(number: int, entry: Mapping[str, Any]) -> Rung:
     action = entry.get("action", "")
     changed = entry.get("changed")
     if action not in _SIGNS or not isinstance(changed, list) or not changed:
-        return Rung(number, "", ", ".join(f"{key} {value}" for key, value in entry.items()), "", "", [])
+        return Rung(
+            number=number,
+            action="",
+            label=", ".join(f"{key} {value}" for key, value in entry.items()),
+            because="",
+            data="",
+            channels=[],
+        )
     found = entry.get("channels", {})
     table = found if isinstance(found, dict) else {}
     return Rung(
-        number,
-        action,
-        f"{_SIGNS[action]} {listed([str(name) for name in changed])}",
-        str(entry.get("because", "")),
-        _data(entry.get("data")),
-        [_channel(name, table[name]) for name in UNITS if isinstance(table.get(name), dict)],
+        number=number,
+        action=action,
+        label=f"{_SIGNS[action]} {listed([str(name) for name in changed])}",
+        because=str(entry.get("because", "")),
+        data=_data(entry.get("data")),
+        channels=[_channel(name, table[name]) for name in UNITS if isinstance(table.get(name), dict)],
     )
 
 
@@ -105,7 +112,14 @@ def _channel(name: str, found: Mapping[str, Any]) -> ChannelChange:
         _interval(found.get(key), found.get(f"{key}_interval"))
         for key in ("heldout_before", "heldout_after", "difference")
     )
-    return ChannelChange(name, UNITS[name], before, after, _number(found.get("noise")), change)
+    return ChannelChange(
+        name=name,
+        unit=UNITS[name],
+        before=before,
+        after=after,
+        noise=_number(found.get("noise")),
+        difference=change,
+    )
 
 
 def _interval(value: Any, ends: Any) -> Interval:

@@ -64,10 +64,18 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], H
             column = names.index(name)
             before, after = (_exp(_interval(roots[column, k], others[:, column, k])) for k in (0, 1))
             change = _interval(_change(roots[column]), _change(others[:, column]))
-            channels.append(ChannelChange(name, UNITS[name], before, after, noise, change))
+            channels.append(
+                ChannelChange(
+                    name=name, unit=UNITS[name], before=before, after=after, noise=noise, difference=change
+                )
+            )
         elif levels:
             before, after = _alone(first, name), _alone(second, name)
-            channels.append(ChannelChange(name, UNITS[name], before, after, noise, _UNKNOWN))
+            channels.append(
+                ChannelChange(
+                    name=name, unit=UNITS[name], before=before, after=after, noise=noise, difference=_UNKNOWN
+                )
+            )
     return channels, HeldOutEvidence(overall, len(sums), lost)
 
 

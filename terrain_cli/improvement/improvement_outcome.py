@@ -49,7 +49,7 @@ class Interval(NamedTuple):
     high: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ChannelChange:
     """The held-out error of a channel, before and after; SI.
 
@@ -101,7 +101,7 @@ class ChannelChange:
         return abs(self.difference.value) / min(self.before.value, self.after.value)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Estimated:
     """A parameter of an effect under one wheel, in the unit of the model file.
 
@@ -194,7 +194,7 @@ class HeldOutEvidence:
     lost: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Step:
     """A change of a model, tried on data.
 

@@ -168,7 +168,7 @@ class Sum:
         return max(self.lower - value, value - self.upper) > doubt
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Effect:
     """A physical effect that can be added to a model.
 

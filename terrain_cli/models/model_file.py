@@ -25,7 +25,7 @@ SOIL_UNITS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ModelFile:
     """A model, and what is known of its parameters.
 

@@ -39,7 +39,7 @@ def resolve(name: str) -> ModelFile:
     """
     for base in BASES:
         if name == base:
-            return ModelFile(Model(base))
+            return ModelFile(model=Model(base))
     if not Path(name).exists():
         near = nearest(name, BASES)
         raise ConfigurationError(
@@ -90,14 +90,14 @@ def load(path: str | Path) -> ModelFile:
     for index, name in enumerate(shared):
         _known(name, model.soil, f"{path}: shared[{index}]")
     return ModelFile(
-        model,
-        named,
-        fixed,
-        priors,
-        shared,
-        tuple(content.get("history", ())),
-        path,
-        text,
+        model=model,
+        effects=named,
+        fixed=fixed,
+        priors=priors,
+        shared=shared,
+        history=tuple(content.get("history", ())),
+        path=path,
+        text=text,
     )
 
 
@@ -127,7 +127,7 @@ def build(
     """
     model = _model(base, effects, folder)
     values = {name: parameter(model, name, value) for name, value in (fixed or {}).items()}
-    return ModelFile(model, tuple(effects), values)
+    return ModelFile(model=model, effects=tuple(effects), fixed=values)
 
 
 def _model(base: Any, named: Sequence[str], folder: Path, place: str = "") -> Model:

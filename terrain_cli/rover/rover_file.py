@@ -131,14 +131,14 @@ def _vehicle(value: Any, place: str) -> Vehicle:
 def _entry(channel: str) -> Rule:
     def rule(value: Any, place: str) -> ChannelEntry:
         if isinstance(value, str):
-            return ChannelEntry(channel, place, column=text(value, place))
+            return ChannelEntry(channel=channel, place=place, column=text(value, place))
         if not isinstance(value, dict):
             form = f'{{ constant = {value!r}, unit = "…" }}'
             raise ConfigurationError(f"{place}: must be a column or a table such as {form}, not {value!r}")
         values = _ENTRY(value, place)
         _check_place_of_values(values, place)
         _check_unit(channel, values, place)
-        return ChannelEntry(channel, place, **values)
+        return ChannelEntry(channel=channel, place=place, **values)
 
     return rule
 

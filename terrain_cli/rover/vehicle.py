@@ -21,7 +21,7 @@ Vector = tuple[float, float, float]
 NOISY = ("load", "torque", "sinkage", "slip", "drawbar_pull")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelEntry:
     """Where rover.toml says one channel is found: a column, a field of a topic, or a constant.
 
@@ -74,7 +74,7 @@ class SensorNoise:
     absolute: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Motor:
     """Drive motor and gear, for the torque from its current.
 
@@ -99,7 +99,7 @@ class Motor:
     no_load_current: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Vehicle:
     """Body of the rover, for the load of each wheel.
 
@@ -124,7 +124,7 @@ class Vehicle:
     bogie_pivot: tuple[float, float] | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Wheel:
     """One wheel; what its own table does not give is that of [wheel], [channels] and [motor].
 
@@ -153,7 +153,7 @@ class Wheel:
     motor: Motor | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Rover:
     """All that rover.toml says.
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry import Samples
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Outcome:
     """What became of one input.
 
@@ -100,7 +100,7 @@ def run(
         )
         if is_table(source) and sum(map(len, wheels)) > long_log.MOST_ROWS:
             wheels[0].remarks.append(f"a long log, read whole: {hindrance}")
-    outcome = Outcome({}, _of_source(source) | {"wheels": []})
+    outcome = Outcome(table={}, account=_of_source(source) | {"wheels": []})
     tables = []
     count = 0
     for samples in wheels:
@@ -162,8 +162,8 @@ def _in_reaches(
         where = f" where {settings.where}" if settings.where else ""
         raise InputError(f"{source.path}: there are no samples{where}")
     outcome = Outcome(
-        {},
-        _of_source(source)
+        table={},
+        account=_of_source(source)
         | {"wheels": [wheels[name].account(remarks[name]) | {"places": None} for name in sorted(wheels)]},
     )
     tables = [wheel.table for wheel in done if wheel.table is not None]

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from terrain_cli.windows.locations import Places
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Settings:
     """How one input is turned into a table.
 

@@ -81,7 +81,7 @@ class DrivePart:
     profiles: Mapping[str, Profile]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scenario:
     """A drive, the wheels and soils, the physics, and the sensors.
 

@@ -74,7 +74,7 @@ class SensorAmount:
         return bool(self.share or self.absolute)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
     """How a channel errs; all that is given here adds up.
 

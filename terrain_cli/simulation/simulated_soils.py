@@ -16,7 +16,7 @@ WONG = "Wong, Theory of Ground Vehicles, table of terrain values"
 _LUNAR = "Wong, Terramechanics and Off-Road Vehicle Engineering, 2nd ed., 2010"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Soil:
     """What a soil is to a rigid wheel.
 
@@ -78,7 +78,16 @@ def _published(
 ) -> Soil:
     # Wong gives k of 10 to 25 mm for sands and less than that for clays; 18 mm serves all, since a
     # rover file has room for one.
-    return Soil(name, c * 1e3, math.tan(math.radians(phi)), 0.018, n, kc * 1e3, kphi * 1e3, reference)
+    return Soil(
+        name=name,
+        cohesion=c * 1e3,
+        tan_phi=math.tan(math.radians(phi)),
+        shear_modulus=0.018,
+        sinkage_exponent=n,
+        cohesive_modulus=kc * 1e3,
+        frictional_modulus=kphi * 1e3,
+        reference=reference,
+    )
 
 
 #: By name. Arguments: n, kc in kN/m^(n+1), kφ in kN/m^(n+2), c in kPa, φ in degrees.
@@ -144,13 +153,13 @@ def _own(name: str, value: Any, place: str) -> Soil:
     if bekker:
         strict.require(given, place, "cohesive_modulus", "frictional_modulus")
     return Soil(
-        name,
-        given["cohesion"],
-        given["tan_phi"] if "tan_phi" in given else math.tan(math.radians(given["phi_deg"])),
-        given["shear_modulus"],
-        given["sinkage_exponent"],
-        given.get("cohesive_modulus", 0.0),
-        given.get("frictional_modulus", given.get("stiffness", 0.0)),
+        name=name,
+        cohesion=given["cohesion"],
+        tan_phi=given["tan_phi"] if "tan_phi" in given else math.tan(math.radians(given["phi_deg"])),
+        shear_modulus=given["shear_modulus"],
+        sinkage_exponent=given["sinkage_exponent"],
+        cohesive_modulus=given.get("cohesive_modulus", 0.0),
+        frictional_modulus=given.get("frictional_modulus", given.get("stiffness", 0.0)),
     )
 
 

@@ -221,7 +221,15 @@ def _request(
         wanted |= CHANNELS.keys()
         extras = sorted({*extras, *layout.extras})
     extras = sorted({*extras, *(name for name in layout.extras if name.strip().casefold() in kept)})
-    return Request(layout, rover, frozenset(wanted), tuple(extras), tuple(wheels), where, effects)
+    return Request(
+        layout=layout,
+        rover=rover,
+        channels=frozenset(wanted),
+        extras=tuple(extras),
+        wheels=tuple(wheels),
+        where=where,
+        effects=effects,
+    )
 
 
 def _begun(request: Request, rows: int | None) -> tuple[list[Batch] | None, Iterator[Batch] | None]:

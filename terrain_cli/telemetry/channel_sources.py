@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 CLOCKS = ("torque", "motor_current", "drawbar_pull", "sinkage", "entry_angle", "load")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Feed:
     """Where a channel comes from, and what turns it into SI.
 
@@ -130,7 +130,7 @@ class Feed:
         return f"{text} ({notes})" if notes else text
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Plan:
     """What will be read of one source.
 

@@ -73,7 +73,7 @@ class Geometry(NamedTuple):
         return WheelGeometry(self.radius, self.width, self.grouser_height, self.grouser_count, self.gravity)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Raw:
     """The channels of one wheel on one clock, before anything is derived or judged.
 
@@ -120,7 +120,7 @@ class Raw:
         self.extras = {name: take(column, rows) for name, column in self.extras.items()}
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Samples:
     """One wheel of one input.
 

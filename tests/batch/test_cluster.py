@@ -199,7 +199,7 @@ def test_inputs_that_workers_cannot_see(folder, tmp_path):
     path = Path(shutil.copy(folder / "in/b.csv", tmp_path))
     item = input_discovery.local(str(path))
     path.unlink()
-    reply = Estimate(item, Job(Rover(), Settings(), None, "csv", 0)).run()
+    reply = Estimate(item, Job(rover=Rover(), settings=Settings(), crs=None, kind="csv", largest=0)).run()
     assert (reply.failure.exit_code, reply.failure.passing) == (66, True)
 
 

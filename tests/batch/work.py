@@ -18,7 +18,7 @@ class Say:
     word: str
 
     def run(self):
-        return Reply(self.word)
+        return Reply(sha256=self.word)
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Hang:
 
     def run(self):
         time.sleep(self.seconds)
-        return Reply("awake")
+        return Reply(sha256="awake")
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Eat:
     size: int
 
     def run(self):
-        return Reply(str(len(bytearray(self.size))))
+        return Reply(sha256=str(len(bytearray(self.size))))
 
 
 @dataclass(frozen=True)

@@ -121,16 +121,16 @@ def samples_of(seed, kind):
     patch = np.minimum((time / PATCH).astype(np.int32), PATCHES - 1)
     labels = {"run": Labels(patch, tuple(f"run {j}" for j in range(PATCHES)))} if kind.runs else {}
     return Samples(
-        f"drive {seed}",
-        "wheel",
-        Geometry(WHEEL.radius, WHEEL.width, 0.018, WHEEL.grouser_height, WHEEL.grouser_count),
-        0.0,
-        time,
-        columns,
-        labels,
-        patch.astype(np.intp) if kind.runs else np.zeros(n, dtype=np.intp),
-        columns["x"],
-        Labels(np.full(n, -1, dtype=np.int32), ()),
+        source=f"drive {seed}",
+        wheel="wheel",
+        geometry=Geometry(WHEEL.radius, WHEEL.width, 0.018, WHEEL.grouser_height, WHEEL.grouser_count),
+        origin=0.0,
+        time=time,
+        channels=columns,
+        labels=labels,
+        stretch=patch.astype(np.intp) if kind.runs else np.zeros(n, dtype=np.intp),
+        distance=columns["x"],
+        set_aside=Labels(np.full(n, -1, dtype=np.int32), ()),
     )
 
 

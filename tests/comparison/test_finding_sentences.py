@@ -8,8 +8,30 @@ import numpy as np
 from terrain_cli.comparison import finding_sentences
 from terrain_cli.comparison.comparison_outcome import ChannelErrors, Comparison
 
-GROSS = ChannelErrors("drawbar_pull", "N", 900, 11.0, 0.1, 0.6, 0.6, 12.0, 9.0, 14.0)
-FINE = ChannelErrors("torque", "N m", 900, 0.4, 0.0, 0.1, 0.4, 0.41, 0.38, 0.45)
+GROSS = ChannelErrors(
+    name="drawbar_pull",
+    unit="N",
+    n=900,
+    rmse=11.0,
+    bias=0.1,
+    nrmse=0.6,
+    noise=0.6,
+    heldout_rmse=12.0,
+    heldout_low=9.0,
+    heldout_high=14.0,
+)
+FINE = ChannelErrors(
+    name="torque",
+    unit="N m",
+    n=900,
+    rmse=0.4,
+    bias=0.0,
+    nrmse=0.1,
+    noise=0.4,
+    heldout_rmse=0.41,
+    heldout_low=0.38,
+    heldout_high=0.45,
+)
 
 
 def compared(blocks=8, **channels):

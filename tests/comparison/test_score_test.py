@@ -79,7 +79,15 @@ def test_a_fit_is_that_of_least_squares(data):
 def test_a_term_that_the_groups_imitate_does_not_survive():
     rng = np.random.default_rng(2)
     soil = rng.normal(size=(50, 1))
-    cell = ScoreCell(0, 0, np.arange(2), 1.0, rng.normal(size=50), soil, np.hstack([soil, soil**2]))
+    cell = ScoreCell(
+        group=0,
+        block=0,
+        columns=np.arange(2),
+        weight=1.0,
+        residual=rng.normal(size=50),
+        soil=soil,
+        terms=np.hstack([soil, soil**2]),
+    )
     system = System(np.zeros((1, 1)), 1, 2).add([cell])
     scores, cross = system.beyond([], system.scores([cell]))
     assert system.surviving(cross)[0] == pytest.approx(0.0, abs=1e-12)
@@ -88,7 +96,15 @@ def test_a_term_that_the_groups_imitate_does_not_survive():
 
 
 def test_parameters_that_nothing_determines_are_left_alone():
-    cell = ScoreCell(0, 0, np.arange(1), 1.0, np.ones(20), np.zeros((20, 3)), np.ones((20, 1)))
+    cell = ScoreCell(
+        group=0,
+        block=0,
+        columns=np.arange(1),
+        weight=1.0,
+        residual=np.ones(20),
+        soil=np.zeros((20, 3)),
+        terms=np.ones((20, 1)),
+    )
     fitted = System(np.zeros((1, 3)), 1, 1).add([cell]).fit([0], [cell])
     assert fitted.coefficients == pytest.approx([1.0])
     assert np.all(fitted.soil == 0.0)
@@ -97,7 +113,15 @@ def test_parameters_that_nothing_determines_are_left_alone():
 def test_parameters_move_no_further_than_what_is_known_of_them_allows():
     rng = np.random.default_rng(3)
     soil = 1e-6 * rng.normal(size=(200, 1))
-    cell = ScoreCell(0, 0, np.arange(1), 1.0, rng.normal(size=200), soil, np.ones((200, 1)))
+    cell = ScoreCell(
+        group=0,
+        block=0,
+        columns=np.arange(1),
+        weight=1.0,
+        residual=rng.normal(size=200),
+        soil=soil,
+        terms=np.ones((200, 1)),
+    )
     free, held = (
         System(np.full((1, 1), precision), 1, 1).add([cell]).fit([], [cell]).soil[0, 0]
         for precision in (0.0, 1.0)

@@ -36,7 +36,7 @@ def test_a_wheel_that_hardly_turns_has_no_periods():
     assert shapes.of_turning("wheel_angle", [np.linspace(0.0, 6.0, 100)]) == []
 
 
-STEP = Shape("slip", "step", 0.4, 0.1, 0.6, 1.0)
+STEP = Shape(driver="slip", name="step", at=0.4, low=0.1, high=0.6, span=1.0)
 
 
 @pytest.mark.parametrize(
@@ -46,28 +46,28 @@ STEP = Shape("slip", "step", 0.4, 0.1, 0.6, 1.0)
         ("sinkage", shapes.constant(), -0.0021, "", "sinkage is over-predicted by 2.1 mm throughout"),
         (
             "drawbar_pull",
-            Shape("load", "linear", None, 60.0, 100.0, 1.0),
+            Shape(driver="load", name="linear", at=None, low=60.0, high=100.0, span=1.0),
             4.0,
             "N",
             "drawbar pull is more and more under-predicted as load rises: by 4 N from 60 N to 100 N",
         ),
         (
             "torque",
-            Shape("wheel_angle", "periodic", math.pi / 6.0, 0.0, 6.3, 1.0),
+            Shape(driver="wheel_angle", name="periodic", at=math.pi / 6.0, low=0.0, high=6.3, span=1.0),
             0.5,
             "rad",
             "torque swings by ± 0.5 N m about its prediction, 12 times in a turn of the wheel",
         ),
         (
             "torque",
-            Shape("pitch", "step", 0.1, -0.2, 0.2, 1.0),
+            Shape(driver="pitch", name="step", at=0.1, low=-0.2, high=0.2, span=1.0),
             0.9,
             "rad",
             "torque is under-predicted by 0.9 N m above pitch 5.7°",
         ),
         (
             "torque",
-            Shape("motor_temperature", "saturating", 5.0, 20.0, 60.0, 1.0),
+            Shape(driver="motor_temperature", name="saturating", at=5.0, low=20.0, high=60.0, span=1.0),
             -0.2,
             "°C",
             (
@@ -94,7 +94,7 @@ def test_what_the_soil_hides_of_it_is_said():
 
 
 def test_a_label_is_named():
-    shape = Shape("terrain", "label", 1.0, 0.0, 1.0, 1.0)
+    shape = Shape(driver="terrain", name="label", at=1.0, low=0.0, high=1.0, span=1.0)
     assert finding_sentences.of("torque", shape, 0.3, "gravel", (), "") == (
         "torque is under-predicted by 0.3 N m where terrain is gravel, against the others"
     )

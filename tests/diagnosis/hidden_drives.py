@@ -318,14 +318,16 @@ def samples_from(source, columns, kind):
     patch = np.minimum((time / PATCH).astype(np.int32), patches - 1)
     runs = kind.noise == "soil"
     return Samples(
-        source,
-        "wheel",
-        Geometry(WHEEL.radius, WHEEL.width, 0.018, WHEEL.grouser_height, WHEEL.grouser_count),
-        0.0,
-        time,
-        columns,
-        {"run": Labels(patch, tuple(f"run {j}" for j in range(patches)))} if runs else {},
-        patch.astype(np.intp) if runs else np.cumsum(np.diff(time, prepend=time[:1]) > 1.5 / kind.rate),
-        columns["x"],
-        Labels(np.full(n, -1, dtype=np.int32), ()),
+        source=source,
+        wheel="wheel",
+        geometry=Geometry(WHEEL.radius, WHEEL.width, 0.018, WHEEL.grouser_height, WHEEL.grouser_count),
+        origin=0.0,
+        time=time,
+        channels=columns,
+        labels={"run": Labels(patch, tuple(f"run {j}" for j in range(patches)))} if runs else {},
+        stretch=patch.astype(np.intp)
+        if runs
+        else np.cumsum(np.diff(time, prepend=time[:1]) > 1.5 / kind.rate),
+        distance=columns["x"],
+        set_aside=Labels(np.full(n, -1, dtype=np.int32), ()),
     )

@@ -19,12 +19,12 @@ ASSUMPTIONS = {"linearised-stresses", "assumed-shear-modulus"}
 
 
 def test_stresses_are_named_on_a_drive_that_varies_everything():
-    found = diagnose(windows_of(1, Kind()), ModelFile(Model("linear")))
+    found = diagnose(windows_of(1, Kind()), ModelFile(model=Model("linear")))
     assert (found.verdict, found.effect) == ("effect", "linearised-stresses")
 
 
 def test_an_assumption_is_in_the_family_on_a_poor_drive():
-    found = diagnose(windows_of(4, Kind(course="poor-load")), ModelFile(Model("linear")))
+    found = diagnose(windows_of(4, Kind(course="poor-load")), ModelFile(model=Model("linear")))
     assert found.alarm.raised
     assert ASSUMPTIONS & set(found.family)
 
@@ -68,7 +68,7 @@ def test_from_load_and_sinkage_the_full_model_has_derivatives_that_keep_the_load
 
 def test_what_the_stresses_hide_is_found_behind_them():
     kind = Kind(sized("drivetrain-friction", form="other"), course="rich")
-    found = diagnose(windows_of(6, kind), ModelFile(Model("linear")))
+    found = diagnose(windows_of(6, kind), ModelFile(model=Model("linear")))
     assert (found.verdict, found.effect) == ("family", None)
     assert found.together == ("linearised-stresses", "drivetrain-friction")
     assert found.family[:2] == found.together
@@ -80,7 +80,7 @@ def test_of_an_assumption_the_way_to_lift_it_that_predicts_best_counts():
     # The soil's k is 18 mm, which the base takes for 10: the full stresses with that k would not do.
     samples = samples_of(8, Kind())
     geometry = samples.geometry._replace(shear_modulus=0.010)
-    found = diagnose([cut(replace(samples, geometry=geometry))], ModelFile(Model("linear")))
+    found = diagnose([cut(replace(samples, geometry=geometry))], ModelFile(model=Model("linear")))
     assert found.family[0] == "linearised-stresses"
     stresses = next(one for one in found.candidates if one.effect == "linearised-stresses")
     assert stresses.sizes["shear_modulus"].value == pytest.approx(0.018, rel=0.15)

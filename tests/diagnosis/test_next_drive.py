@@ -33,7 +33,14 @@ SEED = 2
 
 def sensor(name, channel, law, scale, null=0.0, needs=()):
     """Return an effect with one parameter `a` on one channel."""
-    return Effect(name, name, "sensor", (Parameter("a", "1", null, scale),), {channel: law}, needs)
+    return Effect(
+        id=name,
+        title=name,
+        kind="sensor",
+        parameters=(Parameter("a", "1", null, scale),),
+        laws={channel: law},
+        needs=needs,
+    )
 
 
 OWN = {
@@ -78,7 +85,7 @@ def windows(kind, *, pull=True, pitch=0.0):
 def fitted(several, names):
     """Fit the base and each effect, the best first."""
     effects = [OWN.get(name) or catalogue()[name] for name in names]
-    file = ModelFile(Model("wong-reece"))
+    file = ModelFile(model=Model("wong-reece"))
     joined = joined_inputs.by_wheel(several, effects)
     held, priors, noise = estimators.assumed(joined, file)
     settings = FitSettings(held, priors, [name for name in file.shared if name not in held], noise)
@@ -158,7 +165,7 @@ def test_where_no_drive_tells_it_says_so_and_what_does():
 def test_of_a_sensor_that_cannot_be_told_from_the_ground_it_asks_for_a_calibration():
     model = Model("wong-reece")
     one, other = (
-        Hypothesis(effect.id, effect.title, model, effects=(effect,))
+        Hypothesis(id=effect.id, title=effect.title, model=model, effects=(effect,))
         for effect in (catalogue()["bulldozing"], OWN["load-gain"])
     )
     text = suggestion._unsettled(one, other, LEAST - 0.1)
@@ -216,7 +223,14 @@ def test_the_drive_settles_it():
     assert now > 10.0 * abs(before)
 
 
-AT = manoeuvres.Conditions(LOAD, SPEED, 0.3, 0.01, {"motor_temperature": 30.0, "pitch": 0.1}, 0.125)
+AT = manoeuvres.Conditions(
+    load=LOAD,
+    speed=SPEED,
+    slip=0.3,
+    sinkage=0.01,
+    others={"motor_temperature": 30.0, "pitch": 0.1},
+    radius=0.125,
+)
 
 
 @pytest.mark.parametrize("one", manoeuvres.library(AT, 60.0), ids=lambda one: one.text[:30])

@@ -111,7 +111,7 @@ def test_friction_that_drives_the_wheel_is_not_named(torque, named):
 def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out_all_the_same():
     """Free angles of the largest stress leave a thousandth of a bias of the sinkage: enough."""
     hidden = {**sized("max-stress-angle"), **sized("sinkage-bias")}
-    base = ModelFile(Model(effects=(effects.catalogue()["max-stress-angle"],)))
+    base = ModelFile(model=Model(effects=(effects.catalogue()["max-stress-angle"],)))
     found = diagnose(windows_of(3_000_202, Kind(hidden)), base)
     assert found.alarm.raised
     assert found.family[0] == "sinkage-bias"
@@ -210,7 +210,7 @@ def test_held_out_loss_falls_with_the_right_effect_only():
     loss = {"": float(refits.refit(data, None).loss.sum())}
     for name in ("slope", "gear-efficiency"):
         effect = effects.find(name)
-        one = Hypothesis(name, effect.title, Model("wong-reece", (effect,)), effects=(effect,))
+        one = Hypothesis(id=name, title=effect.title, model=Model("wong-reece", (effect,)), effects=(effect,))
         loss[name] = float(refits.refit(data, one).loss.sum())
     count = int(data.data[0].seen.sum())
     assert loss["slope"] < 1.3 * count < 2.0 * count < loss["gear-efficiency"]
@@ -239,7 +239,7 @@ def test_a_draft_is_written_whatever_its_driver_is_called(changes, driver):
 
 def test_where_the_soil_changes_passes_cannot_be_told():
     """Soils of 8 s each follow the passes a little, by chance."""
-    found = diagnose(windows_of(4, Kind(noise="soil-unlabelled")), ModelFile(Model()))
+    found = diagnose(windows_of(4, Kind(noise="soil-unlabelled")), ModelFile(model=Model()))
     assert found.verdict == "none"
     (passes,) = [one for one in found.not_testable if one.effect == "multi-pass"]
     assert "the soil changes along this drive" in passes.because
@@ -286,7 +286,7 @@ def test_a_table_of_three_points_says_that_it_is_too_short():
     samples.channels = {name: column[few] for name, column in samples.channels.items()}
     samples.time, samples.stretch, samples.distance = None, np.arange(3), None
     samples.set_aside = Labels(np.full(3, -1, dtype=np.int32), ())
-    found = diagnose([cut(samples, "none")], ModelFile(Model()))
+    found = diagnose([cut(samples, "none")], ModelFile(model=Model()))
     assert found.verdict == "none"
     assert any("independent stretches" in warning for warning in found.warnings)
 
@@ -314,7 +314,7 @@ def test_a_shape_that_stuck_at_its_end_is_let_go():
     wheels, every = windows_of(2, Kind(seconds=48.0)), [effects.catalogue()["crust"]]
     fitted = [FittedWheel(one, Model(), NOTHING) for one in wheels]
     data = refits.ground(fitted, [np.arange(len(one)) // 120 for one in fitted], 1_000)
-    (crust,), _ = screening.hypotheses(ModelFile(Model()), fitted, every)
+    (crust,), _ = screening.hypotheses(ModelFile(model=Model()), fitted, every)
     free = refits.refit(data, crust)
     (solution,) = free.solutions
     names = [unknown.name for unknown in solution.unknowns.shared]

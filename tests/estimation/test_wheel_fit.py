@@ -95,7 +95,7 @@ def test_no_estimate_could_be_much_better(noise):
     result = run(channels, truth.bounds, noise=Noise.equal(noise))
     # The Bayesian Cramér–Rao bound: information at the truth, and of the priors.
     sought = unknowns(BASE, fixed={}, priors=PRIORS, shared=(), windows=300)
-    problem = Problem(BASE, GEOMETRY, "sinkage", sought, Noise.equal(noise))
+    problem = Problem(model=BASE, wheel=GEOMETRY, given="sinkage", unknowns=sought, noise=Noise.equal(noise))
     exact = {name: truth.channels[name] for name in channels}
     data, _ = collect(BASE, exact, truth.bounds, "sinkage")
     soil = (truth.cohesion, np.tan(truth.phi), truth.shear_modulus, truth.stiffness, truth.exponent)

@@ -19,23 +19,23 @@ from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
 NOISE = Noise(dict.fromkeys(("load", "torque", "sinkage", "slip"), 0.01), {"drawbar_pull": 0.3})
 FRICTION = Effect(
-    "friction",
-    "Constant friction",
-    "sensor",
-    (Parameter("tc", "N m", 0.0, 1.0),),
-    {"torque": lambda q: q["torque"] + q["tc"]},
+    id="friction",
+    title="Constant friction",
+    kind="sensor",
+    parameters=(Parameter("tc", "N m", 0.0, 1.0),),
+    laws={"torque": lambda q: q["torque"] + q["tc"]},
 )
 SOFTENING = Effect(
-    "softening",
-    "n grows with slip",
-    "soil",
-    (Parameter("n1", "1", 0.0, 0.5, lower=0.0, upper=2.0),),
-    {"sinkage_exponent": lambda q: q["sinkage_exponent"] + q["n1"] * np.abs(q["slip"])},
+    id="softening",
+    title="n grows with slip",
+    kind="soil",
+    parameters=(Parameter("n1", "1", 0.0, 0.5, lower=0.0, upper=2.0),),
+    laws={"sinkage_exponent": lambda q: q["sinkage_exponent"] + q["n1"] * np.abs(q["slip"])},
 )
 
 
 def unknown(name, reach=1e9):
-    return Unknown(name, logarithm=False, mean=0.0, sd=1.0, lower=-reach, upper=reach, step=1e9)
+    return Unknown(name=name, logarithm=False, mean=0.0, sd=1.0, lower=-reach, upper=reach, step=1e9)
 
 
 @examples(20)

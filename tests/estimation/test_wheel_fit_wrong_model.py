@@ -193,7 +193,10 @@ def test_any_telemetry_gives_a_possible_soil_or_says_why_not(rows, correlated):
 def test_a_normal_distribution_is_cut_off_at_a_bound(outside):
     # One unknown at its lower bound 1, correlated with a free one: drawn, and those outside left out.
     own = np.array([[[0.25, 0.1], [0.1, 0.5]]])
-    local = (Unknown("a", False, 0.0, 1.0, 1.0, 9.0, 1.0), Unknown("b", False, 0.0, 1.0, -9.0, 9.0, 1.0))
+    local = (
+        Unknown(name="a", logarithm=False, mean=0.0, sd=1.0, lower=1.0, upper=9.0, step=1.0),
+        Unknown(name="b", logarithm=False, mean=0.0, sd=1.0, lower=-9.0, upper=9.0, step=1.0),
+    )
     t, covariance = truncate(np.array([[1.0, 2.0]]), own, np.array([[0.5 * outside, -1.0]]), local)
     rng = np.random.default_rng(1)
     drawn = 1.0 - 0.5 * outside + 0.5 * rng.standard_normal(4_000_000)

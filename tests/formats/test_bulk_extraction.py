@@ -55,7 +55,13 @@ def compare(definition, payloads, *, must_be_fast):
 
 
 def define(store, name, *, ros1):
-    return Definition(name, ros1, store.fielddefs, find_leaves(store.fielddefs, name), lambda: store)
+    return Definition(
+        type=name,
+        ros1=ros1,
+        types=store.fielddefs,
+        leaves=find_leaves(store.fielddefs, name),
+        compile=lambda: store,
+    )
 
 
 @examples(250, suppress_health_check=list(HealthCheck))

@@ -42,7 +42,16 @@ def drawn(rng, sizes, memory=0.0):
 
 def step(first, second, action="add"):
     channels, evidence = weigh(first, second)
-    return Step(action, ("x",), None, None, first, second, channels, evidence)
+    return Step(
+        action=action,
+        changed=("x",),
+        before=None,
+        after=None,
+        first=first,
+        second=second,
+        channels=channels,
+        evidence=evidence,
+    )
 
 
 def test_ratio_is_the_mean_of_logarithms_over_all_samples():
@@ -145,7 +154,7 @@ def test_an_effect_that_may_be_absent_does_not_count():
     assert replace(step(outcome(a), outcome(plain)), absent=0.05).pays
     assert replace(step(outcome(plain), outcome(a), "remove"), absent=0.05).costs
     # What the data leave open has moved the soil, and that is what is plain.
-    one = Estimated("log", "wheel", "x.a", "1", 0.2, 2.0, determined=False)
+    one = Estimated(source="log", wheel="wheel", name="x.a", unit="1", value=0.2, se=2.0, determined=False)
     left_open = replace(step(outcome(a), outcome(plain)), absent=0.05, parameters=[one])
     assert not left_open.pays
     assert replace(left_open, absent=0.001).pays

@@ -14,7 +14,15 @@ from terrain_cli.toml import toml_text
 def test_wheels_are_averaged_by_what_each_knows():
     """By the usual formula for two measurements of one thing."""
     wheels = [
-        Estimated("run.csv", wheel, "slip-sinkage.n1", "1", value, se, determined=True)
+        Estimated(
+            source="run.csv",
+            wheel=wheel,
+            name="slip-sinkage.n1",
+            unit="1",
+            value=value,
+            se=se,
+            determined=True,
+        )
         for wheel, value, se in (("left", 0.4, 0.1), ("right", 0.6, 0.2), ("rear", math.nan, math.nan))
     ]
     (mean,) = history_entry.means(wheels).values()
@@ -24,7 +32,7 @@ def test_wheels_are_averaged_by_what_each_knows():
 
 
 def test_one_wheel_has_no_range_and_none_no_mean():
-    one = Estimated("run.csv", "left", "x.a", "N", 3.0, 0.5, determined=False)
+    one = Estimated(source="run.csv", wheel="left", name="x.a", unit="N", value=3.0, se=0.5, determined=False)
     assert history_entry.means([one])["x.a"] == {
         "value": 3.0,
         "se": 0.5,
@@ -33,14 +41,23 @@ def test_one_wheel_has_no_range_and_none_no_mean():
         "lowest": None,
         "highest": None,
     }
-    held = Estimated("run.csv", "left", "x.a", "N", 3.0, 0.0, determined=False)
+    held = Estimated(
+        source="run.csv", wheel="left", name="x.a", unit="N", value=3.0, se=0.0, determined=False
+    )
     assert history_entry.means([held]) == {}
 
 
 def test_what_is_not_known_is_left_out_of_the_file():
     nothing = Interval(math.nan, math.nan, math.nan)
     found = history_entry.channel(
-        ChannelChange("sinkage", "m", nothing, Interval(0.002, 0.001, 0.004), math.nan, nothing)
+        ChannelChange(
+            name="sinkage",
+            unit="m",
+            before=nothing,
+            after=Interval(0.002, 0.001, 0.004),
+            noise=math.nan,
+            difference=nothing,
+        )
     )
     assert found["heldout_before"] is None
     assert toml_text.value(found) == (

@@ -45,11 +45,11 @@ def test_reach_from_the_exit_to_the_entry_angle():
 
 def test_show_what_effects_do():
     half = Effect(
-        "half-strength",
-        "The shear stress is halved",
-        "stress",
-        (Parameter("share", "1", 1.0, 0.5),),
-        {"shear_stress": lambda q: q["shear_stress"] * q["share"]},
+        id="half-strength",
+        title="The shear stress is halved",
+        kind="stress",
+        parameters=(Parameter("share", "1", 1.0, 0.5),),
+        laws={"shear_stress": lambda q: q["shear_stress"] * q["share"]},
     )
     channels = {"sinkage": SINKAGE, "slip": SLIP}
     plain = stresses(Model(), GEOMETRY, channels, VALUES)

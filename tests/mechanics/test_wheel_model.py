@@ -51,12 +51,12 @@ def soil_of(values, j):
 def changed(quantity, law, parameters=(), needs=()):
     """Return an effect of one law, whose parameters have the null value 0."""
     return Effect(
-        "trial",
-        "Trial",
-        "contact",
-        tuple(Parameter(p, "1", 0.0, 1.0) for p in parameters),
-        {quantity: law},
-        needs,
+        id="trial",
+        title="Trial",
+        kind="contact",
+        parameters=tuple(Parameter(p, "1", 0.0, 1.0) for p in parameters),
+        laws={quantity: law},
+        needs=needs,
     )
 
 

@@ -101,7 +101,13 @@ def test_a_wheel_takes_what_it_does_not_give_from_the_defaults(write):
     torque = rear.channels["torque"]
     assert (torque.column, torque.unit.symbol, torque.scale, torque.offset) == ("T_rl", "mN m", 2.0, -1.5)
     assert rover.positions() == {"front-left": (0.5, 0.4, 0.0), "rear-left": (-0.5, 0.4, 0.0)}
-    assert rover.vehicle == Vehicle(40.0, (0.0, 0.0, 0.3), 9.80665, "rocker", (0.1, 0.2))
+    assert rover.vehicle == Vehicle(
+        mass=40.0,
+        centre_of_mass=(0.0, 0.0, 0.3),
+        gravity=9.80665,
+        suspension="rocker",
+        rocker_pivot=(0.1, 0.2),
+    )
     assert rover.max_gap == 0.2
     assert rover.estimate == {
         "method": "ridge", "min-samples": 20, "window-distance": 0.5, "where": "slip > 0",

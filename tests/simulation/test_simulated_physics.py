@@ -120,7 +120,7 @@ def test_effects_together():
 
 def with_law(quantity, law):
     parameter = Parameter("a", "1", 0.0, 0.1)
-    effect = Effect("odd", "Odd", "sensor", (parameter,), {quantity: law})
+    effect = Effect(id="odd", title="Odd", kind="sensor", parameters=(parameter,), laws={quantity: law})
     scenario = read(None, {**SHORT, "drive": ["mixed"]})
     return replace(scenario, effects=(Chosen(effect, {"a": 0.1}),))
 

@@ -45,7 +45,7 @@ def rover_of(tmp_path):
 @pytest.fixture
 def table():
     """Return a function that makes a table of the fields given."""
-    return lambda *fields: Streams(Stream("", "table", fields))
+    return lambda *fields: Streams(Stream(topic="", type="table", fields=fields))
 
 
 @pytest.fixture
@@ -54,7 +54,10 @@ def bag():
 
     def make(**topics):
         return Streams(
-            *(Stream(f"/{t.replace('__', '/')}", kind, tuple(f)) for t, (kind, f) in topics.items())
+            *(
+                Stream(topic=f"/{t.replace('__', '/')}", type=kind, fields=tuple(f))
+                for t, (kind, f) in topics.items()
+            )
         )
 
     return make

@@ -118,7 +118,7 @@ def test_no_number_is_too_wild_to_be_derived_from(rover_of, rows):
     )
     rover = rover_of(VEHICLE)
     channels = {name: np.array([row[j] for row in rows]) for j, name in enumerate(names)}
-    raw = Raw("a", 0.0, None, channels, {}, {}, {})
+    raw = Raw(wheel="a", origin=0.0, time=None, channels=channels, labels={}, extras={}, feeds={})
     origins = derivable_channels.complete(raw, rover.wheel("a"), rover)
     assert all(origins[name].startswith("derived from ") for name in NEEDED)
     assert all(len(raw.channels[name]) == len(rows) for name in NEEDED)

@@ -43,7 +43,15 @@ def write(tmp_path):
 
 def effect(*names, any_of=(), further=()):
     own = tuple(Parameter(f"p{k}", "1", 0.0, 1.0, needs=(name,)) for k, name in enumerate(further))
-    return Effect("some-effect", "Some effect", "force", own, {}, names, any_of)
+    return Effect(
+        id="some-effect",
+        title="Some effect",
+        kind="force",
+        parameters=own,
+        laws={},
+        needs=names,
+        any_of=any_of,
+    )
 
 
 def read(path, rover, *names, **further):

@@ -25,7 +25,14 @@ SIX = np.array([[x, y, 0.0] for y in (0.4, -0.4) for x in (0.6, 0.0, -0.6)])
 
 
 def vehicle(suspension="rigid", centre=(0.0, 0.0, 0.45), rocker=None, bogie=None):
-    return Vehicle(40.0, centre, 10.0, suspension, rocker, bogie)
+    return Vehicle(
+        mass=40.0,
+        centre_of_mass=centre,
+        gravity=10.0,
+        suspension=suspension,
+        rocker_pivot=rocker,
+        bogie_pivot=bogie,
+    )
 
 
 def attitude(a, b):

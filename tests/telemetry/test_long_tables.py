@@ -73,7 +73,15 @@ def dirty(table, rng, standing=(20, 150, 300)):
 def in_parts(path, rover, *, wheels=(), effects=(), rows=None):
     source = formats.open_source(path)
     layout = mapping.plan(source, rover)
-    request = long_tables.Request(layout, rover, frozenset(CHANNELS), layout.extras, wheels, None, effects)
+    request = long_tables.Request(
+        layout=layout,
+        rover=rover,
+        channels=frozenset(CHANNELS),
+        extras=layout.extras,
+        wheels=wheels,
+        where=None,
+        effects=effects,
+    )
     names = tables.fields(layout, CHANNELS, layout.extras)
     batches = list(source.read("", names, 50))
     begin = batches[:3] if rows is None else [raw_columns.whole(batches[:rows])]

@@ -308,7 +308,15 @@ def test_an_entry_angle_beyond_half_a_turn_is_no_depth(drive, judged, tmp_path):
 def in_parts(path, rover):
     source = open_source(path)
     layout = mapping.plan(source, rover)
-    request = long_tables.Request(layout, rover, frozenset(CHANNELS), layout.extras, (), None, None)
+    request = long_tables.Request(
+        layout=layout,
+        rover=rover,
+        channels=frozenset(CHANNELS),
+        extras=layout.extras,
+        wheels=(),
+        where=None,
+        effects=None,
+    )
     batches = source.read("", tables.fields(layout, CHANNELS, layout.extras), 50)
     return list(long_tables.in_parts(request, [next(batches)], batches, lambda _: None))
 
@@ -346,16 +354,16 @@ def test_the_samples_that_are_looked_at_are_bounded(monkeypatch):
     for begin in range(0, 1000, 90):
         rows = slice(begin, begin + 90)
         part = telemetry.Samples(
-            "run",
-            "w",
-            gathered.geometry,
-            0.0,
-            TIMES[rows],
-            {name: column[rows] for name, column in channels.items()},
-            {},
-            np.zeros(len(TIMES[rows]), dtype=np.intp),
-            None,
-            Labels(np.full(len(TIMES[rows]), -1, dtype=np.int32), ()),
+            source="run",
+            wheel="w",
+            geometry=gathered.geometry,
+            origin=0.0,
+            time=TIMES[rows],
+            channels={name: column[rows] for name, column in channels.items()},
+            labels={},
+            stretch=np.zeros(len(TIMES[rows]), dtype=np.intp),
+            distance=None,
+            set_aside=Labels(np.full(len(TIMES[rows]), -1, dtype=np.int32), ()),
         )
         gathered.add(part)
     (kept,) = gathered.columns("load")

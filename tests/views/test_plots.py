@@ -84,8 +84,8 @@ def test_same_data_same_files(comparison, folder, tmp_path, monkeypatch):
 def test_estimates(comparison, tmp_path):
     outcomes = [
         Outcome(
-            segment_table.table(wheel.windows, estimate_lines(wheel.windows)),
-            {},
+            table=segment_table.table(wheel.windows, estimate_lines(wheel.windows)),
+            account={},
             trace=[segment_table.trace(wheel.windows)],
         )
         for wheel in comparison.wheels
@@ -93,7 +93,7 @@ def test_estimates(comparison, tmp_path):
     written = {path.name for path in plots.write(outcomes, tmp_path)}
     assert {"strength.png", "track.svg", "convergence-1-front-left.png"} <= written
     # Without the recursive estimate there is nothing that converges.
-    alone = plots.write([Outcome(outcomes[0].table, {})], tmp_path / "alone")
+    alone = plots.write([Outcome(table=outcomes[0].table, account={})], tmp_path / "alone")
     assert {path.stem for path in alone} == {"strength", "track"}
 
 
@@ -102,7 +102,7 @@ def test_names_of_wheels_make_no_paths(comparison, tmp_path):
     table = segment_table.table(wheel.windows, estimate_lines(wheel.windows))
     trace = segment_table.trace(wheel.windows)
     trace["wheel"] = ["../../etc/<x>"] * len(trace["wheel"])
-    written = plots.write([Outcome(table, {}, trace=[trace, trace])], tmp_path / "here")
+    written = plots.write([Outcome(table=table, account={}, trace=[trace, trace])], tmp_path / "here")
     assert {path.parent for path in written} == {tmp_path / "here"}
     assert (tmp_path / "here" / "convergence-1-_etc_x_.png").exists()
 

@@ -79,7 +79,7 @@ class Leaf:
         return ".".join(self.path + self.inner)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Definition:
     """How the messages of one connection are laid out.
 
@@ -153,7 +153,14 @@ def define(connection: Connection, *, ros1: bool) -> Definition:
         except UnusableError as error:
             reasons.append(str(error))
         else:
-            return Definition(connection.msgtype, ros1, types, leaves, compiled, origin)
+            return Definition(
+                type=connection.msgtype,
+                ros1=ros1,
+                types=types,
+                leaves=leaves,
+                compile=compiled,
+                origin=origin,
+            )
     raise UnusableError(reasons[0])
 
 

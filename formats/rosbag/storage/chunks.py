@@ -34,7 +34,7 @@ _MOST_THREADS = 4
 _ORDER = 1 << 40
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Chunk:
     """Where a chunk and its index stand in the file.
 

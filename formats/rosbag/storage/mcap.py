@@ -87,12 +87,12 @@ class McapFile(McapReader):
             return
         chunks = [
             Chunk(
-                chunk.chunk_start_offset,
-                chunk.chunk_length,
-                partial(_unpack, chunk),
-                bool(chunk.compression),
-                chunk.message_start_time,
-                self._index(chunk),
+                position=chunk.chunk_start_offset,
+                stored=chunk.chunk_length,
+                unpack=partial(_unpack, chunk),
+                slow=bool(chunk.compression),
+                first=chunk.message_start_time,
+                index=self._index(chunk),
             )
             for chunk in sorted(self.chunks, key=lambda chunk: chunk.chunk_start_offset)
         ]

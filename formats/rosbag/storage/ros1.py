@@ -109,12 +109,12 @@ class Ros1File(Reader):
         """Read the messages of some connections; see `chunks.runs`."""
         chunks = [
             Chunk(
-                chunk.datapos,
-                chunk.datasize,
-                chunk.decompressor,
-                chunk.decompressor is not decompressors["none"],
-                self._firsts[position],
-                tuple(self._found[position]),
+                position=chunk.datapos,
+                stored=chunk.datasize,
+                unpack=chunk.decompressor,
+                slow=chunk.decompressor is not decompressors["none"],
+                first=self._firsts[position],
+                index=tuple(self._found[position]),
             )
             for position, chunk in sorted(self.chunks.items())
             if position in self._firsts

@@ -37,7 +37,7 @@ _MOVING = 0.2
 _MIRRORED = ("pitch", "roll")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Conditions:
     """What a log is like in the middle.
 
@@ -82,7 +82,14 @@ class Conditions:
         speed = abs(middle.get("velocity", turning)) or _SPEED
         # Without a load cell a model knows only the sinkage, and a load is but the share of what it was.
         load = middle.get("load", 1.0)
-        return cls(load, float(np.clip(speed, 1e-3, 10.0)), slip, middle.get("sinkage", 0.0), middle, radius)
+        return cls(
+            load=load,
+            speed=float(np.clip(speed, 1e-3, 10.0)),
+            slip=slip,
+            sinkage=middle.get("sinkage", 0.0),
+            others=middle,
+            radius=radius,
+        )
 
 
 @dataclass(frozen=True)

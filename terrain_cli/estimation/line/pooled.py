@@ -21,7 +21,7 @@ _SMALLEST = 1e-6
 _UNSURE = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PooledEstimate:
     """Estimate from windows of one soil, NaN where not known.
 

@@ -135,7 +135,7 @@ def choose(moments: WindowMoments, loss: Array) -> Ridge:
     return Ridge(cohesion, slope / design.scale, delta, gain)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Design:
     """Windows with the columns 1 and x / scale; sums are divided by n."""
 
@@ -159,14 +159,14 @@ def _scaled(moments: WindowMoments) -> _Design:
     larger = 1.0 + np.abs(mean_x)
     smaller = variance / larger
     return _Design(
-        count,
-        scale,
-        mean_x,
-        moments.mean[Y],
-        variance,
-        np.where(varies, moments[0, X, Y], 0.0) / (count * scale),
-        np.where(mean_x < 0.0, smaller, larger),
-        np.where(mean_x < 0.0, larger, smaller),
+        count=count,
+        scale=scale,
+        mean_x=mean_x,
+        mean_y=moments.mean[Y],
+        variance=variance,
+        covariance=np.where(varies, moments[0, X, Y], 0.0) / (count * scale),
+        plus=np.where(mean_x < 0.0, smaller, larger),
+        minus=np.where(mean_x < 0.0, larger, smaller),
     )
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 DROPPED_KAPPA3 = 0.005
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Uncertainty:
     """What is known of estimates, one entry per window.
 

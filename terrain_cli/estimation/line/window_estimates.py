@@ -48,7 +48,7 @@ _BLOCK = 32_768
 _TOGETHER = 1024
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class WindowEstimates:
     """Estimates of windows: one entry per window in every array, NaN where not known.
 

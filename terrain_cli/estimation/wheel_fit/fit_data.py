@@ -25,7 +25,7 @@ BALANCE = "balance"
 _BLOCK = 16_384
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FitData:
     """Samples of some windows.
 
@@ -78,14 +78,14 @@ class FitData:
         FitData
         """
         return FitData(
-            {name: column[rows] for name, column in self.channels.items()},
-            self.inputs,
-            self.outputs,
-            self.measured[:, rows],
-            self.seen[:, rows],
-            np.concatenate([[0], np.cumsum(count)]),
-            self.windows[windows],
-            self.excess[windows],
+            channels={name: column[rows] for name, column in self.channels.items()},
+            inputs=self.inputs,
+            outputs=self.outputs,
+            measured=self.measured[:, rows],
+            seen=self.seen[:, rows],
+            bounds=np.concatenate([[0], np.cumsum(count)]),
+            windows=self.windows[windows],
+            excess=self.excess[windows],
         )
 
     def rows_of(self, windows: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -217,14 +217,14 @@ def collect(
         kept["load"] = np.where(np.isfinite(kept["load"]), kept["load"], 0.0)
     return (
         FitData(
-            kept,
-            inputs,
-            outputs,
-            np.nan_to_num(measured[:, rows]),
-            seen[:, rows],
-            np.searchsorted(rows, bounds).astype(np.intp),
-            np.arange(len(bounds) - 1),
-            np.ones(len(bounds) - 1),
+            channels=kept,
+            inputs=inputs,
+            outputs=outputs,
+            measured=np.nan_to_num(measured[:, rows]),
+            seen=seen[:, rows],
+            bounds=np.searchsorted(rows, bounds).astype(np.intp),
+            windows=np.arange(len(bounds) - 1),
+            excess=np.ones(len(bounds) - 1),
         ),
         rows,
     )

@@ -28,7 +28,7 @@ LARGEST_OPEN = 1.0
 _AT_BOUND = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fit:
     """Parameters of windows, with what must be known to trust them; SI units, tan φ as a number.
 
@@ -174,7 +174,7 @@ class Fit:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Parameters:
     """The part of `Fit` that is about parameters: fields of the same names."""
 

@@ -122,10 +122,14 @@ def fit(
     if noise is None:
         come = "differences" if correlated else "residuals"
         first = from_differences(data.channels, data.bounds) if correlated else assumed(data.channels)
-        problem, dof = _learn(Problem(model, wheel, given, sought, first, robust), data, ordered=correlated)
+        problem, dof = _learn(
+            Problem(model=model, wheel=wheel, given=given, unknowns=sought, noise=first, robust=robust),
+            data,
+            ordered=correlated,
+        )
         spread = float(student(np.array([dof]))[0]) / 1.959964
     else:
-        problem = Problem(model, wheel, given, sought, noise, robust)
+        problem = Problem(model=model, wheel=wheel, given=given, unknowns=sought, noise=noise, robust=robust)
     order = _order(problem.noise, data)
     found, converged = _all(problem, data, order, correlated=correlated)
     known = data.count > 0

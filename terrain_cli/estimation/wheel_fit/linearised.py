@@ -48,7 +48,7 @@ _FARTHEST = 8.0
 _QUIET = np.errstate(over="ignore", invalid="ignore")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Problem:
     """What is fitted, save the samples.
 
@@ -116,7 +116,7 @@ class Problem:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Equations:
     """Whitened equations of some samples.
 
@@ -279,7 +279,15 @@ def equations(
         radius = np.sqrt(np.einsum("mn,mn->n", residual, residual))
         limit = _RADIUS[data.seen.sum(axis=0)]
         weight = np.divide(limit, radius, out=weight, where=radius > limit)
-    return Equations(residual, table[:, 1 : 1 + size], table[:, 1 + size :], spread, weight, factor, size_of)
+    return Equations(
+        residual=residual,
+        design=table[:, 1 : 1 + size],
+        inward=table[:, 1 + size :],
+        spread=spread,
+        weight=weight,
+        factor=factor,
+        size=size_of,
+    )
 
 
 def _large(problem: Problem, name: str, prediction: Prediction, predicted: Array, data: FitData) -> Array:

@@ -62,7 +62,7 @@ _SMALL = 1.0
 _WIDE, _NOTHING = 0.01, 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Posterior:
     """What is known of the unknowns, in prior standard deviations from their prior means.
 

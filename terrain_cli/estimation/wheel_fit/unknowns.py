@@ -49,7 +49,7 @@ _STEPS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Unknown:
     """One parameter that is sought.
 
@@ -213,4 +213,12 @@ def _unknown(model: Model, name: str, prior: Prior | None) -> Unknown:
             hint="the deviation is positive; a value known exactly is fixed instead",
         )
     mean, sd = prior.of_logarithm() if logarithm else (prior.mean, prior.sd)
-    return Unknown(name, logarithm, mean, sd, (lower - mean) / sd, (upper - mean) / sd, step / sd)
+    return Unknown(
+        name=name,
+        logarithm=logarithm,
+        mean=mean,
+        sd=sd,
+        lower=(lower - mean) / sd,
+        upper=(upper - mean) / sd,
+        step=step / sd,
+    )

@@ -116,20 +116,20 @@ def assemble(
         reasons = usable_samples.also_aside(reasons, f"no {name}", ~np.isfinite(values))
     further = {name: as_numbers(column) for name, column in raw.extras.items() if name in columns}
     samples = Samples(
-        source.path,
-        raw.wheel,
-        geometry,
-        raw.origin,
-        raw.time,
-        raw.channels,
-        raw.labels,
-        stretch,
-        _distance(raw, gap),
-        reasons,
-        origins,
-        [*source.remarks, *raw.remarks],
-        {**further, **drivers},
-        rover.noise,
+        source=source.path,
+        wheel=raw.wheel,
+        geometry=geometry,
+        origin=raw.origin,
+        time=raw.time,
+        channels=raw.channels,
+        labels=raw.labels,
+        stretch=stretch,
+        distance=_distance(raw, gap),
+        set_aside=reasons,
+        origins=origins,
+        remarks=[*source.remarks, *raw.remarks],
+        drivers={**further, **drivers},
+        noise=rover.noise,
     )
     if not checked:
         evidence = UnitEvidence(geometry, raw.feeds)

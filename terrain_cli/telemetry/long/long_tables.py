@@ -41,7 +41,7 @@ ROWS, BESIDE = 1 << 17, 4096
 _ROW = "@row"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Request:
     """What is to be read of a table.
 
@@ -121,7 +121,7 @@ def in_parts(
         for raw in raws:
             # The first part shows whether its columns have clocks of their own, or one was out for a while.
             if raw.wheel not in ends:
-                ends[raw.wheel] = _End(own_clocks.find(raw))
+                ends[raw.wheel] = _End(clocks=own_clocks.find(raw))
             end = ends[raw.wheel]
             end.bring(raw, first, last, rover.max_gap)
             end.count_on(raw)
@@ -189,7 +189,7 @@ def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[st
         yield raw_columns.whole(pending), before, count
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _End:
     """How far a wheel has come."""
 

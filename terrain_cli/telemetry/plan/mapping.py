@@ -62,7 +62,7 @@ def plan(source: Source, rover: Rover) -> Plan:
         else gives.
     """
     streams = {stream.topic: stream for stream in source.streams()}
-    result = Plan(source)
+    result = Plan(source=source)
     asked = _asked(rover, streams, table=is_table(source), labels=result.labels)
     if is_table(source):
         _plan_table(result, streams[""], asked, steady=rover.steady)
@@ -112,11 +112,18 @@ def _plan_table(result: Plan, stream: Stream, asked: dict[str, dict[str, Feed]],
             result.labels[""] = header
         elif match.unit != CHANNELS[channel].unit:
             result.shared[channel] = Feed(
-                channel, "", (header,), match.unit, note="converted", stated=match.stated
+                channel=channel,
+                topic="",
+                fields=(header,),
+                unit=match.unit,
+                note="converted",
+                stated=match.stated,
             )
         else:
             note = "" if match.exact or match.stated else "recognised by its name"
-            result.shared[channel] = Feed(channel, "", (header,), match.unit, note=note, stated=match.stated)
+            result.shared[channel] = Feed(
+                channel=channel, topic="", fields=(header,), unit=match.unit, note=note, stated=match.stated
+            )
     result.shared |= asked.pop("", {})
     result.wheels = asked
     if not settled:
@@ -217,7 +224,7 @@ def _feed(entry: ChannelEntry, streams: Mapping[str, Stream], wheel: str) -> Fee
     """Turn an entry of rover.toml into a feed, checked against what the file holds."""
     own = CHANNELS[entry.channel].unit
     base = Feed(
-        entry.channel,
+        channel=entry.channel,
         unit=entry.unit or own,
         scale=entry.scale,
         offset=entry.offset,

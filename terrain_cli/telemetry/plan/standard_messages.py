@@ -75,7 +75,7 @@ def roll(x: Array, y: Array, z: Array, w: Array) -> Array:
     return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x**2 + y**2))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Meaning:
     """A channel that a standard message carries.
 
@@ -105,8 +105,16 @@ class Meaning:
 def _attitude(prefix: str, rank: int) -> tuple[Meaning, ...]:
     quaternion = tuple(f"{prefix}orientation.{axis}" for axis in "xyzw")
     return (
-        Meaning("pitch", quaternion, pitch, "nose up, from the orientation", rank),
-        Meaning("roll", quaternion, roll, "left side up, from the orientation", rank),
+        Meaning(
+            channel="pitch", fields=quaternion, combine=pitch, note="nose up, from the orientation", rank=rank
+        ),
+        Meaning(
+            channel="roll",
+            fields=quaternion,
+            combine=roll,
+            note="left side up, from the orientation",
+            rank=rank,
+        ),
     )
 
 
@@ -114,26 +122,29 @@ _AXES = "the sensor's axes taken as x forward, z up"
 _MEANINGS = {
     "nav_msgs/msg/Odometry": (
         Meaning(
-            "velocity",
-            ("twist.twist.linear.x",),
+            channel="velocity",
+            fields=("twist.twist.linear.x",),
             note="odometry taken as the true speed, not the wheels' own",
             of_body=True,
         ),
-        Meaning("yaw_rate", ("twist.twist.angular.z",), rank=1),
-        Meaning("x", ("pose.pose.position.x",)),
-        Meaning("y", ("pose.pose.position.y",)),
-        Meaning("elevation", ("pose.pose.position.z",)),
+        Meaning(channel="yaw_rate", fields=("twist.twist.angular.z",), rank=1),
+        Meaning(channel="x", fields=("pose.pose.position.x",)),
+        Meaning(channel="y", fields=("pose.pose.position.y",)),
+        Meaning(channel="elevation", fields=("pose.pose.position.z",)),
         *_attitude("pose.pose.", 1),
     ),
-    "sensor_msgs/msg/Imu": (Meaning("yaw_rate", ("angular_velocity.z",)), *_attitude("", 0)),
-    "sensor_msgs/msg/NavSatFix": (Meaning("longitude", ("longitude",)), Meaning("latitude", ("latitude",))),
+    "sensor_msgs/msg/Imu": (Meaning(channel="yaw_rate", fields=("angular_velocity.z",)), *_attitude("", 0)),
+    "sensor_msgs/msg/NavSatFix": (
+        Meaning(channel="longitude", fields=("longitude",)),
+        Meaning(channel="latitude", fields=("latitude",)),
+    ),
     "geometry_msgs/msg/WrenchStamped": (
-        Meaning("load", ("wrench.force.z",), note=_AXES),
-        Meaning("drawbar_pull", ("wrench.force.x",), note=_AXES),
+        Meaning(channel="load", fields=("wrench.force.z",), note=_AXES),
+        Meaning(channel="drawbar_pull", fields=("wrench.force.x",), note=_AXES),
     ),
     "geometry_msgs/msg/Wrench": (
-        Meaning("load", ("force.z",), note=_AXES),
-        Meaning("drawbar_pull", ("force.x",), note=_AXES),
+        Meaning(channel="load", fields=("force.z",), note=_AXES),
+        Meaning(channel="drawbar_pull", fields=("force.x",), note=_AXES),
     ),
 }
 

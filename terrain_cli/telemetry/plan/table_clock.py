@@ -157,13 +157,15 @@ def _rise(column: Column, wheels: Labels | None, *, whole: bool = False) -> _Ris
 
 def _feed(name: TimeName) -> Feed:
     if len(name.headers) == 1:
-        return Feed("time", "", name.headers, name.unit, note="recognised by its name")
+        return Feed(
+            channel="time", topic="", fields=name.headers, unit=name.unit, note="recognised by its name"
+        )
     factor = name.unit.factor
     return Feed(
-        "time",
-        "",
-        name.headers,
-        CHANNELS["time"].unit,
+        channel="time",
+        topic="",
+        fields=name.headers,
+        unit=CHANNELS["time"].unit,
         combine=lambda seconds, beyond: seconds + beyond * factor,
         note="whole seconds, and what is beyond them",
     )

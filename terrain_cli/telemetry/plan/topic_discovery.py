@@ -92,7 +92,12 @@ def joint_speed(topic: str, joint: str) -> TopicCandidate:
     -------
     TopicCandidate
     """
-    feed = Feed("angular_velocity", topic, (f"velocity[{joint}]",), units.si("angular speed"))
+    feed = Feed(
+        channel="angular_velocity",
+        topic=topic,
+        fields=(f"velocity[{joint}]",),
+        unit=units.si("angular speed"),
+    )
     return TopicCandidate(feed, (joint,))
 
 
@@ -102,7 +107,7 @@ def _find_by_topic(stream: Stream, field: Field) -> list[TopicCandidate]:
     match = identify(leaf, letters=False)
     if match is None or match.channel in {"time", "wheel"} or not _fits(field, match.channel):
         return []
-    feed = Feed(match.channel, stream.topic, (field.name,), match.unit, rank=NAMED)
+    feed = Feed(channel=match.channel, topic=stream.topic, fields=(field.name,), unit=match.unit, rank=NAMED)
     return [TopicCandidate(feed, tuple(places))]
 
 
@@ -120,10 +125,10 @@ def _find_by_type(stream: Stream) -> list[TopicCandidate]:
         symbol = standard_messages.unit_symbol(stream.type, meaning.fields[0])
         unit = None if meaning.combine else units.parse(symbol or "", CHANNELS[meaning.channel].dimension)
         feed = Feed(
-            meaning.channel,
-            stream.topic,
-            meaning.fields,
-            unit,
+            channel=meaning.channel,
+            topic=stream.topic,
+            fields=meaning.fields,
+            unit=unit,
             combine=meaning.combine,
             note=meaning.note,
             rank=meaning.rank,
@@ -147,12 +152,23 @@ def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[TopicC
             label = field.name if field.kind == "text" else label
         elif field.kind == "numbers":
             feeds = (
-                (Feed(match.channel, stream.topic, (f"{field.name}[{name}]",), match.unit, rank=NAMED), name)
+                (
+                    Feed(
+                        channel=match.channel,
+                        topic=stream.topic,
+                        fields=(f"{field.name}[{name}]",),
+                        unit=match.unit,
+                        rank=NAMED,
+                    ),
+                    name,
+                )
                 for name in field.elements
             )
             found += [TopicCandidate(feed, (name,)) for feed, name in feeds]
         elif _fits(field, match.channel):
-            feed = Feed(match.channel, stream.topic, (field.name,), match.unit, rank=NAMED)
+            feed = Feed(
+                channel=match.channel, topic=stream.topic, fields=(field.name,), unit=match.unit, rank=NAMED
+            )
             found.append(TopicCandidate(feed, _places(stream)))
     return found, label
 

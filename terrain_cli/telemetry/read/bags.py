@@ -189,7 +189,7 @@ def one_clock(tables: Mapping[str, Mapping[str, Column]]) -> tuple[float, dict[s
 def _wheel(
     name: str, origin: float, feeds: dict[str, Feed], topics: Mapping[str, _Topic], bridges: _Bridges
 ) -> Raw:
-    raw = Raw(name, origin, None, {}, {}, {}, feeds)
+    raw = Raw(wheel=name, origin=origin, time=None, channels={}, labels={}, extras={}, feeds=feeds)
     series: dict[str, tuple[Array, Array]] = {}
     for channel, feed in feeds.items():
         if not feed.topic or CHANNELS[channel].dimension == LABEL:
