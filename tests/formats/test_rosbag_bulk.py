@@ -20,7 +20,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_typestore
-from test_rosbag_cursor import requests
+from test_bulk_extraction import requests
 
 from formats.errors import FormatError
 from formats.rosbag import open_bag

@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pandas as pd
 import pytest
+from child_processes import children, peak
 from click.testing import CliRunner
-from processes import children, peak
 
 from terrain_cli import rover
 from terrain_cli.app import cli

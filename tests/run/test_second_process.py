@@ -11,8 +11,8 @@ import time
 
 import numpy as np
 import pytest
-from processes import alive, children
-from test_reaches import LENGTHS, ROVER, SHORT, assert_same, dirty, drive
+from child_processes import alive, children
+from test_long_log import LENGTHS, ROVER, SHORT, assert_same, dirty, drive
 
 from formats import DamagedError, Labels
 from terrain_cli import rover
