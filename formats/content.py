@@ -74,11 +74,6 @@ def content(path: str, head: bytes) -> str:
 def failure(path: str, error: OSError) -> FormatError:
     """Say in words why a file could not be opened or read.
 
-    Parameters
-    ----------
-    path : str
-    error : OSError
-
     Returns
     -------
     FormatError
@@ -177,12 +172,7 @@ class TextStream(io.RawIOBase):
         self._buffer = self._as_utf8(self._buffer[self.mark_bytes :])
 
     def readable(self) -> bool:
-        """Say that this can be read.
-
-        Returns
-        -------
-        bool
-        """
+        """Say that this can be read."""
         return True
 
     def close(self) -> None:
@@ -193,14 +183,6 @@ class TextStream(io.RawIOBase):
 
     def read(self, size: int = -1) -> bytes:
         """Read `size` bytes of UTF-8, fewer only at the end.
-
-        Parameters
-        ----------
-        size : int
-
-        Returns
-        -------
-        bytes
 
         Raises
         ------

@@ -27,14 +27,6 @@ _OPEN_FILES = "/proc/self/fd"
 def readable(path: str) -> os.stat_result:
     """Look at what is to be read, and refuse devices, which have no end.
 
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    os.stat_result
-
     Raises
     ------
     FormatError
@@ -53,13 +45,8 @@ def no_file(path: str, mode: int) -> FormatError:
 
     Parameters
     ----------
-    path : str
     mode : int
         As the system tells it.
-
-    Returns
-    -------
-    FormatError
     """
     kind = "a socket" if stat.S_ISSOCK(mode) else "a device"
     return FormatError(path, f"is {kind}, not a file", hint="give a file, a pipe, or - for standard input")
@@ -70,13 +57,8 @@ def read_short(path: str, most: int) -> bytes:
 
     Parameters
     ----------
-    path : str
     most : int
         Bytes: no more are read.
-
-    Returns
-    -------
-    bytes
 
     Raises
     ------
@@ -100,13 +82,8 @@ def piped(path: str, *, seconds: float | None = None) -> Iterator[bytes]:
 
     Parameters
     ----------
-    path : str
     seconds : float, optional
         All must have come by then.
-
-    Yields
-    ------
-    bytes
 
     Raises
     ------
@@ -151,10 +128,6 @@ def named(path: str, name: str | None = None) -> Iterator[str]:
         As from `kept`; one that leads to a file with a name is given back, unless `name` is another.
     name : str, optional
         One that nothing has.
-
-    Yields
-    ------
-    str
     """
     if name is None and not (path.startswith(_OPEN_FILES) and os.stat(path).st_nlink == 0):  # noqa: PTH116
         yield path
@@ -177,7 +150,6 @@ def kept(
     ----------
     label : str
         What it is, for messages.
-    blocks : iterable of bytes
     most : int, optional
         Bytes; as `limits.largest_copy` says if not given.
     stated : int, optional
@@ -185,7 +157,6 @@ def kept(
 
     Returns
     -------
-    file : binary file
     path : str
         Leads to the file as long as that is open in this process.
 
@@ -239,13 +210,8 @@ def too_large(label: str, most: int) -> CannotWriteError:
 
     Parameters
     ----------
-    label : str
     most : int
         Bytes.
-
-    Returns
-    -------
-    CannotWriteError
     """
     return CannotWriteError(
         label, f"is larger than the {most / 1e9:g} GB that are copied", hint="raise --largest"

@@ -67,10 +67,6 @@ def unpacked_limit(packed: int, most: int = CHUNK_BYTES) -> int:
         Bytes.
     most : int
         Never more than this.
-
-    Returns
-    -------
-    int
     """
     return min(most, max(UNPACKED_BYTES, UNPACKED_RATIO * packed))
 
@@ -82,10 +78,6 @@ def file_limit(packed: int) -> int:
     ----------
     packed : int
         Bytes of the file.
-
-    Returns
-    -------
-    int
     """
     return max(FILE_BYTES, UNPACKED_RATIO * packed)
 
@@ -104,10 +96,6 @@ class Allowance:
 
     def take(self, size: int) -> None:
         """Count the bytes of one more.
-
-        Parameters
-        ----------
-        size : int
 
         Raises
         ------

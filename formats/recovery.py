@@ -18,16 +18,7 @@ _BEGINNINGS = ("damaged: ", "salvaged: ", "lost: ")
 
 
 def told(remarks: Iterable[str]) -> list[str]:
-    """Return the remarks that tell what was saved and what was lost.
-
-    Parameters
-    ----------
-    remarks : iterable of str
-
-    Returns
-    -------
-    list of str
-    """
+    """Return the remarks that tell what was saved and what was lost."""
     return [remark for remark in remarks if remark.startswith(_BEGINNINGS)]
 
 
@@ -106,12 +97,7 @@ class Recovery:
         return sum((end - start) * NS for start, end in ends if start is not None and end is not None)
 
     def add(self, other: Recovery) -> None:
-        """Take in what was found in another file of the same log.
-
-        Parameters
-        ----------
-        other : Recovery
-        """
+        """Take in what was found in another file of the same log."""
         self.damage += other.damage
         self.checked = self.checked and other.checked
         known = self.expected is not None and other.expected is not None

@@ -57,10 +57,6 @@ class PageCell:
 class Pages:
     """The pages of a file.
 
-    Parameters
-    ----------
-    data : bytes-like
-
     Raises
     ------
     BrokenPageError
@@ -238,10 +234,6 @@ class Pages:
     def values(self, record: bytes) -> list[Value]:
         """Return the columns of a record.
 
-        Parameters
-        ----------
-        record : bytes
-
         Raises
         ------
         BrokenPageError
@@ -253,7 +245,6 @@ class Pages:
 
         Parameters
         ----------
-        record : bytes
         span : (int, int, int)
             From `layout`.
 

@@ -61,17 +61,7 @@ class InterruptedBatchError(TerrainError):
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Return "; did you mean …?" with the known name nearest to an unknown one, or nothing.
-
-    Parameters
-    ----------
-    name : str
-    known : iterable of str
-
-    Returns
-    -------
-    str
-    """
+    """Return "; did you mean …?" with the known name nearest to an unknown one, or nothing."""
     from difflib import get_close_matches
 
     close = get_close_matches(name, list(known), n=1)

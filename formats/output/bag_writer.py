@@ -41,7 +41,6 @@ class Topic:
 
     Parameters
     ----------
-    name : str
     type : str
         As ROS 2 names it: ``sensor_msgs/msg/JointState``.
     time : ndarray of int, shape (n,)
@@ -65,7 +64,6 @@ def write_bag(topics: Sequence[Topic], destination: str, kind: str) -> None:
 
     Parameters
     ----------
-    topics : sequence of Topic
     destination : str
         A file; for ROS 2 also a folder, if it ends in a slash: then with its metadata.yaml.
     kind : {"ros1", "mcap", "db3"}

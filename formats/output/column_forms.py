@@ -33,16 +33,7 @@ class Cells:
     values: NDArray[Any]
 
     def objects(self, rows: slice = slice(None)) -> list[Any]:
-        """Return cells as Python objects, None where empty.
-
-        Parameters
-        ----------
-        rows : slice
-
-        Returns
-        -------
-        list
-        """
+        """Return cells as Python objects, None where empty."""
         cells = self.values[rows].tolist()
         # NaN is what differs from itself.
         return [None if cell != cell else cell for cell in cells] if self.kind == "real" else cells  # noqa: PLR0124
@@ -53,14 +44,6 @@ Table: TypeAlias = dict[str, Cells]
 
 def normalise(columns: Mapping[str, Values]) -> Table:
     """Bring columns into one form.
-
-    Parameters
-    ----------
-    columns : mapping of str to sequence
-
-    Returns
-    -------
-    dict of str to Cells
 
     Raises
     ------

@@ -41,8 +41,6 @@ class Layer:
 
     Parameters
     ----------
-    name : str
-    table : dict of str to Cells
     graduated : sequence of str
         Columns of numbers that have a style each; QGIS shows the first unless asked for another.
     """
@@ -59,7 +57,6 @@ def write_geopackage(
 
     Parameters
     ----------
-    layers : sequence of Layer
     destination, path : str
         For messages, and where to write.
     crs : str or None

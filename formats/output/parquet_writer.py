@@ -35,7 +35,6 @@ def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry:
     ----------
     tables : iterable of dict of str to Cells
         At least one: parts of the table with the same columns, of which one is held at a time.
-    path : str
     crs : str or None
         None is a site frame, for which GeoParquet has ``null``.
     geometry : str
@@ -76,16 +75,7 @@ class Extent:
     high: tuple[float, float] | None = None
 
     def take(self, shape: WktShape) -> bytes:
-        """Take in a shape, and return its bytes.
-
-        Parameters
-        ----------
-        shape : WktShape
-
-        Returns
-        -------
-        bytes
-        """
+        """Take in a shape, and return its bytes."""
         self.kinds.add(f"{shape.kind}{' Z' if len(shape.points[0]) == 3 else ''}")
         x, y, *_ = zip(*shape.points, strict=True)
         self.low = _corner(min, self.low, (min(x), min(y)))
@@ -117,15 +107,6 @@ def geo_metadata(extent: Extent, crs: str | None) -> dict[str, Any]:
     """Describe a column of geometries, as GeoParquet 1.1 has it in the key ``geo``.
 
     See https://geoparquet.org/releases/v1.1.0/.
-
-    Parameters
-    ----------
-    extent : Extent
-    crs : str or None
-
-    Returns
-    -------
-    dict
     """
     column: dict[str, Any] = {
         "encoding": "WKB",

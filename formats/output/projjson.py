@@ -38,10 +38,6 @@ def projjson(crs: str) -> dict[str, Any]:
         As GDAL takes it. WGS 84, by any of its names, is OGC:CRS84: longitude before latitude,
         as the coordinates are.
 
-    Returns
-    -------
-    dict
-
     Raises
     ------
     FormatError

@@ -57,7 +57,6 @@ def qml(column: str, values: NDArray[np.float64], kind: Literal["Point", "LineSt
 
     Parameters
     ----------
-    column : str
     values : ndarray, shape (n,)
         What stands in it, for the classes.
     kind : {"Point", "LineString"}

@@ -14,16 +14,7 @@ SITE_FRAME = 'LOCAL_CS["Undefined Cartesian SRS",UNIT["metre",1]]'
 
 
 def is_wgs84(crs: str) -> bool:
-    """Tell whether GeoJSON means this system when it names none.
-
-    Parameters
-    ----------
-    crs : str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether GeoJSON means this system when it names none."""
     return crs.upper() in {"EPSG:4326", "OGC:CRS84", "CRS84", "WGS84"}
 
 
@@ -34,10 +25,6 @@ def urn(crs: str) -> str:
     ----------
     crs : str
         Such as "IAU_2015:49900"; definitions (WKT, PROJ) stand for themselves.
-
-    Returns
-    -------
-    str
     """
     code = re.fullmatch(r"([A-Za-z]+)(?:_(\d+))?:(\w+)", crs)
     return f"urn:ogc:def:crs:{code[1].upper()}:{code[2] or ''}:{code[3]}" if code else crs
@@ -75,15 +62,6 @@ def check_crs(crs: str | None) -> None:
 
 
 def unknown_crs(crs: str) -> FormatError:
-    """Say that GDAL does not know a reference system.
-
-    Parameters
-    ----------
-    crs : str
-
-    Returns
-    -------
-    FormatError
-    """
+    """Say that GDAL does not know a reference system."""
     hint = "for instance EPSG:4326 (Earth), IAU_2015:49900 (Mars), IAU_2015:30100 (Moon)"
     return FormatError(crs, "GDAL knows no such reference system", hint=hint)

@@ -32,8 +32,6 @@ def write_text(
 
     Parameters
     ----------
-    table : dict of str to Cells
-    stream : text stream
     kind : {"csv", "json", "geojson", "geojsonl", "geojsons"}
         The last two are sequences: one feature in each line, and with the separators of RFC 8142.
     crs : str or None

@@ -88,10 +88,6 @@ def replacing(path: str) -> Iterator[str]:
 def opened(path: str) -> int | None:
     """Tell which of the files that this process has open a path leads to, as /dev/stdout and /dev/fd/63 do.
 
-    Parameters
-    ----------
-    path : str
-
     Returns
     -------
     int or None
@@ -124,7 +120,6 @@ def check_free(path: str, *, replace: bool = False) -> None:
 
     Parameters
     ----------
-    path : str
     replace : bool
         A file may be there.
 
@@ -152,16 +147,7 @@ def check_free(path: str, *, replace: bool = False) -> None:
 
 
 def is_stream(path: str) -> bool:
-    """Tell whether a path names what this process has open, such as /dev/stdout: it is written as it is.
-
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a path names what this process has open, such as /dev/stdout: it is written as it is."""
     return path == "-" or opened(path) is not None
 
 
@@ -173,10 +159,6 @@ def explained(path: str) -> Iterator[None]:
     ----------
     path : str
         For the message.
-
-    Yields
-    ------
-    None
 
     Raises
     ------

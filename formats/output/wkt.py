@@ -30,12 +30,7 @@ class WktShape:
     points: tuple[tuple[float, ...], ...]
 
     def wkb(self) -> bytes:
-        """Return the shape as well-known binary (ISO 19125).
-
-        Returns
-        -------
-        bytes
-        """
+        """Return the shape as well-known binary (ISO 19125)."""
         size = len(self.points[0])
         code = (1 if self.kind == "Point" else 2) + 1000 * (size - 2)
         count = b"" if self.kind == "Point" else struct.pack("<I", len(self.points))
@@ -45,10 +40,6 @@ class WktShape:
 
 def parse(text: str | None) -> WktShape | None:
     """Read well-known text.
-
-    Parameters
-    ----------
-    text : str or None
 
     Returns
     -------

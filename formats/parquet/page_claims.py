@@ -61,7 +61,6 @@ def check_pages(file: str, leaves: Collection[int] | None = None) -> bool:
 
     Parameters
     ----------
-    file : str
     leaves : collection of int, optional
         Columns of a row group whose pages are looked at: those that will be read; all if not given.
 

@@ -101,12 +101,7 @@ class ParquetSource(Source):
         return STANDARD_INPUT if self.path == "-" else self.path
 
     def streams(self) -> tuple[Stream, ...]:
-        """Return the one table.
-
-        Returns
-        -------
-        tuple of Stream
-        """
+        """Return the one table."""
         fields = tuple(Field(name, kind) for name, kind in self._kinds.items())
         return (Stream(topic="", type="table", fields=fields, count=self._rows),)
 
@@ -117,13 +112,8 @@ class ParquetSource(Source):
         ----------
         topic : str
             Always "".
-        fields : sequence of str
         batch_rows : int
             Largest number of rows in one batch.
-
-        Yields
-        ------
-        dict of str to ndarray or Labels
 
         Raises
         ------

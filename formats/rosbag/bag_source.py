@@ -46,7 +46,6 @@ class BagSource(Source):
 
     Parameters
     ----------
-    path : str
     kind : {"ros1", "mcap", "db3"}
     salvage : bool
         Read what is left of a damaged one.
@@ -185,7 +184,6 @@ class BagSource(Source):
 
         Parameters
         ----------
-        topic : str
         fields : sequence of str
             Names from `Stream.fields`; elements of lists as ``effort[wheel_fl]`` or ``effort[2]``.
             A name among `Field.elements` is looked up in each message; digits are a place.
@@ -216,11 +214,9 @@ class BagSource(Source):
         ----------
         fields : mapping of str to sequence of str
             topic → names as for `read`.
-        batch_rows : int
 
         Yields
         ------
-        topic : str
         batch : dict of str to ndarray or Labels
             As from `read`, each topic in the order of its log times.
 
@@ -315,10 +311,6 @@ def open_bag(path: str, kind: str, *, salvage: bool = False) -> BagSource:
         By content, not by the ending of the name.
     salvage : bool
         Read what is left of a damaged one.
-
-    Returns
-    -------
-    BagSource
 
     Raises
     ------

@@ -28,7 +28,6 @@ def check(path: Path, kind: str, name: str, *, salvage: bool = False) -> None:
 
     Parameters
     ----------
-    path : Path
     kind : {"ros1", "mcap", "db3"}
     name : str
         What to call the file.

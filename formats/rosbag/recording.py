@@ -42,8 +42,6 @@ class Recording:
 
     Attributes
     ----------
-    files : list of Path
-    remarks, damage : list of str
     missing : bool
         Files are not there.
     compressed_messages : bool
@@ -69,16 +67,7 @@ class Recording:
                 self.files = self._unpack(stack)
 
     def name(self, file: Path) -> str:
-        """Return how messages name one of the files.
-
-        Parameters
-        ----------
-        file : Path
-
-        Returns
-        -------
-        str
-        """
+        """Return how messages name one of the files."""
         return (
             self.path if file == Path(self.path) else str(Path(self.path, self._names.get(file, file.name)))
         )

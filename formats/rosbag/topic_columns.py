@@ -34,11 +34,8 @@ class Reading:
     ----------
     path : str
         As the user named the bag.
-    stream : Stream
     decoders : mapping of int to Decoder
         By the place of the connection.
-    requests : sequence of FieldRequest
-    batch_rows : int
     """
 
     def __init__(
@@ -148,14 +145,8 @@ def nearest(name: str, choices: Iterable[str], what: str) -> str:
 
     Parameters
     ----------
-    name : str
-    choices : iterable of str
     what : str
         Of which kind they are.
-
-    Returns
-    -------
-    str
     """
     choices = list(choices)
     close = get_close_matches(name, choices, n=3, cutoff=0.5)

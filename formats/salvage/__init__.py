@@ -21,7 +21,6 @@ def salvaged(file: Path, kind: str) -> SalvagedFile:
 
     Parameters
     ----------
-    file : Path
     kind : {"ros1", "mcap", "db3"}
 
     Returns

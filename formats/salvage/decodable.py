@@ -39,17 +39,7 @@ class Decodable:
         remarks[:0] = self._told
 
     def only(self, runs: Iterable[Run], decoders: Mapping[int, Decoder]) -> Iterator[Run]:
-        """Leave out of each run what cannot be decoded.
-
-        Parameters
-        ----------
-        runs : iterable of dict
-        decoders : mapping of int to Decoder
-
-        Yields
-        ------
-        dict of int to Messages
-        """
+        """Leave out of each run what cannot be decoded."""
         for run in runs:
             kept = {place: self._kept(place, messages, decoders[place]) for place, messages in run.items()}
             yield {place: messages for place, messages in kept.items() if len(messages)}

@@ -26,7 +26,6 @@ class BagRecord:
 
     Parameters
     ----------
-    fields : dict of bytes to bytes
     begin, end : int
         Where its data begin, and end.
     """
@@ -55,15 +54,6 @@ class BagRecord:
 
 def read_record(data: Any, at: int) -> BagRecord:
     """Read the header of a record; its data may end beyond those that are there.
-
-    Parameters
-    ----------
-    data : bytes-like
-    at : int
-
-    Returns
-    -------
-    BagRecord
 
     Raises
     ------

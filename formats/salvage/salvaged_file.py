@@ -59,16 +59,10 @@ class Piece:
 class SalvagedFile(ABC):
     """What can be read of one file of a bag, as the readers of whole files give it.
 
-    Parameters
-    ----------
-    path : Path
-
     Attributes
     ----------
-    connections : list of Connection
     spans : dict of int to (int, int)
         First and last log time in ns of each connection, by its number.
-    recovery : Recovery
     """
 
     def __init__(self, path: Path) -> None:
@@ -123,10 +117,6 @@ class SalvagedFile(ABC):
         stored, size : int
             Bytes in the file, and those that the file says they become.
 
-        Returns
-        -------
-        bytes or str
-
         Raises
         ------
         TooMuchError
@@ -139,12 +129,7 @@ class SalvagedFile(ABC):
             return " ".join(str(error).split())[:120] or type(error).__name__
 
     def lose(self, damage: str) -> None:
-        """Note that something is lost here.
-
-        Parameters
-        ----------
-        damage : str
-        """
+        """Note that something is lost here."""
         if damage not in self.recovery.damage:
             self.recovery.damage.append(damage)
         if not self.walk or self.walk[-1] is not None:
@@ -265,10 +250,6 @@ def _parted(
 def joined(parts: Sequence[Messages]) -> Messages:
     """Join messages in one buffer that holds nothing else.
 
-    Parameters
-    ----------
-    parts : sequence of Messages
-
     Returns
     -------
     Messages
@@ -319,10 +300,6 @@ def agreed(told: Sequence[tuple[bool, Any]]) -> Any | None:
     ----------
     told : sequence of (bool, object)
         Whether a checksum vouches for it, and what is said.
-
-    Returns
-    -------
-    object or None
     """
     trusted = [what for vouched, what in told if vouched] or [what for _, what in told]
     return trusted[0] if all(what == trusted[0] for what in trusted) else None

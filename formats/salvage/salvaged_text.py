@@ -47,16 +47,7 @@ class SalvagedText(TextStream):
             raise DamagedError(path, f"{self.cut_short}, before anything can be unpacked") from error
 
     def read(self, size: int = -1) -> bytes:
-        """Read `size` bytes of UTF-8, fewer only at the end.
-
-        Parameters
-        ----------
-        size : int
-
-        Returns
-        -------
-        bytes
-        """
+        """Read `size` bytes of UTF-8, fewer only at the end."""
         size = size if size >= 0 else 1 << 20
         while not self._ended and len(self._held) < size + _HELD:
             data = super().read(size + _HELD - len(self._held))
@@ -71,7 +62,6 @@ class SalvagedText(TextStream):
 
         Parameters
         ----------
-        recovery : Recovery
         rows : int
             How many were read.
         following : int

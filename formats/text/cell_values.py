@@ -45,10 +45,6 @@ def number_pattern(decimal: str) -> str:
     ----------
     decimal : str
         "." or ",".
-
-    Returns
-    -------
-    str
     """
     return _NUMBER.replace("{point}", re.escape(decimal))
 
@@ -58,7 +54,6 @@ def kind_of(cells: Sequence[str], decimal: str) -> Kind | None:
 
     Parameters
     ----------
-    cells : sequence of str
     decimal : str
         "." or ",".
 
@@ -213,10 +208,6 @@ class Names:
         Parameters
         ----------
         cells : pyarrow.Array of string or of dictionary, shape (n,)
-
-        Returns
-        -------
-        Labels
         """
         import pyarrow.compute as pc
 

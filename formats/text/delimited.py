@@ -112,12 +112,7 @@ class DelimitedSource(Source):
         return STANDARD_INPUT if self.path == "-" else self.path
 
     def streams(self) -> tuple[Stream, ...]:
-        """Return the one table; its rows are counted once it has been read.
-
-        Returns
-        -------
-        tuple of Stream
-        """
+        """Return the one table; its rows are counted once it has been read."""
         fields = tuple(Field(name, kind) for name, kind in self._kinds.items() if name)
         return (Stream(topic="", type="table", fields=fields, count=self._count),)
 
@@ -128,13 +123,8 @@ class DelimitedSource(Source):
         ----------
         topic : str
             Always "".
-        fields : sequence of str
         batch_rows : int
             Largest number of rows in one batch.
-
-        Yields
-        ------
-        dict of str to ndarray or Labels
 
         Raises
         ------

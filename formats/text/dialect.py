@@ -28,7 +28,6 @@ class Dialect:
 
     Parameters
     ----------
-    delimiter, decimal : str
     names : tuple of str
         One for each field of a row; empty where the header names none.
     kinds : tuple
@@ -37,7 +36,6 @@ class Dialect:
         Number of the line on which the first row of data begins, from 1.
     offset : int
         Bytes of UTF-8 before the first row of data.
-    remarks : tuple of str
     """
 
     delimiter: str
@@ -60,10 +58,6 @@ def examine(path: str, head: str, *, whole: bool) -> Dialect:
         The beginning of the text.
     whole : bool
         Whether that is all of it.
-
-    Returns
-    -------
-    Dialect
 
     Raises
     ------
@@ -106,16 +100,7 @@ def examine(path: str, head: str, *, whole: bool) -> Dialect:
 
 
 def split_line(text: str, delimiter: str) -> list[str]:
-    """Split one row into its fields.
-
-    Parameters
-    ----------
-    text, delimiter : str
-
-    Returns
-    -------
-    list of str
-    """
+    """Split one row into its fields."""
     # The csv module refuses fields beyond 128 KiB.
     return next(csv.reader(io.StringIO(text[:100_000], newline=""), delimiter=delimiter), [])
 

@@ -11,10 +11,6 @@ _FORMULA = re.compile(r"'*(?:[=+\-@\uff1d\uff0b\uff0d\uff20].|[\t\r\n])", re.DOT
 def guarded(text: str | None) -> str | None:
     """Put an apostrophe before a text that a spreadsheet would run.
 
-    Parameters
-    ----------
-    text : str or None
-
     Returns
     -------
     str or None
@@ -24,14 +20,5 @@ def guarded(text: str | None) -> str | None:
 
 
 def unguarded(text: str) -> str:
-    """Take off the apostrophe that `guarded` puts before a text.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-    """
+    """Take off the apostrophe that `guarded` puts before a text."""
     return text[1:] if text.startswith("'") and _FORMULA.match(text[1:]) else text

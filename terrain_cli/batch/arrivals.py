@@ -34,10 +34,6 @@ class Arrivals:
             All that are there now.
         now : float, optional
             On the monotonic clock.
-
-        Returns
-        -------
-        list of Input
         """
         now = time.monotonic() if now is None else now
         found = []

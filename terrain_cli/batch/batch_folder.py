@@ -41,15 +41,12 @@ class Folder:
 
     Parameters
     ----------
-    path : str
     writable : bool
         Whether to make and lock the folder. Read only, it may be missing, and another process may
         be writing to it.
 
     Attributes
     ----------
-    path, state : Path
-    manifest : Manifest
     latest : dict of str to ManifestEntry
         The entry that holds, by location; in the order in which they were written.
     holders : dict of (str, str) to str
@@ -145,10 +142,6 @@ class Folder:
     def add(self, entry: ManifestEntry) -> None:
         """Write an entry of the manifest.
 
-        Parameters
-        ----------
-        entry : ManifestEntry
-
         Raises
         ------
         CannotWriteError
@@ -158,10 +151,6 @@ class Folder:
 
     def record(self, key: tuple[str, str]) -> bytes | None:
         """Return what was computed of a content under a configuration.
-
-        Parameters
-        ----------
-        key : (str, str)
 
         Returns
         -------
@@ -178,7 +167,6 @@ class Folder:
         ----------
         name : str
             Below the folder.
-        data : bytes
 
         Raises
         ------
@@ -188,10 +176,6 @@ class Folder:
 
     def publish(self, name: str) -> None:
         """Put a file that lies ready in `state` beside the manifest.
-
-        Parameters
-        ----------
-        name : str
 
         Raises
         ------
@@ -211,10 +195,6 @@ class Folder:
     def remove(self, name: str | None) -> None:
         """Remove a file that is not to be taken for a result any more.
 
-        Parameters
-        ----------
-        name : str or None
-
         Raises
         ------
         CannotWriteError
@@ -228,13 +208,8 @@ class Folder:
 
         Parameters
         ----------
-        entry : ManifestEntry
         name : str
             Where it belongs.
-
-        Returns
-        -------
-        bool
         """
         if entry.result != name:
             return False
@@ -245,16 +220,7 @@ class Folder:
         return status.st_size == entry.result_bytes
 
     def own(self, location: str) -> bool:
-        """Tell whether a file was written by a batch into this folder, and is no input.
-
-        Parameters
-        ----------
-        location : str
-
-        Returns
-        -------
-        bool
-        """
+        """Tell whether a file was written by a batch into this folder, and is no input."""
         return belongs(self._root, location)
 
 
@@ -267,10 +233,6 @@ def belongs(root: Path, file: str) -> bool:
         The folder, without links.
     file : str
         Links in its name are followed; what is at the end of one may belong there, or the link itself.
-
-    Returns
-    -------
-    bool
     """
     above, own = os.path.split(file)
     itself = Path(os.path.realpath(above), own)
@@ -286,16 +248,7 @@ def belongs(root: Path, file: str) -> bool:
 
 
 def is_batch(path: str) -> bool:
-    """Tell whether a batch has written into a folder.
-
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a batch has written into a folder."""
     return os.path.isfile(Path(path, STATE, _RECORDS))  # noqa: PTH113 - Path may raise
 
 
@@ -304,7 +257,6 @@ def result_name(location: str, kind: str) -> str:
 
     Parameters
     ----------
-    location : str
     kind : {"parquet", "csv"}
 
     Returns

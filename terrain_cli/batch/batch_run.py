@@ -44,7 +44,6 @@ class Order:
         Of the results.
     also : tuple of str
         Further kinds of the mission table.
-    jobs : int
     scheduler : str or None
         Of a Dask cluster, in place of processes here.
     timeout : float or None
@@ -53,7 +52,6 @@ class Order:
         Bytes that one worker may take.
     largest : int
         Bytes that are copied from a store at the most.
-    force, retry_failed, fail_fast : bool
     settle : float or None
         To go on taking what arrives: seconds for which an input must have stayed as it is.
     """
@@ -71,16 +69,7 @@ class Order:
     settle: float | None = None
 
     def wish(self, configuration: Configuration) -> decisions.Wish:
-        """Return what decides on what is to be done.
-
-        Parameters
-        ----------
-        configuration : Configuration
-
-        Returns
-        -------
-        Wish
-        """
+        """Return what decides on what is to be done."""
         return decisions.Wish(
             configuration=configuration.hash,
             twin=configuration.twin,
@@ -98,15 +87,8 @@ def preview(
 
     Parameters
     ----------
-    items : sequence of Input
     directory : str
         Of the batch; it need not be there.
-    configuration : Configuration
-    order : Order
-
-    Returns
-    -------
-    list of (str, Input)
     """
     with Folder(directory, writable=False) as folder:
         wish = order.wish(configuration)
@@ -134,14 +116,8 @@ def run(
         What it finds.
     directory : str
         Made if it is not there.
-    configuration : Configuration
-    order : Order
     report : callable
         Called several times a second with how far it is.
-
-    Returns
-    -------
-    Tally
 
     Raises
     ------

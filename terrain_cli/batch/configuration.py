@@ -30,13 +30,11 @@ class Configuration:
 
     Parameters
     ----------
-    rover : Rover
     settings : Settings
         As they were given.
     model : ModelFile or None
         The model that `settings` name, read once: a file that is changed during a batch changes
         nothing of it.
-    crs : str or None
     document : dict
         All that decides on the numbers, for JSON.
     """
@@ -66,16 +64,6 @@ class Configuration:
 
 def gather(rover: Rover, settings: Settings, crs: str | None) -> Configuration:
     """Read all that decides on the numbers.
-
-    Parameters
-    ----------
-    rover : Rover
-    settings : Settings
-    crs : str or None
-
-    Returns
-    -------
-    Configuration
 
     Raises
     ------
@@ -121,12 +109,7 @@ def _hash(document: dict[str, Any]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of this program and of what it computes with.
-
-    Returns
-    -------
-    dict of str to str
-    """
+    """Return the versions of this program and of what it computes with."""
     return {
         "terrain-est": __version__,
         "python": platform.python_version(),

@@ -81,17 +81,6 @@ class Keeper:
     first is done, and the others are marked as its duplicates: a candidate waits until the
     contents of all earlier ones of its size are known. A content that was computed before, under
     whatever name, is not computed again.
-
-    Parameters
-    ----------
-    folder : Folder
-    pool : Pool
-    job : Job
-    wish : Wish
-
-    Attributes
-    ----------
-    tally : Tally
     """
 
     def __init__(self, folder: Folder, pool: Pool, job: Job, wish: Wish) -> None:
@@ -110,10 +99,6 @@ class Keeper:
 
     def add(self, items: Iterable[Input]) -> None:
         """Take on inputs.
-
-        Parameters
-        ----------
-        items : iterable of Input
 
         Raises
         ------

@@ -101,13 +101,7 @@ class Cluster:
             raise self._gone() from None
 
     def submit(self, ticket: int, task: Task) -> None:
-        """Have a task done.
-
-        Parameters
-        ----------
-        ticket : int
-        task : Task
-        """
+        """Have a task done."""
         key = f"terrain-est-{self._run}-{ticket}"
         future = self._client.submit(run_apart, task, *self._limits, key=key, pure=False)
         self._tickets[future] = ticket
@@ -120,10 +114,6 @@ class Cluster:
         ----------
         seconds : float
             To wait at the most.
-
-        Returns
-        -------
-        list of (int, Reply)
 
         Raises
         ------
@@ -191,12 +181,7 @@ def _check_address(address: str) -> None:
 
 
 def tell_versions() -> dict[str, str]:
-    """Return the versions that must be the same everywhere: they give the numbers, or are sent.
-
-    Returns
-    -------
-    dict of str to str
-    """
+    """Return the versions that must be the same everywhere: they give the numbers, or are sent."""
     from importlib.metadata import version
 
     from terrain_cli.batch.configuration import versions
@@ -235,15 +220,10 @@ def run_apart(task: Task, timeout: float | None, memory: int | None) -> Reply:
 
     Parameters
     ----------
-    task : Task
     timeout : float or None
         Seconds.
     memory : int or None
         Bytes.
-
-    Returns
-    -------
-    Reply
     """
     child: Child | None = getattr(_of_thread, "child", None)
     if child is None or not child.alive or _of_thread.limits != (timeout, memory):

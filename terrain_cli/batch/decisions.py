@@ -24,7 +24,6 @@ class Wish:
         Hash of what decides on the numbers.
     twin : str
         That of the same but for --salvage, which makes no difference to a whole input.
-    salvage : bool
     kind : {"parquet", "csv"}
         Of the results.
     force : bool
@@ -43,12 +42,6 @@ class Wish:
 
 def reason(item: Input, folder: Folder, wish: Wish) -> str | None:
     """Say why something is to be done for an input.
-
-    Parameters
-    ----------
-    item : Input
-    folder : Folder
-    wish : Wish
 
     Returns
     -------
@@ -78,12 +71,6 @@ def reason(item: Input, folder: Folder, wish: Wish) -> str | None:
 def key(sha256: str, folder: Folder, wish: Wish) -> tuple[str, str]:
     """Return under which configuration a content is known, or else will be.
 
-    Parameters
-    ----------
-    sha256 : str
-    folder : Folder
-    wish : Wish
-
     Returns
     -------
     (str, str)
@@ -110,15 +97,5 @@ def _regardless(entry: ManifestEntry, wish: Wish) -> bool:
 
 
 def same(item: Input, entry: ManifestEntry) -> bool:
-    """Tell whether an input is what it was, without reading it.
-
-    Parameters
-    ----------
-    item : Input
-    entry : ManifestEntry
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether an input is what it was, without reading it."""
     return item.stamp is not None and (item.size, item.stamp) == (entry.size, entry.stamp)

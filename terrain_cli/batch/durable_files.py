@@ -41,16 +41,7 @@ def uninterrupted() -> Iterator[None]:
 
 
 def read_all(path: Path) -> bytes:
-    """Return what a file holds; nothing if it is not there.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    bytes
-    """
+    """Return what a file holds; nothing if it is not there."""
     with explained(str(path)):
         try:
             return path.read_bytes()
@@ -60,10 +51,6 @@ def read_all(path: Path) -> bytes:
 
 def lines(path: Path) -> Iterator[bytes]:
     """Read a file line by line; nothing if it is not there.
-
-    Parameters
-    ----------
-    path : Path
 
     Yields
     ------
@@ -80,13 +67,7 @@ def lines(path: Path) -> Iterator[bytes]:
 
 
 def write_all(descriptor: int, data: bytes) -> None:
-    """Write every byte: one call may write fewer.
-
-    Parameters
-    ----------
-    descriptor : int
-    data : bytes
-    """
+    """Write every byte: one call may write fewer."""
     view = memoryview(data)
     while view:
         view = view[os.write(descriptor, view) :]
@@ -101,7 +82,6 @@ def append(descriptor: int, size: int, data: bytes, path: str) -> int:
         Of a file opened to be added to.
     size : int
         Of the file now.
-    data : bytes
     path : str
         For the message.
 
@@ -130,10 +110,8 @@ def put(data: bytes, temporary: Path, target: Path) -> None:
 
     Parameters
     ----------
-    data : bytes
     temporary : Path
         On the same disk; overwritten, and gone afterwards.
-    target : Path
 
     Raises
     ------
@@ -156,10 +134,6 @@ def put(data: bytes, temporary: Path, target: Path) -> None:
 def place(temporary: Path, target: Path) -> None:
     """Put a file that is complete where it belongs.
 
-    Parameters
-    ----------
-    temporary, target : Path
-
     Raises
     ------
     CannotWriteError
@@ -171,10 +145,6 @@ def place(temporary: Path, target: Path) -> None:
 
 def remove(path: Path) -> None:
     """Remove a file that may be there.
-
-    Parameters
-    ----------
-    path : Path
 
     Raises
     ------

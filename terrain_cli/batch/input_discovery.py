@@ -58,16 +58,7 @@ def _discover(name: str) -> list[Input]:
 
 
 def local(path: str) -> Input:
-    """Look at a file or folder.
-
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    Input
-    """
+    """Look at a file or folder."""
     # Not resolved: a link to today's log is an input of its own.
     location = os.path.abspath(path)  # noqa: PTH100
     label = shown(os.path.normpath(path))
@@ -110,14 +101,6 @@ def _files(folder: str) -> Iterator[str]:
 def content_hash(path: str) -> str:
     """Return the hash of what a file holds, or of the files of a folder and their names in it.
 
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    str
-
     Raises
     ------
     NotFoundError, FormatError
@@ -144,10 +127,6 @@ def _of_file(path: str) -> str:
 
 def check_unchanged(item: Input) -> None:
     """Make sure that an input is still what it was when it was found.
-
-    Parameters
-    ----------
-    item : Input
 
     Raises
     ------

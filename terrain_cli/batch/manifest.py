@@ -42,12 +42,10 @@ class ManifestEntry:
     status : {"ok", "failed", "duplicate"}
     duplicate_of : str or None
         The path of the input with the same content.
-    error_class, error, hint : str or None
     exit_code : int or None
         What `terrain-est estimate` would have ended with; None of a duplicate.
     passing : bool
         The error may be gone next time: a worker was killed or hung, memory or a disk was short.
-    samples, set_aside, segments : int or None
     recovered : float or None
         Share that --salvage read of a damaged input; None where nothing tells, and of whole ones.
     recovered_of : str or None
@@ -58,7 +56,6 @@ class ManifestEntry:
         Spent on it by the worker.
     result : str or None
         Its result file, below the folder of the batch.
-    result_bytes : int or None
     record : tuple of (int, int, str) or None
         Where the rows of the mission table are kept: offset, bytes and hash.
     finished : str
@@ -92,12 +89,7 @@ class ManifestEntry:
     finished: str = ""
 
     def line(self) -> bytes:
-        """Return the line of the manifest, with its end.
-
-        Returns
-        -------
-        bytes
-        """
+        """Return the line of the manifest, with its end."""
         try:
             return json.dumps(asdict(self), ensure_ascii=False, allow_nan=False).encode() + b"\n"
         except UnicodeEncodeError:
@@ -112,10 +104,6 @@ _NEEDED = frozenset({"path", "location", "size", "stamp", "sha256", "configurati
 
 def parse(line: bytes) -> ManifestEntry | None:
     """Read a line of the manifest.
-
-    Parameters
-    ----------
-    line : bytes
 
     Returns
     -------
@@ -144,7 +132,6 @@ class Manifest:
 
     Parameters
     ----------
-    path : Path
     writable : bool
         Whether to mend a last line that a kill cut off, and to add entries.
 
@@ -183,10 +170,6 @@ class Manifest:
 
     def add(self, entry: ManifestEntry) -> None:
         """Write an entry, so that it outlasts a loss of power.
-
-        Parameters
-        ----------
-        entry : ManifestEntry
 
         Raises
         ------

@@ -35,7 +35,6 @@ class Records:
 
     Parameters
     ----------
-    path : Path
     end : int, optional
         Where the last record ends that the manifest knows; what follows is forgotten. Only to
         be read if not given.
@@ -54,14 +53,6 @@ class Records:
     def add(self, record: bytes) -> Pointer:
         """Add a record, so that it outlasts a loss of power.
 
-        Parameters
-        ----------
-        record : bytes
-
-        Returns
-        -------
-        (int, int, str)
-
         Raises
         ------
         CannotWriteError
@@ -73,10 +64,6 @@ class Records:
 
     def read(self, pointer: Pointer) -> bytes | None:
         """Return a record.
-
-        Parameters
-        ----------
-        pointer : (int, int, str)
 
         Returns
         -------
@@ -114,10 +101,6 @@ def encode(table: Table, estimates: WindowEstimates, account: dict[str, Any]) ->
         Behind its rows.
     account : dict
         From `pipeline.run`.
-
-    Returns
-    -------
-    bytes
     """
     import pyarrow as pa
 
@@ -141,15 +124,8 @@ def decode(record: bytes, path: str) -> tuple[Table, WindowEstimates, dict[str, 
 
     Parameters
     ----------
-    record : bytes
     path : str
         The source that its rows are given.
-
-    Returns
-    -------
-    table : dict
-    estimates : WindowEstimates
-    account : dict
     """
     import pyarrow as pa
 

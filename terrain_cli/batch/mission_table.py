@@ -42,7 +42,6 @@ class MissionPart:
     ----------
     path : str
         The first of its names.
-    record : (int, int, str)
     configuration : str
         It was computed with.
     """
@@ -53,16 +52,7 @@ class MissionPart:
 
 
 def parts(folder: Folder) -> list[MissionPart]:
-    """Return what the mission consists of, in the order of the names.
-
-    Parameters
-    ----------
-    folder : Folder
-
-    Returns
-    -------
-    list of MissionPart
-    """
+    """Return what the mission consists of, in the order of the names."""
     found = []
     for sha256, entries in _by_content(folder).items():
         # A content done with several options counts once, with those of its last result.
@@ -84,16 +74,7 @@ def _by_content(folder: Folder) -> dict[str, list[ManifestEntry]]:
 
 
 def account(folder: Folder) -> dict[str, Any]:
-    """Return what the summary says of the inputs that gave no rows.
-
-    Parameters
-    ----------
-    folder : Folder
-
-    Returns
-    -------
-    dict
-    """
+    """Return what the summary says of the inputs that gave no rows."""
     entries = sorted(folder.latest.values(), key=_order)
     # By name, not by who came first: that may differ from one run to the next.
     named = [sorted(same, key=_order) for same in _by_content(folder).values()]
@@ -133,11 +114,8 @@ class Assemble:
     ----------
     folder : str
         Of the batch.
-    parts : sequence of MissionPart
     account : dict
         From `account`.
-    settings : Settings
-    crs : str or None
     kinds : sequence of str
         Of the table: "parquet" and others that `formats.output_kind` knows.
     """

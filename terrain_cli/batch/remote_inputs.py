@@ -24,16 +24,7 @@ _BLOCK = 1 << 20
 
 
 def is_address(name: str) -> bool:
-    """Tell the address of a store from the name of a file.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell the address of a store from the name of a file."""
     return _ADDRESS.match(name) is not None
 
 
@@ -76,16 +67,7 @@ def discover(name: str) -> list[Input]:
 
 
 def look(address: str) -> Input:
-    """Look at an object.
-
-    Parameters
-    ----------
-    address : str
-
-    Returns
-    -------
-    Input
-    """
+    """Look at an object."""
     return _look(_open(address)[0], address)
 
 
@@ -105,7 +87,6 @@ def copied(item: Input, largest: int) -> Iterator[str]:
 
     Parameters
     ----------
-    item : Input
     largest : int
         Bytes at the most; nothing that a store says is believed.
 

@@ -99,12 +99,7 @@ class Child:
         return self._deadline
 
     def begin(self, task: Task) -> None:
-        """Send a task to a process that is ready.
-
-        Parameters
-        ----------
-        task : Task
-        """
+        """Send a task to a process that is ready."""
         self.ready = False
         self._started = time.monotonic()
         self._seconds = _PATIENCE if self._timeout is None else self._timeout
@@ -227,10 +222,8 @@ def serve(link: socket.socket, parent: int, memory: int | None) -> None:
 
     Parameters
     ----------
-    link : socket
     parent : int
         Number of the process that started this one.
-    memory : int or None
     """
     _die_with(parent)
     if memory is not None:

@@ -40,7 +40,6 @@ class LocalPool:
 
     Parameters
     ----------
-    jobs : int
     timeout : float or None
         Seconds that one task may take.
     memory : int or None
@@ -64,13 +63,7 @@ class LocalPool:
         return [child.pid for child in (*self._idle, *self._busy)]
 
     def submit(self, ticket: int, task: Task) -> None:
-        """Have a task done.
-
-        Parameters
-        ----------
-        ticket : int
-        task : Task
-        """
+        """Have a task done."""
         while self._idle:
             child = self._idle.pop()
             if child.alive:
@@ -88,10 +81,6 @@ class LocalPool:
         ----------
         seconds : float
             To wait at the most.
-
-        Returns
-        -------
-        list of (int, Reply)
         """
         now = time.monotonic()
         patience = min([seconds, *(max(child.deadline - now, 0.0) for child in self._busy)])

@@ -29,7 +29,6 @@ class Failure:
 
     Parameters
     ----------
-    error_class, error, hint : str
     exit_code : int
         What `terrain-est estimate` would have ended with.
     passing : bool
@@ -51,7 +50,6 @@ class Reply:
     ----------
     sha256 : str or None
         Hash of the content, as far as it was read.
-    failure : Failure or None
     result, record : bytes
         The file of the result, and the record for the mission table.
     samples, set_aside, segments, recovered, recovered_of, warnings, seconds
@@ -100,10 +98,8 @@ class Job:
 
     Parameters
     ----------
-    rover : Rover
     settings : Settings
         With the model itself, which a worker need not find.
-    crs : str or None
     kind : {"parquet", "csv"}
         Of the results.
     largest : int
@@ -193,17 +189,7 @@ class Restore:
 
 
 def as_file(table: Table, job: Job) -> bytes:
-    """Return the bytes of the file that `terrain-est estimate -o` would write.
-
-    Parameters
-    ----------
-    table : dict
-    job : Job
-
-    Returns
-    -------
-    bytes
-    """
+    """Return the bytes of the file that `terrain-est estimate -o` would write."""
     import formats
     from terrain_cli.presentation import segment_table
 
@@ -219,13 +205,8 @@ def opened(item: Input, largest: int) -> Iterator[str]:
 
     Parameters
     ----------
-    item : Input
     largest : int
         Bytes that are copied from a store at the most.
-
-    Yields
-    ------
-    str
 
     Raises
     ------
@@ -265,13 +246,8 @@ def failure(error: BaseException, path: str = "", label: str = "") -> Failure:
 
     Parameters
     ----------
-    error : BaseException
     path, label : str
         Where the worker read the input, and how people name it.
-
-    Returns
-    -------
-    Failure
     """
     name = type(error).__name__
     if _memory_was_short(error):

@@ -18,12 +18,7 @@ _ON_TERMINAL, _IN_FILE = 0.2, 10.0
 
 
 class Rate:
-    """Shows the state of a batch: on a terminal in one line, in a file now and then in a new one.
-
-    Parameters
-    ----------
-    enabled : bool
-    """
+    """Shows the state of a batch: on a terminal in one line, in a file now and then in a new one."""
 
     def __init__(self, *, enabled: bool = True) -> None:
         self._enabled = enabled
@@ -39,12 +34,7 @@ class Rate:
         return time.monotonic() - self._started
 
     def show(self, tally: Tally) -> None:
-        """Show the state, if it is time to.
-
-        Parameters
-        ----------
-        tally : Tally
-        """
+        """Show the state, if it is time to."""
         self.tally = tally
         now = time.monotonic()
         if not self._enabled or now < self._next or tally.done == tally.total:
@@ -68,13 +58,8 @@ def line(tally: Tally, seconds: float) -> str:
 
     Parameters
     ----------
-    tally : Tally
     seconds : float
         Since its start.
-
-    Returns
-    -------
-    str
     """
     parts = [f"{tally.done}/{tally.total} inputs", f"{seconds:.0f} s"]
     if tally.done:
@@ -88,16 +73,7 @@ def line(tally: Tally, seconds: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a time as people say it.
-
-    Parameters
-    ----------
-    seconds : float
-
-    Returns
-    -------
-    str
-    """
+    """Return a time as people say it."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     if seconds < 5400:

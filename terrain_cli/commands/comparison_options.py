@@ -57,8 +57,6 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
     ----------
     context : click.Context
         Of a verb with `cutting`, inputs, --rover and --wheel.
-    model : sequence of ModelFile
-    progress : Progress
 
     Returns
     -------
@@ -143,16 +141,8 @@ def compared(
 
     Parameters
     ----------
-    cut : sequence of Windows
-    file : ModelFile
-    seed : int
-    progress : Progress
     like : Comparison, optional
         Of another model with the same windows, whose blocks are taken.
-
-    Returns
-    -------
-    Comparison
     """
     from dataclasses import replace
 

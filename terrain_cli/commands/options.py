@@ -157,10 +157,6 @@ verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr wher
 def jobs(told: str) -> Callable[[F], F]:
     """Return the option --jobs, with what it does told in the help.
 
-    Parameters
-    ----------
-    told : str
-
     Returns
     -------
     function
@@ -177,16 +173,7 @@ _ESTIMATION = (
 
 
 def estimation(command: F) -> F:
-    """Give a command every option that decides on the numbers of an estimate.
-
-    Parameters
-    ----------
-    command : function
-
-    Returns
-    -------
-    function
-    """
+    """Give a command every option that decides on the numbers of an estimate."""
     for option in reversed(_ESTIMATION):
         command = option(command)
     return command
@@ -199,10 +186,6 @@ def settings(given: Mapping[str, Any]) -> Settings:
     ----------
     given : mapping of str to value
         The parameters of the command.
-
-    Returns
-    -------
-    Settings
 
     Raises
     ------
@@ -251,11 +234,6 @@ def load_rover(path: str | None, inputs: Sequence[str]) -> Rover:
     ----------
     path : str or None
         What ``--rover`` names.
-    inputs : sequence of str
-
-    Returns
-    -------
-    Rover
     """
     from terrain_cli import rover as rovers
 
@@ -267,7 +245,6 @@ def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
 
     Parameters
     ----------
-    context : click.Context
     settings : mapping of str to value
         Long options without dashes, from the table of the verb in rover.toml.
 

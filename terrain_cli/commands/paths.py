@@ -238,10 +238,6 @@ def check(context: click.Context) -> None:
 
     A command that fills in names which nobody gave calls this again.
 
-    Parameters
-    ----------
-    context : click.Context
-
     Raises
     ------
     UsageError

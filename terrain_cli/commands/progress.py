@@ -28,7 +28,6 @@ class Progress:
     ----------
     total : int
         Number of inputs.
-    enabled : bool
     """
 
     def __init__(self, total: int, *, enabled: bool = True) -> None:
@@ -59,12 +58,7 @@ class Progress:
             wipe()
 
     def say(self, path: str, step: str) -> None:
-        """Set what is being done.
-
-        Parameters
-        ----------
-        path, step : str
-        """
+        """Set what is being done."""
         self._text = f"{path}  {step}"
 
     def advance(self) -> None:
@@ -96,12 +90,7 @@ class Progress:
 
 
 def draw(line: str) -> None:
-    """Write over the line on the terminal, with spaces in place of escape codes.
-
-    Parameters
-    ----------
-    line : str
-    """
+    """Write over the line on the terminal, with spaces in place of escape codes."""
     _write("\r" + over(in_line(line)))
 
 
@@ -117,15 +106,6 @@ def wipe() -> None:
 
 
 def over(line: str) -> str:
-    """Cut or fill a line to the width of the terminal.
-
-    Parameters
-    ----------
-    line : str
-
-    Returns
-    -------
-    str
-    """
+    """Cut or fill a line to the width of the terminal."""
     width = shutil.get_terminal_size().columns - 1
     return line[:width].ljust(width)

@@ -42,11 +42,6 @@ class MaxTest:
 def webb_weights(draws: int, blocks: int, rng: np.random.Generator) -> Array:
     """Draw Webb's six-point weights.
 
-    Parameters
-    ----------
-    draws, blocks : int
-    rng : numpy.random.Generator
-
     Returns
     -------
     ndarray, shape (draws, blocks)
@@ -71,15 +66,9 @@ def max_test(
     shrunk : float
         Standard deviation of the residuals behind the scores over that of the noise: a fit takes its
         share of them block by block, but nothing off a score's sum.
-    draws : int
-    seed : int
     chance : ndarray, shape (blocks, m), optional
         Scores of what is left when the strongest effect is taken off: what chance would give, where
         something that is missing would pass for chance in the scores themselves.
-
-    Returns
-    -------
-    MaxTest
     """
     blocks, count = scores.shape
     noise = scores if chance is None else chance
@@ -114,8 +103,6 @@ def resample(sums: Array, statistic: Callable[[Array], Array], *, draws: int = D
         What each block adds to the sums of which the statistic is made.
     statistic : callable
         From sums of shape (draws, m) to values of shape (draws,).
-    draws : int
-    seed : int
 
     Returns
     -------

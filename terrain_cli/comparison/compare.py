@@ -79,10 +79,8 @@ def compare(
     ----------
     wheels : sequence of Windows
         With usable samples.
-    model : Model
     fixed : mapping of str to float, optional
         Parameters held; the others are fitted.
-    priors : mapping of str to Prior, optional
     shared : collection of str
         Parameters of the soil with one value for all windows of a wheel.
     noise : Noise, optional
@@ -94,10 +92,6 @@ def compare(
         Of the bootstraps.
     progress : callable
         Called with the name of each step before it begins.
-
-    Returns
-    -------
-    Comparison
 
     Raises
     ------
@@ -123,16 +117,11 @@ def fit_wheels(
 
     Parameters
     ----------
-    wheels : sequence of Windows
-    model : Model
-    settings : FitSettings
     further : collection of str
         Channels that are kept although the model does not read them.
-    progress : callable
 
     Returns
     -------
-    list of FittedWheel
     list of str
         What has to be said about it.
     """
@@ -166,10 +155,6 @@ def of_fitted(
         As for `compare`.
     warnings : sequence of str
         Those that come before its own.
-
-    Returns
-    -------
-    Comparison
     """
     model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]

@@ -101,15 +101,8 @@ class WheelComparison:
 
     Parameters
     ----------
-    source, wheel : str
-    samples : Samples
-    windows : Windows
-    fit : Fit
-    model : Model
     series : dict of str to Series
         By channel.
-    errors : dict of str to ChannelErrors
-    drivers : dict of str to Driver
     blocks : ndarray of int, shape (n,)
         Block of each usable sample, counted over all wheels.
     """
@@ -186,7 +179,6 @@ class Difference:
         Values with the two models.
     difference, low, high : float
         Second less first, with a 95 % interval.
-    se : float
     moved : bool
         By more than three standard errors.
     """
@@ -211,12 +203,10 @@ class Comparison:
     ----------
     model : dict
         "base" and "effects".
-    wheels : list of WheelComparison
     channels : dict of str to ChannelErrors
         Over all wheels.
     failures : list of Finding
         The strongest first.
-    warnings : list of str
     """
 
     model: dict[str, Any]

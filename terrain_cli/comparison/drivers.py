@@ -32,10 +32,6 @@ PARTS = frozenset({"segment"})
 def of_wheel(windows: Windows) -> dict[str, Driver]:
     """Collect the drivers of a wheel's usable samples.
 
-    Parameters
-    ----------
-    windows : Windows
-
     Returns
     -------
     dict of str to Driver

@@ -48,8 +48,6 @@ def of(
 
     Parameters
     ----------
-    channel : str
-    shape : Shape
     amplitude : float
         Measured less predicted, SI.
     label : str
@@ -60,10 +58,6 @@ def of(
         SI unit of the driver.
     seen : float
         Part of the amplitude that shows in the residuals.
-
-    Returns
-    -------
-    str
     """
     name, shown, factor = _CHANNELS[channel]
     size = f"{_number(abs(amplitude) * factor)} {shown}"
@@ -101,29 +95,15 @@ def missed(channel: str, error: float) -> str:
 
     Parameters
     ----------
-    channel : str
     error : float
         Held out, root mean square, SI.
-
-    Returns
-    -------
-    str
     """
     name, shown, factor = _CHANNELS[channel]
     return f"the held-out error of {name} is {_number(error * factor)} {shown}"
 
 
 def named(driver: str) -> str:
-    """Return what a driver is called.
-
-    Parameters
-    ----------
-    driver : str
-
-    Returns
-    -------
-    str
-    """
+    """Return what a driver is called."""
     return _NAMES.get(driver, driver.replace("_", " "))
 
 
@@ -146,7 +126,6 @@ def beyond_noise(comparison: Comparison, times: float = ABOVE) -> str:
 
     Parameters
     ----------
-    comparison : Comparison
     times : float
         The noise, from which on it is.
 

@@ -48,7 +48,6 @@ class Residuals:
 
     Parameters
     ----------
-    wheels : sequence of FittedWheel
     block : sequence of ndarray of int
         Block of each usable sample of each wheel.
     scale : mapping of str to float
@@ -164,12 +163,7 @@ class Residuals:
         return tuple(sorted({*shapes.HARMONICS, *counts}))
 
     def search(self) -> Search:
-        """Set up the search.
-
-        Returns
-        -------
-        Search
-        """
+        """Set up the search."""
         count = 1 + max(int(one.block.max(initial=-1)) for one in self.evidence)
         return Search(
             self.evidence,
@@ -201,11 +195,6 @@ class Residuals:
         ----------
         noise : mapping of str to float
             Channel → standard deviation of its noise.
-        seed : int
-
-        Returns
-        -------
-        list of Finding
         """
         search = self.search()
         # What a change of the soil takes off is no misfit of the model.

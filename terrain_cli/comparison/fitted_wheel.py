@@ -70,7 +70,6 @@ class FitSettings:
     ----------
     fixed : mapping of str to float or array_like
         Parameters held; the others are sought.
-    priors : mapping of str to Prior
     shared : collection of str
         Parameters of the soil with one value for all windows of a wheel.
     noise : Noise or None
@@ -88,9 +87,6 @@ class FittedWheel:
 
     Parameters
     ----------
-    windows : Windows
-    model : Model
-    settings : FitSettings
     segment : ndarray of int, shape (n,), optional
         Segment of each usable sample, where the windows are no segments but join several.
     further : collection of str
@@ -219,10 +215,6 @@ class FittedWheel:
         ----------
         white : Whitening, optional
             Of what is left; what changes from sample to sample in the channels if not given.
-
-        Returns
-        -------
-        quiet.Data
         """
         known, use = smoothed_channels.without_noise(
             self.record, self.quiet(smoothed_channels.GAP), load_tells_sinkage=self.model.base == "wong-reece"
@@ -253,13 +245,7 @@ class FittedWheel:
         return whitening.Whitening(found.channels, np.diag(np.square(known)))
 
     def take(self, solution: smoothed_fit.Solution, data: smoothed_model.SmoothedData) -> None:
-        """Replace what was fitted.
-
-        Parameters
-        ----------
-        solution : least_squares.Solution
-        data : quiet.Data
-        """
+        """Replace what was fitted."""
         self._forget()
         self.fit = smoothed_covariance.as_fit(data, solution, self.fit)
         self.parameters.update(smoothed_covariance.parameters(solution))
@@ -302,13 +288,7 @@ class FittedWheel:
         return self._joined(1)
 
     def on_common_soil(self) -> tuple[FittedWheel, Index] | None:
-        """Return the same, of evenly thinned samples if they are many.
-
-        Returns
-        -------
-        wheel : FittedWheel
-        order : ndarray of int
-        """
+        """Return the same, of evenly thinned samples if they are many."""
         step = max(1, -(-len(self) // _MOST_COMMON))
         return self.one_soil if step == 1 else self._joined(step)
 
@@ -320,16 +300,7 @@ class FittedWheel:
         return FittedWheel(joined, self.model, self.settings, self.segment[order], self.further), order
 
     def of_samples(self, rows: Index | slice = slice(None)) -> dict[str, Array]:
-        """Return the parameters of some usable samples.
-
-        Parameters
-        ----------
-        rows : ndarray of int or slice
-
-        Returns
-        -------
-        dict of str to ndarray
-        """
+        """Return the parameters of some usable samples."""
         window = self.window[rows]
         return {name: column[window] for name, column in self.parameters.items()}
 
@@ -422,7 +393,6 @@ class FittedWheel:
         ----------
         gap : int
             Samples left out on either side.
-        rows : ndarray of int
 
         Returns
         -------

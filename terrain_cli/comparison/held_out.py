@@ -63,7 +63,6 @@ def predict(
 
     Parameters
     ----------
-    wheel : FittedWheel
     block : ndarray of int, shape (n,)
     scale : dict of str to float
         Channel → standard deviation that weighs its residuals.

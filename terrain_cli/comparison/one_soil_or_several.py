@@ -36,11 +36,9 @@ def as_few_as_predict(
     ----------
     wheels : sequence of FittedWheel
         Fitted.
-    progress : callable
 
     Returns
     -------
-    list of FittedWheel
     list of str
         What has to be said about it.
     """

@@ -25,17 +25,7 @@ _SLAB = 65_536
 
 
 def compared(model: Model, channels: Mapping[str, Array]) -> tuple[str, ...]:
-    """List the channels that are measured and that a model predicts from the others.
-
-    Parameters
-    ----------
-    model : Model
-    channels : mapping of str to ndarray
-
-    Returns
-    -------
-    tuple of str
-    """
+    """List the channels that are measured and that a model predicts from the others."""
     there = [name for name in ("torque", "drawbar_pull") if _known(channels, name)]
     if model.base == "wong-reece" and _known(channels, "sinkage") and _known(channels, "load"):
         there.append("sinkage")
@@ -60,8 +50,6 @@ def values(
 
     Parameters
     ----------
-    model : Model
-    wheel : WheelGeometry
     channels : mapping of str to ndarray, shape (n,)
         As measured, SI units; NaN where not known.
     parameters : callable

@@ -51,7 +51,6 @@ class ResidualEvidence:
     ----------
     residuals : dict of str to ndarray, shape (n,)
         Channel → measured less predicted; NaN where one of them is not known.
-    slopes : dict of str to Slopes
     drivers : dict of str to ndarray, shape (n,)
         Labels by their codes; NaN where not known.
     group, block : ndarray of int, shape (n,)
@@ -69,12 +68,6 @@ class ResidualEvidence:
 
     def terms(self, channel: str, shapes: Sequence[Shape], rows: slice) -> Array:
         """Evaluate the terms of a channel: derivatives by the common parameters, then shapes.
-
-        Parameters
-        ----------
-        channel : str
-        shapes : sequence of Shape
-        rows : slice
 
         Returns
         -------
@@ -97,15 +90,8 @@ class ResidualEvidence:
 
         Parameters
         ----------
-        channel : str
-        shapes : sequence of Shape
         columns : ndarray of int
             Places of the terms among those of all channels.
-        weight : float
-
-        Yields
-        ------
-        ScoreCell
         """
         residual = self.residuals.get(channel)
         if residual is None or len(self) == 0:
@@ -137,8 +123,6 @@ class ResidualEvidence:
 
         Parameters
         ----------
-        channel : str
-        shapes : sequence of Shape
         coefficients : ndarray, shape (m + shapes,)
         soil : ndarray, shape (groups, q)
 

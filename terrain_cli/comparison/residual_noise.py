@@ -56,10 +56,6 @@ def of_series(residual: Array, group: Index) -> NoiseLevel:
         NaN where not known.
     group : ndarray of int, shape (n,)
         Differences are not taken across groups, which are contiguous.
-
-    Returns
-    -------
-    NoiseLevel
     """
     from scipy.optimize import nnls
 
@@ -192,10 +188,6 @@ def between(group: Index, drivers: Array) -> Between:
         Points of different groups are no neighbours.
     drivers : ndarray, shape (n, d)
         As for `of_points`.
-
-    Returns
-    -------
-    Between
     """
     line = np.asarray(group, dtype=np.intp)
     for column in drivers.T[1:]:

@@ -59,8 +59,6 @@ class Found:
 
     Parameters
     ----------
-    term : Term
-    p_value : float
     coefficient : float
         Of the term, fitted together with the model's parameters; of a periodic one of its cosine.
     other : float
@@ -84,7 +82,6 @@ class Search:
 
     Parameters
     ----------
-    wheels : sequence of ResidualEvidence
     shapes : mapping of str to sequence of Shape
         Channel → shapes tested in it.
     scale : mapping of str to float
@@ -137,10 +134,6 @@ class Search:
         ----------
         chosen : sequence of int
             Places among all terms.
-
-        Returns
-        -------
-        FittedTerms
         """
         fitted = self.system.fit([*range(self.common), *chosen], self._cells())
         coefficients = np.zeros(self.common + len(self.terms))
@@ -179,7 +172,6 @@ class Search:
             Channel → samples.
         taken : collection of (str, str)
             Channels and drivers whose terms are fitted from the start, and not looked for.
-        level : float
         draws, seed : int
             Of the bootstrap.
 

@@ -31,7 +31,6 @@ class ScoreCell:
 
     Parameters
     ----------
-    group, block : int
     columns : ndarray of int, shape (m,)
         Places of `terms` among all terms.
     weight : float
@@ -93,10 +92,6 @@ class System:
     def add(self, cells: Iterable[ScoreCell]) -> System:
         """Collect the moments of all samples and eliminate the groups' own parameters.
 
-        Parameters
-        ----------
-        cells : iterable of ScoreCell
-
         Returns
         -------
         System
@@ -117,10 +112,6 @@ class System:
     def scores(self, cells: Iterable[ScoreCell]) -> Array:
         """Return the scores of every block and term.
 
-        Parameters
-        ----------
-        cells : iterable of ScoreCell
-
         Returns
         -------
         ndarray, shape (blocks, terms)
@@ -137,7 +128,6 @@ class System:
 
         Parameters
         ----------
-        terms : sequence of int
         scores : ndarray, shape (blocks, terms)
 
         Returns
@@ -167,17 +157,7 @@ class System:
         return np.asarray(np.diag(cross) / np.where(self._squares > 0.0, self._squares, np.inf))
 
     def fit(self, terms: Sequence[int], cells: Iterable[ScoreCell]) -> FittedTerms:
-        """Fit some terms and every group's own parameters to the residual together.
-
-        Parameters
-        ----------
-        terms : sequence of int
-        cells : iterable of ScoreCell
-
-        Returns
-        -------
-        FittedTerms
-        """
+        """Fit some terms and every group's own parameters to the residual together."""
         chosen = np.asarray(terms, dtype=np.intp)
         own, score = np.zeros(self._soil.shape[:2]), np.zeros(len(self._squares))
         for cell in cells:

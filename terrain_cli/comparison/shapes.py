@@ -81,22 +81,12 @@ class Shape:
         return np.asarray(result)
 
     def partnered(self) -> Shape:
-        """Return the sine that goes with a cosine, or the reverse.
-
-        Returns
-        -------
-        Shape
-        """
+        """Return the sine that goes with a cosine, or the reverse."""
         return replace(self, partner=1 - self.partner)
 
 
 def constant() -> Shape:
-    """Return the shape of an offset that follows no driver.
-
-    Returns
-    -------
-    Shape
-    """
+    """Return the shape of an offset that follows no driver."""
     return Shape(driver="", name="constant", at=None, low=0.0, high=1.0, span=1.0)
 
 
@@ -105,7 +95,6 @@ def of_number(driver: str, values: Array) -> list[Shape]:
 
     Parameters
     ----------
-    driver : str
     values : ndarray, shape (n,)
         NaN where not known.
 
@@ -157,12 +146,7 @@ def of_label(driver: str, codes: Array) -> list[Shape]:
 
     Parameters
     ----------
-    driver : str
     codes : ndarray, shape (n,)
-
-    Returns
-    -------
-    list of Shape
     """
     present = np.unique(codes[np.isfinite(codes)])
     if not 1 < len(present) <= 50:
@@ -177,7 +161,6 @@ def of_turning(driver: str, angles: Sequence[Array], counts: Sequence[int] = HAR
 
     Parameters
     ----------
-    driver : str
     angles : sequence of ndarray
         Of each wheel, in rad.
     counts : sequence of int

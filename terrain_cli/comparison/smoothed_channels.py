@@ -78,7 +78,6 @@ def without_noise(
 
     Parameters
     ----------
-    record : RecordedWheel
     read : mapping of str to ndarray, shape (n,)
         All channels as effects may read them, those of time series interpolated over `GAP`.
     load_tells_sinkage : bool

@@ -22,11 +22,6 @@ if TYPE_CHECKING:
 def covariance(data: SmoothedData, solution: Solution) -> tuple[Array, Array]:
     """Return the covariance of the parameters sought.
 
-    Parameters
-    ----------
-    data : SmoothedData
-    solution : Solution
-
     Returns
     -------
     ndarray, shape (w, q + m, q + m)
@@ -58,10 +53,6 @@ def covariance(data: SmoothedData, solution: Solution) -> tuple[Array, Array]:
 def parameters(solution: Solution) -> dict[str, Array]:
     """Return the parameters sought, in their own units.
 
-    Parameters
-    ----------
-    solution : Solution
-
     Returns
     -------
     dict of str to ndarray, shape (w,)
@@ -75,12 +66,6 @@ def parameters(solution: Solution) -> dict[str, Array]:
 
 def as_fit(data: SmoothedData, solution: Solution, fit: Fit) -> Fit:
     """Put a solution in the place of what another fit of the same windows found.
-
-    Parameters
-    ----------
-    data : SmoothedData
-    solution : Solution
-    fit : Fit
 
     Returns
     -------

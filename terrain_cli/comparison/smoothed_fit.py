@@ -47,8 +47,6 @@ class Solution:
 
     Parameters
     ----------
-    model : Model
-    unknowns : Unknowns
     t, common : ndarray, shape (w, q) and (m,)
         In prior standard deviations from the prior means.
     residual : ndarray, shape (n, c)
@@ -57,7 +55,6 @@ class Solution:
         Derivatives of the prediction, in the same units, by t and common.
     spread : float
         Variance of the misfit in units of the noise's, as it counts against the prior.
-    cost : float
     """
 
     model: Model
@@ -95,17 +92,10 @@ def solve(
 
     Parameters
     ----------
-    model : Model
-    sought : Unknowns
-    data : SmoothedData
     t, common : ndarray, shape (w, q) and (m,)
         Where the search begins.
     rounds : int
         Times that the misfit is weighed against the prior anew.
-
-    Returns
-    -------
-    Solution
     """
     low, high = _range(sought.local), _range(sought.shared)
     t, common = np.clip(t, *low), np.clip(common, *high)
@@ -164,15 +154,8 @@ def search(
 
     Parameters
     ----------
-    model : Model
-    sought : Unknowns
-    data : SmoothedData
     beginnings : iterable of (ndarray of shape (w, q) or None, ndarray of shape (m,))
         Soils and what is common to them; the neutral soil for None.
-
-    Returns
-    -------
-    Solution
     """
     rough = smoothed_model.thinned(
         data, np.arange(0, len(data.use), max(1, len(data.use) // (_ROUGH * data.windows)))
@@ -197,9 +180,6 @@ def neutral(model: Model, sought: Unknowns, data: SmoothedData, common: Array) -
 
     Parameters
     ----------
-    model : Model
-    sought : Unknowns
-    data : SmoothedData
     common : ndarray, shape (m,)
 
     Returns
@@ -311,7 +291,6 @@ def moments(design: Array, left: Array, cell: Index, cells: int) -> tuple[Array,
     design : ndarray, shape (n, c, p)
     left : ndarray, shape (n, c)
     cell : ndarray of int, shape (n,)
-    cells : int
 
     Returns
     -------

@@ -46,7 +46,6 @@ class SmoothedData:
 
     Parameters
     ----------
-    geometry : WheelGeometry
     inputs : mapping of str to ndarray, shape (n,)
         What a model predicts from. The sinkage is one of them only where it cannot be predicted.
     measured : mapping of str to ndarray, shape (n,)
@@ -54,7 +53,6 @@ class SmoothedData:
     white : Whitening
         Of the channels that are explained.
     window : ndarray of int, shape (n,)
-    windows, blocks : int
     """
 
     geometry: WheelGeometry
@@ -77,15 +75,10 @@ def with_noise_of(data: SmoothedData, left: Array, fewest: int) -> SmoothedData:
 
     Parameters
     ----------
-    data : SmoothedData
     left : ndarray, shape (n, c)
         In units of the noise as it is.
     fewest : int
         Samples, known in every channel, that tell it.
-
-    Returns
-    -------
-    SmoothedData
     """
     seen = data.seen.all(axis=1)
     if np.count_nonzero(seen) < fewest:
@@ -103,7 +96,6 @@ def parameters(sought: Unknowns, t: Array, common: Array, window: Index) -> dict
 
     Parameters
     ----------
-    sought : Unknowns
     t : ndarray, shape (n, q)
         Of each sample.
     common : ndarray, shape (m,) or (n, m)
@@ -138,8 +130,6 @@ def forecast(
 
     Parameters
     ----------
-    model : Model
-    data : SmoothedData
     numbers : mapping of str to ndarray, shape (n,)
         Every parameter of every sample.
     by : sequence of str
@@ -216,7 +206,6 @@ def _carrying(
 
     Returns
     -------
-    Prediction
     dict of str to ndarray
         Derivative of the stiffness by each parameter, for the total ones.
     """
@@ -243,9 +232,7 @@ def nearby(
     ----------
     model : Model
         Of the base wong-reece.
-    data : SmoothedData
     numbers : mapping of str to ndarray, shape (n,)
-    by : sequence of str
     guess : ndarray, shape (n,)
         Sinkages as the sensor would show them; NaN where there is no prediction.
 
@@ -302,7 +289,6 @@ def residual(data: SmoothedData, predicted: Mapping[str, Array]) -> Array:
 
     Parameters
     ----------
-    data : SmoothedData
     predicted : mapping of str to ndarray, shape (n,)
 
     Returns
@@ -320,32 +306,13 @@ def residual(data: SmoothedData, predicted: Mapping[str, Array]) -> Array:
 
 
 def bounded(errors: Array) -> Array:
-    """Return squares that grow only in proportion beyond `BEND`.
-
-    Parameters
-    ----------
-    errors : ndarray
-
-    Returns
-    -------
-    ndarray
-    """
+    """Return squares that grow only in proportion beyond `BEND`."""
     size = np.abs(errors)
     return np.where(size < BEND, size**2, BEND * (2.0 * size - BEND))
 
 
 def thinned(data: SmoothedData, rows: Index) -> SmoothedData:
-    """Keep some samples.
-
-    Parameters
-    ----------
-    data : SmoothedData
-    rows : ndarray of int
-
-    Returns
-    -------
-    SmoothedData
-    """
+    """Keep some samples."""
     return replace(
         data,
         inputs={name: column[rows] for name, column in data.inputs.items()},

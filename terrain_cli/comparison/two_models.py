@@ -33,7 +33,6 @@ def against(first: Comparison, second: Comparison, *, seed: int = 0) -> list[Dif
     ----------
     first, second : Comparison
         Of the same windows.
-    seed : int
 
     Returns
     -------

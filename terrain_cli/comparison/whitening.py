@@ -39,7 +39,6 @@ class Whitening:
 
     Parameters
     ----------
-    channels : tuple of str
     covariance : ndarray, shape (c, c)
     """
 
@@ -193,7 +192,6 @@ def known_of(
 
     Parameters
     ----------
-    white : Whitening
     errors : mapping of str to ndarray, shape (n,)
     use : ndarray of bool, shape (n,)
 

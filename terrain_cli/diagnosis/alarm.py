@@ -69,11 +69,6 @@ def of_order(data: Ground, seed: int) -> float:
     A score needs some ten blocks to stand out; six points that rise from slip to slip are no chance
     either, as noise would be the same in whatever order they are put.
 
-    Parameters
-    ----------
-    data : Ground
-    seed : int
-
     Returns
     -------
     float
@@ -102,11 +97,6 @@ def of_points(left: Array, places: Between, seed: int) -> float:
     left : ndarray, shape (n, c)
     places : Between
         Points are mixed within their lines.
-    seed : int
-
-    Returns
-    -------
-    float
     """
     count = np.bincount(places.line)
     middle = np.stack([np.bincount(places.line, column) / count for column in left.T], axis=1)

@@ -34,14 +34,10 @@ def listed(
 
     Parameters
     ----------
-    data : Ground
     base : Refit
         Of the model as it is.
-    found : Screened
     ranked : sequence of (Hypothesis, Refit)
         Those that were fitted, the best first.
-    hypotheses : sequence of Hypothesis
-    family : sequence of str
 
     Returns
     -------

@@ -41,7 +41,6 @@ def diagnose(
     wheels : sequence of Windows
         With usable samples, read for a comparison. Inputs of the same wheel are joined: what is the
         wheel's or its sensors' is the same in all of them, soils are not.
-    file : ModelFile
     effects : sequence of Effect, optional
         That may be missing; the catalogue if not given.
     seed : int
@@ -50,10 +49,6 @@ def diagnose(
         Called with the name of each step before it begins.
     early : callable
         Called with the scores of all effects as soon as they are known, long before the refits end.
-
-    Returns
-    -------
-    Diagnosis
 
     Raises
     ------

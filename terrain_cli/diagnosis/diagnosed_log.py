@@ -62,7 +62,6 @@ class DiagnosedLog:
         Of the model as it is, each segment on a soil of its own.
     hypotheses : list of Hypothesis
         What may be missing.
-    not_testable : list of NotTestable
     failures : list of Finding
         Where the model fails on these soils.
     """

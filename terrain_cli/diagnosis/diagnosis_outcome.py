@@ -23,11 +23,8 @@ class Hypothesis:
 
     Parameters
     ----------
-    id, title : str
-    model : Model
     fixed : mapping of str to float
         Parameters held in it, in SI units.
-    priors : mapping of str to Prior
     effects : tuple of Effect
         That it adds; none where an assumption of the base is lifted instead.
     others : tuple of Hypothesis
@@ -87,7 +84,6 @@ class Alarm:
 
     Parameters
     ----------
-    raised : bool
     p_value : float
         How often chance gives a score as strong for any candidate, or any channel and driver.
     level : float
@@ -124,14 +120,12 @@ class Candidate:
     loss : float
         Held-out loss relative to that of the model without it: mean over samples, in units of the
         noise's variance; negative is better.
-    loss_se : float
     heldout : dict of str to float
         Channel → root mean square of the held-out error with it, SI.
     sizes : dict of str to Size
         Its parameters.
     refitted : bool
         Whether it was fitted together with everything else; else all is to first order.
-    in_family : bool
     """
 
     effect: str
@@ -160,7 +154,6 @@ class UnknownEffect:
         Shape in which it follows: "linear", "saturating", "step", …
     explained : float
         Part of the misfit beyond noise.
-    sentence : str
     draft : str
         A TOML file of an effect that `model add` takes.
     """
@@ -179,7 +172,6 @@ class NextDrive:
 
     Parameters
     ----------
-    pair : (str, str)
     manoeuvre : str
         For a person: what to drive.
     power : float
@@ -195,13 +187,7 @@ class NextDrive:
 
 
 class NotTestable(NamedTuple):
-    """An effect of which these data can say nothing.
-
-    Parameters
-    ----------
-    effect : str
-    because : str
-    """
+    """An effect of which these data can say nothing."""
 
     effect: str
     because: str
@@ -215,7 +201,6 @@ class Diagnosis:
     ----------
     comparison : Comparison
         Of the model as it is.
-    alarm : Alarm
     verdict : {"none", "effect", "family", "unknown"}
     effect : str or None
         One name, only where the data support one.
@@ -223,10 +208,6 @@ class Diagnosis:
         Those that the data cannot tell apart, the best first.
     candidates : list of Candidate
         The best first.
-    unknown : UnknownEffect or None
-    next_drive : list of NextDrive
-    not_testable : list of NotTestable
-    warnings : list of str
     sentence : str
         The verdict for a person.
     together : tuple of str

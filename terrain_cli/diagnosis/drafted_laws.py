@@ -64,7 +64,6 @@ class Draft:
         One of `FORMS`.
     text : str
         The file.
-    effect : Effect
     """
 
     changes: str
@@ -76,10 +75,6 @@ class Draft:
 
 def drivers(wheel: FittedWheel) -> dict[str, Array]:
     """Return what a draft may follow: numbers that vary and that a law can read.
-
-    Parameters
-    ----------
-    wheel : FittedWheel
 
     Returns
     -------
@@ -104,7 +99,6 @@ def screen(
 
     Parameters
     ----------
-    wheel : FittedWheel
     values : mapping of str to ndarray, shape (n,)
         Of the drivers, at the rows.
     channels, rows
@@ -112,7 +106,6 @@ def screen(
 
     Yields
     ------
-    changes, driver, form : str
     tables : dict of str to ndarray, shape (n, columns)
         By channel.
     """
@@ -215,7 +208,6 @@ def write(  # noqa: C901 - one branch for each form
 
     Parameters
     ----------
-    changes, driver, form : str
     column : ndarray or None
         Values of the driver.
     unit : str

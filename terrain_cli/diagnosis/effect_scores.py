@@ -59,7 +59,6 @@ class Scores:
 
         Parameters
         ----------
-        columns : ndarray of int
         precision : float
             Of a prior about the null, in typical sizes to the power −2.
 
@@ -67,7 +66,6 @@ class Scores:
         -------
         change : ndarray
             In typical sizes.
-        covariance : ndarray
         explained : float
             What it takes off the sum of squares of the residuals.
         """
@@ -96,7 +94,6 @@ def scores(
 
     Returns
     -------
-    Scores
     ndarray, shape (n, c, m)
         What is left of the signatures when the soil is fitted anew.
     """
@@ -140,7 +137,6 @@ def test(
     testable : sequence of ndarray of bool, shape (m,)
     chance : sequence of ndarray, shape (blocks, m)
         Scores of what the strongest candidate leaves.
-    seed : int
 
     Returns
     -------

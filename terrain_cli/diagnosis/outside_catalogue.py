@@ -44,9 +44,6 @@ class Tried:
 
     Parameters
     ----------
-    draft : Draft
-    refit : Refit
-    hypothesis : Hypothesis
     extra : list of dict of str to ndarray
         Its driver, where that is no channel.
     """
@@ -59,12 +56,6 @@ class Tried:
 
 def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tried]:
     """Find the laws with one driver that explain most.
-
-    Parameters
-    ----------
-    data : Ground
-    base : Refit
-    progress : callable
 
     Returns
     -------
@@ -175,11 +166,6 @@ def beats(tried: Sequence[Tried], effect: Refit) -> bool:
     ----------
     tried : sequence of Tried
         The best first.
-    effect : Refit
-
-    Returns
-    -------
-    bool
     """
     return bool(tried) and refit_ranking.beats(tried[0].refit, effect)
 
@@ -195,7 +181,6 @@ def verdict(
         Without anything, and with the best effect of the catalogue.
     tried : sequence of Tried
         The best first.
-    family : sequence of str
 
     Returns
     -------

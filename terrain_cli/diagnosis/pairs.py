@@ -37,11 +37,8 @@ def best(
 
     Parameters
     ----------
-    data : Ground
-    found : Screened
     ranked : sequence of (Hypothesis, Refit)
         Each of them alone.
-    progress : callable
     name : str
         An effect that leaves little; empty where none does. It is tried with any other that promises most.
 
@@ -86,7 +83,6 @@ def told(
 
     Returns
     -------
-    both : tuple of str
     sure : bool
         They explain more than the name does with any other, beyond chance.
     """
@@ -119,7 +115,6 @@ def on_full_stresses(
         None of which is in it.
     base : Refit
         With the stresses of the full model.
-    progress : callable
 
     Returns
     -------

@@ -36,47 +36,19 @@ def error(difference: Array) -> float:
 
 
 def beats(one: Refit, other: Refit) -> bool:
-    """Tell whether one model predicts better than another, beyond chance.
-
-    Parameters
-    ----------
-    one, other : Refit
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether one model predicts better than another, beyond chance."""
     gain = other.loss - one.loss
     return float(gain.sum()) > _SURE * error(gain)
 
 
 def as_good(one: Refit, other: Refit) -> bool:
-    """Tell whether one model predicts no worse than another.
-
-    Parameters
-    ----------
-    one, other : Refit
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether one model predicts no worse than another."""
     difference = one.loss - other.loss
     return float(difference.sum()) <= _EQUAL * error(difference)
 
 
 def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
-    """Tell whether a parameter of an effect ran to the end of what it can be.
-
-    Parameters
-    ----------
-    hypothesis : Hypothesis
-    one : Refit
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a parameter of an effect ran to the end of what it can be."""
     own = hypothesis.parameters
     for solution in one.solutions:
         for column, unknown in enumerate(solution.unknowns.shared):
@@ -89,18 +61,7 @@ def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
 
 
 def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
-    """Tell whether an effect went, beyond doubt, to where nature has none: friction that drives, say.
-
-    Parameters
-    ----------
-    data : Ground
-    hypothesis : Hypothesis
-    one : Refit
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether an effect went, beyond doubt, to where nature has none: friction that drives, say."""
     bounded = [effect for effect in hypothesis.effects if effect.limits]
     for part, solution in zip(data.data, one.solutions, strict=True) if bounded else ():
         _, covariance = smoothed_covariance.covariance(part, solution)
@@ -112,16 +73,5 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
 
 
 def incredible(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
-    """Tell whether an effect ran to the end of what it can be, or to where nature has none.
-
-    Parameters
-    ----------
-    data : Ground
-    hypothesis : Hypothesis
-    one : Refit
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether an effect ran to the end of what it can be, or to where nature has none."""
     return at_bounds(hypothesis, one) or imitates(data, hypothesis, one)

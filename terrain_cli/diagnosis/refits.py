@@ -37,13 +37,10 @@ class Ground:
 
     Parameters
     ----------
-    wheels : list of FittedWheel
     rows : list of ndarray of int
         Usable samples of each wheel that are taken.
     block : list of ndarray of int
         Block of each of these.
-    data : list of SmoothedData
-    base : list of Solution
     """
 
     wheels: list[FittedWheel]
@@ -93,16 +90,11 @@ def ground(
 
     Parameters
     ----------
-    wheels : sequence of FittedWheel
     block : sequence of ndarray of int, shape (n,)
     most : int
         Samples of all wheels that are taken.
     like : Ground, optional
         The same data on other soils: its noise is taken, so that losses can be compared.
-
-    Returns
-    -------
-    Ground
     """
     step = max(1, -(-sum(len(wheel) for wheel in wheels) // most))
     rows, kept, datas, solutions = [], [], [], []
@@ -149,13 +141,8 @@ def with_noise_of(data: Ground, best: Refit) -> Ground:
 
     Parameters
     ----------
-    data : Ground
     best : Refit
         Of the model that predicts best.
-
-    Returns
-    -------
-    Ground
     """
     parts, solutions = [], []
     for part, found, base, wheel in zip(data.data, best.solutions, data.base, data.wheels, strict=True):
@@ -165,17 +152,7 @@ def with_noise_of(data: Ground, best: Refit) -> Ground:
 
 
 def fitted_errors(data: Ground, one: Refit) -> dict[str, float]:
-    """Return the root mean square of what a fitted model leaves of each channel, SI.
-
-    Parameters
-    ----------
-    data : Ground
-    one : Refit
-
-    Returns
-    -------
-    dict of str to float
-    """
+    """Return the root mean square of what a fitted model leaves of each channel, SI."""
     errors: dict[str, list[Array]] = {}
     for part, solution in zip(data.data, one.solutions, strict=True):
         left = part.white.undone(solution.residual, part.seen)
@@ -192,11 +169,6 @@ def weighed(data: Ground, one: Refit) -> Refit:
     ----------
     data : Ground
         With the noise.
-    one : Refit
-
-    Returns
-    -------
-    Refit
     """
     loss, residuals = np.zeros(data.blocks), []
     for index, part in enumerate(data.data):
@@ -217,7 +189,6 @@ def refit(
 
     Parameters
     ----------
-    data : Ground
     hypothesis : Hypothesis or None
         None for the base, which is fitted already.
     extra : sequence of dict of str to ndarray, optional
@@ -226,10 +197,6 @@ def refit(
         Of the same hypothesis, from which to search.
     after : sequence of Refit, optional
         Of parts of it: the search begins at each of them, and at all together.
-
-    Returns
-    -------
-    Refit
     """
     solutions, residuals, predicted = [], [], []
     loss = np.zeros(data.blocks)
@@ -273,8 +240,6 @@ def over_shapes(data: Ground, hypothesis: Hypothesis, one: Refit) -> Refit:
 
     Parameters
     ----------
-    data : Ground
-    hypothesis : Hypothesis
     one : Refit
         Of it.
 

@@ -23,12 +23,6 @@ _SURVIVING = 0.01
 def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
     """Test what is left against every driver, in every channel.
 
-    Parameters
-    ----------
-    data : Ground
-    one : Refit
-    seed : int
-
     Returns
     -------
     p_value : float

@@ -68,16 +68,10 @@ def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis
 
     Parameters
     ----------
-    data : Ground
     refits : sequence of Refit
         The best first.
     hypotheses : sequence of Hypothesis
         In the same order.
-    seed : int
-
-    Returns
-    -------
-    Rivals
     """
     count = len(refits)
     cells = [_Design(data, one, hypothesis) for one, hypothesis in zip(refits, hypotheses, strict=True)]

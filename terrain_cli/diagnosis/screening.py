@@ -52,7 +52,6 @@ class Screened:
         Of those that can be tested.
     sizes : dict of str to dict of str to Size
         To first order.
-    not_testable : list of NotTestable
     blocks : ndarray, shape (blocks, m)
         Scores of all columns that can be tested, of what the strongest effect leaves.
     columns : list of _Columns
@@ -76,7 +75,6 @@ def hypotheses(
 
     Parameters
     ----------
-    file : ModelFile
     wheels : sequence of FittedWheel
         Fitted.
     effects : sequence of Effect
@@ -84,7 +82,6 @@ def hypotheses(
 
     Returns
     -------
-    list of Hypothesis
     list of NotTestable
         Effects whose channels are missing, or which the base cannot have.
     """
@@ -124,13 +121,8 @@ def with_stresses(file: ModelFile, shear_modulus: float) -> ModelFile:
 
     Parameters
     ----------
-    file : ModelFile
     shear_modulus : float
         The k of rover.toml in m.
-
-    Returns
-    -------
-    ModelFile
     """
     for assumption in assumptions.made_by(file, shear_modulus)[::-1]:
         file = assumptions.lifted(file, assumption.id, shear_modulus)
@@ -160,15 +152,6 @@ def on_changing_soil(every: Sequence[Hypothesis]) -> tuple[list[Hypothesis], lis
 
     Where segments of unknown soils are kept, the soil changes within some of them too; a few passes
     follow that by chance.
-
-    Parameters
-    ----------
-    every : sequence of Hypothesis
-
-    Returns
-    -------
-    hypotheses : list of Hypothesis
-    not_testable : list of NotTestable
     """
     passes = [one for one in every if any(DRIVEN_BEFORE in effect.reads for effect in one.effects)]
     because = (
@@ -188,12 +171,6 @@ def screen(
         Fitted.
     block : sequence of ndarray of int, shape (n,)
         Of the usable samples of each.
-    hypotheses : sequence of Hypothesis
-    seed : int
-
-    Returns
-    -------
-    Screened
     """
     parts = _columns(wheels, block, hypotheses)
     found = Screened(columns=parts)
@@ -227,7 +204,6 @@ def promising(
         Fitted.
     block : sequence of ndarray of int, shape (n,)
         Of the usable samples of each.
-    hypotheses : sequence of Hypothesis
 
     Returns
     -------
@@ -250,10 +226,6 @@ def promising_pairs(found: Screened, hypotheses: Sequence[Hypothesis]) -> list[t
         What their scores say, one by one.
     hypotheses : sequence of Hypothesis
         None of them an assumption of the base.
-
-    Returns
-    -------
-    list of (Hypothesis, Hypothesis)
     """
     gains = [
         (sum(part.explained(one.id, other.id) for part in found.columns), (one, other))

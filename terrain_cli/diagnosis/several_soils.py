@@ -60,15 +60,11 @@ def on_fewer(
 
     Parameters
     ----------
-    cut : Ground
     block : sequence of ndarray of int, shape (n,)
         Of the usable samples of each wheel.
-    hypotheses : sequence of Hypothesis
-    progress : callable
 
     Returns
     -------
-    data : Ground
     block : list of ndarray of int, shape (n,)
         In the order of its samples.
     """
@@ -92,15 +88,11 @@ def on_more(
 
     Parameters
     ----------
-    data : Ground
     block : sequence of ndarray of int, shape (n,)
         Of the usable samples of each wheel.
-    hypotheses : sequence of Hypothesis
-    progress : callable
 
     Returns
     -------
-    data : Ground
     told : list of str
         Where the soil steps.
     """
@@ -126,12 +118,10 @@ def as_needed(
     ----------
     comparison : Comparison
         Of the model.
-    file : ModelFile
     without : ModelFile, optional
         The model before it got one effect: where that stands for soils, there are fewer.
     effects : sequence of Effect
         That it got.
-    progress : callable
 
     Returns
     -------

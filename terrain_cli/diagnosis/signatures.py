@@ -37,7 +37,6 @@ class Signature:
 
     Parameters
     ----------
-    effect : Effect
     names : tuple of str
         Qualified names of the parameters, without those that only shape it.
     tables : dict of str to ndarray, shape (n, len(names))
@@ -54,7 +53,6 @@ def of_soil(wheel: FittedWheel, channels: Mapping[str, Array], rows: Index) -> d
 
     Parameters
     ----------
-    wheel : FittedWheel
     channels : mapping of str to ndarray, shape (n,)
         Of the rows; without their own noise.
     rows : ndarray of int, shape (n,)
@@ -77,7 +75,6 @@ class SignatureEvidence(NamedTuple):
     ----------
     channels : dict of str to ndarray, shape (n,)
         Without their own noise.
-    white : Whitening
     residual : ndarray, shape (n, c)
         0 where not known.
     known : ndarray of bool, shape (n, c)
@@ -98,7 +95,6 @@ class SignatureEvidence(NamedTuple):
         ----------
         tables : mapping of str to ndarray, shape (n, width)
             By channel.
-        width : int
 
         Returns
         -------
@@ -117,10 +113,6 @@ def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
         Fitted.
     rows : ndarray of int, shape (n,)
         Usable samples.
-
-    Returns
-    -------
-    SignatureEvidence
     """
     channels, _ = wheel.smoothed(wheel.memory, rows)
     levels = {name: level.deviation for name, level in wheel.noise.items()}
@@ -143,7 +135,6 @@ def of_effects(
 
     Parameters
     ----------
-    wheel : FittedWheel
     effects : iterable of Effect
         Whose channels are there and which the base can have.
     channels, rows
@@ -173,26 +164,12 @@ def of_effects(
 
 
 def leading(effect: Effect) -> list[str]:
-    """Name the parameters of an effect that do not only shape it.
-
-    Parameters
-    ----------
-    effect : Effect
-
-    Returns
-    -------
-    list of str
-    """
+    """Name the parameters of an effect that do not only shape it."""
     return [effect.qualified(p) for p in effect.parameters if not p.shape]
 
 
 def possible(model: Model, effect: Effect) -> str:
     """Tell why a model cannot have an effect.
-
-    Parameters
-    ----------
-    model : Model
-    effect : Effect
 
     Returns
     -------

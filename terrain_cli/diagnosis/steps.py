@@ -47,7 +47,6 @@ class Ranked:
 
     Parameters
     ----------
-    log : DiagnosedLog
     base : Refit
         The model as it is.
     several : list of (Hypothesis, Refit)

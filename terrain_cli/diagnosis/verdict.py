@@ -79,7 +79,6 @@ def decide(found: Findings, stresses: str) -> Decision:
 
     Parameters
     ----------
-    found : Findings
     stresses : str
         Id of the base linear's assumption of triangular stresses.
     """

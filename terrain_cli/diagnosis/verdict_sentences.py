@@ -33,15 +33,10 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collecti
 
     Parameters
     ----------
-    diagnosis : Diagnosis
     failures : sequence of Finding
         Of the model on the soils of the diagnosis, the strongest first.
     changed : collection of str
         Channels that what is most likely missing changes by itself, without the soil.
-
-    Returns
-    -------
-    str
     """
     if diagnosis.verdict == "none":
         if diagnosis.alarm.p_value < diagnosis.alarm.level:
@@ -119,11 +114,6 @@ def with_draft(sentence: str, path: str) -> str:
     ----------
     sentence : str
         From `verdict`.
-    path : str
-
-    Returns
-    -------
-    str
     """
     return sentence.replace(OFFER, f"The law is in {path}.")
 
@@ -163,13 +153,8 @@ def sizes_text(one: Candidate, sign: str = " ") -> str:
 
     Parameters
     ----------
-    one : Candidate
     sign : str
         Between name and value.
-
-    Returns
-    -------
-    str
     """
     known = {name: size for name, size in one.sizes.items() if math.isfinite(size.value)}
     return ", ".join(f"{name}{sign}{_text(size)}" for name, size in known.items())

@@ -78,14 +78,6 @@ def catalogue() -> dict[str, Effect]:
 def find(name: str) -> Effect:
     """Return an effect by its id.
 
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    Effect
-
     Raises
     ------
     UsageError
@@ -108,7 +100,6 @@ def missing(effect: Effect, available: Collection[str]) -> tuple[str, ...]:
 
     Parameters
     ----------
-    effect : Effect
     available : collection of str
         Channels and further columns that are measured or derived, "time" among them, and
         "grouser_count" and "grouser_height" where rover.toml has them.

@@ -46,7 +46,6 @@ class Fitted:
 
     Parameters
     ----------
-    estimates : WindowEstimates
     account : dict or None
         The model, its parameters and the noise, as the summary shows them; None for the line.
     """
@@ -65,7 +64,6 @@ def choose(
     method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
     model : ModelFile, str or Path, optional
         A base or a model file; the linear model if not given, but "wong-reece" for that method.
-    robust : bool
 
     Returns
     -------
@@ -115,7 +113,6 @@ def estimate_lines(
 
     Parameters
     ----------
-    windows : Windows
     method : {"auto", "least-squares", "ridge", "recursive"}
     min_samples : int, optional
         Windows with fewer get the status "too-few-samples"; 5 if not given.
@@ -154,18 +151,12 @@ def estimate(
 
     Parameters
     ----------
-    windows : Windows
     method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
     file : ModelFile, optional
         From `choose`: the model to fit whole. Its effects have one value of each parameter for all
         windows.
     min_samples, folds
         As for `estimate_lines`.
-    robust : bool
-
-    Returns
-    -------
-    Fitted
     """
     of_line = cast("LineMethod", "auto" if file else method)
     line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)
@@ -204,13 +195,11 @@ def assumed(
     ----------
     several : sequence of Windows
         Of one rover.
-    file : ModelFile
 
     Returns
     -------
     held : dict of str to float
         Parameters that are not sought: those of the file, and those whose channels a wheel lacks.
-    priors : dict of str to Prior
     noise : Noise or None
         Of the sensors, if rover.toml gives it for every channel that the fit weighs.
     """

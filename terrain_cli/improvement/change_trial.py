@@ -52,10 +52,6 @@ def joined(wheels: Sequence[Windows], *files: ModelFile) -> list[Windows]:
         Read for a comparison.
     *files : ModelFile
         What their effects use is computed, as far as the channels allow.
-
-    Returns
-    -------
-    list of Windows
     """
     return joined_inputs.by_wheel(wheels, [effect for file in files for effect in file.model.effects])
 
@@ -74,16 +70,10 @@ def fitted(
     ----------
     wheels : sequence of Windows
         From `joined`.
-    file : ModelFile
     like : Comparison, optional
         Whose blocks are taken.
-    seed : int
     progress : callable
         Called with the name of each step before it begins.
-
-    Returns
-    -------
-    Comparison
     """
     held, priors, noise = estimators.assumed(wheels, file)
     return compare(
@@ -119,10 +109,8 @@ def tried(
     action : {"add", "remove"}
     changed : sequence of str
         Ids of effects or assumptions.
-    before, after : ModelFile
     first : Comparison, optional
         Of the model before with the same windows, if it is there already.
-    seed : int
     progress : callable
         Called with the name of each step before it begins.
 

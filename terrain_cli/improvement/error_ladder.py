@@ -45,25 +45,12 @@ class Rung:
 
 
 def rungs(history: Sequence[Mapping[str, Any]]) -> list[Rung]:
-    """Read the history of a model file; what another hand wrote there is shown as far as it is known.
-
-    Parameters
-    ----------
-    history : sequence of mapping
-
-    Returns
-    -------
-    list of Rung
-    """
+    """Read the history of a model file; what another hand wrote there is shown as far as it is known."""
     return [_rung(number, entry) for number, entry in enumerate(history, 1)]
 
 
 def channels(ladder: Sequence[Rung]) -> list[str]:
     """Return the channels of which a ladder knows an error.
-
-    Parameters
-    ----------
-    ladder : sequence of Rung
 
     Returns
     -------

@@ -46,7 +46,6 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], H
     -------
     channels : list of ChannelChange
         A channel that only one of them predicts has no difference.
-    evidence : HeldOutEvidence
     """
     names = [name for name in UNITS if name in first.channels and name in second.channels]
     sums, lost = _sums(first, second, names)

@@ -26,12 +26,6 @@ def untested(action: Action, changed: Sequence[str], after: ModelFile) -> dict[s
     Parameters
     ----------
     action : {"add", "remove"}
-    changed : sequence of str
-    after : ModelFile
-
-    Returns
-    -------
-    dict
     """
     return _head(action, changed, after, "no data were given") | {"tested": False}
 
@@ -41,7 +35,6 @@ def entry(step: Step, because: str) -> dict[str, Any]:
 
     Parameters
     ----------
-    step : Step
     because : str
         Why it was made.
 
@@ -77,16 +70,7 @@ def _head(action: Action, changed: Sequence[str], after: ModelFile, because: str
 
 
 def data(step: Step) -> dict[str, Any]:
-    """Return on what a change was tried.
-
-    Parameters
-    ----------
-    step : Step
-
-    Returns
-    -------
-    dict
-    """
+    """Return on what a change was tried."""
     wheels = step.first.wheels
     return {
         "sources": list(step.sources),
@@ -97,16 +81,7 @@ def data(step: Step) -> dict[str, Any]:
 
 
 def channel(change: ChannelChange) -> dict[str, Any]:
-    """Return the held-out error of a channel before and after, in SI.
-
-    Parameters
-    ----------
-    change : ChannelChange
-
-    Returns
-    -------
-    dict
-    """
+    """Return the held-out error of a channel before and after, in SI."""
     return {
         "unit": change.unit,
         "heldout_before": number(change.before.value),
@@ -120,54 +95,23 @@ def channel(change: ChannelChange) -> dict[str, Any]:
 
 
 def drive(one: NextDrive | None) -> dict[str, Any] | None:
-    """Return a drive as it is kept; None if there is none.
-
-    Parameters
-    ----------
-    one : NextDrive or None
-
-    Returns
-    -------
-    dict or None
-    """
+    """Return a drive as it is kept; None if there is none."""
     return None if one is None else {**asdict(one), "pair": list(one.pair)}
 
 
 def number(value: float) -> float | None:
-    """Return a number as it is kept; None if it is not known.
-
-    Parameters
-    ----------
-    value : float
-
-    Returns
-    -------
-    float or None
-    """
+    """Return a number as it is kept; None if it is not known."""
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
 
 
 def ends(interval: Interval) -> list[float] | None:
-    """Return the ends of an interval; None if they are not known.
-
-    Parameters
-    ----------
-    interval : Interval
-
-    Returns
-    -------
-    list of float or None
-    """
+    """Return the ends of an interval; None if they are not known."""
     known = math.isfinite(interval.low) and math.isfinite(interval.high)
     return [float(f"{end:.{_DIGITS}g}") for end in (interval.low, interval.high)] if known else None
 
 
 def means(parameters: Sequence[Estimated]) -> dict[str, dict[str, Any]]:
     """Average every parameter over the wheels, weighted by what each knows of it.
-
-    Parameters
-    ----------
-    parameters : sequence of Estimated
 
     Returns
     -------

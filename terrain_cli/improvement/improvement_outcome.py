@@ -37,12 +37,7 @@ MOST_LOST = 0.05
 
 
 class Interval(NamedTuple):
-    """A value with its 95 % interval; NaN where not known.
-
-    Parameters
-    ----------
-    value, low, high : float
-    """
+    """A value with its 95 % interval; NaN where not known."""
 
     value: float
     low: float
@@ -55,7 +50,6 @@ class ChannelChange:
 
     Parameters
     ----------
-    name, unit : str
     before, after : Interval
         Root mean square; NaN where the model does not predict the channel.
     noise : float
@@ -107,8 +101,6 @@ class Estimated:
 
     Parameters
     ----------
-    source, wheel, name, unit : str
-    value, se : float
     determined : bool
         By the data, rather than by what was known beforehand.
     """
@@ -146,7 +138,6 @@ class Idle(NamedTuple):
 
     Parameters
     ----------
-    effect : str
     p_value : float
         Chance that its parameters are as far from their null values although it is absent.
     """
@@ -160,7 +151,6 @@ class Lost(NamedTuple):
 
     Parameters
     ----------
-    source, wheel : str
     segment : int
         Counted from 1.
     before, after : str
@@ -203,18 +193,14 @@ class Step:
     action : {"add", "remove"}
     changed : tuple of str
         Ids of effects, or of assumptions that are lifted or made again.
-    before, after : ModelFile
     first, second : Comparison
         Of these two, on the same blocks.
-    channels : list of ChannelChange
-    evidence : HeldOutEvidence
     parameters : list of Estimated
         Of what is changed, where the model has it.
     shifts : list of Shift
         Of c, then of φ.
     undetermined : tuple of str
         Parameters that the data determined before, or are new, and that they leave open afterwards.
-    lost : list of Lost
     sources : tuple of str
         Inputs.
     absent : float
@@ -332,7 +318,6 @@ class Stopped:
 
     Parameters
     ----------
-    file : ModelFile
     quiet : bool
         Whether the alarm is silent.
     because : str

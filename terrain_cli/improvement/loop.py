@@ -46,7 +46,6 @@ def until_quiet(
     ----------
     wheels : sequence of Windows
         With usable samples, read with all that the model and the candidates need.
-    file : ModelFile
     diagnose : callable
         From wheels and model file to a diagnosis.
     draft : callable, optional
@@ -54,7 +53,6 @@ def until_quiet(
         the folder of the model file. Without it the loop ends there.
     paths : mapping of str to str, optional
         Ids of candidates that are no effects of the catalogue → their paths, beginning there too.
-    seed : int
     progress : callable
         Called with the name of each step before it begins.
 

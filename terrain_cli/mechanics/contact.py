@@ -63,16 +63,7 @@ _LOCKED = 1e-3
 
 
 def rolling(slip: Any) -> Any:
-    """Return V/(r ω): 1 − i of a wheel that drives, 1/(1 + i) of one that skids (i < 0).
-
-    Parameters
-    ----------
-    slip : ndarray or Dual
-
-    Returns
-    -------
-    ndarray or Dual
-    """
+    """Return V/(r ω): 1 − i of a wheel that drives, 1/(1 + i) of one that skids (i < 0)."""
     return np.where(slip < 0.0, 1.0 / np.maximum(1.0 + slip, _LOCKED), 1.0 - slip)
 
 
@@ -87,7 +78,6 @@ def forces(
 
     Parameters
     ----------
-    contact : Contact
     width : float
         b in m.
     by : collection of str

@@ -76,7 +76,6 @@ class Dual(NDArrayOperatorsMixin):
 
     Parameters
     ----------
-    value : ndarray
     slopes : mapping of str to ndarray
         Derivative by each quantity it depends on, of a shape that goes with that of `value`; a
         quantity that is not named has no influence.
@@ -144,30 +143,12 @@ class Dual(NDArrayOperatorsMixin):
 
 
 def value(x: Any) -> Any:
-    """Return a number without its derivatives.
-
-    Parameters
-    ----------
-    x : Dual, array_like
-
-    Returns
-    -------
-    ndarray or float
-    """
+    """Return a number without its derivatives."""
     return x.value if isinstance(x, Dual) else x
 
 
 def slopes(x: Any) -> dict[str, Any]:
-    """Return the derivatives of a number: none for a plain one.
-
-    Parameters
-    ----------
-    x : Dual, array_like
-
-    Returns
-    -------
-    dict of str to ndarray
-    """
+    """Return the derivatives of a number: none for a plain one."""
     return x.slopes if isinstance(x, Dual) else {}
 
 
@@ -176,13 +157,8 @@ def chain(result: Any, parts: list[tuple[Any, Any]]) -> Any:
 
     Parameters
     ----------
-    result : ndarray
     parts : list of (ndarray, Dual or ndarray)
         Derivative of the result by a number, and that number.
-
-    Returns
-    -------
-    Dual, or ndarray where no number has derivatives
     """
     total: dict[str, Any] = {}
     for outer, number in parts:
@@ -193,15 +169,5 @@ def chain(result: Any, parts: list[tuple[Any, Any]]) -> Any:
 
 
 def seed(x: Any, name: str) -> Dual:
-    """Return a number by which to differentiate.
-
-    Parameters
-    ----------
-    x : array_like
-    name : str
-
-    Returns
-    -------
-    Dual
-    """
+    """Return a number by which to differentiate."""
     return Dual(np.asarray(x, dtype=float), {name: 1.0})

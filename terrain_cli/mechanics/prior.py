@@ -35,10 +35,6 @@ class Prior:
             In the parameter's unit, positive.
         factor : float
             Above 1.
-
-        Returns
-        -------
-        Prior
         """
         spread = float(np.log(factor))
         mean = median * float(np.exp(0.5 * spread**2))
@@ -54,10 +50,6 @@ class Prior:
             In the parameter's unit.
         positive : bool
             Take mean and variance of the logarithms, for k and keq.
-
-        Returns
-        -------
-        Prior
         """
         values = np.asarray(values, dtype=float)
         if positive:
@@ -66,11 +58,6 @@ class Prior:
         return cls(float(values.mean()), float(values.std()))
 
     def of_logarithm(self) -> tuple[float, float]:
-        """Return mean and standard deviation of the logarithm of a log-normal parameter.
-
-        Returns
-        -------
-        mean, sd : float
-        """
+        """Return mean and standard deviation of the logarithm of a log-normal parameter."""
         spread = float(np.sqrt(np.log1p((self.sd / self.mean) ** 2)))
         return float(np.log(self.mean)) - 0.5 * spread**2, spread

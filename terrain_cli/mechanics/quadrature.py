@@ -32,10 +32,6 @@ def order_for(reach: float) -> int:
     ----------
     reach : float
         Length of the longer arc in terms of the shear modulus: angle · R / k.
-
-    Returns
-    -------
-    int
     """
     return next((order for most, order in _ORDERS if reach <= most), _MOST)
 
@@ -43,10 +39,6 @@ def order_for(reach: float) -> int:
 @cache
 def nodes(order: int = ORDER) -> tuple[Array, Array]:
     """Nodes and weights on (0, 1) for functions that start like a fractional power of u at 0.
-
-    Parameters
-    ----------
-    order : int
 
     Returns
     -------

@@ -110,10 +110,6 @@ def implicit(root: Array, residual: Any) -> Any:
     root : ndarray, shape (n,)
     residual : Dual
         What is zero at the root, with its derivatives by the root (`UNKNOWN`) and by all else.
-
-    Returns
-    -------
-    Dual, or ndarray where there is nothing else
     """
     steep = slopes(residual)[UNKNOWN]
     others = {name: -slope / steep for name, slope in slopes(residual).items() if name != UNKNOWN}

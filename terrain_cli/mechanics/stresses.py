@@ -51,17 +51,12 @@ def stresses(
     ----------
     model : Model
         With the base "wong-reece".
-    wheel : WheelGeometry
     channels : mapping of str to array_like, shape (n,)
         Slip, sinkage, and what the effects need, SI units.
     values : mapping of str to float or array_like, shape (n,)
         Every parameter of the soil and of the effects.
     nodes : int
         Angles, half of them on each side of the angle of maximum stress.
-
-    Returns
-    -------
-    Stresses
 
     Raises
     ------

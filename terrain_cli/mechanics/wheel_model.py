@@ -57,7 +57,6 @@ class WheelGeometry(NamedTuple):
         r and b in m.
     grouser_height : float
         In m.
-    grouser_count : int
     gravity : float
         In m/s².
     """
@@ -76,7 +75,6 @@ class Model:
     Parameters
     ----------
     base : {"wong-reece", "linear"}
-    effects : tuple of Effect
 
     Raises
     ------
@@ -118,12 +116,7 @@ class Model:
         return tuple(dict.fromkeys(name for effect in self.effects for name in effect.needs))
 
     def nulls(self) -> dict[str, float]:
-        """Return the values of the effects' parameters at which they are all absent.
-
-        Returns
-        -------
-        dict of str to float
-        """
+        """Return the values of the effects' parameters at which they are all absent."""
         return {name: parameter.null for name, parameter in self.parameters.items()}
 
     def changing(self, quantity: str) -> list[Effect]:
@@ -131,29 +124,12 @@ class Model:
 
         From the ground to the sensor, whatever the order in which they were added; a measured slip
         or load is followed back from the sensor to the ground.
-
-        Parameters
-        ----------
-        quantity : str
-
-        Returns
-        -------
-        list of Effect
         """
         acting = [effect for effect in self.effects if quantity in effect.laws]
         return sorted(acting, key=lambda e: KINDS.index(e.kind), reverse=quantity in _MEASURED)
 
     def changes(self, quantity: str) -> bool:
-        """Whether an effect changes a quantity.
-
-        Parameters
-        ----------
-        quantity : str
-
-        Returns
-        -------
-        bool
-        """
+        """Whether an effect changes a quantity."""
         return any(quantity in effect.laws for effect in self.effects)
 
 
@@ -195,8 +171,6 @@ def predict(
 
     Parameters
     ----------
-    model : Model
-    wheel : WheelGeometry
     channels : mapping of str to array_like, shape (n,)
         As measured, SI units: slip, and sinkage or load or both, and what the effects need. The
         linear base needs load and sinkage.
@@ -211,10 +185,6 @@ def predict(
         Nodes on each arc, instead of as many as give 1e-8.
     start : array_like, shape (n,), optional
         First guess of a sinkage that is sought, in m; NaN will do.
-
-    Returns
-    -------
-    Prediction
 
     Raises
     ------

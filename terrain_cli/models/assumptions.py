@@ -30,10 +30,8 @@ class Assumption:
     ----------
     id : str
         Named where an effect is named; no effect has it.
-    title : str
     explanation : str
         One paragraph: what is assumed, and what it does to the residuals where it is wrong.
-    reference : str
     settled_by : str
         The manoeuvre that tells it from its neighbours.
     """
@@ -81,7 +79,6 @@ def made_by(file: ModelFile, shear_modulus: float) -> list[Assumption]:
 
     Parameters
     ----------
-    file : ModelFile
     shear_modulus : float
         The k of rover.toml in m, which a model without a word on k may hold.
 
@@ -105,15 +102,10 @@ def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
 
     Parameters
     ----------
-    file : ModelFile
     name : str
         Id of the assumption.
     shear_modulus : float
         The k of rover.toml in m.
-
-    Returns
-    -------
-    ModelFile
 
     Raises
     ------
@@ -136,14 +128,8 @@ def imposed(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
 
     Parameters
     ----------
-    file : ModelFile
-    name : str
     shear_modulus : float
         The k of rover.toml in m.
-
-    Returns
-    -------
-    ModelFile
 
     Raises
     ------

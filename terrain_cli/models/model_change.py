@@ -25,7 +25,6 @@ class Changed(NamedTuple):
 
     Parameters
     ----------
-    file : ModelFile
     ids : tuple of str
         Effects that it has more or less, and assumptions lifted or made anew.
     """
@@ -35,16 +34,7 @@ class Changed(NamedTuple):
 
 
 def folder_of(file: ModelFile) -> Path:
-    """Return the folder in which the paths of a model file begin.
-
-    Parameters
-    ----------
-    file : ModelFile
-
-    Returns
-    -------
-    Path
-    """
+    """Return the folder in which the paths of a model file begin."""
     return file.path.parent if file.path else Path()
 
 
@@ -53,16 +43,11 @@ def added(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Change
 
     Parameters
     ----------
-    file : ModelFile
     names : sequence of str
         Ids of the catalogue, paths of effect files that begin in the folder of the model file, or ids
         of assumptions.
     shear_modulus : float
         The k of rover.toml in m, where an assumption is lifted.
-
-    Returns
-    -------
-    Changed
 
     Raises
     ------
@@ -95,14 +80,8 @@ def removed(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Chan
 
     Parameters
     ----------
-    file : ModelFile
     names : sequence of str
         Ids, or paths as for `added`.
-    shear_modulus : float
-
-    Returns
-    -------
-    Changed
 
     Raises
     ------
@@ -133,17 +112,7 @@ def removed(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Chan
 
 
 def recorded(file: ModelFile, entry: Mapping[str, Any]) -> ModelFile:
-    """Add an entry to the history.
-
-    Parameters
-    ----------
-    file : ModelFile
-    entry : mapping
-
-    Returns
-    -------
-    ModelFile
-    """
+    """Add an entry to the history."""
     return replace(file, history=(*file.history, entry))
 
 

@@ -61,10 +61,6 @@ class ModelFile:
     def factor(self, name: str) -> float:
         """Return the SI value of one unit of a parameter, as the file writes it.
 
-        Parameters
-        ----------
-        name : str
-
         Returns
         -------
         float

@@ -28,10 +28,6 @@ def resolve(name: str) -> ModelFile:
     name : str
         A base, or the path of a model file.
 
-    Returns
-    -------
-    ModelFile
-
     Raises
     ------
     ConfigurationError
@@ -51,14 +47,6 @@ def resolve(name: str) -> ModelFile:
 
 def load(path: str | Path) -> ModelFile:
     """Read a model file and the effects it names.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    ModelFile
 
     Raises
     ------
@@ -116,10 +104,6 @@ def build(
     folder : Path
         Where relative paths begin: that of the model file to be.
 
-    Returns
-    -------
-    ModelFile
-
     Raises
     ------
     ConfigurationError
@@ -145,16 +129,7 @@ def _model(base: Any, named: Sequence[str], folder: Path, place: str = "") -> Mo
 
 
 def is_path(name: str) -> bool:
-    """Tell the file of an effect from an id of the catalogue.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell the file of an effect from an id of the catalogue."""
     return name.endswith(".toml") or "/" in name
 
 
@@ -167,10 +142,6 @@ def find_effect(name: str, folder: Path = Path()) -> Effect:
         An id, or the path of a TOML file.
     folder : Path
         Where relative paths begin.
-
-    Returns
-    -------
-    Effect
 
     Raises
     ------
@@ -189,7 +160,6 @@ def flat(table: Any, place: str) -> Iterator[tuple[str, Any, str]]:
     ----------
     table : dict
         ``{"slip-sinkage.n1": 0.4}`` or ``{"slip-sinkage": {"n1": 0.4}}``.
-    place : str
 
     Yields
     ------
@@ -209,7 +179,6 @@ def parameter(model: Model, name: str, value: Any, place: str = "") -> float:
 
     Parameters
     ----------
-    model : Model
     name : str
         Of the soil, or qualified: ``slip-sinkage.n1``.
     value : object

@@ -24,11 +24,6 @@ def save(file: ModelFile, path: str | Path) -> None:
     Where it was read from a file, only what has changed since is written anew: comments and order
     stay.
 
-    Parameters
-    ----------
-    file : ModelFile
-    path : str or Path
-
     Raises
     ------
     formats.errors.CannotWriteError
@@ -39,16 +34,7 @@ def save(file: ModelFile, path: str | Path) -> None:
 
 
 def new(file: ModelFile) -> str:
-    """Write the text of a new model file.
-
-    Parameters
-    ----------
-    file : ModelFile
-
-    Returns
-    -------
-    str
-    """
+    """Write the text of a new model file."""
     soil = ", ".join(f"{name} ({SOIL_UNITS[name]})" for name in file.model.soil)
     lines = [
         "# A model of wheel and soil for terrain-est.",
@@ -77,10 +63,6 @@ def new(file: ModelFile) -> str:
 
 def edited(file: ModelFile) -> str:
     """Bring the text that a model file was read from up to date.
-
-    Parameters
-    ----------
-    file : ModelFile
 
     Returns
     -------

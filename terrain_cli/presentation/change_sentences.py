@@ -15,16 +15,7 @@ if TYPE_CHECKING:
 
 
 def verdict(step: Step) -> str:
-    """Say what held-out data say of a change, and what became of it.
-
-    Parameters
-    ----------
-    step : Step
-
-    Returns
-    -------
-    str
-    """
+    """Say what held-out data say of a change, and what became of it."""
     what = listed(step.changed)
     if step.action == "remove":
         return f"{what} {_is(step)} removed{', though it pays' if step.costs else ''}: {found(step)}"
@@ -50,11 +41,6 @@ def untested(action: Action, changed: Sequence[str]) -> str:
     Parameters
     ----------
     action : {"add", "remove"}
-    changed : sequence of str
-
-    Returns
-    -------
-    str
     """
     done = {"add": "added", "remove": "removed"}[action]
     are = "is" if len(changed) == 1 else "are"
@@ -62,16 +48,7 @@ def untested(action: Action, changed: Sequence[str]) -> str:
 
 
 def tried(step: Step) -> str:
-    """Say what the loop tried, and whether it stays.
-
-    Parameters
-    ----------
-    step : Step
-
-    Returns
-    -------
-    str
-    """
+    """Say what the loop tried, and whether it stays."""
     name = listed(step.changed)
     if step.action == "add":
         return f"{'+' if step.kept else 'not'} {name}: {found(step)}"
@@ -79,16 +56,7 @@ def tried(step: Step) -> str:
 
 
 def doubt(step: Step) -> str:
-    """Say what the data do not tell from an effect that the loop keeps, and what would.
-
-    Parameters
-    ----------
-    step : Step
-
-    Returns
-    -------
-    str
-    """
+    """Say what the data do not tell from an effect that the loop keeps, and what would."""
     what = f"these data do not tell it from {listed(step.rivals)}"
     if step.next_drive is None:
         return what
@@ -97,16 +65,7 @@ def doubt(step: Step) -> str:
 
 
 def found(step: Step) -> str:
-    """Say what became of the held-out error, without a name.
-
-    Parameters
-    ----------
-    step : Step
-
-    Returns
-    -------
-    str
-    """
+    """Say what became of the held-out error, without a name."""
     if not step.testable:
         n = step.evidence.blocks
         return f"only {counted(n, 'independent stretch', 'es')} of data: nothing can be told from chance"

@@ -26,10 +26,6 @@ _MOST_ROWS = 12
 def document(step: Step) -> dict[str, Any]:
     """Return a change as it is written to JSON.
 
-    Parameters
-    ----------
-    step : Step
-
     Returns
     -------
     dict
@@ -76,11 +72,6 @@ def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
     ----------
     entry : dict
         From `history_entry.untested`.
-    sentence : str
-
-    Returns
-    -------
-    dict
     """
     return {
         "format": FORMAT,
@@ -95,17 +86,7 @@ def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
 
 
 def loop(steps: Sequence[Step], end: Stopped) -> dict[str, Any]:
-    """Return the whole loop as it is written to JSON.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-    end : Stopped
-
-    Returns
-    -------
-    dict
-    """
+    """Return the whole loop as it is written to JSON."""
     return {
         "format": LOOP_FORMAT,
         "sentence": end.because,
@@ -149,16 +130,7 @@ def _shift(one: Shift) -> dict[str, Any]:
 
 
 def text(step: Step) -> str:
-    """Write a change for a person: the verdict, then what it rests on.
-
-    Parameters
-    ----------
-    step : Step
-
-    Returns
-    -------
-    str
-    """
+    """Write a change for a person: the verdict, then what it rests on."""
     lines = [change_sentences.verdict(step), "", *_errors(step), ""]
     if step.parameters:
         lines += [*_parameters(step.parameters), ""]
@@ -180,17 +152,7 @@ def text(step: Step) -> str:
 
 
 def loop_text(steps: Sequence[Step], end: Stopped) -> str:
-    """Write where the loop ended for a person, and what it has done to the held-out errors.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-    end : Stopped
-
-    Returns
-    -------
-    str
-    """
+    """Write where the loop ended for a person, and what it has done to the held-out errors."""
     kept = [step for step in steps if step.kept]
     effects = [effect.id for effect in end.file.model.effects]
     model = " + ".join([end.file.model.base, *effects])

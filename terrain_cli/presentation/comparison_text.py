@@ -34,7 +34,6 @@ def document(
 
     Parameters
     ----------
-    comparison : Comparison
     second : Comparison, optional
         Of another model on the same data: under the key "against", with "differences".
     differences : sequence of Difference
@@ -171,30 +170,12 @@ def _known(value: float) -> float | None:
 
 
 def named(comparison: Comparison) -> str:
-    """Return the name of a model: its base and what was added.
-
-    Parameters
-    ----------
-    comparison : Comparison
-
-    Returns
-    -------
-    str
-    """
+    """Return the name of a model: its base and what was added."""
     return " + ".join([comparison.model["base"], *comparison.model["effects"]])
 
 
 def text(comparison: Comparison) -> str:
-    """Write a comparison for a person: errors by channel, then where the model fails.
-
-    Parameters
-    ----------
-    comparison : Comparison
-
-    Returns
-    -------
-    str
-    """
+    """Write a comparison for a person: errors by channel, then where the model fails."""
     samples = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
     segments = sum(len(wheel.windows) for wheel in comparison.wheels)
     data = f"{counted(samples, 'sample')} in {counted(segments, 'segment')}"
@@ -237,11 +218,6 @@ def _told(finding: Finding, comparison: Comparison) -> str:
 
 def text_of_two(first: Comparison, second: Comparison, differences: Sequence[Difference]) -> str:
     """Write two models side by side for a person.
-
-    Parameters
-    ----------
-    first, second : Comparison
-    differences : sequence of Difference
 
     Returns
     -------

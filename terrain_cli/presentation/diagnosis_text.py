@@ -22,10 +22,6 @@ _EARLY = 5
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return a diagnosis as it is written to JSON.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-
     Returns
     -------
     dict
@@ -108,16 +104,7 @@ def _known(value: float) -> float | None:
 
 
 def text(diagnosis: Diagnosis) -> str:
-    """Write a diagnosis for a person: one sentence, then what it rests on.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-
-    Returns
-    -------
-    str
-    """
+    """Write a diagnosis for a person: one sentence, then what it rests on."""
     alarm = diagnosis.alarm
     chance = f"p {alarm.p_value:.4f}" if alarm.p_value >= 0.0001 else "p < 0.0001"
     state = "raised" if alarm.raised else "silent"
@@ -139,16 +126,7 @@ def text(diagnosis: Diagnosis) -> str:
 
 
 def early(found: Screened) -> str:
-    """Write the strongest scores for a person who waits for the refits.
-
-    Parameters
-    ----------
-    found : Screened
-
-    Returns
-    -------
-    str
-    """
+    """Write the strongest scores for a person who waits for the refits."""
     known = sorted(
         (name for name, t in found.scores.items() if t > 0.0), key=lambda name: -found.scores[name]
     )

@@ -31,10 +31,6 @@ _KINDS = {
 def document(effect: Effect) -> dict[str, Any]:
     """Describe an effect for JSON.
 
-    Parameters
-    ----------
-    effect : Effect
-
     Returns
     -------
     dict
@@ -78,17 +74,7 @@ def _in_unit(value: float, parameter: Parameter) -> float | None:
 
 
 def checked(file: str, understood: Understood) -> dict[str, Any]:
-    """Describe for JSON what was understood of a file.
-
-    Parameters
-    ----------
-    file : str
-    understood : Understood
-
-    Returns
-    -------
-    dict
-    """
+    """Describe for JSON what was understood of a file."""
     return {
         "file": file,
         "ok": True,
@@ -107,16 +93,7 @@ def checked(file: str, understood: Understood) -> dict[str, Any]:
 
 
 def overview(effects: Iterable[Effect]) -> str:
-    """Return a table of effects, a line for each.
-
-    Parameters
-    ----------
-    effects : iterable of Effect
-
-    Returns
-    -------
-    str
-    """
+    """Return a table of effects, a line for each."""
     rows = [
         (effect.id, effect.kind, ", ".join(effect.laws), _needed(effect), effect.title) for effect in effects
     ]
@@ -124,16 +101,7 @@ def overview(effects: Iterable[Effect]) -> str:
 
 
 def text(effect: Effect) -> str:
-    """Tell a person all about an effect.
-
-    Parameters
-    ----------
-    effect : Effect
-
-    Returns
-    -------
-    str
-    """
+    """Tell a person all about an effect."""
     lines = [f"{effect.id}: {effect.title}", *_summary(effect), "", *_parameters(effect)]
     if effect.explanation:
         lines += ["", textwrap.fill(effect.explanation, _WIDTH)]
@@ -148,31 +116,13 @@ def text(effect: Effect) -> str:
 
 
 def overview_of_assumptions(assumptions: Iterable[Assumption]) -> str:
-    """Return a table of what bases take for granted, a line for each.
-
-    Parameters
-    ----------
-    assumptions : iterable of Assumption
-
-    Returns
-    -------
-    str
-    """
+    """Return a table of what bases take for granted, a line for each."""
     rows = [(one.id, one.title) for one in assumptions]
     return "\n".join(["assumptions of a base, which model add lifts:", *aligned(rows)])
 
 
 def text_of_assumption(assumption: Assumption) -> str:
-    """Tell a person all about what a base takes for granted.
-
-    Parameters
-    ----------
-    assumption : Assumption
-
-    Returns
-    -------
-    str
-    """
+    """Tell a person all about what a base takes for granted."""
     return "\n".join(
         [
             f"{assumption.id}: {assumption.title}",
@@ -186,17 +136,7 @@ def text_of_assumption(assumption: Assumption) -> str:
 
 
 def checked_text(file: str, understood: Understood) -> str:
-    """Tell a person what was understood of a file.
-
-    Parameters
-    ----------
-    file : str
-    understood : Understood
-
-    Returns
-    -------
-    str
-    """
+    """Tell a person what was understood of a file."""
     effect = understood.effect
     lines = [f"{file}: nothing is wrong", f"{effect.id}: {effect.title}", *_summary(effect)]
     for quantity, units in understood.units.items():

@@ -50,8 +50,6 @@ def inspect(
 
     Parameters
     ----------
-    path : str
-    rover : Rover
     wheels : collection of str
         Only these; all if empty.
     salvage : bool
@@ -208,10 +206,6 @@ def text(document: dict[str, Any], *, verbose: bool = False) -> str:
         From `inspect`.
     verbose : bool
         Also list every field of the messages that come with ROS.
-
-    Returns
-    -------
-    str
     """
     starts = [wheel["start_s"] for wheel in document["wheels"] if wheel.get("start_s", 0.0) > _EPOCH]
     began = f", from {_moment(min(starts))}" if starts else ""

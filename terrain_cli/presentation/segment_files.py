@@ -29,7 +29,6 @@ def check(output: str | None, samples: str | None = None, crs: str | None = None
         Where the segments go; None is the standard output.
     samples : str, optional
         Where the samples go.
-    crs : str, optional
 
     Raises
     ------
@@ -85,16 +84,7 @@ def write(
 
 
 def together(output: str, samples: str) -> bool:
-    """Tell whether segments and samples go into one file, as two layers.
-
-    Parameters
-    ----------
-    output, samples : str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether segments and samples go into one file, as two layers."""
     return Path(output).resolve() == Path(samples).resolve() and _kind(output) == "gpkg"
 
 
@@ -103,7 +93,6 @@ def remark(output: str | None, crs: str | None) -> str:
 
     Parameters
     ----------
-    output : str or None
     crs : str or None
         From `segment_table.reference_system`.
 

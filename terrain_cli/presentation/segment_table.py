@@ -68,11 +68,6 @@ VERTICES = 64
 def table(windows: Windows, estimates: WindowEstimates) -> Table:
     """Return the rows of one wheel.
 
-    Parameters
-    ----------
-    windows : Windows
-    estimates : WindowEstimates
-
     Returns
     -------
     dict of str to list or ndarray
@@ -157,10 +152,6 @@ def _rejected(windows: Windows) -> NDArray[np.intp]:
 
 def coordinates(samples: Samples) -> tuple[Array, Array] | None:
     """Return where the samples lie on a map.
-
-    Parameters
-    ----------
-    samples : Samples
 
     Returns
     -------
@@ -262,10 +253,6 @@ def join(tables: Sequence[Table]) -> Table:
 def rejects(samples: Samples) -> Table:
     """Return the samples set aside, with the reason of each.
 
-    Parameters
-    ----------
-    samples : Samples
-
     Returns
     -------
     dict of str to list or ndarray
@@ -289,10 +276,6 @@ def rejects(samples: Samples) -> Table:
 
 def samples(windows: Windows) -> Table:
     """Return the samples of every window, as points.
-
-    Parameters
-    ----------
-    windows : Windows
 
     Returns
     -------
@@ -323,10 +306,6 @@ def samples(windows: Windows) -> Table:
 
 def trace(windows: Windows) -> Table:
     """Return the recursive estimate sample by sample.
-
-    Parameters
-    ----------
-    windows : Windows
 
     Returns
     -------

@@ -32,7 +32,6 @@ def write(table: Table, destination: str, crs: str | None = None) -> None:
     ----------
     table : mapping of str to sequence
         From `segment_table.join`.
-    destination : str
     crs : str, optional
         Of longitude and latitude.
 

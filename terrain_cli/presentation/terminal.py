@@ -26,44 +26,17 @@ def _named(match: re.Match[str]) -> str:
 
 
 def escaped(text: str) -> str:
-    r"""Return text as a terminal can show it: control characters as ``\x1b``; lines and tabs are left.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-    """
+    r"""Return text as a terminal can show it: control characters as ``\x1b``; lines and tabs are left."""
     return _IN_TEXT.sub(_named, text)
 
 
 def in_line(text: str) -> str:
-    """Return text that stands in one line, such as a name.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-    """
+    """Return text that stands in one line, such as a name."""
     return _IN_LINE.sub(_named, text)
 
 
 def in_lines(value: Any) -> Any:
-    """Return a document with each of its texts in one line.
-
-    Parameters
-    ----------
-    value : dict, list, tuple, str or any other value
-
-    Returns
-    -------
-    value
-    """
+    """Return a document with each of its texts in one line."""
     if isinstance(value, str):
         return in_line(value)
     if isinstance(value, dict):
@@ -78,13 +51,8 @@ def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
 
     Parameters
     ----------
-    rows : sequence of sequence of str
     indent : str
         Before each line.
-
-    Returns
-    -------
-    list of str
     """
     cells = [[in_line(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
@@ -99,7 +67,6 @@ def say(text: str = "", *, nl: bool = True) -> None:
 
     Parameters
     ----------
-    text : str
     nl : bool
         End the line.
     """
@@ -130,10 +97,6 @@ def prepared() -> Iterator[None]:
 
     Data are UTF-8 whatever the locale. Where one was closed by who started the command, no other file takes
     its place.
-
-    Yields
-    ------
-    None
     """
     for number in range(3):
         try:

@@ -29,10 +29,6 @@ def jobs(count: int) -> Iterator[None]:
     ----------
     count : int
         At least 1, with which none is started.
-
-    Yields
-    ------
-    None
     """
     token = _jobs.set(count)
     try:
@@ -55,7 +51,6 @@ def each(
     function : callable
         That can be pickled with all that is bound to it, as its results can: what is bound goes to a
         process once, items one by one.
-    items : sequence
     before : callable
         Called in this process with each item before it is done, or waited for.
 

@@ -41,10 +41,6 @@ def heeded() -> Iterator[None]:
     """Raise `EndedError` in the main thread on SIGTERM and SIGHUP, where they would end the process.
 
     Who starts it with one of them ignored, as nohup does, has that kept.
-
-    Yields
-    ------
-    None
     """
     heard = -math.inf
 

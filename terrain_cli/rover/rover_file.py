@@ -40,10 +40,6 @@ def find(explicit: str | None, first_input: str | None) -> Path | None:
         ``--rover FILE``; it need not exist, `load` says so.
     first_input : str or None
         A file, a folder (looked into first) or "-".
-
-    Returns
-    -------
-    Path or None
     """
     if explicit:
         return Path(explicit)
@@ -61,10 +57,6 @@ def load(path: str | Path | None) -> Rover:
     ----------
     path : str or Path or None
         None for no file: nothing is known of the rover.
-
-    Returns
-    -------
-    Rover
 
     Raises
     ------

@@ -27,14 +27,12 @@ class ChannelEntry:
 
     Parameters
     ----------
-    channel : str
     place : str
         Where this stands, such as ``rover.toml: channels.torque``, for messages.
     column : str, optional
         Header of a table.
     topic, field : str, optional
         Topic of a bag and dotted path of the field in its message; without a field, its only one.
-    name : str, optional
     index : int, optional
         Which element of a list, by the text beside it or by its place.
     constant : float or str, optional
@@ -82,7 +80,6 @@ class Motor:
     ----------
     torque_constant : float
         N m/A at the reference temperature.
-    gear_ratio, efficiency : float
     temperature_coefficient : float
         Relative change of the torque constant, 1/K.
     reference_temperature : float
@@ -134,13 +131,10 @@ class Wheel:
         Empty where rover.toml names no wheels.
     radius, width : float or None
         m.
-    grouser_count : int
     grouser_height : float
         m.
     position : (float, float, float), optional
         Of the point of contact: x forward, y left, z up in m.
-    channels : mapping of str to ChannelEntry
-    motor : Motor, optional
     """
 
     name: str = ""
@@ -167,7 +161,6 @@ class Rover:
         [wheels.NAME], complete with what they take from the default.
     shear_modulus : float or None
         k of [soil] in m.
-    vehicle : Vehicle or None
     max_gap : float or None
         [sampling]: longest time in s over which a channel is interpolated.
     steady : bool
@@ -201,10 +194,6 @@ class Rover:
         name : str
             A label of the channel `wheel`; empty where the data name no wheel.
 
-        Returns
-        -------
-        Wheel
-
         Raises
         ------
         ConfigurationError
@@ -230,14 +219,6 @@ class Rover:
     def geometry(self, wheel: Wheel) -> tuple[float, float]:
         """Return radius and width of a wheel in m.
 
-        Parameters
-        ----------
-        wheel : Wheel
-
-        Returns
-        -------
-        radius, width : float
-
         Raises
         ------
         ConfigurationError
@@ -252,10 +233,6 @@ class Rover:
 
     def soil_shear_modulus(self) -> float:
         """Return the shear modulus k in m.
-
-        Returns
-        -------
-        float
 
         Raises
         ------

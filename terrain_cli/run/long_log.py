@@ -45,7 +45,6 @@ def hindrance(settings: Settings, file: ModelFile | None) -> str | None:
 
     Parameters
     ----------
-    settings : Settings
     file : ModelFile or None
         The model that is fitted whole.
 
@@ -66,16 +65,7 @@ def hindrance(settings: Settings, file: ModelFile | None) -> str | None:
 
 
 def lean(part: Samples) -> Samples:
-    """Return a part with no more than windows, estimates and the table are made of.
-
-    Parameters
-    ----------
-    part : Samples
-
-    Returns
-    -------
-    Samples
-    """
+    """Return a part with no more than windows, estimates and the table are made of."""
     channels = {name: values for name, values in part.channels.items() if name in _KEPT}
     return replace(part, channels=channels, drivers={})
 
@@ -87,7 +77,6 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
     ----------
     parts : iterable of Samples
         From `lean`, of each wheel in turn.
-    settings : Settings
 
     Returns
     -------
@@ -235,10 +224,6 @@ class LongWheel:
         ----------
         remarks : sequence of str
             What a person should know about the input.
-
-        Returns
-        -------
-        dict
         """
         assert self._first is not None  # noqa: S101 - a wheel is there once it has samples
         remarks = list(remarks)

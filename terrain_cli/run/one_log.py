@@ -65,17 +65,10 @@ def run(
 
     Parameters
     ----------
-    path : str
-    rover : Rover
-    settings : Settings
     progress : callable
         Called with the name of each step before it begins.
     beside : bool
         Work through a long log in a second process while this one reads it.
-
-    Returns
-    -------
-    Outcome
 
     Raises
     ------

@@ -32,12 +32,7 @@ _ALIGNED = 64
 
 
 def cores() -> int:
-    """Return how many processors this process may use, where the system says so.
-
-    Returns
-    -------
-    int
-    """
+    """Return how many processors this process may use, where the system says so."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -48,11 +43,6 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
     ----------
     parts : iterable of Samples
         Is read in this process.
-    settings : Settings
-
-    Returns
-    -------
-    dict of str to LongWheel
 
     Raises
     ------
@@ -71,10 +61,6 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
 
 class _Beside:
     """The other process.
-
-    Parameters
-    ----------
-    settings : Settings
 
     Raises
     ------

@@ -21,14 +21,12 @@ class Settings:
     segments : {"auto", "fixed", "terrain", "none"}
     min_samples : int, optional
         Fewest samples of a window; `CUT_SAMPLES` to cut and `FIT_SAMPLES` to estimate if not given.
-    window_samples : int, optional
     window_distance : float, optional
         In m.
     folds : int, optional
         Contiguous blocks for the cross-validation of δ; leave-one-out if not given.
     wheels : tuple of str
         Only these; all if empty.
-    where : str, optional
     model : ModelFile or str, optional
         "linear", "wong-reece", or a model file; or what it holds, for a process that cannot read it.
     robust : bool

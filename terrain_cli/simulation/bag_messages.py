@@ -35,10 +35,6 @@ def topics(log: SimulatedLog) -> list[Topic]:
     ----------
     log : SimulatedLog
         Simulated for a bag.
-
-    Returns
-    -------
-    list of Topic
     """
     return [*_joint_states(log), *_of_wheels(log), *_of_body(log)]
 

@@ -51,7 +51,6 @@ class Ride:
 
     Parameters
     ----------
-    place : Place
     time : ndarray, shape (n,)
     smooth : dict of str to ndarray, shape (n,)
         Load and slip as the soil feels them, the velocity of the wheel centre, and what is of the body.
@@ -84,16 +83,7 @@ class Ride:
 
 
 def plan(scenario: Scenario) -> Course:
-    """Drive the body.
-
-    Parameters
-    ----------
-    scenario : Scenario
-
-    Returns
-    -------
-    Course
-    """
+    """Drive the body."""
     count = round(scenario.duration / STEP) + 1
     time = np.arange(count, dtype=np.float64) * STEP
     series = _profiles(scenario, "body", time, set(scenario.parts[0].profiles) - OF_WHEEL)
@@ -118,16 +108,6 @@ def plan(scenario: Scenario) -> Course:
 def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
     """Follow one wheel.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    course : Course
-    place : Place
-
-    Returns
-    -------
-    Ride
-
     Raises
     ------
     ConfigurationError
@@ -148,10 +128,6 @@ def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
 
 def body_ride(course: Course) -> Ride:
     """Follow the origin of the body, for what is measured there.
-
-    Parameters
-    ----------
-    course : Course
 
     Returns
     -------

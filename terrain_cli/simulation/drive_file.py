@@ -104,10 +104,6 @@ def read(path: str | None, options: Mapping[str, Any], *, seed: int = 0) -> Scen
     seed : int
         If neither says one.
 
-    Returns
-    -------
-    Scenario
-
     Raises
     ------
     ConfigurationError

@@ -33,14 +33,6 @@ _SAMPLES = 400
 def draw(scenario: Scenario) -> Scenario:
     """Add an effect and its size, drawn by the seed.
 
-    Parameters
-    ----------
-    scenario : Scenario
-
-    Returns
-    -------
-    Scenario
-
     Raises
     ------
     InputError

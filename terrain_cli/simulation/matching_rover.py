@@ -15,44 +15,17 @@ HEADER = "# Written by terrain-est simulate, which replaces it as long as this l
 
 
 def identifier(wheel: str) -> str:
-    """Return the name of a wheel as topics and joints have it: no hyphens.
-
-    Parameters
-    ----------
-    wheel : str
-
-    Returns
-    -------
-    str
-    """
+    """Return the name of a wheel as topics and joints have it: no hyphens."""
     return wheel.replace("-", "_")
 
 
 def joint(wheel: str) -> str:
-    """Return the name of a wheel's joint.
-
-    Parameters
-    ----------
-    wheel : str
-
-    Returns
-    -------
-    str
-    """
+    """Return the name of a wheel's joint."""
     return f"{identifier(wheel)}_joint"
 
 
 def text(scenario: Scenario) -> str:
-    """Write what a reader of the log needs to know of the rover; nothing of its effects.
-
-    Parameters
-    ----------
-    scenario : Scenario
-
-    Returns
-    -------
-    str
-    """
+    """Write what a reader of the log needs to know of the rover; nothing of its effects."""
     wheel = scenario.geometry
     lines = [
         HEADER,

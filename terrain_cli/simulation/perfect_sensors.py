@@ -53,7 +53,6 @@ def check_needs(scenario: Scenario, channels: Iterable[str]) -> None:
 
     Parameters
     ----------
-    scenario : Scenario
     channels : iterable of str
         Those of the drive.
 
@@ -75,11 +74,6 @@ def check_needs(scenario: Scenario, channels: Iterable[str]) -> None:
 
 class Physics:
     """What one wheel shows, at any time of its ride.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    ride : Ride
 
     Raises
     ------

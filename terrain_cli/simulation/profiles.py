@@ -75,16 +75,7 @@ class Profile:
 
 
 def constant(value: float) -> Profile:
-    """Return the profile that stays the same.
-
-    Parameters
-    ----------
-    value : float
-
-    Returns
-    -------
-    Profile
-    """
+    """Return the profile that stays the same."""
     return Profile("ramps", (value,))
 
 
@@ -95,7 +86,6 @@ def profile_rule(what: str, low: float, high: float) -> Rule:
     ----------
     what : str
         What each value must be, in words.
-    low, high : float
 
     Returns
     -------
@@ -140,13 +130,8 @@ def generator(seed: int, key: str) -> np.random.Generator:
 
     Parameters
     ----------
-    seed : int
     key : str
         What they are for.
-
-    Returns
-    -------
-    numpy.random.Generator
     """
     return np.random.default_rng([seed, zlib.crc32(key.encode())])
 

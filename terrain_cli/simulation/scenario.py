@@ -30,7 +30,6 @@ class Place:
 
     Parameters
     ----------
-    name : str
     x, y : float
         Forward and left of the body's origin, in m.
     """
@@ -87,12 +86,10 @@ class Scenario:
 
     Parameters
     ----------
-    parts : tuple of DrivePart
     soils : tuple of Soil
         In turn, over equal distances of the track.
     geometry : WheelGeometry
         Of every wheel.
-    wheels : tuple of Place
     load : float
         Mean load of each wheel in N.
     speed : float
@@ -102,10 +99,8 @@ class Scenario:
     rates : mapping of str to float
         channel → Hz.
     base : {"wong-reece", "linear"}
-    effects : tuple of Chosen
     sensors : mapping of str to Sensor
         By channel; the others are perfect.
-    seed : int
     start : float
         s since 1970.
     drawbar_pull : bool
@@ -138,10 +133,5 @@ class Scenario:
         return Model(self.base, tuple(chosen.effect for chosen in self.effects))
 
     def effect_values(self) -> dict[str, float]:
-        """Return the parameters of all effects by their qualified names.
-
-        Returns
-        -------
-        dict of str to float
-        """
+        """Return the parameters of all effects by their qualified names."""
         return {name: value for chosen in self.effects for name, value in chosen.qualified().items()}

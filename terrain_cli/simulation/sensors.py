@@ -120,7 +120,6 @@ class Sensor:
         true : ndarray, shape (n,)
         duration : float
             Of the drive in s.
-        seed : int
         key : str
             Whose sensor it is.
 
@@ -203,16 +202,7 @@ def _autoregressive(white: Array, memory: float) -> Array:
 
 
 def ten_digits(values: Array) -> Array:
-    """Round to ten significant digits: what two machines may compute differently is not written.
-
-    Parameters
-    ----------
-    values : ndarray
-
-    Returns
-    -------
-    ndarray
-    """
+    """Round to ten significant digits: what two machines may compute differently is not written."""
     mantissa, exponent = np.frexp(values)
     power = np.floor(np.log10(2.0) * exponent)
     scale = 10.0 ** np.clip(10.0 - power, -300.0, 300.0)
@@ -240,10 +230,6 @@ def clock(rate: float, duration: float) -> Array:
 
 def amount_rule(channel: str) -> Rule:
     """Return the rule for an amount: ``0.02`` in the channel's unit, ``"1 mm"`` or ``"3%"``.
-
-    Parameters
-    ----------
-    channel : str
 
     Returns
     -------
@@ -285,15 +271,6 @@ def _parts(value: str, place: str) -> tuple[float, str]:
 def share_rule(value: Any, place: str) -> float:
     """Read a share: ``0.02`` or ``"2%"``, below 1.
 
-    Parameters
-    ----------
-    value : object
-    place : str
-
-    Returns
-    -------
-    float
-
     Raises
     ------
     ConfigurationError
@@ -307,10 +284,6 @@ def share_rule(value: Any, place: str) -> float:
 
 def sensor_rule(channel: str) -> Rule:
     """Return the rule for the sensor of a channel: an amount of white noise, or a table.
-
-    Parameters
-    ----------
-    channel : str
 
     Returns
     -------
@@ -353,15 +326,6 @@ _SENSORS = strict.table({name: sensor_rule(name) for name in NOISY})
 
 def sensors_rule(value: Any, place: str) -> dict[str, Sensor]:
     """Read the noise of all channels: one share for those that are usual, or a table by channel.
-
-    Parameters
-    ----------
-    value : object
-    place : str
-
-    Returns
-    -------
-    dict of str to Sensor
 
     Raises
     ------

@@ -40,7 +40,6 @@ class Chosen:
 
     Parameters
     ----------
-    effect : Effect
     values : mapping of str to float
         Every parameter by its short name, SI.
     hidden : bool
@@ -52,22 +51,12 @@ class Chosen:
     hidden: bool = False
 
     def qualified(self) -> dict[str, float]:
-        """Return the values by the names that the model has for them.
-
-        Returns
-        -------
-        dict of str to float
-        """
+        """Return the values by the names that the model has for them."""
         return {self.effect.qualified(p): self.values[p.name] for p in self.effect.parameters}
 
 
 def effects_rule(value: Any, place: str) -> dict[str, dict[str, float]]:
     """Read the table [effects]: id or file → its parameters.
-
-    Parameters
-    ----------
-    value : object
-    place : str
 
     Returns
     -------
@@ -92,10 +81,6 @@ def choose(name: str, given: Mapping[str, float], place: str) -> Chosen:
     place : str
         For messages.
 
-    Returns
-    -------
-    Chosen
-
     Raises
     ------
     ConfigurationError
@@ -115,15 +100,10 @@ def settle(effect: Effect, given: Mapping[str, float], place: str) -> Chosen:
 
     Parameters
     ----------
-    effect : Effect
     given : mapping of str to float
         By short name; the others get their typical size.
     place : str
         For messages.
-
-    Returns
-    -------
-    Chosen
 
     Raises
     ------
@@ -152,7 +132,6 @@ def typical(parameter: Parameter, name: str = "") -> float:
 
     Parameters
     ----------
-    parameter : Parameter
     name : str
         Its qualified name.
 
@@ -168,11 +147,6 @@ def typical(parameter: Parameter, name: str = "") -> float:
 
 def drawn(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
     """Draw the size of an effect, as it may occur.
-
-    Parameters
-    ----------
-    effect : Effect
-    rng : numpy.random.Generator
 
     Returns
     -------

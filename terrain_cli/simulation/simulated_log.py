@@ -63,7 +63,6 @@ class SimulatedLog:
 
     Parameters
     ----------
-    scenario : Scenario
     wheels : dict of str to dict
         wheel → channel → `SimulatedSeries`.
     body : dict of str to SimulatedSeries
@@ -71,7 +70,6 @@ class SimulatedLog:
     truth : dict of str to dict
         wheel → what perfect sensors show and what the soil feels, as `Physics.at` gives it, with
         "time" in s since the start: whenever anything of the wheel was measured.
-    stretches : dict of str to list of Stretch
     """
 
     scenario: Scenario
@@ -82,16 +80,7 @@ class SimulatedLog:
 
 
 def channels(scenario: Scenario) -> tuple[str, ...]:
-    """Return the channels that a drive has: always the same, so that none tells of an effect.
-
-    Parameters
-    ----------
-    scenario : Scenario
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Return the channels that a drive has: always the same, so that none tells of an effect."""
     return tuple(name for name in CHANNELS_WRITTEN if scenario.drawbar_pull or name != "drawbar_pull")
 
 
@@ -100,7 +89,6 @@ def rates(scenario: Scenario, *, bag: bool) -> dict[str, float]:
 
     Parameters
     ----------
-    scenario : Scenario
     bag : bool
         Channels of one message share the highest rate asked for any of them; without one, messages
         are sent at rates of their own.
@@ -124,13 +112,8 @@ def simulate(scenario: Scenario, *, bag: bool = False) -> SimulatedLog:
 
     Parameters
     ----------
-    scenario : Scenario
     bag : bool
         Sample as the messages of a bag are sent; else as the rows of a table.
-
-    Returns
-    -------
-    SimulatedLog
 
     Raises
     ------
@@ -198,10 +181,6 @@ def _stretches(ride: Ride) -> list[Stretch]:
 def table(log: SimulatedLog) -> dict[str, Array | list[str]]:
     """Return the log as one table: a row for each wheel and time.
 
-    Parameters
-    ----------
-    log : SimulatedLog
-
     Returns
     -------
     dict of str to sequence
@@ -219,10 +198,6 @@ def table(log: SimulatedLog) -> dict[str, Array | list[str]]:
 
 def truth_table(log: SimulatedLog) -> dict[str, Array | list[str]]:
     """Return the truth as one table, whose rows are those of the log.
-
-    Parameters
-    ----------
-    log : SimulatedLog
 
     Returns
     -------

@@ -22,7 +22,6 @@ class Soil:
 
     Parameters
     ----------
-    name : str
     cohesion : float
         c in Pa.
     tan_phi : float
@@ -125,15 +124,6 @@ _SOIL = strict.table(
 def soils_rule(value: Any, place: str) -> dict[str, Soil]:
     """Read the tables [soils.NAME] of a user.
 
-    Parameters
-    ----------
-    value : object
-    place : str
-
-    Returns
-    -------
-    dict of str to Soil
-
     Raises
     ------
     ConfigurationError
@@ -168,15 +158,10 @@ def find(name: str, own: Mapping[str, Soil], place: str) -> Soil:
 
     Parameters
     ----------
-    name : str
     own : mapping of str to Soil
         Those of the user, which stand above the published ones.
     place : str
         For the message.
-
-    Returns
-    -------
-    Soil
 
     Raises
     ------

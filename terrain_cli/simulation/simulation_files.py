@@ -67,7 +67,6 @@ def write_log(log: SimulatedLog, destination: str) -> None:
     ----------
     log : SimulatedLog
         Simulated for a bag where the destination is one.
-    destination : str
     """
     kind = kind_of(destination)
     if kind in BAGS:
@@ -88,10 +87,8 @@ def write(log: SimulatedLog, destination: str, *, truth: str | None = None, rove
     ----------
     log : SimulatedLog
         Simulated for a bag where the destination is one.
-    destination : str
     truth : str, optional
         Takes a table where it ends in .csv or .parquet, else everything as JSON.
-    rover : str, optional
 
     Raises
     ------
@@ -116,16 +113,7 @@ def _write_truth(log: SimulatedLog, path: str) -> None:
 
 
 def rover_is_in_the_way(destination: Path) -> bool:
-    """Tell whether a rover file is there that was not written by this program.
-
-    Parameters
-    ----------
-    destination : Path
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a rover file is there that was not written by this program."""
     try:
         return not destination.read_text("utf-8").startswith(matching_rover.HEADER)
     except FileNotFoundError:

@@ -19,10 +19,6 @@ FORMAT = "terrain-est/truth/1"
 def document(log: SimulatedLog) -> dict[str, Any]:
     """Describe the truth behind a log.
 
-    Parameters
-    ----------
-    log : SimulatedLog
-
     Returns
     -------
     dict

@@ -65,7 +65,6 @@ def read(
     ----------
     path : str
         A file, a folder that is one log, or "-".
-    rover : Rover
     wheels : collection of str
         Only these; all if empty.
     where : Condition, optional
@@ -122,19 +121,8 @@ def read_source(
 
     Parameters
     ----------
-    source : Source
-    rover : Rover
-    wheels : collection of str
-    where : Condition, optional
-    effects : sequence of Effect, optional
-    compared : bool
-    most : int, optional
     kept : collection of str
         Further numeric columns of a table that are read too, named in lower case: they become drivers.
-
-    Returns
-    -------
-    list of Samples
 
     Raises
     ------
@@ -167,12 +155,8 @@ def read_parts(
 
     Parameters
     ----------
-    source : Source
-    rover : Rover
     rows : int
         A table of more is long.
-    wheels : collection of str
-    where : Condition, optional
 
     Returns
     -------
@@ -303,11 +287,6 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
 
 def lacking(raw: Raw, rover: Rover) -> list[derivable_channels.Lack]:
     """Say what is missing for an estimate under one wheel.
-
-    Parameters
-    ----------
-    raw : Raw
-    rover : Rover
 
     Returns
     -------

@@ -103,10 +103,6 @@ def ascends(time: Array) -> bool:
     Parameters
     ----------
     time : ndarray, shape (n,)
-
-    Returns
-    -------
-    bool
     """
     return bool(np.isfinite(time).all() and (time[1:] >= time[:-1]).all())
 
@@ -159,10 +155,6 @@ def neighbours(clock: Array, time: Array, max_gap: float | None = None) -> Neigh
         Of the samples, in s; they ascend.
     max_gap : float, optional
         As for `resample`.
-
-    Returns
-    -------
-    Neighbours
     """
     if len(time) == 0:
         nothing = np.zeros(len(clock), dtype=np.intp)

@@ -30,15 +30,12 @@ class Feed:
 
     Parameters
     ----------
-    channel : str
     topic : str
         Empty for a table.
     fields : tuple of str
         What to read; none for a constant.
     unit : Unit or None
         Unit of ``raw · scale + offset``; none for labels and counts.
-    scale, offset : float
-    constant : float, str or None
     combine : callable, optional
         Function of several fields.
     note : str
@@ -89,10 +86,6 @@ class Feed:
     def values(self, n: int) -> Array:
         """Repeat a constant, in SI units.
 
-        Parameters
-        ----------
-        n : int
-
         Returns
         -------
         ndarray, shape (n,)
@@ -101,10 +94,6 @@ class Feed:
 
     def labels(self, n: int) -> Labels:
         """Repeat a constant label.
-
-        Parameters
-        ----------
-        n : int
 
         Returns
         -------
@@ -136,7 +125,6 @@ class Plan:
 
     Parameters
     ----------
-    source : Source
     shared : dict of str to Feed
         Channels of every wheel.
     wheels : dict of str to dict
@@ -161,28 +149,10 @@ class Plan:
     no_time: InputError | None = None
 
     def feeds(self, wheel: str) -> dict[str, Feed]:
-        """Return the feeds of one wheel.
-
-        Parameters
-        ----------
-        wheel : str
-
-        Returns
-        -------
-        dict of str to Feed
-        """
+        """Return the feeds of one wheel."""
         return self.shared | self.wheels.get(wheel, {})
 
     def doubts(self, wheel: str) -> dict[str, list[Feed]]:
-        """Return the channels of one wheel that several feeds could give.
-
-        Parameters
-        ----------
-        wheel : str
-
-        Returns
-        -------
-        dict of str to list of Feed
-        """
+        """Return the channels of one wheel that several feeds could give."""
         doubts = self.doubtful.get("", {}) | self.doubtful.get(wheel, {})
         return {channel: feeds for channel, feeds in doubts.items() if channel not in self.feeds(wheel)}

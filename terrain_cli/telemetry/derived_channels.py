@@ -224,7 +224,6 @@ def wheel_loads(pitch: ArrayLike, roll: ArrayLike, vehicle: Vehicle, positions: 
     ----------
     pitch, roll : array_like, shape (n,)
         θ, positive nose up, and ρ, positive left side up, in rad.
-    vehicle : Vehicle
     positions : array_like, shape (wheels, 3)
         Where each wheel touches the ground: x, y, z in m.
 

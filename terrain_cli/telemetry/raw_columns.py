@@ -36,10 +36,6 @@ def join(columns: Sequence[Column]) -> Column:
     ----------
     columns : sequence of ndarray or Labels
         A column that is text in one piece is text in all.
-
-    Returns
-    -------
-    ndarray or Labels
     """
     arrays = [column for column in columns if not isinstance(column, Labels)]
     if len(arrays) == len(columns):
@@ -126,10 +122,6 @@ def take(column: Column, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> 
     column : ndarray or Labels, shape (n,)
     rows : ndarray or slice
         Indices, or a mask.
-
-    Returns
-    -------
-    ndarray or Labels
     """
     if isinstance(column, Labels):
         return Labels(column.codes[rows], column.names)
@@ -138,12 +130,6 @@ def take(column: Column, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> 
 
 def read_whole(source: Source, topic: str, fields: Sequence[str]) -> dict[str, Column]:
     """Read the named columns of a table or topic.
-
-    Parameters
-    ----------
-    source : Source
-    topic : str
-    fields : sequence of str
 
     Returns
     -------
@@ -158,7 +144,6 @@ def read_topics(source: Source, fields: Mapping[str, Sequence[str]]) -> dict[str
 
     Parameters
     ----------
-    source : Source
     fields : mapping of str to sequence of str
         topic → names.
 
@@ -201,10 +186,6 @@ def whole(batches: list[Batch]) -> dict[str, Column]:
     ----------
     batches : list of dict
         At least one; emptied.
-
-    Returns
-    -------
-    dict of str to ndarray or Labels
     """
     # One column at a time, so that never more than one is held twice.
     return {name: join([batch.pop(name) for batch in batches]) for name in list(batches[0])}
@@ -215,14 +196,11 @@ def begin(source: Source, fields: Sequence[str], rows: int) -> tuple[list[Batch]
 
     Parameters
     ----------
-    source : Source
-    fields : sequence of str
     rows : int
         Stop once there are more.
 
     Returns
     -------
-    begin : list of dict
     rest : iterator of dict, or None
         None if the table is not longer.
     """
@@ -273,7 +251,6 @@ def stamps(columns: Mapping[str, Column]) -> tuple[NDArray[np.datetime64], bool]
     -------
     times : ndarray of datetime64[ns], shape (n,)
         The headers' stamps if every message has one, else the times of the log.
-    stamped : bool
     """
     stamp = header_stamps(columns)
     return (np.asarray(columns[LOG_TIME]), False) if stamp is None else (stamp, True)

@@ -48,7 +48,6 @@ class Geometry(NamedTuple):
         r, b and k in m.
     grouser_height : float
         In m.
-    grouser_count : int
     gravity : float
         In m/s².
     """
@@ -79,18 +78,14 @@ class Raw:
 
     Parameters
     ----------
-    wheel : str
     origin : float
         Whole seconds taken off the clock.
     time : ndarray, shape (n,), or None
         In s.
     channels : dict of str to ndarray, shape (n,)
         In SI units.
-    labels : dict of str to Labels
     extras : dict of str to ndarray or Labels, shape (n,)
         Further columns that were asked for, as read.
-    feeds : dict of str to Feed
-    remarks : list of str
     """
 
     wheel: str
@@ -128,8 +123,6 @@ class Samples:
     ----------
     source : str
         The input, as the user named it.
-    wheel : str
-    geometry : Geometry
     origin : float
         Whole seconds that were taken off the clock.
     time : ndarray, shape (n,), or None
@@ -191,10 +184,6 @@ class Samples:
         ----------
         rows : ndarray or slice
             Indices, or a mask.
-
-        Returns
-        -------
-        Samples
         """
         labelled = {name: Labels(column.codes[rows], column.names) for name, column in self.labels.items()}
         return replace(

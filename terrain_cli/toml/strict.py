@@ -32,14 +32,6 @@ _DOTTED = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{_PARTS}}}{_PART
 def read_text(path: str | Path) -> str:
     """Read the text of a file.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    str
-
     Raises
     ------
     ConfigurationError
@@ -68,7 +60,6 @@ def parse(content: str, path: str | Path) -> dict[str, Any]:
 
     Parameters
     ----------
-    content : str
     path : str or Path
         For the message.
 
@@ -96,16 +87,7 @@ def parse(content: str, path: str | Path) -> dict[str, Any]:
 
 
 def shown(value: object) -> str:
-    """Return a value as an error shows it, cut to a length that a line holds.
-
-    Parameters
-    ----------
-    value : object
-
-    Returns
-    -------
-    str
-    """
+    """Return a value as an error shows it, cut to a length that a line holds."""
     try:
         text = repr(value)
     except (ValueError, RecursionError):
@@ -116,12 +98,6 @@ def shown(value: object) -> str:
 
 def require(values: Mapping[str, object], place: str, *keys: str) -> None:
     """Refuse a table that lacks a key.
-
-    Parameters
-    ----------
-    values : mapping
-    place : str
-    *keys : str
 
     Raises
     ------
@@ -139,12 +115,6 @@ def number(what: str, low: float = -math.inf, high: float = math.inf, *, whole: 
     ----------
     what : str
         What it must be, in words.
-    low, high : float
-    whole : bool
-
-    Returns
-    -------
-    callable
     """
     kinds = int if whole else (int, float)
 
@@ -165,15 +135,10 @@ def vector(size: int, axes: str, reach: float) -> Rule:
 
     Parameters
     ----------
-    size : int
     axes : str
         As a person writes it: ``[x, y, z]``.
     reach : float
         Largest size of each, m.
-
-    Returns
-    -------
-    callable
     """
     metres = number(f"a number of metres from {-reach:g} to {reach:g}", -reach, reach)
 
@@ -186,50 +151,21 @@ def vector(size: int, axes: str, reach: float) -> Rule:
 
 
 def text(value: Any, place: str) -> Any:
-    """Accept a text that is not empty, and has no NUL: no name of a file has one.
-
-    Parameters
-    ----------
-    value : object
-    place : str
-
-    Returns
-    -------
-    str
-    """
+    """Accept a text that is not empty, and has no NUL: no name of a file has one."""
     if not isinstance(value, str) or not value.strip() or "\0" in value:
         raise ConfigurationError(f"{place}: must be text, not {shown(value)}")
     return value
 
 
 def flag(value: Any, place: str) -> Any:
-    """Accept true and false.
-
-    Parameters
-    ----------
-    value : object
-    place : str
-
-    Returns
-    -------
-    bool
-    """
+    """Accept true and false."""
     if not isinstance(value, bool):
         raise ConfigurationError(f"{place}: must be true or false, not {shown(value)}")
     return value
 
 
 def choice(*choices: str) -> Rule:
-    """Return the rule for one of some texts.
-
-    Parameters
-    ----------
-    *choices : str
-
-    Returns
-    -------
-    callable
-    """
+    """Return the rule for one of some texts."""
 
     def rule(value: Any, place: str) -> Any:
         if value not in choices:
@@ -243,16 +179,7 @@ def choice(*choices: str) -> Rule:
 
 
 def several(rule_of_each: Rule) -> Rule:
-    """Return the rule for a list.
-
-    Parameters
-    ----------
-    rule_of_each : callable
-
-    Returns
-    -------
-    callable
-    """
+    """Return the rule for a list."""
 
     def rule(value: Any, place: str) -> Any:
         if not isinstance(value, list):
@@ -264,15 +191,6 @@ def several(rule_of_each: Rule) -> Rule:
 
 def each(value: Any, place: str) -> Iterator[tuple[str, Any, str]]:
     """Yield key, value and place of all in a table.
-
-    Parameters
-    ----------
-    value : object
-    place : str
-
-    Yields
-    ------
-    (str, object, str)
 
     Raises
     ------
@@ -292,10 +210,6 @@ def table(rules: Mapping[str, Rule]) -> Rule:
     ----------
     rules : mapping of str to callable
         By key.
-
-    Returns
-    -------
-    callable
     """
 
     def rule(value: Any, place: str) -> Any:
@@ -311,16 +225,7 @@ def table(rules: Mapping[str, Rule]) -> Rule:
 
 
 def tables(rule_of_each: Rule) -> Rule:
-    """Return the rule for a table whose keys are names that the user chooses.
-
-    Parameters
-    ----------
-    rule_of_each : callable
-
-    Returns
-    -------
-    callable
-    """
+    """Return the rule for a table whose keys are names that the user chooses."""
 
     def rule(value: Any, place: str) -> Any:
         return {key: rule_of_each(inner, where) for key, inner, where in each(value, place)}

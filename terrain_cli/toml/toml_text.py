@@ -10,16 +10,7 @@ from typing import Any
 
 
 def key(name: str) -> str:
-    """Write a name as a key.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    str
-    """
+    """Write a name as a key."""
     bare = name.isascii() and name.replace("-", "").replace("_", "").isalnum()
     return name if bare else value(name)
 
@@ -31,10 +22,6 @@ def value(content: Any) -> str:
     ----------
     content : str, bool, int, float, date, time, or a list or mapping of such
         Numbers of NumPy are numbers; entries of a mapping that are None are left out.
-
-    Returns
-    -------
-    str
 
     Raises
     ------

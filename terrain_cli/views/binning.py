@@ -82,13 +82,8 @@ def limits(*columns: Array, margin: float = 0.03) -> tuple[float, float]:
 
     Parameters
     ----------
-    *columns : ndarray
     margin : float
         As a share of the range.
-
-    Returns
-    -------
-    low, high : float
     """
     ends = [np.nanpercentile(c, [0.0, 100.0]) for c in columns if np.isfinite(c).any()]
     if not ends:
@@ -109,10 +104,6 @@ def grid(x: Array, y: Array, bins: int = 60, *, square: bool = False) -> Grid:
         Columns, and rows.
     square : bool
         The same range for both.
-
-    Returns
-    -------
-    Grid
     """
     across, up = (limits(x, y),) * 2 if square else (limits(x), limits(y))
     edges = np.linspace(*across, bins + 1), np.linspace(*up, bins + 1)
@@ -130,7 +121,6 @@ def band(driver: Array, values: Array, most_bins: int = 24, least: int = 25) -> 
     ----------
     driver, values : ndarray, shape (n,)
         Samples in which either is not finite are passed over.
-    most_bins : int
     least : int
         Samples in a bin.
 

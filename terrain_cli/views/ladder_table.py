@@ -15,17 +15,7 @@ if TYPE_CHECKING:
 
 
 def table(ladder: Sequence[Rung]) -> tuple[list[str], list[list[str]]]:
-    """Return heading and rows: a row for each channel of each change.
-
-    Parameters
-    ----------
-    ladder : sequence of Rung
-
-    Returns
-    -------
-    head : list of str
-    rows : list of list of str
-    """
+    """Return heading and rows: a row for each channel of each change."""
     head = ["step", "change", "held-out rms error", "before", "95 %", "after", "95 %", "noise"]
     rows = []
     for rung in ladder:
@@ -51,16 +41,7 @@ def _value(interval: Interval, factor: float) -> tuple[str, str]:
 
 
 def remarks(ladder: Sequence[Rung]) -> list[str]:
-    """Return a line for each change: on what it was tried, and why it was made.
-
-    Parameters
-    ----------
-    ladder : sequence of Rung
-
-    Returns
-    -------
-    list of str
-    """
+    """Return a line for each change: on what it was tried, and why it was made."""
     return [
         f"{rung.number}  {rung.label}: {'; '.join(filter(None, [rung.data or 'not tested', rung.because]))}"
         for rung in ladder
@@ -91,15 +72,5 @@ def top(known: Sequence[tuple[Rung, ChannelChange]]) -> float:
 
 
 def measured(ladder: Sequence[Rung], name: str) -> list[tuple[Rung, ChannelChange]]:
-    """Return the changes in which the error of a channel is known, with what it was.
-
-    Parameters
-    ----------
-    ladder : sequence of Rung
-    name : str
-
-    Returns
-    -------
-    list of (Rung, ChannelChange)
-    """
+    """Return the changes in which the error of a channel is known, with what it was."""
     return [(rung, one) for rung in ladder for one in rung.channels if one.name == name]

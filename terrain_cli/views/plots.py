@@ -43,15 +43,10 @@ def write(
 
     Parameters
     ----------
-    found : Comparison, or sequence of Outcome
     folder : str or Path
         Made if it is not there. Pictures of the same name in it are replaced.
     progress : callable
         Called with the name of each picture before it is drawn.
-
-    Returns
-    -------
-    list of Path
 
     Raises
     ------
@@ -70,7 +65,6 @@ def write_ladder(ladder: Sequence[Rung], folder: str | Path) -> list[Path]:
 
     Parameters
     ----------
-    ladder : sequence of Rung
     folder : str or Path
         As for `write`.
 

@@ -72,17 +72,7 @@ def channels(comparison: Comparison) -> list[str]:
 
 
 def pairs(comparison: Comparison, channel: str) -> Pairs:
-    """Collect measured and predicted values of a channel.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    channel : str
-
-    Returns
-    -------
-    Pairs
-    """
+    """Collect measured and predicted values of a channel."""
     factor = quantities.quantity(channel, comparison.channels[channel].unit).factor
     parts, before = [], 0
     for index, wheel in enumerate(comparison.wheels):
@@ -111,7 +101,6 @@ class Along(NamedTuple):
 
     Parameters
     ----------
-    quantity : words.Quantity
     values : ndarray, shape (n,)
         In the unit shown, NaN where not known; of a label its place in `labels`.
     labels : tuple of str
@@ -124,18 +113,7 @@ class Along(NamedTuple):
 
 
 def driver(comparison: Comparison, name: str, pooled: Pairs) -> Along:
-    """Collect a driver of samples, whichever of the wheels have it.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    name : str
-    pooled : Pairs
-
-    Returns
-    -------
-    Along
-    """
+    """Collect a driver of samples, whichever of the wheels have it."""
     those = {j: wheel.drivers[name] for j, wheel in enumerate(comparison.wheels) if name in wheel.drivers}
     quantity = quantities.quantity(name, next(iter(those.values())).unit)
     # Each wheel counts its labels for itself.
@@ -154,13 +132,6 @@ def driver(comparison: Comparison, name: str, pooled: Pairs) -> Along:
 
 def drivers(comparison: Comparison, channel: str, pooled: Pairs, most: int) -> list[str]:
     """Choose the drivers to show: those of findings first, none that does not vary.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    channel : str
-    pooled : Pairs
-    most : int
 
     Returns
     -------
@@ -182,11 +153,6 @@ def drivers(comparison: Comparison, channel: str, pooled: Pairs, most: int) -> l
 
 def misfit(comparison: Comparison, channel: str) -> Array:
     """Return the rms of the residual of a channel in every segment, NaN where it is not measured.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    channel : str
 
     Returns
     -------

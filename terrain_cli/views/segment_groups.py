@@ -28,10 +28,6 @@ ELLIPSE = 2.4477
 def names(table: Table) -> list[str]:
     """Name every segment by what tells it from the others.
 
-    Parameters
-    ----------
-    table : mapping of str to sequence
-
     Returns
     -------
     list of str
@@ -49,7 +45,6 @@ def groups(table: Table, most: int) -> list[str]:
 
     Parameters
     ----------
-    table : mapping of str to sequence
     most : int
         Groups that can be told apart.
 
@@ -68,10 +63,6 @@ def groups(table: Table, most: int) -> list[str]:
 
 def paths(table: Table) -> list[Array]:
     """Read the tracks of the segments.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
 
     Returns
     -------
@@ -96,7 +87,6 @@ def frame(table: Table, points: Array) -> tuple[tuple[float, float], tuple[float
 
     Parameters
     ----------
-    table : mapping of str to sequence
     points : ndarray, shape (n, 2)
 
     Returns
@@ -117,12 +107,6 @@ def frame(table: Table, points: Array) -> tuple[tuple[float, float], tuple[float
 def ellipse(table: Table, row: int, points: int = 60) -> Array:
     """Return the outline of the region that holds c and φ with 95 % confidence.
 
-    Parameters
-    ----------
-    table : mapping of str to sequence
-    row : int
-    points : int
-
     Returns
     -------
     ndarray, shape (points, 2)
@@ -142,14 +126,6 @@ def estimate_limits(table: Table) -> tuple[tuple[float, float], tuple[float, flo
     """Return ranges of c in kPa and φ in degrees in which the estimates can be seen.
 
     The ellipses of what the drive does not separate may reach beyond, unless there are no others.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-
-    Returns
-    -------
-    c, phi : (float, float)
     """
     sure = np.array([status == "ok" for status in table["status"]])
     c = _limits(table, "c_kPa", "c_se_kPa", sure, 0.5)
@@ -178,10 +154,6 @@ def usual(values: Array) -> tuple[float, float]:
     ----------
     values : ndarray, shape (n,)
         Finite.
-
-    Returns
-    -------
-    low, high : float
     """
     first, third = np.percentile(values, [25.0, 75.0])
     far = 2.5 * (third - first)
@@ -196,10 +168,6 @@ def strength_limits(table: Table) -> tuple[tuple[float, float], tuple[float, flo
     ----------
     table : mapping of str to sequence
         With segments that were tested.
-
-    Returns
-    -------
-    stress, strength : (float, float)
     """
     known = tested(table)
     pivot, value = (
@@ -212,10 +180,6 @@ def strength_limits(table: Table) -> tuple[tuple[float, float], tuple[float, flo
 
 def tested(table: Table) -> NDArray[np.intp]:
     """Find the segments whose strength is known at a stress that can be.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
 
     Returns
     -------
@@ -233,8 +197,6 @@ def strength(table: Table, row: int, stress: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    table : mapping of str to sequence
-    row : int
     stress : ndarray
         In kPa.
 

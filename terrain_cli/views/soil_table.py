@@ -29,10 +29,8 @@ class Moment(NamedTuple):
 
     Parameters
     ----------
-    title : str
     model : Model
         With the base "wong-reece".
-    wheel : WheelGeometry
     channels : mapping of str to ndarray, shape (1,)
     values : mapping of str to float
         Of all parameters.
@@ -47,10 +45,6 @@ class Moment(NamedTuple):
 
 def table(comparison: Comparison) -> segment_table.Table:
     """Return the soil that the model finds in every segment.
-
-    Parameters
-    ----------
-    comparison : Comparison
 
     Returns
     -------
@@ -75,10 +69,6 @@ def _no_line(n: int) -> WindowEstimates:
 
 def moments(comparison: Comparison) -> list[Moment]:
     """Choose a moment of each wheel: the middle of the sinkages in its longest segment.
-
-    Parameters
-    ----------
-    comparison : Comparison
 
     Returns
     -------

@@ -23,7 +23,6 @@ class Channel:
 
     Parameters
     ----------
-    name, symbol : str
     dimension : str
         One of `units.DIMENSIONS`, or "label" (text).
     description : str
@@ -180,7 +179,6 @@ class Match:
 
     Parameters
     ----------
-    channel : str
     unit : Unit or None
         Stated in the header, else the program's own; none for labels.
     exact : bool
@@ -290,16 +288,7 @@ def _refuse(header: str, name: str, text: str, channel: Channel, *, bracketed: b
 
 
 def unit_hint(channel: str) -> str:
-    """Say which units a channel takes.
-
-    Parameters
-    ----------
-    channel : str
-
-    Returns
-    -------
-    str
-    """
+    """Say which units a channel takes."""
     dimension = CHANNELS[channel].dimension
     if dimension == LABEL:
         return f"{channel} takes no unit"
@@ -311,13 +300,8 @@ def stated_unit(header: str, dimension: str | None = None) -> Unit | None:
 
     Parameters
     ----------
-    header : str
     dimension : str, optional
         What the unit must measure.
-
-    Returns
-    -------
-    Unit or None
     """
     readings = (text for _, text, bracketed in _readings(header.strip()) if bracketed or text != "min")
     return next(filter(None, (units.parse(text, dimension) for text in readings)), None)
@@ -328,15 +312,10 @@ def resolve(headers: Iterable[str], *, letters: bool = True, chosen: Collection[
 
     Parameters
     ----------
-    headers : iterable of str
     letters : bool
         As for `identify`.
     chosen : collection of str
         Channels that rover.toml gives.
-
-    Returns
-    -------
-    Resolution
 
     Raises
     ------

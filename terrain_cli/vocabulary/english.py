@@ -13,15 +13,10 @@ def counted(number: int, noun: str, ending: str = "s") -> str:
 
     Parameters
     ----------
-    number : int
     noun : str
         Of one.
     ending : str
         Of several.
-
-    Returns
-    -------
-    str
     """
     return f"{number:,} {noun}{'' if number == 1 else ending}"
 
@@ -35,9 +30,5 @@ def listed(names: Sequence[str], last: str = "and") -> str:
         At least one.
     last : str
         Between the last two.
-
-    Returns
-    -------
-    str
     """
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"

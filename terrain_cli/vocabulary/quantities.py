@@ -55,13 +55,8 @@ def quantity(name: str, unit: str) -> Quantity:
 
     Parameters
     ----------
-    name : str
     unit : str
         SI; empty where it is not known.
-
-    Returns
-    -------
-    Quantity
     """
     channel = CHANNELS.get(name)
     shown, factor = ("mm", 1e3) if name in _IN_MM and unit == "m" else _SHOWN.get(unit, (unit, 1.0))
@@ -74,17 +69,7 @@ def quantity(name: str, unit: str) -> Quantity:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Write a number for a person: so many digits, no exponent where it is of common size, – where unknown.
-
-    Parameters
-    ----------
-    value : float
-    digits : int
-
-    Returns
-    -------
-    str
-    """
+    """Write a number for a person: so many digits, no exponent where it is of common size, – where unknown."""
     if value != value:  # noqa: PLR0124 - NaN
         return "–"
     text = f"{value:.{digits}g}"
@@ -95,10 +80,6 @@ def number(value: float, digits: int = 3) -> str:
 
 def plus_minus(value: float, error: float) -> str:
     """Write a value with its standard error, to the digits that the error leaves.
-
-    Parameters
-    ----------
-    value, error : float
 
     Returns
     -------

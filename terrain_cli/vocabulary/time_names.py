@@ -65,10 +65,6 @@ class TimeName(NamedTuple):
 def pairs(headers: Sequence[str]) -> list[TimeName]:
     """Find the columns of whole seconds that have another of the nano- or microseconds beyond them.
 
-    Parameters
-    ----------
-    headers : sequence of str
-
     Returns
     -------
     list of TimeName
@@ -92,10 +88,6 @@ def names(headers: Iterable[str]) -> list[TimeName]:
     ----------
     headers : iterable of str
         Without those that `channels` knows.
-
-    Returns
-    -------
-    list of TimeName
     """
     plain = {header: _plain(header) for header in headers}
     of_a_day = not _PARTS_OF_A_DAY.isdisjoint(plain.values())

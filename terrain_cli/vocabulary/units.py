@@ -46,16 +46,7 @@ class Unit:
     @overload
     def to_si(self, values: NDArray[np.float64]) -> NDArray[np.float64]: ...
     def to_si(self, values: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
-        """Return values given in this unit in the program's unit of the same dimension.
-
-        Parameters
-        ----------
-        values : float or ndarray
-
-        Returns
-        -------
-        float or ndarray
-        """
+        """Return values given in this unit in the program's unit of the same dimension."""
         if self.factor == 1.0 and self.offset == 0.0:
             return values
         return values * self.factor + self.offset
@@ -65,16 +56,7 @@ class Unit:
     @overload
     def from_si(self, values: NDArray[np.float64]) -> NDArray[np.float64]: ...
     def from_si(self, values: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
-        """Return values of the program in this unit: the inverse of `to_si`.
-
-        Parameters
-        ----------
-        values : float or ndarray
-
-        Returns
-        -------
-        float or ndarray
-        """
+        """Return values of the program in this unit: the inverse of `to_si`."""
         return (values - self.offset) / self.factor
 
 
@@ -180,10 +162,6 @@ def si(dimension: str) -> Unit:
     ----------
     dimension : str
         One of `DIMENSIONS`.
-
-    Returns
-    -------
-    Unit
     """
     return next(iter(_UNITS[dimension].values()))
 
@@ -195,10 +173,6 @@ def symbols(dimension: str) -> tuple[str, ...]:
     ----------
     dimension : str
         One of `DIMENSIONS`.
-
-    Returns
-    -------
-    tuple of str
     """
     return tuple(_TABLE[dimension])
 
@@ -215,10 +189,6 @@ def parse(text: str, dimension: str | None = None) -> Unit | None:
         ``mm``, ``N·m``, ``rad s⁻¹``, ``m/s^2``, …
     dimension : str, optional
         What the unit must measure. Without it a text with two meanings (``g``) is no unit.
-
-    Returns
-    -------
-    Unit or None
     """
     key = _key(text)
     if dimension is None:

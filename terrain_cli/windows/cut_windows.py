@@ -43,7 +43,6 @@ class Windows:
 
     Parameters
     ----------
-    samples : Samples
     rows : ndarray of int, shape (n,)
         The usable samples, as indices into `samples`.
     bounds : ndarray of int, shape (windows + 1,)
@@ -82,12 +81,7 @@ class Windows:
         return np.asarray(at_rows(self.samples.channels["slip"], self.rows) >= 0.0)
 
     def on_line(self) -> Windows:
-        """Return the same windows without the samples of a skidding wheel.
-
-        Returns
-        -------
-        Windows
-        """
+        """Return the same windows without the samples of a skidding wheel."""
         driving = self.driving
         if driving.all():
             return self
@@ -103,11 +97,6 @@ def at_rows(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
     Parameters
     ----------
     column : ndarray, shape (n,)
-    rows : ndarray of int
-
-    Returns
-    -------
-    ndarray
     """
     return column[which(rows, len(column))]
 
@@ -117,13 +106,8 @@ def which(rows: NDArray[np.intp], n: int) -> NDArray[np.intp] | slice:
 
     Parameters
     ----------
-    rows : ndarray of int
     n : int
         How many there are.
-
-    Returns
-    -------
-    ndarray of int or slice
     """
     return slice(None) if len(rows) == n and bool(np.all(rows[1:] > rows[:-1])) else rows
 
@@ -143,7 +127,6 @@ def line(samples: Samples, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64],
 
     Parameters
     ----------
-    samples : Samples
     rows : ndarray of int, shape (n,)
 
     Returns
@@ -182,7 +165,6 @@ def cut(
 
     Parameters
     ----------
-    samples : Samples
     method : {"auto", "fixed", "terrain", "none"}
         Where the soil's line changes; every so many samples or metres; where the terrain label
         changes; one window for each continuous stretch. Of a table of steady test points, and of
@@ -195,10 +177,6 @@ def cut(
         The same in m; for "auto" the least length of a window.
     before : int
         Usable samples of the first stretch that came before these, which are a part of a long log.
-
-    Returns
-    -------
-    Windows
 
     Raises
     ------
@@ -290,7 +268,6 @@ def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, NDArray[np.int
 
     Parameters
     ----------
-    windows : Windows
     step : int
         Every so many samples are taken.
 
@@ -324,7 +301,6 @@ def thinned(windows: Windows, share: float) -> Windows:
 
     Parameters
     ----------
-    windows : Windows
     share : float
         Between 0 and 1; of short windows more is kept.
 

@@ -63,10 +63,8 @@ def gather(
 
     Parameters
     ----------
-    definition : Definition
     messages : Messages
         At least one; all of this definition.
-    wanted : sequence of (Leaf, FieldRequest)
 
     Returns
     -------
@@ -90,10 +88,8 @@ def elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -
 
     Parameters
     ----------
-    definition : Definition
     message : Messages
         One.
-    lists : sequence of Leaf
 
     Returns
     -------

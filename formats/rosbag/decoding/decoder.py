@@ -24,7 +24,6 @@ class UndecodableError(Exception):
     ----------
     row : int
         Its place among the payloads.
-    reason : str
     """
 
     def __init__(self, row: int, reason: str) -> None:
@@ -33,23 +32,13 @@ class UndecodableError(Exception):
 
 
 class Decoder:
-    """Columns out of the payloads of one connection.
-
-    Parameters
-    ----------
-    definition : Definition
-    """
+    """Columns out of the payloads of one connection."""
 
     def __init__(self, definition: Definition) -> None:
         self.definition = definition
 
     def columns(self, messages: Messages, requests: Sequence[FieldRequest]) -> list[tuple[Values, bool]]:
         """Take one value per request from each message.
-
-        Parameters
-        ----------
-        messages : Messages
-        requests : sequence of FieldRequest
 
         Returns
         -------
@@ -79,11 +68,6 @@ class Decoder:
         ----------
         message : Messages
             One.
-        lists : sequence of Leaf
-
-        Returns
-        -------
-        list of (tuple of str, bool)
 
         Raises
         ------

@@ -41,10 +41,6 @@ _CONSTANTS = 2_000
 def msg_text(text: str) -> str:
     """Return a definition in the language MSG without what says nothing, if it is within bounds.
 
-    Parameters
-    ----------
-    text : str
-
     Returns
     -------
     str
@@ -63,10 +59,6 @@ def msg_text(text: str) -> str:
 
 def check_idl(text: str) -> None:
     """Refuse a definition in the language IDL that would take long to parse.
-
-    Parameters
-    ----------
-    text : str
 
     Raises
     ------

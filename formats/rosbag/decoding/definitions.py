@@ -131,15 +131,6 @@ def _members(types: Typesdict, type_name: str) -> list[tuple[str, FieldDesc]]:
 def define(connection: Connection, *, ros1: bool) -> Definition:
     """Find the definition of a connection's messages: in the file, else among the standard types.
 
-    Parameters
-    ----------
-    connection : rosbags.interfaces.Connection
-    ros1 : bool
-
-    Returns
-    -------
-    Definition
-
     Raises
     ------
     UnusableError
@@ -224,11 +215,6 @@ def find_leaves(types: Typesdict, type_name: str) -> dict[str, Leaf]:
     ----------
     types : dict
         As rosbags parses them.
-    type_name : str
-
-    Returns
-    -------
-    dict of str to Leaf
 
     Raises
     ------

@@ -60,8 +60,6 @@ def extract(messages: Sequence[object], leaf: Leaf, request: FieldRequest) -> tu
     ----------
     messages : sequence
         As rosbags decodes them.
-    leaf : Leaf
-    request : FieldRequest
 
     Returns
     -------

@@ -87,14 +87,6 @@ _Unpacked: TypeAlias = tuple[int, Chunk, bytes | memoryview]
 def opened(file: BinaryIO | None) -> BinaryIO:
     """Return the file of a reader that rosbags opens and closes.
 
-    Parameters
-    ----------
-    file : binary file or None
-
-    Returns
-    -------
-    binary file
-
     Raises
     ------
     ValueError
@@ -111,12 +103,10 @@ def runs(
 
     Parameters
     ----------
-    file : binary file
     chunks : sequence of Chunk
         In the order of the file.
     wanted : collection of int
         Numbers of connections.
-    layout : Layout
     size : int
         Bytes of chunks that are joined; 1 reads as little ahead as can be.
 

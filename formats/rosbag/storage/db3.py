@@ -42,12 +42,7 @@ FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionF
 
 
 class Db3File:
-    """One file, with the interface of rosbags' own readers of files.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """One file, with the interface of rosbags' own readers of files."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

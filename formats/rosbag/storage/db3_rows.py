@@ -71,7 +71,6 @@ class Leaves:
 
     Parameters
     ----------
-    file : binary file
     root : int
         The first page of the table. Its columns are id, topic_id, timestamp and data, and id is the key.
     fetch : callable
@@ -197,7 +196,6 @@ def _decoded(block: Bytes, page: Index, pages: Pages) -> _Rows:
         The pages, one after the other.
     page : ndarray of int64, shape (m,)
         Their numbers.
-    pages : Pages
 
     Raises
     ------

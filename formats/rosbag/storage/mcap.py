@@ -71,12 +71,7 @@ storage_mcap.get_msgdef = _definition
 
 
 class McapFile(McapReader):
-    """One file. Its summary is read by rosbags, its messages here.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """One file. Its summary is read by rosbags, its messages here."""
 
     entry = _ENTRY
 

@@ -45,39 +45,16 @@ class Messages:
         return len(self.starts)
 
     def payload(self, row: int) -> bytes:
-        """Return one message.
-
-        Parameters
-        ----------
-        row : int
-
-        Returns
-        -------
-        bytes
-        """
+        """Return one message."""
         start = int(self.starts[row])
         return bytes(self.buffer[start : start + int(self.sizes[row])])
 
     def take(self, rows: Index | NDArray[np.bool_] | slice) -> Messages:
-        """Return some of them, in the same buffer.
-
-        Parameters
-        ----------
-        rows : ndarray or slice
-
-        Returns
-        -------
-        Messages
-        """
+        """Return some of them, in the same buffer."""
         return Messages(self.buffer, self.starts[rows], self.sizes[rows], self.times[rows], self.order[rows])
 
     def sorted(self) -> Messages:
-        """Return them in the order of their log times, equal ones in that of the file.
-
-        Returns
-        -------
-        Messages
-        """
+        """Return them in the order of their log times, equal ones in that of the file."""
         later = self.times[1:] > self.times[:-1]
         later |= (self.times[1:] == self.times[:-1]) & (self.order[1:] > self.order[:-1])
         return self if later.all() else self.take(np.lexsort((self.order, self.times)))
@@ -90,15 +67,10 @@ def of_payloads(
 
     Parameters
     ----------
-    payloads : sequence of bytes
     times : sequence of int, optional
         Log times in ns; zero if not given.
     order : sequence of int, optional
         As in `Messages`; rising by one if not given.
-
-    Returns
-    -------
-    Messages
 
     Raises
     ------
@@ -125,10 +97,6 @@ def collected(
         Bytes after which those collected are yielded.
     most : int
         Messages that are taken before their bytes are counted.
-
-    Yields
-    ------
-    dict of int to Messages
     """
     rows = iter(messages)
     done = 0

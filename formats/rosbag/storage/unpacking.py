@@ -33,14 +33,9 @@ def unpack(packed: bytes | memoryview, packing: str, most: int = CHUNK_BYTES) ->
 
     Parameters
     ----------
-    packed : bytes-like
     packing : {"lz4", "zstd", "bz2", "none", ""}
     most : int
         Bytes that it becomes at most, where something tells.
-
-    Returns
-    -------
-    bytes
 
     Raises
     ------
@@ -96,13 +91,8 @@ def unpacks(packed: bytes, packing: str) -> bool:
 
     Parameters
     ----------
-    packed : bytes
     packing : str
         As for `unpack`.
-
-    Returns
-    -------
-    bool
     """
     try:
         unpack(packed, packing)

@@ -66,14 +66,6 @@ def with_options(command: options.F) -> options.F:
 def load(path: str) -> ModelFile:
     """Read the model file that is to be changed.
 
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    ModelFile
-
     Raises
     ------
     UsageError
@@ -117,13 +109,7 @@ def change(context: click.Context, action: Action) -> tuple[ModelFile, Changed]:
 
     Parameters
     ----------
-    context : click.Context
     action : {"add", "remove"}
-
-    Returns
-    -------
-    before : ModelFile
-    changed : Changed
     """
     from terrain_cli import models
 
@@ -148,10 +134,7 @@ def tried(context: click.Context, action: Action, before: ModelFile, changed: Ch
 
     Parameters
     ----------
-    context : click.Context
     action : {"add", "remove"}
-    before : ModelFile
-    changed : Changed
 
     Returns
     -------
@@ -180,9 +163,7 @@ def untested(context: click.Context, action: Action, changed: Changed) -> None:
 
     Parameters
     ----------
-    context : click.Context
     action : {"add", "remove"}
-    changed : Changed
     """
     from terrain_cli.improvement import history_entry
     from terrain_cli.presentation import change_sentences, change_text
@@ -194,14 +175,7 @@ def untested(context: click.Context, action: Action, changed: Changed) -> None:
 
 
 def tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
-    """Write what came out, for a person or as JSON.
-
-    Parameters
-    ----------
-    context : click.Context
-    text : str
-    content : mapping
-    """
+    """Write what came out, for a person or as JSON."""
     file = context.params["file"]
     if context.params["as_json"]:
         click.echo(json.dumps({**content, "file": file}, ensure_ascii=False, indent=2, allow_nan=False))
@@ -210,14 +184,7 @@ def tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
 
 
 def write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:
-    """Write a model file with further entries of its history, whole or not at all.
-
-    Parameters
-    ----------
-    path : str
-    after : ModelFile
-    *entries : mapping
-    """
+    """Write a model file with further entries of its history, whole or not at all."""
     from terrain_cli import models
 
     for entry in entries:

@@ -22,12 +22,7 @@ if TYPE_CHECKING:
 
 
 def run(context: click.Context) -> None:
-    """Run the loop on the data of the command line, tell each step, and write the model file at its end.
-
-    Parameters
-    ----------
-    context : click.Context
-    """
+    """Run the loop on the data of the command line, tell each step, and write the model file at its end."""
     from terrain_cli.improvement import Stopped, history_entry
     from terrain_cli.presentation import change_sentences, change_text
 

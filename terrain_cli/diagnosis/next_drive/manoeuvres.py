@@ -60,16 +60,7 @@ class Conditions:
 
     @classmethod
     def of(cls, data: SmoothedData) -> Conditions:
-        """Look them up.
-
-        Parameters
-        ----------
-        data : quiet.SmoothedData
-
-        Returns
-        -------
-        Conditions
-        """
+        """Look them up."""
         known = {**data.measured, **data.inputs}
         middle = {
             name: float(np.nanmedian(column[data.use]))
@@ -112,24 +103,11 @@ class Manoeuvre:
     varies: frozenset[str] = frozenset()
 
     def possible(self, channels: Collection[str]) -> bool:
-        """Tell whether a log has what varies.
-
-        Parameters
-        ----------
-        channels : collection of str
-
-        Returns
-        -------
-        bool
-        """
+        """Tell whether a log has what varies."""
         return self.varies <= drivers(channels) | {"load", "slip"}
 
     def drive(self, at: Conditions) -> dict[str, Array]:
         """Drive it, without noise.
-
-        Parameters
-        ----------
-        at : Conditions
 
         Returns
         -------
@@ -154,16 +132,7 @@ class Manoeuvre:
 
 
 def drivers(channels: Collection[str]) -> frozenset[str]:
-    """Return what drives channels: the speed for those of the wheel and its rates.
-
-    Parameters
-    ----------
-    channels : collection of str
-
-    Returns
-    -------
-    frozenset of str
-    """
+    """Return what drives channels: the speed for those of the wheel and its rates."""
     speed = {"velocity", "angular_velocity", "wheel_angle"}
     found = {"speed" if name in speed else name for name in channels}
     if any(f"{name}_rate" in found for name in UNITS):
@@ -176,13 +145,8 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
 
     Parameters
     ----------
-    at : Conditions
     seconds : float
         Length of each.
-
-    Returns
-    -------
-    list of Manoeuvre
     """
     warm = round(at.others.get("motor_temperature", 25.0))
     calm = {"duration": seconds, "slip": at.slip, "load": 1.0, "speed": 1.0, "motor_temperature": warm}

@@ -177,8 +177,6 @@ def margins(ground: PowerLog, sides: Sequence[Side], course: Mapping[str, Array]
 
     Parameters
     ----------
-    ground : PowerLog
-    sides : sequence of Side
     course : mapping of str to ndarray, shape (n,)
 
     Returns
@@ -236,7 +234,6 @@ class _Views:
     ----------
     coupled : bool
         Whether what is measured, and so what they make of it, depends on which of them is the truth.
-    shown : dict of Side to Shown
     slopes : dict of Side to ndarray, shape (n, c, p)
     step : int
         Samples for which each one stands.

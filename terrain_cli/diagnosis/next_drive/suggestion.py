@@ -59,7 +59,6 @@ def suggest(
 
     Parameters
     ----------
-    data : Ground
     pairs : sequence of (Hypothesis, Refit)
         The family, the best first.
     most : int

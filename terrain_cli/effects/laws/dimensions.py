@@ -68,7 +68,6 @@ class Scale:
     ----------
     factor : float
         SI value of one.
-    dimension : Dimension
     """
 
     factor: float

@@ -44,12 +44,10 @@ class Understood:
 
     Parameters
     ----------
-    effect : Effect
     units : dict of str to dict of str to str
         Law by what it changes → unit of each name that it reads.
     trials : dict of str to Trial
         Law by what it changes → how it did at the null values.
-    warnings : list of str
     """
 
     effect: Effect
@@ -60,14 +58,6 @@ class Understood:
 
 def load(path: str | Path) -> Effect:
     """Read an effect.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    Effect
 
     Raises
     ------
@@ -89,10 +79,6 @@ def parse(text: str, name: str = "draft") -> Effect:
     name : str
         For messages.
 
-    Returns
-    -------
-    Effect
-
     Raises
     ------
     ConfigurationError
@@ -103,14 +89,6 @@ def parse(text: str, name: str = "draft") -> Effect:
 
 def read(path: str | Path) -> Understood:
     """Read an effect, and say what was understood of it.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    Understood
 
     Raises
     ------

@@ -136,16 +136,7 @@ class Logic(Node):
 
 
 def children(node: Node) -> tuple[Node, ...]:
-    """Return the parts of which a part of a law is made.
-
-    Parameters
-    ----------
-    node : Node
-
-    Returns
-    -------
-    tuple of Node
-    """
+    """Return the parts of which a part of a law is made."""
     match node:
         case Negative(operand=operand):
             return (operand,)
@@ -157,16 +148,7 @@ def children(node: Node) -> tuple[Node, ...]:
 
 
 def names(node: Node) -> Iterator[Name]:
-    """Yield every name that a part of a law reads, where it reads it.
-
-    Parameters
-    ----------
-    node : Node
-
-    Yields
-    ------
-    Name
-    """
+    """Yield every name that a part of a law reads, where it reads it."""
     waiting = [node]
     while waiting:
         node = waiting.pop()
@@ -180,7 +162,6 @@ def evaluate(node: Node, q: Mapping[str, Any]) -> Any:
 
     Parameters
     ----------
-    node : Node
     q : mapping of str to ndarray, float or Dual
         Every name that it reads.
 

@@ -89,7 +89,6 @@ class LawError(ConfigurationError):
 
     Parameters
     ----------
-    problem : str
     text : str
         The whole law.
     start, end : int
@@ -105,12 +104,7 @@ class LawError(ConfigurationError):
         )
 
     def pointer(self) -> str:
-        """Return the line of the law that holds the place, and carets under it.
-
-        Returns
-        -------
-        str
-        """
+        """Return the line of the law that holds the place, and carets under it."""
         first = self.text.rfind("\n", 0, self.start) + 1
         line = self.text[first:].partition("\n")[0].replace("\t", " ").rstrip("\r")
         low, high = self.start - first, max(self.start + 1, min(self.end, first + len(line))) - first
@@ -131,10 +125,6 @@ class _Token(NamedTuple):
 def written(name: str) -> str:
     """Return how a law names a channel or a column: in backticks where the name is no plain word.
 
-    Parameters
-    ----------
-    name : str
-
     Returns
     -------
     str
@@ -149,10 +139,6 @@ def written(name: str) -> str:
 
 def parse(text: str) -> Node:
     """Read a law.
-
-    Parameters
-    ----------
-    text : str
 
     Returns
     -------

@@ -37,10 +37,6 @@ class Law:
     def __call__(self, q: Mapping[str, Any]) -> Any:
         """Evaluate it.
 
-        Parameters
-        ----------
-        q : mapping of str to ndarray, float or Dual
-
         Returns
         -------
         ndarray, float or Dual

@@ -64,7 +64,6 @@ def measured(needs: Collection[str], columns: Mapping[str, str]) -> dict[str, st
 
     Parameters
     ----------
-    needs : collection of str
     columns : mapping of str to str
         Units of further columns, where they are stated.
 
@@ -77,16 +76,7 @@ def measured(needs: Collection[str], columns: Mapping[str, str]) -> dict[str, st
 
 
 def is_column(name: str) -> bool:
-    """Say whether a need is a further column, or the rate of one, and not a channel.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    bool
-    """
+    """Say whether a need is a further column, or the rate of one, and not a channel."""
     return not {name, name.removesuffix(_RATE)} & (CHANNELS.keys() | ON_DEMAND.keys())
 
 
@@ -103,10 +93,6 @@ def _unit(name: str, columns: Mapping[str, str]) -> str:
 
 def refused_need(name: str) -> str:  # noqa: PLR0911 - one for each reason
     """Say why a name cannot be among the needs of an effect.
-
-    Parameters
-    ----------
-    name : str
 
     Returns
     -------
@@ -131,10 +117,6 @@ def refused_need(name: str) -> str:  # noqa: PLR0911 - one for each reason
 
 def refused_parameter(name: str) -> str:
     """Say whose name a parameter would take.
-
-    Parameters
-    ----------
-    name : str
 
     Returns
     -------
@@ -161,17 +143,12 @@ def unreadable(name: str, changes: str, known: Collection[str], needs: Collectio
 
     Parameters
     ----------
-    name : str
     changes : str
         What the law changes.
     known : collection of str
         All that it can read.
     needs : collection of str
         As the effect lists them.
-
-    Returns
-    -------
-    problem, advice : str
     """
     channel = name.removeprefix(_MEASURED) if name.removeprefix(_MEASURED) in _FORCES else name
     if name in _FORCES and changes not in _FORCES:

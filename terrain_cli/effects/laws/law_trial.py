@@ -95,14 +95,8 @@ def at_null(effect: Effect, quantity: str, reads: Collection[str]) -> Trial:
 
     Parameters
     ----------
-    effect : Effect
-    quantity : str
     reads : collection of str
         Names that the law reads.
-
-    Returns
-    -------
-    Trial
     """
     nulls = {parameter.name: parameter.null for parameter in effect.parameters}
     given = inputs({quantity, *reads} - nulls.keys())
@@ -129,9 +123,6 @@ def influence(effect: Effect, quantity: str, reads: Collection[str], name: str) 
 
     Parameters
     ----------
-    effect : Effect
-    quantity : str
-    reads : collection of str
     name : str
         Of the parameter.
 

@@ -24,7 +24,6 @@ def infer(node: Node, text: str, known: Mapping[str, Dimension]) -> Dimension | 
 
     Parameters
     ----------
-    node : Node
     text : str
         The whole law.
     known : mapping of str to Dimension

@@ -19,14 +19,6 @@ def bearing_factors(tan_phi: Any) -> tuple[Any, Any, Any]:
     """Bearing-capacity factors of Terzaghi for general shear under a rough footing.
 
     Nγ, which he gives as a table, by 2 (Nq + 1) tan φ / (1 + 0.4 sin 4φ): within a quarter.
-
-    Parameters
-    ----------
-    tan_phi : ndarray or Dual
-
-    Returns
-    -------
-    n_c, n_q, n_gamma : ndarray or Dual
     """
     tan_phi = np.maximum(tan_phi, 0.02)
     phi = np.arctan(tan_phi)

@@ -67,8 +67,6 @@ def sampling_errors(moments: WindowMoments, line: Line, *, correlated: bool) -> 
 
     Parameters
     ----------
-    moments : WindowMoments
-    line : Line
     correlated : bool
         False for steady test points, which have no order in time.
 
@@ -158,10 +156,6 @@ def student(dof: Array) -> Array:
     ----------
     dof : ndarray
         Taken as 1 where less.
-
-    Returns
-    -------
-    ndarray
     """
     z, dof = 1.959964, np.maximum(dof, 1.0)
     return np.asarray(

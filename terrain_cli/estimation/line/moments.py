@@ -92,10 +92,6 @@ def of_windows(
         From 0 to n.
     keys : sequence of (int, int, int)
         Which products; with `LINE` the columns may be x and y alone.
-
-    Returns
-    -------
-    WindowMoments
     """
     count = np.diff(bounds)
     if len(count) and len(columns[0]) >= _LONG * len(count):
@@ -152,10 +148,6 @@ def join(parts: Sequence[WindowMoments]) -> WindowMoments:
     ----------
     parts : sequence of WindowMoments
         At least one, all with the same products.
-
-    Returns
-    -------
-    WindowMoments
     """
     return WindowMoments(
         np.concatenate([part.count for part in parts]),

@@ -72,13 +72,8 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
 
     Parameters
     ----------
-    estimates : WindowEstimates
     select : array_like of int or bool, optional
         The windows of one soil and wheel; by default all.
-
-    Returns
-    -------
-    PooledEstimate
     """
     chosen = slice(None) if select is None else np.asarray(select)
     status = estimates.status[chosen]

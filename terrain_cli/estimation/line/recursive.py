@@ -69,10 +69,6 @@ def recursive(
         W in N, T in N m, z in m, i.
     correlated : bool
         False for steady test points, which have no order in time.
-
-    Returns
-    -------
-    Trace
     """
     columns = np.array([x, y, load, torque, sinkage, slip], dtype=float)
     states = np.full((5, columns.shape[1]), np.nan)

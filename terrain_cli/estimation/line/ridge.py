@@ -74,10 +74,6 @@ def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, fol
         Of these windows.
     folds : int or None
         As for `losses`.
-
-    Returns
-    -------
-    Ridge
     """
     return choose(moments, losses(x, y, bounds, moments, folds=folds))
 
@@ -112,13 +108,8 @@ def choose(moments: WindowMoments, loss: Array) -> Ridge:
 
     Parameters
     ----------
-    moments : WindowMoments
     loss : ndarray, shape (17, w)
         From `losses`.
-
-    Returns
-    -------
-    Ridge
     """
     design = _scaled(moments)
     delta = DELTAS[np.argmin(loss, axis=0)]

@@ -47,7 +47,6 @@ def phi_bounds(moments: WindowMoments, *, correlated: bool) -> tuple[Array, Arra
 
     Parameters
     ----------
-    moments : WindowMoments
     correlated : bool
         Whether samples follow each other in time.
 

@@ -75,7 +75,6 @@ def uncertainty(
 
     Parameters
     ----------
-    moments : WindowMoments
     line : Line
         Least squares of the same windows.
     cohesion, tan_phi : ndarray, shape (w,)

@@ -183,10 +183,6 @@ def estimate_windows(
         Ridge chooses δ by leaving out one of so many contiguous blocks, which is the better
         judge of correlated samples; by default by leaving out one sample.
 
-    Returns
-    -------
-    WindowEstimates
-
     Raises
     ------
     UsageError
@@ -233,10 +229,6 @@ def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
     ----------
     parts : sequence of WindowEstimates
         At least one.
-
-    Returns
-    -------
-    WindowEstimates
     """
     if len(parts) == 1:
         return parts[0]

@@ -33,8 +33,6 @@ def overshoot(normal: Normal, local: tuple[Unknown, ...], t: Array) -> Array:
 
     Parameters
     ----------
-    normal : Normal
-    local : tuple of Unknown
     t : ndarray, shape (w, p)
         Within their bounds.
 
@@ -63,11 +61,6 @@ def truncate(t: Array, own: Array, beyond: Array, local: tuple[Unknown, ...]) ->
         Their covariance.
     beyond : ndarray, shape (w, p)
         From `overshoot`.
-    local : tuple of Unknown
-
-    Returns
-    -------
-    t, own : ndarray
     """
     low, high, _ = limits(local)
     t, own = t.copy(), own.copy()

@@ -61,16 +61,7 @@ class Noise:
 
     @classmethod
     def equal(cls, relative: float) -> Noise:
-        """Return the same relative noise in every channel.
-
-        Parameters
-        ----------
-        relative : float
-
-        Returns
-        -------
-        Noise
-        """
+        """Return the same relative noise in every channel."""
         return cls(dict.fromkeys(CHANNELS, relative))
 
     def variance(self, channel: str, value: Array) -> Array:
@@ -78,7 +69,6 @@ class Noise:
 
         Parameters
         ----------
-        channel : str
         value : ndarray
             True values of the channel, SI unit.
 
@@ -91,16 +81,7 @@ class Noise:
         return (share * value) ** 2 + constant**2
 
     def scaled(self, factor: float) -> Noise:
-        """Return the same noise, larger or smaller in all channels.
-
-        Parameters
-        ----------
-        factor : float
-
-        Returns
-        -------
-        Noise
-        """
+        """Return the same noise, larger or smaller in all channels."""
         return Noise(
             {name: factor * deviation for name, deviation in self.relative.items()},
             {name: factor * deviation for name, deviation in self.absolute.items()},
@@ -138,10 +119,6 @@ def from_differences(channels: Mapping[str, Array], bounds: Bounds) -> Noise:
     channels : mapping of str to ndarray, shape (n,)
         Samples in their order in time; NaN where not measured.
     bounds : ndarray of int, shape (w + 1,)
-
-    Returns
-    -------
-    Noise
     """
     relative: dict[str, float] = {}
     absolute: dict[str, float] = {}

@@ -42,8 +42,6 @@ def descend(
 
     Parameters
     ----------
-    problem : Problem
-    data : FitData
     t, common : ndarray, shape (w, p) and (q,)
         Within their bounds.
     order : int or None

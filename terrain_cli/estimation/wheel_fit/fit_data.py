@@ -72,10 +72,6 @@ class FitData:
             Samples of each window that stays.
         windows : ndarray of int, shape (w,)
             These windows, counted within this data.
-
-        Returns
-        -------
-        FitData
         """
         return FitData(
             channels={name: column[rows] for name, column in self.channels.items()},
@@ -95,10 +91,6 @@ class FitData:
         ----------
         windows : ndarray of int
             Counted within this data.
-
-        Returns
-        -------
-        ndarray of int
         """
         count = self.count[windows]
         ends = np.cumsum(count)
@@ -111,10 +103,6 @@ class FitData:
         ----------
         windows : ndarray of int
             Counted within this data.
-
-        Returns
-        -------
-        FitData
         """
         return self.take(self.rows_of(windows), self.count[windows], windows)
 
@@ -128,7 +116,6 @@ class FitData:
 
         Returns
         -------
-        rows : ndarray of int
         count : ndarray of int, shape (w,)
             Chosen of each window.
         """
@@ -166,7 +153,6 @@ def collect(
 
     Parameters
     ----------
-    model : Model
     channels : mapping of str to array_like, shape (n,)
         SI units; NaN where not measured.
     bounds : array_like of int, shape (w + 1,)
@@ -174,7 +160,6 @@ def collect(
 
     Returns
     -------
-    data : FitData
     rows : ndarray of int
         The samples kept.
 

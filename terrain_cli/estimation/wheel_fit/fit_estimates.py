@@ -17,7 +17,6 @@ def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
 
     Parameters
     ----------
-    fit : Fit
     linear : WindowEstimates
         Keeps its columns of least squares and ridge, and the bounds of φ.
 

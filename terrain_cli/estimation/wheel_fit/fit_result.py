@@ -36,7 +36,6 @@ class Fit:
 
     Parameters
     ----------
-    model : Model
     n : ndarray of int, shape (w,)
         Samples used.
     values, errors : dict of str to ndarray, shape (w,)
@@ -63,7 +62,6 @@ class Fit:
         that remain (a normal distribution cut off at the bound).
     phi_open : ndarray, shape (w,)
         Standard error of φ had there been no prior on it, rad, from what noise cannot have feigned.
-    noise : Noise
     noise_from : {"given", "differences", "residuals"}
         Where the noise comes from: what the caller said; second differences of the channels,
         scaled by the residuals; an equal share of all channels, scaled by the residuals.
@@ -82,7 +80,6 @@ class Fit:
         channels. NaN in samples not used.
     rmse : dict of str to ndarray, shape (w,)
     converged : ndarray of bool, shape (w,)
-    min_samples : int
     """
 
     model: Model
@@ -202,8 +199,6 @@ def parameters(
     ----------
     soil : sequence of str
         Names of the soil's parameters.
-    sought : Unknowns
-    found : Posterior
     known : ndarray of bool, shape (w,)
         Windows with samples.
     spread : float

@@ -72,8 +72,6 @@ def fit(
 
     Parameters
     ----------
-    model : Model
-    wheel : WheelGeometry
     channels : mapping of str to array_like, shape (n,)
         SI units; NaN where not measured: slip and sinkage (or load, see `given`), with whichever of
         load, torque and drawbar_pull there are, and what the effects need.
@@ -97,10 +95,6 @@ def fit(
         Whether samples follow each other in time; False for steady test points.
     min_samples : int
         Windows of fewer have the status "too-few-samples".
-
-    Returns
-    -------
-    Fit
 
     Raises
     ------

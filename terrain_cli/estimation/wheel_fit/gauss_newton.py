@@ -80,12 +80,7 @@ def initial(data: FitData, t: Array, common: Array) -> State:
 
     Parameters
     ----------
-    data : FitData
     t, common : ndarray, shape (w, p) and (q,)
-
-    Returns
-    -------
-    State
     """
     windows = len(t)
     latent = np.array([data.channels[name] for name in data.inputs])
@@ -99,18 +94,12 @@ def solve(
 
     Parameters
     ----------
-    problem : Problem
-    data : FitData
     start : State
         Changed in place.
     order : int or None
         Nodes on each arc.
     iterations : int
         At the most.
-
-    Returns
-    -------
-    State
     """
     sought, state = problem.unknowns, start
     windows, shared = len(data.windows), len(sought.shared) > 0
@@ -167,18 +156,11 @@ def accumulate(
 
     Parameters
     ----------
-    problem : Problem
-    data : FitData
     t, common : ndarray, shape (w, p) and (q,)
     latent : ndarray, shape (inputs, n)
         Changed in place.
-    order : int or None
     each : callable, optional
         Called with the windows of each block, their data and equations.
-
-    Returns
-    -------
-    Normal
     """
     size = t.shape[1] + len(common)
     windows = len(t)
@@ -199,7 +181,6 @@ def eliminate(normal: Normal, local: int, *, prior: float = 1.0) -> tuple[Array,
 
     Parameters
     ----------
-    normal : Normal
     local : int
         p.
     prior : float
@@ -291,7 +272,6 @@ def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[A
     ----------
     normal : Normal
         At the unknowns that follow.
-    sought : Unknowns
     t, common : ndarray, shape (w, p) and (q,)
 
     Returns
@@ -353,10 +333,6 @@ def _unbounded(normal: Normal, t: Array, common: Array) -> tuple[Array, Array]:
 
 def limits(sought: tuple[Unknown, ...]) -> tuple[Array, Array, Array]:
     """Return lower and upper bounds and largest steps.
-
-    Parameters
-    ----------
-    sought : tuple of Unknown
 
     Returns
     -------

@@ -54,12 +54,7 @@ class Problem:
 
     Parameters
     ----------
-    model : Model
-    wheel : WheelGeometry
     given : {"sinkage", "load"}
-    unknowns : Unknowns
-    noise : Noise
-    robust : bool
     """
 
     model: Model
@@ -83,7 +78,6 @@ class Problem:
 
         Parameters
         ----------
-        data : FitData
         t : ndarray, shape (w, p)
             Local unknowns of the windows of `data`.
         common : ndarray, shape (q,)
@@ -93,10 +87,6 @@ class Problem:
             Nodes on each arc.
         latent : ndarray, shape (inputs, n), optional
             True values of the inputs; the measured ones by default.
-
-        Returns
-        -------
-        Prediction
         """
         channels = data.channels
         if latent is not None:
@@ -164,10 +154,6 @@ class Equations:
     def latent(self, data: FitData) -> Array:
         """Return the true values of the inputs that go best with the residuals.
 
-        Parameters
-        ----------
-        data : FitData
-
         Returns
         -------
         ndarray, shape (inputs, n)
@@ -219,18 +205,12 @@ def equations(
 
     Parameters
     ----------
-    problem : Problem
-    data : FitData
     t, common : ndarray, shape (w, p) and (q,)
         Local and shared unknowns.
     latent : ndarray, shape (inputs, n)
         True values of the inputs.
     order : int, optional
         Nodes on each arc.
-
-    Returns
-    -------
-    Equations
     """
     sought = problem.unknowns
     prediction = problem.predict(data, t, common, by=True, order=order, latent=latent)

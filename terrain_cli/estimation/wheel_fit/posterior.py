@@ -111,18 +111,12 @@ def posterior(
 
     Parameters
     ----------
-    problem : Problem
-    data : FitData
     state : State
         From `gauss_newton`; its true values of the inputs become those that go with the means.
     order : int or None
         Nodes on each arc.
     correlated : bool
         Whether samples follow each other in time.
-
-    Returns
-    -------
-    Posterior
     """
     local = state.t.shape[1]
     few = _Few(problem, data, state)

@@ -33,11 +33,6 @@ _STIFFER = 5
 def centre(problem: Problem, data: FitData) -> tuple[Array, Array]:
     """Begin at the prior means, with the stiffness that carries the load there.
 
-    Parameters
-    ----------
-    problem : Problem
-    data : FitData
-
     Returns
     -------
     t, common : ndarray, shape (w, p) and (q,)
@@ -52,8 +47,6 @@ def others(problem: Problem, data: FitData, common: Array) -> Iterator[Array]:
 
     Parameters
     ----------
-    problem : Problem
-    data : FitData
     common : ndarray, shape (q,)
 
     Yields
@@ -77,7 +70,6 @@ def of_shapes(problem: Problem, common: Array) -> Iterator[Array]:
 
     Parameters
     ----------
-    problem : Problem
     common : ndarray, shape (q,)
 
     Yields
@@ -112,8 +104,6 @@ def carried(problem: Problem, data: FitData, t: Array, common: Array) -> Array:
 
     Parameters
     ----------
-    problem : Problem
-    data : FitData
     t, common : ndarray, shape (w, p) and (q,)
 
     Returns

@@ -48,8 +48,6 @@ def mend(
 
     Parameters
     ----------
-    problem : Problem
-    data : FitData
     state : State
         Changed in place.
     found : Posterior
@@ -183,7 +181,6 @@ def put(state: State, other: State, at: Index, rows: Index) -> None:
     ----------
     state : State
         Changed in place.
-    other : State
     at, rows : ndarray of int
         These windows and their samples in `state`.
     """

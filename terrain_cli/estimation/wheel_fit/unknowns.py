@@ -55,7 +55,6 @@ class Unknown:
 
     Parameters
     ----------
-    name : str
     logarithm : bool
         Whether it is sought by its logarithm.
     mean, sd : float
@@ -79,25 +78,12 @@ class Unknown:
         ----------
         t : ndarray
             In prior standard deviations from the prior mean.
-
-        Returns
-        -------
-        ndarray
         """
         sought = self.mean + self.sd * t
         return np.exp(sought) if self.logarithm else sought
 
     def slope(self, t: Array) -> Array:
-        """Return the derivative of the parameter, in its own unit, by `t`.
-
-        Parameters
-        ----------
-        t : ndarray
-
-        Returns
-        -------
-        ndarray
-        """
+        """Return the derivative of the parameter, in its own unit, by `t`."""
         return self.sd * self.value(t) if self.logarithm else np.full_like(t, self.sd)
 
 
@@ -159,16 +145,9 @@ def unknowns(
 
     Parameters
     ----------
-    model : Model
     fixed : mapping of str to float or array_like, shape (w,)
-    priors : mapping of str to Prior
     shared : collection of str
         Parameters of the soil with one value for all windows; those of effects always have.
-    windows : int
-
-    Returns
-    -------
-    Unknowns
 
     Raises
     ------

@@ -33,15 +33,6 @@ if TYPE_CHECKING:
 def wheel_of(raw: Raw, rover: Rover) -> Wheel:
     """Return what rover.toml says of the wheel of some samples.
 
-    Parameters
-    ----------
-    raw : Raw
-    rover : Rover
-
-    Returns
-    -------
-    Wheel
-
     Raises
     ------
     ConfigurationError
@@ -64,21 +55,14 @@ def assemble(
 
     Parameters
     ----------
-    layout : Plan
     raw : Raw
         Consumed: its channels become those of the result. Nothing may be `lacking`.
-    rover : Rover
-    where : Condition, optional
     effects : sequence of Effect, optional
         As for `read`; samples without something that an effect needs are set aside.
     columns : collection of str
         Further numeric columns that are kept, where they were read.
     checked : bool
         It is a later part of a log, whose units were looked at.
-
-    Returns
-    -------
-    Samples
 
     Raises
     ------

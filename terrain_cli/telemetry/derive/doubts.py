@@ -30,8 +30,6 @@ class ImplausibleError(InputError):
 
     Parameters
     ----------
-    message : str
-    hint : str
     channel : str
         Whose unit is likely to be wrong.
     """
@@ -46,7 +44,6 @@ class Mend(NamedTuple):
 
     Parameters
     ----------
-    channel, unit : str
     scale : float
         To that unit: 0.001 kgf are grams.
     """
@@ -92,15 +89,8 @@ def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterab
 
     Parameters
     ----------
-    layout : Plan
-    wheel : str
     feeds : mapping of str to Feed
         Of its channels.
-    suspicions : iterable of Suspicion
-
-    Returns
-    -------
-    list of Doubt
 
     Raises
     ------

@@ -59,33 +59,13 @@ def sources(name: str) -> tuple[str, ...]:
 
 
 def read(effects: Iterable[Effect]) -> tuple[set[str], set[str]]:
-    """Split what makes a difference to some effects into channels and further columns.
-
-    Parameters
-    ----------
-    effects : iterable of Effect
-
-    Returns
-    -------
-    channels, columns : set of str
-    """
+    """Split what makes a difference to some effects into channels and further columns."""
     names = {source for effect in effects for name in effect.reads for source in sources(name)}
     return names & CHANNELS.keys(), names - CHANNELS.keys()
 
 
 def lacking(raw: Raw, wheel: Wheel, effects: Iterable[Effect]) -> list[Lack]:
-    """Say what is missing for the effects of a model.
-
-    Parameters
-    ----------
-    raw : Raw
-    wheel : Wheel
-    effects : iterable of Effect
-
-    Returns
-    -------
-    list of Lack
-    """
+    """Say what is missing for the effects of a model."""
     there = _there(raw)
     lacks = []
     for effect in effects:
@@ -120,12 +100,10 @@ def drivers(
     ----------
     raw : Raw
         Nothing of what they need may be `lacking`.
-    wheel : Wheel
     rows : ndarray of int
         The samples that can be used.
     stretch : ndarray of int, shape (n,)
         Number of the continuous stretch of each sample.
-    effects : iterable of Effect
 
     Returns
     -------
@@ -144,7 +122,6 @@ def of_samples(samples: Samples, effects: Iterable[Effect]) -> dict[str, Array]:
     ----------
     samples : Samples
         With every channel and further column.
-    effects : iterable of Effect
 
     Returns
     -------

@@ -371,16 +371,6 @@ CHECKS: tuple[Callable[[UnitEvidence], Suspicion | None], ...] = (
 def found(layout: Plan, wheel: str, evidence: UnitEvidence) -> list[Doubt]:
     """Say what is hardly true of a wheel, and what would mend it.
 
-    Parameters
-    ----------
-    layout : Plan
-    wheel : str
-    evidence : UnitEvidence
-
-    Returns
-    -------
-    list of Doubt
-
     Raises
     ------
     ImplausibleError

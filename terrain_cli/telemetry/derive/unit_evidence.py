@@ -32,7 +32,6 @@ class UnitEvidence:
 
     Parameters
     ----------
-    geometry : Geometry
     feeds : mapping of str to Feed
         Of its channels.
 
@@ -68,10 +67,6 @@ class UnitEvidence:
     def columns(self, *names: str) -> list[Array] | None:
         """Return the samples in which each of some channels is known.
 
-        Parameters
-        ----------
-        *names : str
-
         Returns
         -------
         list of ndarray, or None
@@ -84,12 +79,7 @@ class UnitEvidence:
         return list(columns) if columns.shape[1] >= 5 else None
 
     def add(self, part: Samples) -> None:
-        """Take the samples that follow.
-
-        Parameters
-        ----------
-        part : Samples
-        """
+        """Take the samples that follow."""
         channels = part.channels
         if part.time is not None and np.isnan(self.interval):
             steps = np.abs(np.diff(part.time[np.isfinite(part.time)]))

@@ -128,7 +128,6 @@ def also_aside(reasons: Labels, reason: str, where: NDArray[np.bool_]) -> Labels
     ----------
     reasons : Labels, shape (n,)
         From `set_aside`.
-    reason : str
     where : ndarray of bool, shape (n,)
 
     Returns

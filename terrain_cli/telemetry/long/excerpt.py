@@ -88,10 +88,6 @@ class Excerpt:
 def joined(parts: Sequence[Samples]) -> Samples:
     """Join parts of one wheel.
 
-    Parameters
-    ----------
-    parts : sequence of Samples
-
     Returns
     -------
     Samples
@@ -137,10 +133,6 @@ def joined(parts: Sequence[Samples]) -> Samples:
 def excerpted(samples: Sequence[Samples]) -> list[str]:
     """Say of how many samples how many were kept.
 
-    Parameters
-    ----------
-    samples : sequence of Samples
-
     Returns
     -------
     list of str
@@ -154,16 +146,7 @@ def excerpted(samples: Sequence[Samples]) -> list[str]:
 
 
 def notes(samples: Sequence[Samples]) -> list[str]:
-    """Say what was not read of some inputs, lost or left out, and what every command says of them.
-
-    Parameters
-    ----------
-    samples : sequence of Samples
-
-    Returns
-    -------
-    list of str
-    """
+    """Say what was not read of some inputs, lost or left out, and what every command says of them."""
     saved = [
         f"{one.source}: {remark}"
         for one in samples

@@ -47,14 +47,10 @@ class Request:
 
     Parameters
     ----------
-    layout : Plan
-    rover : Rover
-    channels : frozenset of str
     extras : tuple of str
         Further columns.
     wheels : tuple of str
         Only these; all if empty.
-    where : Condition or None
     effects : sequence of Effect or None
         As for `telemetry.read`.
     """
@@ -80,7 +76,6 @@ def in_parts(
 
     Parameters
     ----------
-    request : Request
     begin : list of dict
         The first batches; emptied.
     rest : iterable of dict
@@ -157,7 +152,6 @@ def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[st
 
     Yields
     ------
-    table : dict of str to ndarray or Labels
     first, last : int
         The rows of it that are its own.
     """

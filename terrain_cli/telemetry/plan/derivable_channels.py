@@ -42,7 +42,6 @@ class Lack(NamedTuple):
     ----------
     what : str
         A channel, "geometry" or "shear modulus".
-    because : str
     ask : tuple of str
         Channels that would supply it; empty where rover.toml itself must say it.
     lines : tuple of str
@@ -64,14 +63,11 @@ def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict
     ----------
     available : collection of str
         Channels that are there.
-    wheel : Wheel
-    rover : Rover
 
     Returns
     -------
     derived : dict of str to str
         Channel → from what, in words.
-    lacks : list of Lack
     """
     have = set(available)
     ways = {
@@ -126,17 +122,7 @@ def _slip(have: set[str]) -> str | Lack:
 
 
 def settings(wheel: Wheel, rover: Rover) -> list[Lack]:
-    """Return what rover.toml does not say of a wheel and its soil.
-
-    Parameters
-    ----------
-    wheel : Wheel
-    rover : Rover
-
-    Returns
-    -------
-    list of Lack
-    """
+    """Return what rover.toml does not say of a wheel and its soil."""
     lacks = []
     sizes = [name for name in ("radius", "width") if getattr(wheel, name) is None]
     if sizes:
@@ -155,8 +141,6 @@ def complete(raw: Raw, wheel: Wheel, rover: Rover) -> dict[str, str]:
     ----------
     raw : Raw
         `raw.channels` gains the derived ones.
-    wheel : Wheel
-    rover : Rover
 
     Returns
     -------

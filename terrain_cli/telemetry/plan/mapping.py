@@ -28,30 +28,12 @@ ONLY_WHEEL = "wheel"
 
 
 def is_table(source: Source) -> bool:
-    """Tell a table from a bag.
-
-    Parameters
-    ----------
-    source : Source
-
-    Returns
-    -------
-    bool
-    """
+    """Tell a table from a bag."""
     return [stream.topic for stream in source.streams()] == [""]
 
 
 def plan(source: Source, rover: Rover) -> Plan:
     """Decide what feeds each channel: rover.toml first, then names, then the standard messages.
-
-    Parameters
-    ----------
-    source : Source
-    rover : Rover
-
-    Returns
-    -------
-    Plan
 
     Raises
     ------
@@ -199,7 +181,6 @@ def only_wheel(rover: Rover, there: Sequence[str] = ()) -> str:
 
     Parameters
     ----------
-    rover : Rover
     there : sequence of str
         Wheels that the topics tell apart.
 

@@ -25,18 +25,7 @@ MOST = 8
 
 
 def because(plan: Plan, wheel: str, lack: Lack) -> str:
-    """Say why something is missing: nothing gives it, or too much does.
-
-    Parameters
-    ----------
-    plan : Plan
-    wheel : str
-    lack : Lack
-
-    Returns
-    -------
-    str
-    """
+    """Say why something is missing: nothing gives it, or too much does."""
     doubts = plan.doubts(wheel)
     for channel in (lack.what, *lack.ask):
         if channel in doubts:
@@ -47,12 +36,6 @@ def because(plan: Plan, wheel: str, lack: Lack) -> str:
 
 def reasons(plan: Plan, wheel: str, lacks: Sequence[Lack]) -> list[str]:
     """Say in a few words why channels are missing.
-
-    Parameters
-    ----------
-    plan : Plan
-    wheel : str
-    lacks : sequence of Lack
 
     Returns
     -------
@@ -71,7 +54,6 @@ def lines(plan: Plan, lacks: Mapping[str, Sequence[Lack]]) -> str:
 
     Parameters
     ----------
-    plan : Plan
     lacks : mapping of str to sequence of Lack
         By wheel.
 
@@ -97,17 +79,7 @@ def lines(plan: Plan, lacks: Mapping[str, Sequence[Lack]]) -> str:
 
 
 def header(plan: Plan, wheel: str, channel: str) -> str:
-    """Name the table of rover.toml in which a channel of a wheel stands.
-
-    Parameters
-    ----------
-    plan : Plan
-    wheel, channel : str
-
-    Returns
-    -------
-    str
-    """
+    """Name the table of rover.toml in which a channel of a wheel stands."""
     own = len(plan.wheels) > 1 and wheel in plan.wheels and channel in OF_WHEELS
     return f"[wheels.{toml_text.key(wheel)}.channels]" if own else "[channels]"
 
@@ -117,15 +89,10 @@ def entry(feed: Feed, unit: str, scale: float = 1.0) -> str:
 
     Parameters
     ----------
-    feed : Feed
     unit : str
         That what was read in SI units is in instead.
     scale : float
         To that unit.
-
-    Returns
-    -------
-    str
     """
     symbol, scale = _in(feed, unit, scale)
     keys = [_place(feed) if feed.constant is None else f"constant = {toml_text.value(feed.constant)}"]
@@ -136,18 +103,7 @@ def entry(feed: Feed, unit: str, scale: float = 1.0) -> str:
 
 
 def meant(feed: Feed, unit: str, scale: float = 1.0) -> str:
-    """Name the unit that `entry` writes, as a person would.
-
-    Parameters
-    ----------
-    feed : Feed
-    unit : str
-    scale : float
-
-    Returns
-    -------
-    str
-    """
+    """Name the unit that `entry` writes, as a person would."""
     symbol, scale = _in(feed, unit, scale)
     if symbol == "kgf":
         # A balance shows the mass.

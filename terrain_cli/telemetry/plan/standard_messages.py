@@ -81,7 +81,6 @@ class Meaning:
 
     Parameters
     ----------
-    channel : str
     fields : tuple of str
         What it is read from.
     combine : callable, optional
@@ -150,25 +149,12 @@ _MEANINGS = {
 
 
 def is_standard(message_type: str) -> bool:
-    """Tell whether a type belongs to the packages that come with ROS.
-
-    Parameters
-    ----------
-    message_type : str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a type belongs to the packages that come with ROS."""
     return _STANDARD.match(message_type) is not None
 
 
 def unit_symbol(message_type: str, field: str) -> str | None:
     """Return the unit that a standard message fixes for a field.
-
-    Parameters
-    ----------
-    message_type, field : str
 
     Returns
     -------
@@ -186,14 +172,5 @@ def unit_symbol(message_type: str, field: str) -> str | None:
 
 
 def meanings(message_type: str) -> tuple[Meaning, ...]:
-    """Return the channels that a standard message carries.
-
-    Parameters
-    ----------
-    message_type : str
-
-    Returns
-    -------
-    tuple of Meaning
-    """
+    """Return the channels that a standard message carries."""
     return _MEANINGS.get(message_type, ())

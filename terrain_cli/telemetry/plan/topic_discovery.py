@@ -35,7 +35,6 @@ class TopicCandidate:
 
     Parameters
     ----------
-    feed : Feed
     places : tuple of str
         Names that might tell its wheel: the parts of the topic, or the name beside a list.
     """
@@ -47,13 +46,8 @@ class TopicCandidate:
 def find(stream: Stream) -> tuple[list[TopicCandidate], str | None]:
     """Find the channels that one topic carries.
 
-    Parameters
-    ----------
-    stream : Stream
-
     Returns
     -------
-    candidates : list of TopicCandidate
     label : str or None
         The field that names the wheel of each message.
 
@@ -82,16 +76,7 @@ def _find_joints(stream: Stream) -> list[TopicCandidate]:
 
 
 def joint_speed(topic: str, joint: str) -> TopicCandidate:
-    """Return the speed of a joint in a JointState.
-
-    Parameters
-    ----------
-    topic, joint : str
-
-    Returns
-    -------
-    TopicCandidate
-    """
+    """Return the speed of a joint in a JointState."""
     feed = Feed(
         channel="angular_velocity",
         topic=topic,
@@ -209,8 +194,6 @@ def assign(channel: str, found: Sequence[TopicCandidate], others: Iterable[str],
 
     Parameters
     ----------
-    channel : str
-    found : sequence of TopicCandidate
     others : iterable of str
         Wheels and joints of the bag that are not wanted.
     plan : Plan

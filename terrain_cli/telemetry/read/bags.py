@@ -64,7 +64,6 @@ def fields(plan: Plan, wanted: Collection[str]) -> dict[str, list[str]]:
 
     Parameters
     ----------
-    plan : Plan
     wanted : collection of str
         Channels; those without a feed are passed over.
 
@@ -95,7 +94,6 @@ def wheels(
 
     Parameters
     ----------
-    plan : Plan
     tables : mapping of str to dict
         topic → the columns named by `fields`, whole.
     wanted : collection of str
@@ -145,7 +143,6 @@ def one_clock(tables: Mapping[str, Mapping[str, Column]]) -> tuple[float, dict[s
         Whole seconds taken off.
     times : dict of str to ndarray
         topic → the time of each message in s.
-    remarks : list of str
     """
     logged = {topic: np.asarray(table[LOG_TIME]) for topic, table in tables.items()}
     stamps = {

@@ -75,7 +75,6 @@ class OwnClocks:
 
         Parameters
         ----------
-        raw : Raw
         max_gap : float or None
             Longest gap in s that is bridged; a column's own intervals bound it as well.
 
@@ -146,13 +145,8 @@ class OwnClocks:
 
         Parameters
         ----------
-        wheel : str
         samples, interpolated : int
             How many there are, and in how many of them a value that counts was interpolated.
-
-        Returns
-        -------
-        Notice
         """
         text = (
             f"wheel {wheel}: columns are filled on clocks of their own: {self.slowest} has a value every "
@@ -166,10 +160,6 @@ class OwnClocks:
 
 def find(raw: Raw) -> OwnClocks | None:
     """Find the clocks of the columns of a wheel.
-
-    Parameters
-    ----------
-    raw : Raw
 
     Returns
     -------

@@ -36,8 +36,6 @@ def read_raw(
 
     Parameters
     ----------
-    plan : Plan
-    rover : Rover
     channels : iterable of str
         Those without a feed are passed over.
     extras : sequence of str
@@ -80,15 +78,8 @@ def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Colle
 
     Parameters
     ----------
-    plan : Plan
-    rover : Rover
-    labels : Labels or None
     wheels : collection of str
         Only these; all if empty.
-
-    Returns
-    -------
-    list of str
 
     Raises
     ------
@@ -115,10 +106,6 @@ def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Colle
 def labels_there(labels: Labels) -> list[str]:
     """Return the labels that occur.
 
-    Parameters
-    ----------
-    labels : Labels
-
     Returns
     -------
     list of str
@@ -134,7 +121,6 @@ def among(path: str, there: Sequence[str], wheels: Collection[str]) -> list[str]
     ----------
     path : str
         Of the input, for the message.
-    there : sequence of str
     wheels : collection of str
         As asked for; all if empty.
 

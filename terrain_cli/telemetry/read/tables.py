@@ -30,15 +30,10 @@ def fields(plan: Plan, wanted: Collection[str], extras: Sequence[str]) -> list[s
 
     Parameters
     ----------
-    plan : Plan
     wanted : collection of str
         Channels; those without a feed are passed over.
     extras : sequence of str
         Further columns.
-
-    Returns
-    -------
-    list of str
     """
     label = plan.labels.get("")
     every = [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
@@ -58,7 +53,6 @@ def read(
 
     Parameters
     ----------
-    plan : Plan
     wanted : collection of str
         Channels; those without a feed are passed over.
     extras : sequence of str
@@ -96,32 +90,17 @@ def nameless(plan: Plan, table: Mapping[str, Column], rows: slice = slice(None))
 
     Parameters
     ----------
-    plan : Plan
     table : mapping
         After `wheels`.
     rows : slice
         Those that count.
-
-    Returns
-    -------
-    int
     """
     column = table.get(plan.labels.get("", ""))
     return int(np.count_nonzero(column.codes[rows] < 0)) if isinstance(column, Labels) else 0
 
 
 def passed_over(plan: Plan, count: int) -> list[str]:
-    """Say how many rows name no wheel, if any.
-
-    Parameters
-    ----------
-    plan : Plan
-    count : int
-
-    Returns
-    -------
-    list of str
-    """
+    """Say how many rows name no wheel, if any."""
     return [f"{count} rows name no wheel in {plan.labels['']} and are passed over"] if count else []
 
 
@@ -136,7 +115,6 @@ def wheels(
 
     Parameters
     ----------
-    plan : Plan
     table : dict of str to ndarray or Labels
         The columns `fields`; its column of wheels is replaced by labels.
     wanted, extras, choose

@@ -28,16 +28,7 @@ MOST_DRIVERS = 9
 
 
 def predicted_measured(comparison: Comparison) -> Figure:
-    """Draw what was predicted against what was measured, a panel for each channel.
-
-    Parameters
-    ----------
-    comparison : Comparison
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw what was predicted against what was measured, a panel for each channel."""
     shown = sample_pairs.channels(comparison)
     figure = Figure(figsize=(3.4 * len(shown), 3.9))
     for axes, name in zip(np.ravel(figure.subplots(1, len(shown))), shown, strict=True):
@@ -99,13 +90,8 @@ def residuals(comparison: Comparison, channel: str) -> Figure:
 
     Parameters
     ----------
-    comparison : Comparison
     channel : str
         "torque", "drawbar_pull" or "sinkage".
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     errors = comparison.channels[channel]
     what = quantities.quantity(channel, errors.unit)

@@ -27,10 +27,6 @@ _APART = 0.18
 def errors(ladder: Sequence[Rung]) -> Figure | None:
     """Draw the held-out error of every channel, step by step, with its 95 % interval and the noise.
 
-    Parameters
-    ----------
-    ladder : sequence of Rung
-
     Returns
     -------
     matplotlib.figure.Figure or None

@@ -31,10 +31,6 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
     ----------
     trace : mapping of str to sequence
         Columns of `results.trace`, of one wheel.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     figure = Figure(figsize=(7.2, 4.8))
     upper, lower = figure.subplots(2, 1, sharex=True)

@@ -23,10 +23,6 @@ def rim_stress(moments: Sequence[Moment]) -> Figure:
     ----------
     moments : sequence of Moment
         From `soil_strength.moments`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     columns = min(2, len(moments))
     rows = -(-len(moments) // columns)

@@ -32,10 +32,6 @@ def strength(table: Mapping[str, Any]) -> Figure:
     ----------
     table : mapping of str to sequence
         Columns of `results.COLUMNS`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
     """
     figure = Figure(figsize=(7.6, 3.9))
     left, right = figure.subplots(1, 2)

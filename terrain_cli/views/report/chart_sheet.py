@@ -25,16 +25,7 @@ CHOSEN = "#AA3377"
 
 
 def rows(**columns: Sequence[Any] | NDArray[Any]) -> list[dict[str, Any]]:
-    """Turn columns into records: five digits, null where not known.
-
-    Parameters
-    ----------
-    **columns : sequence
-
-    Returns
-    -------
-    list of dict
-    """
+    """Turn columns into records: five digits, null where not known."""
     lists = [_plain(column) for column in columns.values()]
     return [dict(zip(columns, record, strict=True)) for record in zip(*lists, strict=True)]
 
@@ -66,10 +57,6 @@ class Sheet:
         ----------
         **columns : sequence
             As for `rows`.
-
-        Returns
-        -------
-        altair.Chart
         """
         name = f"data-{len(self._datasets)}"
         self._datasets[name] = rows(**columns)
@@ -85,11 +72,6 @@ class Sheet:
             From the lowest to the highest.
         height : int
             In pixels.
-        width : int or "container"
-
-        Returns
-        -------
-        dict
         """
         chart = alt.layer(*layers)
         if self._chosen is not None:
@@ -123,14 +105,5 @@ class Sheet:
 
 
 def scale(low: float, high: float) -> alt.Scale:
-    """Return an axis that ends where it is told to.
-
-    Parameters
-    ----------
-    low, high : float
-
-    Returns
-    -------
-    altair.Scale
-    """
+    """Return an axis that ends where it is told to."""
     return alt.Scale(domain=[float(low), float(high)], nice=False, zero=False)

@@ -30,7 +30,6 @@ def write(
 
     Parameters
     ----------
-    comparison : Comparison
     path : str or Path
         Of the page. It is there whole, or as it was before.
     further : sequence of Section
@@ -56,18 +55,7 @@ def page(
     further: Sequence[Section] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
-    """Return the page as text.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    further : sequence of Section
-    progress : callable
-
-    Returns
-    -------
-    str
-    """
+    """Return the page as text."""
     from jinja2 import Environment, StrictUndefined
 
     from terrain_cli.views.report import sections

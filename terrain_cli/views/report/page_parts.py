@@ -15,7 +15,6 @@ class Table:
 
     Parameters
     ----------
-    caption : str
     head : sequence of str
         Headings of the columns.
     rows : sequence of sequence of str
@@ -39,7 +38,6 @@ class Chart:
 
     Parameters
     ----------
-    title : str
     alt : str
         What it shows, for those who do not see it.
     spec : mapping
@@ -62,7 +60,6 @@ class Section:
     ----------
     id : str
         For links; letters and hyphens.
-    title : str
     text : sequence of str
         Paragraphs.
     points : sequence of str

@@ -61,17 +61,12 @@ def agreement(pooled: Pairs, label: str, keys: Text, names: Text, chosen: str) -
 
     Parameters
     ----------
-    pooled : Pairs
     label : str
         Of the channel, with its unit.
     keys, names : ndarray of str, shape (segments,)
         By which a segment is chosen, and what it is called.
     chosen : str
         Key of the segment marked at first.
-
-    Returns
-    -------
-    dict
     """
     sheet = Sheet(chosen)
     low, high = binning.limits(pooled.measured, pooled.predicted)
@@ -118,10 +113,6 @@ def course(
         As for `agreement`.
     driven : bool
         Whether the samples were driven in the order of `along`: the prediction is a line then.
-
-    Returns
-    -------
-    dict
     """
     sheet = Sheet(chosen)
     # A line does not bridge what was not driven.
@@ -176,10 +167,6 @@ def residual(along: Along, pooled: Pairs, label: str, noise: float, keys: Text, 
         Standard deviation, in the unit of the residual.
     keys, chosen
         As for `agreement`.
-
-    Returns
-    -------
-    dict
     """
     sheet = Sheet(chosen)
     values, axis = pooled.residual, along.quantity.label

@@ -75,13 +75,11 @@ def of(comparison: Comparison, progress: Callable[[str], None]) -> tuple[list[Se
 
     Parameters
     ----------
-    comparison : Comparison
     progress : callable
         Called with the name of each section before it is made.
 
     Returns
     -------
-    sections : list of Section
     choices : list of (str, str)
         Key and label of each choice.
     chosen : str

@@ -43,11 +43,6 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
     values : ndarray, shape (segments,)
     label : str
         Of the values, with their unit.
-    chosen : str
-
-    Returns
-    -------
-    dict
     """
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
@@ -105,11 +100,6 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
     ----------
     table : mapping of str to sequence
         As for `track`.
-    chosen : str
-
-    Returns
-    -------
-    dict
     """
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
@@ -175,11 +165,6 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
     ----------
     table : mapping of str to sequence
         As for `track`.
-    chosen : str
-
-    Returns
-    -------
-    dict
     """
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])

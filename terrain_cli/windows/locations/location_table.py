@@ -45,7 +45,6 @@ class Places:
 
     Parameters
     ----------
-    path : str
     position : dict of str to ndarray, shape (n,)
         longitude and latitude in deg, x and y in m: one of the pairs, or both.
     keys : dict of str to ndarray, shape (n,)
@@ -80,10 +79,6 @@ def load(path: str, crs: str | None = None) -> Places:
         latitude, x and y with their aliases and units, site, drive and pose, and those of PLACES.
     crs : str, optional
         What its longitudes and latitudes are.
-
-    Returns
-    -------
-    Places
 
     Raises
     ------

@@ -62,11 +62,6 @@ def locate(samples: Samples, places: Places) -> Placed:
     samples : Samples
         Its channels gain those of `places.position`, NaN where the table does not tell, and its
         remarks what became of them.
-    places : Places
-
-    Returns
-    -------
-    Placed
 
     Raises
     ------

@@ -49,8 +49,6 @@ class Limits:
 
     Parameters
     ----------
-    samples : int
-    metres : float
     driven : ndarray, shape (n + 1,), optional
         Metres up to each bound a window may have.
     """
@@ -161,8 +159,6 @@ def candidates(moments: RunningMoments, limits: Limits, penalty: float) -> tuple
 
     Parameters
     ----------
-    moments : RunningMoments
-    limits : Limits
     penalty : float
         Least gain of a bound, for white noise.
 

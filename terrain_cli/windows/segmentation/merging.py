@@ -104,14 +104,7 @@ class _Known:
 
 
 class Refinement:
-    """The way from candidates to the changes of soil of one stretch.
-
-    Parameters
-    ----------
-    moments : RunningMoments
-    limits : Limits
-    criteria : Criteria
-    """
+    """The way from candidates to the changes of soil of one stretch."""
 
     def __init__(self, moments: RunningMoments, limits: Limits, criteria: Criteria) -> None:
         self._moments = moments

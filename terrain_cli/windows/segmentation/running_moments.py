@@ -126,7 +126,6 @@ class RunningMoments:
         Parameters
         ----------
         sample : ndarray of int, shape (k,)
-        reach : int
 
         Returns
         -------
