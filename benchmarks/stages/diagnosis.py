@@ -12,7 +12,7 @@ from benchmarks.harness import Case, Stage
 from terrain_cli import effects, models
 from terrain_cli.comparison import blocks, smoothed_model
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.fitted_wheel import FitSettings
+from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.diagnosis import screening
 from terrain_cli.estimation import estimators
 from terrain_cli.mechanics.wheel_model import Model

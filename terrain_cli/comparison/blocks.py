@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from terrain_cli.comparison.comparison_outcome import Series
+
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
@@ -97,3 +99,26 @@ def _neighbours(scores: Array, chain: Index) -> float:
         return 0.0
     product = (about[1:] * about[:-1])[same][:, known].mean(axis=0) / power[known]
     return float(product.mean() + 1.0 / len(scores))
+
+
+def squares(parts: Sequence[tuple[Series, Index]]) -> Array:
+    """Sum up squared held-out errors by block.
+
+    Parameters
+    ----------
+    parts : sequence of (Series, ndarray of int)
+        With the block of each sample.
+
+    Returns
+    -------
+    ndarray, shape (blocks, 2)
+        Sum of squares, and number; only blocks that have any.
+    """
+    count = 1 + max(int(block.max(initial=0)) for _, block in parts)
+    found = np.zeros((count, 2))
+    for one, block in parts:
+        error = one.measured - one.heldout
+        known = np.isfinite(error)
+        found[:, 0] += np.bincount(block[known], error[known] ** 2, count)
+        found[:, 1] += np.bincount(block[known], minlength=count)
+    return found[found[:, 1] > 0.0]

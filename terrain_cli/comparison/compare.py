@@ -19,7 +19,8 @@ from terrain_cli.comparison.comparison_outcome import (
     WheelComparison,
 )
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.fitted_wheel import FitSettings, FittedWheel
+from terrain_cli.comparison.fit_settings import FitSettings
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.processes import parallel
 from terrain_cli.vocabulary.english import counted
 from terrain_cli.windows.cut_windows import thinned
@@ -365,31 +366,8 @@ def _errors(name: str, parts: Sequence[tuple[Series, Index]], level: float, seed
     )
 
 
-def block_sums(parts: Sequence[tuple[Series, Index]]) -> Array:
-    """Sum up squared held-out errors by block.
-
-    Parameters
-    ----------
-    parts : sequence of (Series, ndarray of int)
-        With the block of each sample.
-
-    Returns
-    -------
-    ndarray, shape (blocks, 2)
-        Sum of squares, and number; only blocks that have any.
-    """
-    count = 1 + max(int(block.max(initial=0)) for _, block in parts)
-    sums = np.zeros((count, 2))
-    for one, block in parts:
-        error = one.measured - one.heldout
-        known = np.isfinite(error)
-        sums[:, 0] += np.bincount(block[known], error[known] ** 2, count)
-        sums[:, 1] += np.bincount(block[known], minlength=count)
-    return sums[sums[:, 1] > 0.0]
-
-
 def _heldout(parts: Sequence[tuple[Series, Index]], seed: int) -> tuple[float, float, float]:
-    sums = block_sums(parts)
+    sums = blocks.squares(parts)
     if len(sums) == 0:
         return np.nan, np.nan, np.nan
     total = sums.sum(axis=0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING
@@ -28,11 +27,12 @@ from terrain_cli.windows.cut_windows import at_rows, by_terrain
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from terrain_cli.comparison.comparison_outcome import Driver
+    from terrain_cli.comparison.fit_settings import FitSettings
     from terrain_cli.comparison.whitening import Whitening
-    from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
+    from terrain_cli.estimation.wheel_fit import Fit
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown
     from terrain_cli.mechanics.wheel_model import Model
     from terrain_cli.windows.cut_windows import Windows
@@ -60,26 +60,6 @@ _FAR = 3.0
 _BLOCKS, _LEAST_BLOCK = 40, 24
 #: Longest memory of noise, in samples, that is waited for: beyond it neighbours tell too little.
 _LONGEST = 25
-
-
-@dataclass(frozen=True)
-class FitSettings:
-    """How models are fitted.
-
-    Parameters
-    ----------
-    fixed : mapping of str to float or array_like
-        Parameters held; the others are sought.
-    shared : collection of str
-        Parameters of the soil with one value for all windows of a wheel.
-    noise : Noise or None
-        Of the sensors; learnt from the data if not given.
-    """
-
-    fixed: Mapping[str, ArrayLike]
-    priors: Mapping[str, Prior]
-    shared: Collection[str]
-    noise: Noise | None
 
 
 class FittedWheel:

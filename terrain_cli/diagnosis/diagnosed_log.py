@@ -11,7 +11,7 @@ from terrain_cli.comparison import blocks
 from terrain_cli.comparison import one_soil_or_several as comparison_soils
 from terrain_cli.comparison.compare import ENOUGH_RUNS, fit_wheels, of_fitted
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.fitted_wheel import FitSettings
+from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.diagnosis import refits, screening, several_soils
 from terrain_cli.diagnosis.alarm import ENOUGH_BLOCKS
 from terrain_cli.estimation import estimators

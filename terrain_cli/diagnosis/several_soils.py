@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.fitted_wheel import FitSettings, FittedWheel
+from terrain_cli.comparison.fit_settings import FitSettings
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
 from terrain_cli.estimation import estimators
 from terrain_cli.vocabulary.english import counted

@@ -69,7 +69,7 @@ def quantity(name: str, unit: str) -> Quantity:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Write a number for a person: so many digits, no exponent where it is of common size, – where unknown."""
+    """Write a number for a person: so many digits, no exponent where its size is common, – where unknown."""
     if value != value:  # noqa: PLR0124 - NaN
         return "–"
     text = f"{value:.{digits}g}"

@@ -6,7 +6,8 @@ from known_misfits import Kind, windows_of
 from scipy.optimize import lsq_linear
 
 from terrain_cli.comparison import held_out, prediction
-from terrain_cli.comparison.fitted_wheel import FitSettings, FittedWheel
+from terrain_cli.comparison.fit_settings import FitSettings
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.effects import catalogue
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.mechanics.wheel_model import Model

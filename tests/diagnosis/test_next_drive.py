@@ -15,7 +15,7 @@ from simulator import constant, simulate
 from terrain_cli import simulation
 from terrain_cli.comparison import blocks, one_soil_or_several
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.fitted_wheel import FitSettings
+from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.diagnosis import refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.diagnosis.next_drive import manoeuvres, suggestion

@@ -9,7 +9,8 @@ from hidden_drives import Kind, samples_of, sized, windows_of
 from formats import Labels
 from terrain_cli import effects
 from terrain_cli.comparison import smoothed_fit, smoothed_model, whitening
-from terrain_cli.comparison.fitted_wheel import FitSettings, FittedWheel
+from terrain_cli.comparison.fit_settings import FitSettings
+from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import candidates, diagnose, drafted_laws, effect_scores, refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.effects.laws import effect_file
