@@ -79,7 +79,8 @@ def outputs(tree: Path, lines: str, folder: Path) -> dict[str, bytes]:
         )
         found[line] = b"exit %d\n" % done.returncode + done.stdout + b"\n--\n" + done.stderr
     for path in sorted(folder.rglob("*")):
-        if path.is_file():
+        # The lock of a batch holds the number of a process.
+        if path.is_file() and path.name != "lock":
             found[str(path.relative_to(folder))] = path.read_bytes()
     place = str(folder).encode()
     return {

@@ -35,7 +35,7 @@ import sys, pickle, socket, struct
 link = socket.socket(fileno={})
 size = struct.unpack("!Q", link.recv(8, socket.MSG_WAITALL))[0]
 sys.path[:], parent, memory = pickle.loads(link.recv(size, socket.MSG_WAITALL))
-from terrain_cli.batch.child import serve
+from terrain_cli.batch.worker import serve
 serve(link, parent, memory)
 """
 #: One worker for each core is enough: threads of their own would only be in each other's way, and

@@ -116,7 +116,7 @@ def test_large_answers():
 
 KEEPER = """
 import time
-from terrain_cli.batch.pool import LocalPool
+from terrain_cli.batch.worker_pool import LocalPool
 import work
 pool = LocalPool(2)
 pool.submit(0, work.Hang())

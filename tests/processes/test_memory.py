@@ -9,7 +9,7 @@ import pytest
 CYCLES = """
 import resource, sys
 import numpy as np
-from terrain_cli.memory import keep_freed
+from terrain_cli.processes.memory import keep_freed
 
 if sys.argv[1:] == ["kept"]:
     keep_freed()
@@ -40,7 +40,7 @@ import resource, sys
 limit = int(sys.argv[1])
 if limit:
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-from terrain_cli.memory import most_held
+from terrain_cli.processes.memory import most_held
 print(most_held())
 """
 

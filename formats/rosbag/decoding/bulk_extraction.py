@@ -69,7 +69,7 @@ def gather(
     Returns
     -------
     list of (ndarray, bool)
-        What `formats.rosbag.columns.extract` returns for the same messages, decoded.
+        What `formats.rosbag.decoding.plain_extraction.extract` returns for the same messages, decoded.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -
     Returns
     -------
     list of (tuple of str, bool)
-        What `formats.rosbag.columns.elements_of` returns for the same message, decoded.
+        What `formats.rosbag.decoding.plain_extraction.elements_of` returns for the same message, decoded.
 
     Raises
     ------

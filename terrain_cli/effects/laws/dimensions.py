@@ -95,7 +95,7 @@ METRE = _of(m=1)
 SECOND = _of(s=1)
 #: m^n, with n the sinkage exponent.
 METRE_TO_N = Dimension((*PLAIN.powers[:-1], Fraction(1)))
-#: By the dimensions of `terrain_cli.units`.
+#: By the dimensions of `terrain_cli.vocabulary.units`.
 _MEASURES = {
     "length": METRE,
     "angle": PLAIN,
