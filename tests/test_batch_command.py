@@ -229,9 +229,9 @@ def site(folder, body):
     """Have workers do something to the inputs whose names ask for it."""
     (folder / "site").mkdir()
     (folder / "site/sitecustomize.py").write_text(
-        "import os, time\nfrom terrain_cli import pipeline\nown = pipeline.run\n"
+        "import os, time\nfrom terrain_cli.run import one_log\nown = one_log.run\n"
         f"def run(path, *args, **options):\n    if path.endswith('b.csv'):\n        {body}\n"
-        "    return own(path, *args, **options)\npipeline.run = run\n"
+        "    return own(path, *args, **options)\none_log.run = run\n"
     )
     return {**os.environ, "PYTHONPATH": f"{folder / 'site'}:{ROOT}"}
 

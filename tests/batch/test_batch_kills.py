@@ -135,11 +135,11 @@ def interrupted(tmp_path, name, code):
     # Something that takes its time.
     (tmp_path / "site").mkdir()
     (tmp_path / "site/sitecustomize.py").write_text(
-        "import time\nfrom terrain_cli import pipeline\nown = pipeline.run\n"
+        "import time\nfrom terrain_cli.run import one_log\nown = one_log.run\n"
         "def run(path, *args, **options):\n"
         "    if path.endswith('b.csv'):\n        time.sleep(600)\n"
         "    return own(path, *args, **options)\n"
-        "pipeline.run = run\n"
+        "one_log.run = run\n"
     )
     env = {**os.environ, "PYTHONPATH": f"{tmp_path / 'site'}:{ROOT}"}
     with start(tmp_path, env=env) as process:

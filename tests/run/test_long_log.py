@@ -228,10 +228,10 @@ def test_rejects_of_a_long_log(small, monkeypatch, tmp_path):
 #: in the process beside.
 SHORT = """
 import sys
-from terrain_cli import reaches
 from terrain_cli.app import main
-from terrain_cli.telemetry import parts
-reaches.MOST_ROWS, reaches.REACH, reaches.SETTLED, parts.ROWS = 20_000, 20_000, 2_000, 10_000
+from terrain_cli.run import long_log
+from terrain_cli.telemetry.long import long_tables
+long_log.MOST_ROWS, long_log.REACH, long_log.SETTLED, long_tables.ROWS = 20_000, 20_000, 2_000, 10_000
 if __name__ == "__main__":
     main(sys.argv[1:])
 """
