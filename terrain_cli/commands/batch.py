@@ -79,13 +79,13 @@ Examples:
 )
 @click.option(
     "--timeout",
-    type=options.Amount(0, 1e9, min_open=True),
+    type=options.POSITIVE,
     metavar="S",
     help="Give up an input after so many seconds.  [never]",
 )
 @click.option(
     "--memory",
-    type=options.GIGABYTES,
+    type=options.POSITIVE,
     metavar="GB",
     help="Give up an input whose worker needs more address space than this.  [no limit]",
 )
@@ -96,7 +96,7 @@ Examples:
 @click.option("--watch", is_flag=True, help="Go on taking what arrives, until interrupted.")
 @click.option(
     "--settle",
-    type=options.SECONDS,
+    type=options.Amount(0),
     default=5.0,
     show_default=True,
     metavar="S",

@@ -27,6 +27,10 @@ MOST_SAMPLES = 10**12
 _MOST_FOLDS = 10**6
 
 
+#: Of gigabytes or seconds: beyond any machine, and any life.
+_MOST_AMOUNT = 1e9
+
+
 class Amount(click.FloatRange):
     """A finite number: for click even nan lies within any range."""
 
@@ -35,12 +39,12 @@ class Amount(click.FloatRange):
         number: float = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
+        if number > _MOST_AMOUNT:
+            self.fail(f"{value} is more than {_MOST_AMOUNT:,.0f}.", param, ctx)
         return number
 
 
-#: A billion of either is beyond any machine, and any life.
-GIGABYTES = Amount(0, 1e9, min_open=True)
-SECONDS = Amount(0, 1e9)
+POSITIVE = Amount(0, min_open=True)
 JOBS = click.IntRange(1, 10_000)
 
 
@@ -82,7 +86,7 @@ segments = click.option(
 )
 window_distance = click.option(
     "--window-distance",
-    type=Amount(min=0, min_open=True),
+    type=POSITIVE,
     metavar="M",
     help=f"Length of a window in metres: exact for fixed, the least for auto.  [auto: {MIN_DISTANCE:.2f}]",
 )
@@ -140,7 +144,7 @@ salvage = click.option(
 )
 largest = click.option(
     "--largest",
-    type=GIGABYTES,
+    type=POSITIVE,
     metavar="GB",
     expose_value=False,
     callback=_bound_copies,

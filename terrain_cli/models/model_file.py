@@ -23,6 +23,14 @@ SOIL_UNITS = {
     "stiffness": "Pa/m^n",
     "sinkage_exponent": "1",
 }
+#: What they are, in words.
+SOIL_MEANINGS = {
+    "cohesion": "cohesion c of the soil",
+    "tan_phi": "tangent of its friction angle φ",
+    "shear_modulus": "shear deformation modulus k of the soil",
+    "stiffness": "sinkage modulus keq = kc/b + kφ of the soil under this wheel",
+    "sinkage_exponent": "exponent n of pressure against sinkage",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
