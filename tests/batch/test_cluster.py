@@ -167,11 +167,11 @@ def test_an_input_that_hangs(cluster, folder, here):
 ODD = """
 import platform
 from importlib import metadata
-import terrain_cli
+import terrain_cli.version
 own = metadata.version
 metadata.version = lambda name: "0.0.7" if name in ("pyarrow", "dask") else own(name)
 platform.python_version = lambda: "3.0.7"
-terrain_cli.__version__ = "0.0.7"
+terrain_cli.version.__version__ = "0.0.7"
 """
 
 
