@@ -26,15 +26,15 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 SITE = """
 import os, time
 from pathlib import Path
-from terrain_cli import pipeline
-own, here = pipeline.run, Path(__file__).parent
+from terrain_cli.run import one_log
+own, here = one_log.run, Path(__file__).parent
 def run(path, *args, **options):
     with (here / "begun").open("a") as file:
         file.write(f"{path} {os.getppid()}\\n")
     seconds, which = (here / "slow").read_text().split()
     time.sleep(float(seconds) if path.endswith(which) else 0.0)
     return own(path, *args, **options)
-pipeline.run = run
+one_log.run = run
 """
 
 
