@@ -104,6 +104,18 @@ def test_defaults_of_the_rover_file(run):
     assert set(pq.read_table("out/segments.parquet")["method"].to_pylist()) == {"ridge"}
 
 
+def test_remarks_are_told_once_for_all_inputs(run):
+    columns = [place for place, name in enumerate(HEADER) if name != "time"]
+    for name in ("a", "b"):
+        # Shuffled: rows in their order would look like a log.
+        rows = [[good()[(7 * k) % 97][place] for place in columns] for k in range(97 - (name == "b"))]
+        Path(f"in/{name}.csv").write_text(text(rows, [HEADER[place] for place in columns]))
+    err = run("in", "-o", "out", "--segments", "none")[2]
+    remark = "no column is known as a time: each row is taken for a steady test point"
+    assert f"  in/a.csv and 1 more: {remark}\n" in err
+    assert remark not in run("in", "-o", "out", "--force", "--quiet", "--segments", "none")[2]
+
+
 @pytest.mark.parametrize(
     ("args", "code", "says"),
     [
@@ -186,7 +198,8 @@ def test_a_file_that_may_not_grow(folder, run):
         rows = [[*row[:2], f"{float(row[2]) + 0.1 * number:.6g}", *row[3:]] for row in good()]
         Path(f"in/{number}.csv").write_text(text(rows, HEADER))
     args = [sys.executable, "-c", LIMIT, "batch", "in", "-o", "out", "--jobs", "1"]
-    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    # Python would keep the part of a compiled module that it may write, and trip over it for ever.
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(args, env=env, capture_output=True, text=True, check=False)
     assert done.returncode == 73, done.stderr
     assert "larger than a file may be here" in done.stderr

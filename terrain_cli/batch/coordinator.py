@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from formats.errors import NotFoundError
+from formats.recovery import told
 from terrain_cli.batch import decisions
 from terrain_cli.batch.batch_folder import result_name
 from terrain_cli.batch.durable_files import uninterrupted
@@ -59,6 +60,8 @@ class Tally:
         Those of the inputs of this run that failed, now or before and unchanged; by location.
     salvaged : list of ManifestEntry
         Those of the damaged inputs that were read in this run.
+    remarks : dict of str to list of str
+        What was remarked on inputs of this run, and on which.
     """
 
     total: int = 0
@@ -67,6 +70,7 @@ class Tally:
     bytes_done: int = 0
     failures: dict[str, ManifestEntry] = field(default_factory=dict)
     salvaged: list[ManifestEntry] = field(default_factory=list)
+    remarks: dict[str, list[str]] = field(default_factory=dict)
 
     @property
     def done(self) -> int:
@@ -349,6 +353,9 @@ class Keeper:
             self.tally.failures[entry.location] = entry
         elif entry.recovered_of:
             self.tally.salvaged.append(entry)
+        # What was salvaged is told for itself.
+        for remark in (text for text in entry.warnings if not told([text])):
+            self.tally.remarks.setdefault(remark, []).append(entry.path)
 
 
 def _told(entry: ManifestEntry) -> tuple[object, ...]:

@@ -12,7 +12,7 @@ from terrain_cli.presentation import terminal
 from terrain_cli.processes.signals import ENDINGS, EndedError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from terrain_cli.batch.batch_input import Input
     from terrain_cli.batch.batch_run import Order
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 #: Of a batch that has finished, with failures.
 FAILURES = 75
 _GIGA = 1e9
+#: Remarks that are told; a mission may have thousands.
+_TOLD = 5
 
 
 @click.command(
@@ -180,6 +182,8 @@ def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: d
         click.echo(_told(tally, progress.seconds), err=True)
         for entry in tally.salvaged:
             click.echo(terminal.in_line(_saved(entry)), err=True)
+        for line in _remarks(tally.remarks, given["output"]):
+            click.echo(terminal.in_line(line), err=True)
     for entry in tally.failures.values():
         click.echo(terminal.in_line(_line(entry)), err=True)
     if not tally.failures:
@@ -217,6 +221,16 @@ def _saved(entry: ManifestEntry) -> str:
     # Never 100 % of what is not whole.
     percent = "" if entry.recovered is None else f"{min(100 * entry.recovered, 99.9):.1f} % of "
     return f"salvaged ({percent}{entry.recovered_of}): {entry.path}"
+
+
+def _remarks(remarks: Mapping[str, Sequence[str]], folder: str) -> Iterator[str]:
+    """Yield what was remarked on most inputs first, and where the rest stands."""
+    common = sorted(remarks, key=lambda remark: -len(remarks[remark]))
+    for remark in common[:_TOLD]:
+        first, *others = sorted(remarks[remark])
+        yield f"  {first}{f' and {len(others)} more' if others else ''}: {remark}"
+    if len(common) > _TOLD:
+        yield f"  {len(common) - _TOLD} more remarks: {folder}/manifest.jsonl"
 
 
 def _interrupted(tally: Tally | None, folder: str) -> InterruptedBatchError:
