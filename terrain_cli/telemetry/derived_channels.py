@@ -17,7 +17,7 @@ from terrain_cli.errors import ConfigurationError
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.rover import Vehicle
+    from terrain_cli.rover.vehicle import Motor, Vehicle
 
     Array = NDArray[np.float64]
 
@@ -79,14 +79,9 @@ def velocity(angular_velocity: ArrayLike, slip: ArrayLike, radius: float) -> Arr
 
 def torque_from_current(
     current: ArrayLike,
-    temperature: ArrayLike | None = None,
+    motor: Motor,
     *,
-    torque_constant: float,
-    gear_ratio: float = 1.0,
-    efficiency: float = 1.0,
-    temperature_coefficient: float = 0.0,
-    reference_temperature: float = 25.0,
-    no_load_current: float = 0.0,
+    temperature: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
 ) -> Array:
     """Torque at the wheel, T = η N Kt (1 + α (Tm − T0)) (I − I0).
@@ -99,18 +94,10 @@ def torque_from_current(
     ----------
     current : array_like, shape (n,)
         I in A.
+    motor : Motor
+        Kt, N, η, α, T0 and I0.
     temperature : array_like, shape (n,), optional
         Tm of the motor in °C; without it the motor is at T0.
-    torque_constant : float
-        Kt in N m/A at T0.
-    gear_ratio, efficiency : float
-        N and η.
-    temperature_coefficient : float
-        α in 1/K.
-    reference_temperature : float
-        T0 in °C.
-    no_load_current : float
-        I0 in A.
     angular_velocity : array_like, shape (n,), optional
         ω in rad/s.
 
@@ -121,13 +108,13 @@ def torque_from_current(
     """
     current = np.asarray(current, dtype=float)
     if angular_velocity is None:
-        useful = np.sign(current) * np.maximum(np.abs(current) - no_load_current, 0.0)
+        useful = np.sign(current) * np.maximum(np.abs(current) - motor.no_load_current, 0.0)
     else:
-        useful = current - no_load_current * np.sign(np.asarray(angular_velocity, dtype=float))
-    torque = efficiency * gear_ratio * torque_constant * useful
+        useful = current - motor.no_load_current * np.sign(np.asarray(angular_velocity, dtype=float))
+    torque = motor.efficiency * motor.gear_ratio * motor.torque_constant * useful
     if temperature is not None:
-        warming = np.asarray(temperature, dtype=float) - reference_temperature
-        torque = torque * (1.0 + temperature_coefficient * warming)
+        warming = np.asarray(temperature, dtype=float) - motor.reference_temperature
+        torque = torque * (1.0 + motor.temperature_coefficient * warming)
     return np.asarray(torque)
 
 

@@ -7,17 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from terrain_cli.rover.vehicle import Motor
 from terrain_cli.telemetry import derived_channels
 
 # A brushed motor: Kt = 0.03 N m/A at 25 °C, −0.1 %/K, gear 50:1 at 80 %, 0.2 A without load.
-MOTOR = {
-    "torque_constant": 0.03,
-    "gear_ratio": 50.0,
-    "efficiency": 0.8,
-    "temperature_coefficient": -0.001,
-    "reference_temperature": 25.0,
-    "no_load_current": 0.2,
-}
+MOTOR = Motor(
+    torque_constant=0.03,
+    gear_ratio=50.0,
+    efficiency=0.8,
+    temperature_coefficient=-0.001,
+    reference_temperature=25.0,
+    no_load_current=0.2,
+)
 
 
 @pytest.mark.parametrize(
@@ -78,13 +79,18 @@ def test_velocity_of_no_possible_slip():
     ],
 )
 def test_torque_from_current(current, temperature, omega, expected):
-    torque = derived_channels.torque_from_current([current], temperature, angular_velocity=omega, **MOTOR)
+    torque = derived_channels.torque_from_current(
+        [current], MOTOR, temperature=temperature, angular_velocity=omega
+    )
     assert torque == pytest.approx([expected], rel=1e-12, abs=1e-15, nan_ok=True)
 
 
 def test_torque_of_a_bare_motor_is_its_constant_times_the_current():
     np.testing.assert_allclose(
-        derived_channels.torque_from_current([1.0, -2.0], [20.0, 80.0], torque_constant=0.03), [0.03, -0.06]
+        derived_channels.torque_from_current(
+            [1.0, -2.0], Motor(torque_constant=0.03), temperature=[20.0, 80.0]
+        ),
+        [0.03, -0.06],
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -180,9 +179,9 @@ def _derive(channels: dict[str, Array], derived: Collection[str], wheel: Wheel, 
     if "torque" in derived and wheel.motor:
         channels["torque"] = derived_channels.torque_from_current(
             channels["motor_current"],
-            channels.get("motor_temperature"),
+            wheel.motor,
+            temperature=channels.get("motor_temperature"),
             angular_velocity=channels.get("angular_velocity"),
-            **asdict(wheel.motor),
         )
     if "sinkage" in derived:
         # Beyond half a turn the cosine would make any depth of it.
