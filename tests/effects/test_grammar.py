@@ -80,6 +80,7 @@ def test_value(text, expected):
         ("slip > 2", 1, "a condition stands where a number must be", "where(condition, a, b)"),
         ("sqroot(2)", 1, "no function sqroot; did you mean sqrt?", "functions: abs, sign, sqrt"),
         ("sqrt + 1", 1, "sqrt is a function", "write sqrt(…)"),
+        ("foo(sin(1, 2)) + bar(1)", 5, "sin takes 1 argument, not 2", ""),
         ("load − 1", 6, "'−' (U+2212)", "write -"),
         ("slip²", 5, "'²' (U+00B2)", "write ^2"),
         ("where(slip = 1, 1, 2)", 12, "'='", "write =="),

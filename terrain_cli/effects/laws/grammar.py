@@ -171,7 +171,8 @@ def parse(text: str) -> Node:
     nodes = _placed(root, tokens, text)
     if len(nodes) > LARGEST:
         raise LawError(f"more than {LARGEST} numbers, names and operators", text, *span(nodes[LARGEST]))
-    for node in reversed(nodes):
+    # Of several mistakes the first that a reader meets.
+    for node in sorted(nodes, key=lambda node: (span(node)[1], -node.col_offset)):
         _check(node, text)
     _check_number(root, text)
     _check_constants(root, text)
