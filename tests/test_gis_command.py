@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import geopandas
@@ -231,12 +230,10 @@ def test_steady_test_points_are_no_messages(folder, terrain_est):
     assert "bench.csv: places.csv says no place of it" in done.stderr
 
 
-def test_parquet_of_a_rare_system_is_refused_before_the_work_without_pyproj(monkeypatch):
+def test_system_and_ending_are_checked_before_the_work():
     segment_files.check("soil.parquet", None, "EPSG:32633")
-    monkeypatch.setitem(sys.modules, "pyproj", None)
-    with pytest.raises(UsageError, match=r"--crs EPSG:32633: .* takes pyproj"):
-        segment_files.check("soil.parquet", None, "EPSG:32633")
-    segment_files.check("soil.gpkg", None, "EPSG:32633")
-    segment_files.check("soil.parquet", None, MARS)
+    with pytest.raises(UsageError, match=r"--crs EPSG:1: GDAL knows no such") as caught:
+        segment_files.check("soil.parquet", None, "EPSG:1")
+    assert "IAU_2015:49900 (Mars)" in caught.value.hint
     with pytest.raises(CannotWriteError, match="is not known"):
         segment_files.check(None, "samples.shp")

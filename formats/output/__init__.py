@@ -96,7 +96,7 @@ def write_table(
     CannotWriteError
         No space, no permission, no such folder, an unknown ending, a kind that no stream takes.
     FormatError
-        GDAL does not know the reference system, or only pyproj would.
+        GDAL does not know the reference system.
     BrokenPipeError
         Whoever read the standard output has gone.
     """

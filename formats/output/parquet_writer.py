@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from formats.output.projjson import projjson
+from formats.output.reference_systems import projjson
 from formats.output.wkt import parse
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry:
     Raises
     ------
     FormatError
-        The reference system is not known, or not without pyproj.
+        The reference system is not known.
     """
     extent = Extent()
     with ExitStack() as stack:

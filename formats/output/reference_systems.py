@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,29 @@ def urn(crs: str) -> str:
     """
     code = re.fullmatch(r"([A-Za-z]+)(?:_(\d+))?:(\w+)", crs)
     return f"urn:ogc:def:crs:{code[1].upper()}:{code[2] or ''}:{code[3]}" if code else crs
+
+
+def projjson(crs: str) -> dict[str, Any]:
+    """Describe a reference system as PROJJSON, in which GeoParquet states it.
+
+    Parameters
+    ----------
+    crs : str
+        As GDAL takes it. WGS 84, by any of its names, is OGC:CRS84: longitude before latitude,
+        as the coordinates are.
+
+    Raises
+    ------
+    FormatError
+        PROJ does not know the system.
+    """
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        return CRS.from_user_input("OGC:CRS84" if is_wgs84(crs) else crs).to_json_dict()
+    except CRSError:
+        raise unknown_crs(crs) from None
 
 
 def check_crs(crs: str | None) -> None:

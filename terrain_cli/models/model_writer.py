@@ -14,6 +14,10 @@ from terrain_cli.toml import toml_text
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from tomlkit import TOMLDocument
+    from tomlkit.container import Container
+    from tomlkit.items import Item
+
 _TOP = ("format", "base", "effects", "shared")
 _TABLES = ("fixed", "priors")
 
@@ -69,20 +73,83 @@ def edited(file: ModelFile) -> str:
     str
         The same text but for what has changed; all anew if its layout allows no change.
     """
-    before = tomllib.loads(file.text)
-    pieces = _Pieces(file.text)
-    for name, value in {"base": file.model.base, "effects": file.effects, "shared": file.shared}.items():
-        if _plain(before.get(name, [])) != _plain(value):
-            pieces.set_top(name, value)
-    for table, entries in _tables(file).items():
-        pieces.set_table(table, entries)
-    for entry in file.history[len(before.get("history", ())) :]:
-        pieces.append(_entry(entry)[pieces.text.endswith("\n\n") :])
+    whole = new(file)
     try:
-        right = _content(tomllib.loads(pieces.text)) == _content(tomllib.loads(new(file)))
-    except tomllib.TOMLDecodeError:
-        right = False
-    return pieces.text if right else new(file)
+        text = _changed(file)
+        return text if _content(tomllib.loads(text)) == _content(tomllib.loads(whole)) else whole
+    except (ValueError, LookupError, TypeError, RecursionError):
+        # What of a strange layout tomlkit cannot do, or does wrongly.
+        return whole
+
+
+def _changed(file: ModelFile) -> str:
+    import tomlkit
+
+    before = tomllib.loads(file.text)
+    document = tomlkit.parse(file.text)
+    for name, value in {"base": file.model.base, "effects": file.effects, "shared": file.shared}.items():
+        if _plain(before.get(name, [])) == _plain(value):
+            continue
+        if name in document:
+            document[name] = _item(value)
+        else:
+            _put_behind(_last(document), _pairs({name: value}, ()))
+    for name, entries in _tables(file).items():
+        _set_table(document, name, entries)
+    lines = [line for entry in file.history[len(before.get("history", ())) :] for line in _entry(entry)]
+    text = document.as_string()
+    return "\n".join([text.rstrip(), *lines, ""]) if lines else text
+
+
+def _set_table(document: TOMLDocument, name: str, entries: Mapping[str, Any]) -> None:
+    """Change, drop and add the entries of a table of parameters."""
+    from tomlkit.items import Table
+
+    missing = dict(entries)
+    table: Any = document.get(name)
+    for own, value, _ in list(flat({} if table is None else table.unwrap(), name)):
+        outer, _, inner = own.partition(".")
+        place, key = (table, own) if own in table else (table[outer], inner)
+        if own not in missing:
+            del place[key]
+        elif missing.pop(own) != value:
+            place[key] = _item(entries[own])
+    lines = _pairs(missing, ())
+    if not lines:
+        return
+    if table is None:
+        _put_behind(_last(document, deep=True), ["", f"[{name}]", *lines])
+    elif isinstance(table, Table) and not table.is_super_table():
+        _put_behind(_last(table.value) or table, lines)
+    else:
+        for own, value in missing.items():
+            table[own] = _item(value)
+
+
+def _item(value: Any) -> Item:
+    """Return a value as it stands in a new file."""
+    import tomlkit
+
+    return tomlkit.value(toml_text.value(value))
+
+
+def _last(container: Container, *, deep: bool = False) -> Item | None:
+    """Return the last value of a container, also of the tables in it if deep, but not of the history."""
+    from tomlkit.items import AoT, Table
+
+    found = None
+    for key, item in container.body:
+        if isinstance(item, Table) and (deep or (key and key.is_dotted())):
+            found = _last(item.value, deep=deep) or item
+        elif key and not isinstance(item, AoT | Table):
+            found = item
+    return found
+
+
+def _put_behind(item: Item | None, lines: list[str]) -> None:
+    """Put lines behind a value: tomlkit itself would, behind the comment above the next table."""
+    if item is not None:
+        item.trivia.trail = "\n".join([item.trivia.trail.rstrip("\n"), *lines, ""])
 
 
 def _tables(file: ModelFile) -> dict[str, dict[str, Any]]:
@@ -122,113 +189,3 @@ def _content(document: dict[str, Any]) -> dict[str, Any]:
     top = {name: document.get(name, []) for name in _TOP}
     tables = {t: {name: value for name, value, _ in flat(document.get(t, {}), t)} for t in _TABLES}
     return {**top, **tables, "history": document.get("history", [])}
-
-
-class _Pieces:
-    """A text in pieces that are TOML on their own: a header, a key with its value, or a comment."""
-
-    def __init__(self, text: str) -> None:
-        self.pieces: list[str] = []
-        #: Table in which each piece stands; None from the first [[history]] on.
-        self.places: list[tuple[str, ...] | None] = []
-        place: tuple[str, ...] | None = ()
-        piece = ""
-        for line in text.splitlines(keepends=True):
-            piece += line
-            try:
-                content = tomllib.loads(piece)
-            except tomllib.TOMLDecodeError:
-                # A value of several lines goes on.
-                continue
-            if piece.lstrip().startswith("["):
-                place = _header(content)
-            self.pieces.append(piece)
-            self.places.append(place)
-            piece = ""
-
-    @property
-    def text(self) -> str:
-        """The pieces together."""
-        return "".join(self.pieces)
-
-    def insert(self, index: int, lines: list[str], place: tuple[str, ...] | None) -> None:
-        """Put lines before a piece."""
-        if index and not self.pieces[index - 1].endswith("\n"):
-            self.pieces[index - 1] += "\n"
-        self.pieces[index:index] = [f"{line}\n" for line in lines]
-        self.places[index:index] = [place] * len(lines)
-
-    def append(self, lines: list[str]) -> None:
-        """Put lines at the end."""
-        self.insert(len(self.pieces), lines, None)
-
-    def end(self, place: tuple[str, ...]) -> int | None:
-        """Return the index behind the last header or key of a table."""
-        inside = [k for k, p in enumerate(self.places) if p == place and not self.is_comment(k)]
-        return inside[-1] + 1 if inside else None
-
-    def is_comment(self, index: int) -> bool:
-        """Whether a piece is a comment or empty."""
-        return self.pieces[index].lstrip()[:1] in {"", "#"}
-
-    def set_top(self, name: str, value: Any) -> None:
-        """Change a key above all tables, or add it."""
-        line = f"{name} = {toml_text.value(value)}"
-        for index, (piece, place) in enumerate(zip(self.pieces, self.places, strict=True)):
-            if place == () and name in tomllib.loads(piece):
-                self.pieces[index] = line + _comment(piece) + "\n"
-                return
-        self.insert(self.end(()) or 0, [line], ())
-
-    def set_table(self, table: str, entries: Mapping[str, Any]) -> None:
-        """Change, drop and add the entries of a table of parameters."""
-        missing = dict(entries)
-        for index, place in enumerate(self.places):
-            if place is None or (place and place[0] != table) or self.is_comment(index):
-                continue
-            if self.pieces[index].lstrip().startswith("["):
-                continue
-            content: Any = tomllib.loads(self.pieces[index])
-            if not place:
-                content = content.get(table, {})
-            elif len(place) > 1:
-                content = {".".join(place[1:]): content}
-            old = {name: value for name, value, _ in flat(content, table)}
-            kept = {name: missing.pop(name) for name in old if name in missing}
-            if kept != old:
-                inside = ".".join(place[1:])
-                own = {name[len(inside) + 1 if inside else 0 :]: value for name, value in kept.items()}
-                lines = _pairs(own, () if place else (table,))
-                rest = _comment(self.pieces[index]) if len(lines) == 1 else ""
-                self.pieces[index] = "".join(f"{line}{rest}\n" for line in lines)
-        if missing:
-            end = self.end((table,))
-            if end is not None:
-                self.insert(end, _pairs(missing, ()), (table,))
-                return
-            first = next((k for k, place in enumerate(self.places) if place is None), len(self.pieces))
-            self.insert(first, ["", f"[{table}]", *_pairs(missing, ()), ""], (table,))
-
-
-def _header(content: dict[str, Any]) -> tuple[str, ...] | None:
-    place: list[str] = []
-    inner: Any = content
-    while isinstance(inner, dict) and inner:
-        name, inner = next(iter(inner.items()))
-        place.append(name)
-    return None if isinstance(inner, list) or place[:1] == ["history"] else tuple(place)
-
-
-def _comment(piece: str) -> str:
-    """Return the comment behind the value of a line, with the blanks before it."""
-    whole = tomllib.loads(piece)
-    for index, character in enumerate(piece):
-        if character != "#":
-            continue
-        try:
-            if tomllib.loads(piece[:index]) == whole:
-                value = piece[:index].rstrip(" \t")
-                return piece[len(value) :].rstrip("\n")
-        except tomllib.TOMLDecodeError:
-            continue
-    return ""

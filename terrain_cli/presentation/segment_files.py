@@ -43,7 +43,7 @@ def check(output: str | None, samples: str | None = None, crs: str | None = None
     try:
         formats.check_crs(crs)
         if "parquet" in kinds:
-            from formats.output.projjson import projjson
+            from formats.output.reference_systems import projjson
 
             projjson(crs)
     except formats.FormatError as error:

@@ -99,7 +99,7 @@ def test_values_are_in_the_unit_of_the_parameter(write, tmp_path):
     file = models.load(write(text + "[fixed]\ncable-drag.cd = 0.5\n"))
     assert file.fixed["cable-drag.cd"] == pytest.approx(0.5 * 180.0 / math.pi)
     models.save(replace(file, fixed={"cable-drag.cd": 0.25 * 180.0 / math.pi}), tmp_path / "model.toml")
-    assert '"cable-drag.cd" = 0.25' in (tmp_path / "model.toml").read_text("utf-8")
+    assert "cable-drag.cd = 0.25" in (tmp_path / "model.toml").read_text("utf-8")
     prior = models.load(write(text + "[priors]\ncable-drag.cd = { mean = 0.5, sd = 0.1 }\n")).priors
     assert prior["cable-drag.cd"].sd == pytest.approx(0.1 * 180.0 / math.pi)
 
@@ -376,16 +376,54 @@ heldout = { torque = [0.2, 0.21] }
 @pytest.mark.parametrize(
     "text",
     [
-        WR + "fixed = { cohesion = 3, shear_modulus = 0.01 }",
+        WR + "fixed = { cohesion = 3, shear_modulus = 0.01 }  # known",
         WR + "fixed.cohesion = 3  # known\nfixed.shear_modulus = 0.01",
-        WR + "[fixed]\ncohesion = 3\nshear_modulus = 0.01  # known",
+        WR + "[fixed]  # known\ncohesion = 3\nshear_modulus = 0.01",
+        WR + "[fixed]\r\ncohesion = 3  # known\r\nshear_modulus = 0.01\r\n",
+        WR + "[[history]]\nx = 1\n[fixed]\ncohesion = 3\nshear_modulus = 0.01\n# known",
+        WR + "[priors.stiffness]  # known\nmean = 1e6\nsd = 1e5\n[fixed]\ncohesion = 3\nshear_modulus = 0.01",
     ],
 )
 def test_every_layout_can_be_edited(write, text):
     path = write(text)
     file = models.load(path)
-    models.save(replace(file, fixed={"cohesion": 3.0, "tan_phi": 0.5}), path)
-    assert models.load(path).fixed == {"cohesion": 3.0, "tan_phi": 0.5}
+    priors = {"sinkage_exponent": Prior(1.0, 0.1)}
+    models.save(
+        replace(
+            file,
+            fixed={"cohesion": 3.0, "tan_phi": 0.5},
+            priors={**file.priors, **priors},
+            history=(*file.history, {"n": 2}),
+        ),
+        path,
+    )
+    after = models.load(path)
+    assert after.fixed == {"cohesion": 3.0, "tan_phi": 0.5}
+    assert after.priors == {**file.priors, **priors}
+    assert after.history == (*file.history, {"n": 2})
+    assert "# known" in path.read_text("utf-8")
+
+
+def test_a_new_key_leaves_a_comment_with_its_table(write):
+    text = WR + "\n# held\n[fixed]\n\n# beforehand\n[priors]\n\n# the first night\n[[history]]\nx = 1\n"
+    path = write(text)
+    file = models.load(path)
+    models.save(
+        replace(file, shared=("cohesion",), fixed={"tan_phi": 0.5}, priors={"cohesion": Prior(9.0, 1.0)}),
+        path,
+    )
+    assert path.read_text("utf-8") == (
+        text.replace("\n\n# held", '\nshared = ["cohesion"]\n\n# held')
+        .replace("[fixed]\n", "[fixed]\ntan_phi = 0.5\n")
+        .replace("[priors]\n", "[priors]\ncohesion = { mean = 9.0, sd = 1.0 }\n")
+    )
+
+
+def test_what_tomlkit_cannot_edit_is_written_anew(write):
+    path = write(WR + "fixed.cohesion = 3\n")
+    file = models.load(path)
+    models.save(replace(file, fixed={}), path)
+    assert models.load(path).fixed == {}
 
 
 def test_nothing_is_written_where_nothing_has_changed(write):

@@ -5,31 +5,27 @@ from __future__ import annotations
 import os
 import struct
 from binascii import crc32
-from functools import lru_cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
-from rosbags.rosbag2 import storage_mcap
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from formats.limits import Allowance
+from formats.rosbag.rosbags_patches import storage_mcap
 from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, opened, runs
 from formats.rosbag.storage.raw_messages import Messages, parts_at
-from formats.rosbag.storage.unpacking import unpack
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
     from typing import BinaryIO
 
     from numpy.typing import NDArray
-    from rosbags.rosbag2.storage_mcap import ChunkInfo, Schema
+    from rosbags.rosbag2.storage_mcap import ChunkInfo
 
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Index
 
-#: Of definitions that rosbags reads; the last is that of types without one.
-_ENCODINGS = ("ros2msg", "ros2idl", "omgidl", "")
 _ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
 #: Opcode and length of a record; before the entries of an index its channel and their length in
 #: bytes; before a payload channel, sequence, log time and time of publication.
@@ -51,23 +47,6 @@ _HEAD = np.dtype(
         "itemsize": _RECORD + _MESSAGE,
     }
 )
-
-# rosbags itself unpacks without bounds: a few bytes would become gigabytes.
-storage_mcap.DECOMPRESSORS.update(
-    {packing: lambda data, _, packing=packing: unpack(data, packing) for packing in ("lz4", "zstd")}  # type: ignore[misc]
-)
-# YAML, 0.4 ms for each of many topics whose profiles are alike; nobody here asks for them.
-storage_mcap.get_qos = lru_cache(256)(storage_mcap.get_qos)
-_get_msgdef = storage_mcap.get_msgdef
-
-
-def _definition(schema: Schema | None) -> MessageDefinition:
-    """Return the definition of a type; none of one that is not of ROS, which rosbags takes for damage."""
-    known = schema is None or schema.encoding in _ENCODINGS
-    return _get_msgdef(schema) if known else MessageDefinition(MessageDefinitionFormat.NONE, "")
-
-
-storage_mcap.get_msgdef = _definition
 
 
 class McapFile(McapReader):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
 
     from numpy.typing import NDArray
+    from rosbags.rosbag1.reader import Chunk as ReadChunk
 
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Index
@@ -34,8 +35,10 @@ _INDEX_FIELDS = {b"op": 1, b"ver": 4, b"conn": 4, b"count": 4}
 _LONGEST_HEADER = 1 << 10
 _UINT32 = struct.Struct("<I")
 
-# rosbags itself unpacks without bounds: a few bytes would become gigabytes.
-decompressors.update({packing: partial(unpack, packing=packing) for packing in ("lz4", "bz2")})
+#: In place of those of rosbags, which unpack without bounds: a few bytes would become gigabytes.
+_BOUNDED = {
+    theirs: partial(unpack, packing=packing) for packing, theirs in decompressors.items() if packing != "none"
+}
 
 
 class Ros1File(Reader):
@@ -57,6 +60,11 @@ class Ros1File(Reader):
         self._places: dict[bytes, int] | None = None
         super().open()
         self.connections = [c._replace(msgcount=self._counts.get(c.id, 0)) for c in self.connections]
+
+    def read_chunk(self) -> ReadChunk:
+        """Read the header of a chunk."""
+        chunk = super().read_chunk()
+        return chunk._replace(decompressor=_BOUNDED.get(chunk.decompressor, chunk.decompressor))
 
     def read_index_data(self, pos: int, indexes: Unused) -> None:  # noqa: ARG002 - as rosbags calls it
         """Note where the index of one connection in one chunk stands.

@@ -271,13 +271,13 @@ class _Reader:
         units = law_names.measured(self.needs, self.columns) | law_names.reached(quantity)
         known = {name: dimensions.parse(unit).dimension for name, unit in units.items()} | self.scales
         for place in expression.names(law.tree):
-            if place.name not in known:
-                problem, advice = law_names.unreadable(place.name, quantity, known, self.needs)
-                raise LawError(problem, law.text, place.start, place.end, advice)
+            if place.id not in known:
+                problem, advice = law_names.unreadable(place.id, quantity, known, self.needs)
+                raise LawError(problem, law.text, *expression.span(place), advice)
         gives, wanted = unit_check.infer(law.tree, law.text, known), known[quantity]
         if gives not in (None, wanted):
             problem = f"the law gives {gives}, and {quantity} is {wanted}"
-            raise LawError(problem, law.text, law.tree.start, law.tree.end)
+            raise LawError(problem, law.text, *expression.span(law.tree))
         return {name: units[name] for name in law.reads if name in units}
 
     def check_use(self, laws: Mapping[str, Law]) -> None:

@@ -1,11 +1,15 @@
-"""The parts of a user's law, and their evaluation with NumPy: of arrays, or of numbers with derivatives."""
+"""The parts of a user's law, and their evaluation with NumPy: of arrays, or of numbers with derivatives.
+
+A law is a tree of Python's own `ast`, as `terrain_cli.effects.laws.grammar` makes it: of few kinds, with
+numbers as floats, and with places in the text of the law.
+"""
 
 from __future__ import annotations
 
+import ast
 import math
-from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -50,109 +54,49 @@ FUNCTIONS: dict[str, Function] = {
     "max": Function(lambda *x: reduce(np.maximum, x), 2, 10),
     "where": Function(np.where, 3, 3),
 }
-_ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
-    "+": np.add,
-    "-": np.subtract,
-    "*": np.multiply,
-    "/": np.true_divide,
-    "^": np.power,
+_ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.true_divide,
+    ast.Pow: np.power,
 }
-COMPARE: dict[str, Callable[[Any, Any], Any]] = {
-    "<": np.less,
-    "<=": np.less_equal,
-    ">": np.greater,
-    ">=": np.greater_equal,
-    "==": np.equal,
-    "!=": np.not_equal,
+_COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
+    ast.Lt: np.less,
+    ast.LtE: np.less_equal,
+    ast.Gt: np.greater,
+    ast.GtE: np.greater_equal,
+    ast.Eq: np.equal,
+    ast.NotEq: np.not_equal,
 }
+Node: TypeAlias = ast.expr
 
 
-@dataclass(frozen=True, slots=True)
-class Node:
-    """A part of a law.
-
-    Parameters
-    ----------
-    start, end : int
-        Its place in the text.
-    """
-
-    start: int
-    end: int
+def span(node: Node) -> tuple[int, int]:
+    """Return where a part of a law begins and ends in its text."""
+    return node.col_offset, node.end_col_offset or node.col_offset
 
 
-@dataclass(frozen=True, slots=True)
-class Number(Node):
-    """A number as it is written."""
-
-    value: float
-
-
-@dataclass(frozen=True, slots=True)
-class Name(Node):
-    """A channel, quantity or parameter."""
-
-    name: str
+def is_condition(node: Node) -> bool:
+    """Tell what holds or does not from a number."""
+    return isinstance(node, ast.Compare | ast.BoolOp) or (
+        isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class Negative(Node):
-    """A minus sign before a term."""
-
-    operand: Node
-
-
-@dataclass(frozen=True, slots=True)
-class Arithmetic(Node):
-    """Two terms joined by ``+ - * / ^``."""
-
-    operator: str
-    left: Node
-    right: Node
-
-
-@dataclass(frozen=True, slots=True)
-class Call(Node):
-    """One of `FUNCTIONS`; the first argument of ``where`` is a condition."""
-
-    function: str
-    arguments: tuple[Node, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Relation(Node):
-    """Terms in a chain: ``0 < slip <= 1``."""
-
-    operators: tuple[str, ...]
-    terms: tuple[Node, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Logic(Node):
-    """Conditions joined by ``and`` or ``or``, or one turned round by ``not``."""
-
-    word: str
-    terms: tuple[Node, ...]
-
-
-def children(node: Node) -> tuple[Node, ...]:
+def children(node: Node) -> list[Node]:
     """Return the parts of which a part of a law is made."""
-    match node:
-        case Negative(operand=operand):
-            return (operand,)
-        case Arithmetic(left=left, right=right):
-            return (left, right)
-        case Call(arguments=parts) | Relation(terms=parts) | Logic(terms=parts):
-            return parts
-    return ()
+    if isinstance(node, ast.Call):
+        return node.args
+    return [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.expr)]
 
 
-def names(node: Node) -> Iterator[Name]:
+def names(node: Node) -> Iterator[ast.Name]:
     """Yield every name that a part of a law reads, where it reads it."""
     waiting = [node]
     while waiting:
         node = waiting.pop()
-        if isinstance(node, Name):
+        if isinstance(node, ast.Name):
             yield node
         waiting.extend(reversed(children(node)))
 
@@ -176,25 +120,23 @@ def evaluate(node: Node, q: Mapping[str, Any]) -> Any:
 
 def _value(node: Node, q: Mapping[str, Any]) -> Any:  # noqa: PLR0911 - one for each kind of node
     match node:
-        case Number(value=value):
+        case ast.Constant(value=value):
             return value
-        case Name(name=name):
+        case ast.Name(id=name):
             return q[name]
-        case Negative(operand=operand):
-            return np.negative(_value(operand, q))
-        case Arithmetic(operator="^", left=left, right=Number(value=2.0)):
+        case ast.UnaryOp(op=op, operand=operand):
+            return (np.logical_not if isinstance(op, ast.Not) else np.negative)(_value(operand, q))
+        case ast.BinOp(op=ast.Pow(), left=left, right=ast.Constant(value=2.0)):
             return np.square(_value(left, q))
-        case Arithmetic(operator=operator, left=left, right=right):
-            return _ARITHMETIC[operator](_value(left, q), _value(right, q))
-        case Call(function=function, arguments=arguments):
-            return FUNCTIONS[function].evaluate(*(_value(argument, q) for argument in arguments))
-        case Relation(operators=operators, terms=terms):
-            values = [_value(term, q) for term in terms]
-            pairs = zip(operators, values[:-1], values[1:], strict=True)
-            return reduce(np.logical_and, [COMPARE[sign](a, b) for sign, a, b in pairs])
-        case Logic(word="not", terms=(term,)):
-            return np.logical_not(_value(term, q))
-        case Logic(word=word, terms=terms):
-            join = np.logical_and if word == "and" else np.logical_or
+        case ast.BinOp(op=op, left=left, right=right):
+            return _ARITHMETIC[type(op)](_value(left, q), _value(right, q))
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            return FUNCTIONS[name].evaluate(*(_value(argument, q) for argument in arguments))
+        case ast.Compare(left=left, ops=ops, comparators=others):
+            values = [_value(term, q) for term in (left, *others)]
+            pairs = zip(ops, values[:-1], values[1:], strict=True)
+            return reduce(np.logical_and, [_COMPARE[type(op)](a, b) for op, a, b in pairs])
+        case ast.BoolOp(op=op, values=terms):
+            join = np.logical_and if isinstance(op, ast.And) else np.logical_or
             return reduce(join, [_value(term, q) for term in terms])
     raise TypeError(node)

@@ -1,38 +1,34 @@
 """The language of a user's law: arithmetic, comparisons and a few functions, and nothing else.
 
-A law is read into a small tree (`terrain_cli.effects.laws.expression`); no text is ever executed. Bounds
-on its length, nesting, size and powers let a hostile law be refused before it costs anything.
+Its words are checked one by one, and rewritten so that Python's own parser reads no more than their order
+(`terrain_cli.effects.laws.expression`); no text is ever executed. Bounds on its length, nesting, size and
+powers let a hostile law be refused before it costs anything.
 """
 
 from __future__ import annotations
 
+import ast
 import math
 import re
-from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 from terrain_cli.effects.laws.expression import (
-    COMPARE,
     CONSTANTS,
     FUNCTIONS,
-    Arithmetic,
-    Call,
-    Logic,
-    Name,
-    Negative,
     Node,
-    Number,
-    Relation,
     children,
     evaluate,
+    is_condition,
     names,
+    span,
 )
 from terrain_cli.errors import ConfigurationError, nearest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-#: Bounds: characters, nested brackets and signs, parts in all, powers, characters of a number or name.
+#: Bounds: characters, nested brackets, parts in all, powers, characters of a number or name.
 LONGEST = 1000
 DEEPEST = 40
 LARGEST = 200
@@ -44,20 +40,24 @@ _SHOWN = 72
 NAME_FORM = f"one line of up to {_LONGEST_WORD} characters without backticks"
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
-WORDS = frozenset({"and", "or", "not"})
-RESERVED = WORDS | FUNCTIONS.keys() | CONSTANTS.keys()
+WORDS = ("and", "or", "not")
+RESERVED = {*WORDS, *FUNCTIONS, *CONSTANTS}
 
 
-#: How strongly an operator binds; a sign binds between * and ^.
-_BINDING = {"or": 1, "and": 2, **dict.fromkeys(COMPARE, 4), "+": 5, "-": 5, "*": 6, "/": 6, "^": 8}
-_NOT, _SIGN = 3, 7
+#: What can stand behind a term.
+_JOINING = {*("or", "and", "<", "<=", ">", ">=", "==", "!=", "+", "-", "*", "/", "^", ")", ",")}
+_NO_NUMBER, _WHERE = "a condition stands where a number must be", "use where(condition, a, b)"
+#: Characters that each token has in what Python parses, so that its place there is its number.
+_WIDTH = 4
 
 _TOKEN = re.compile(
     r"(?P<space>[ \t\r\n]+)"
     r"|(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)"
+    rf"|(?P<operator>(?:{'|'.join(WORDS)})(?![A-Za-z0-9_])|\*\*|[<>=!]=|[-+*/^<>(),])"
+    # With its bracket.
+    rf"|(?P<function>{NAME.pattern})[ \t\r\n]*\("
     rf"|(?P<name>{NAME.pattern})"
     r"|`(?P<quoted>[^`\n]+)`"
-    r"|(?P<operator>\*\*|[<>=!]=|[-+*/^<>(),])"
 )
 _SIGNS_MEANT = {
     **dict.fromkeys("−–—", "-"),
@@ -121,6 +121,15 @@ class _Token(NamedTuple):
     start: int
     end: int
 
+    @property
+    def sign(self) -> str:
+        return self.text if self.kind == "operator" else ""
+
+    @property
+    def ends(self) -> bool:
+        """Whether a term ends with it."""
+        return self.kind in {"number", "name", "quoted"} or self.sign == ")"
+
 
 def written(name: str) -> str:
     """Return how a law names a channel or a column: in backticks where the name is no plain word.
@@ -152,7 +161,22 @@ def parse(text: str) -> Node:
     """
     if len(text) > LONGEST:
         raise LawError(f"a law has at most {LONGEST} characters, not {len(text)}", text, LONGEST, LONGEST)
-    return _Parser(text).law()
+    tokens = list(_tokens(text))
+    _check_order(tokens, text)
+    _check_brackets(tokens, text)
+    try:
+        root = ast.parse(_python(tokens), mode="eval").body
+    except (SyntaxError, RecursionError, MemoryError):
+        raise LawError(f"nested deeper than {DEEPEST}", text, 0, len(text)) from None
+    nodes = _placed(root, tokens, text)
+    if len(nodes) > LARGEST:
+        raise LawError(f"more than {LARGEST} numbers, names and operators", text, *span(nodes[LARGEST]))
+    # Of several mistakes the first that a reader meets.
+    for node in sorted(nodes, key=lambda node: (span(node)[1], -node.col_offset)):
+        _check(node, text)
+    _check_number(root, text)
+    _check_constants(root, text)
+    return root
 
 
 def _tokens(text: str) -> Iterator[_Token]:
@@ -182,164 +206,128 @@ def _refuse_sign(text: str, place: int) -> NoReturn:
     raise LawError(f"{shown} has no place in a law", text, place, place + 1, meant)
 
 
-class _Parser:
-    """Reads by the binding of operators (Pratt 1973)."""
+def _check_order(tokens: list[_Token], text: str) -> None:
+    """Let a number stand where one must, and nothing else."""
+    for index, token in enumerate(tokens):
+        # Before the first token stands the last, which is the end.
+        before = tokens[index - 1]
+        if before.ends:
+            if token.kind != "end" and token.sign not in _JOINING:
+                _refuse_next(token, text)
+        elif token.kind in {"operator", "end"} and token.sign not in {"(", "-", "+", "not"}:
+            # A call without arguments is told below what it takes.
+            if (before.kind, token.sign) != ("function", ")"):
+                raise LawError("a number, a name or ( is missing here", text, token.start, token.end)
+        elif token.sign == "not" and before.sign not in {"", "(", ",", *WORDS}:
+            raise LawError(_NO_NUMBER, text, token.start, token.end, _WHERE)
 
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.tokens = list(_tokens(text))
-        self.place = self.depth = self.count = 0
 
-    @property
-    def next(self) -> _Token:
-        return self.tokens[self.place]
+def _check_brackets(tokens: list[_Token], text: str) -> None:
+    opened: list[_Token] = []
+    for token in tokens:
+        if token.kind == "function" or token.sign == "(":
+            opened.append(token)
+        elif token.sign == ")" and opened:
+            opened.pop()
+        elif token.sign == ")" or (token.sign == "," and not (opened and opened[-1].kind == "function")):
+            _refuse_next(token, text)
+        if len(opened) > DEEPEST:
+            raise LawError(f"nested deeper than {DEEPEST}", text, token.start, token.end)
+    if opened:
+        raise LawError("this ( is never closed", text, opened[-1].end - 1, opened[-1].end)
 
-    def take(self) -> _Token:
-        token = self.next
-        self.place += 1
-        return token
 
-    def fail(self, problem: str, at: Node | _Token, advice: str = "") -> NoReturn:
-        raise LawError(problem, self.text, at.start, at.end, advice)
+def _python(tokens: list[_Token]) -> str:
+    """Write tokens for Python's parser: names without meaning, 0 for every number, no + before a term."""
+    pieces = []
+    for before, token in pairwise([tokens[-1], *tokens[:-1]]):
+        if token.kind == "operator":
+            piece = "" if token.sign == "+" and not before.ends else token.sign.replace("^", "**")
+        elif token.kind == "number" or (token.kind == "name" and token.text in CONSTANTS):
+            piece = "0"
+        else:
+            piece = "_(" if token.kind == "function" else "_"
+        pieces.append(f"{piece:<{_WIDTH}}")
+    return f"({''.join(pieces)})"
 
-    def law(self) -> Node:
-        root = self.number(self.expression(0))
-        if self.next.kind != "end":
-            self.fail(f"{self.next.text!r} cannot follow here", self.next, self.advice_to_follow())
-        _check_constants(root, self.text)
-        return root
 
-    def advice_to_follow(self) -> str:
-        if self.next.text == ")":
-            return "there is no ( that it closes"
-        if self.next.kind == "operator":
-            return ""
-        return "an operator is missing: + - * / ^ (a name with spaces stands in `…`)"
+def _refuse_next(token: _Token, text: str) -> NoReturn:
+    advice = "an operator is missing: + - * / ^ (a name with spaces stands in `…`)"
+    if token.kind == "operator":
+        advice = "there is no ( that it closes" if token.sign == ")" else ""
+    raise LawError(f"{token.text!r} cannot follow here", text, token.start, token.end, advice)
 
-    def expression(self, least: int) -> Node:
-        self.depth += 1
-        if self.depth > DEEPEST:
-            self.fail(f"nested deeper than {DEEPEST}", self.next)
-        left = self.term()
-        while self.next.kind != "end" and _BINDING.get(self.next.text, -1) >= least:
-            left = self.joined(left)
-        self.depth -= 1
-        return left
 
-    def joined(self, left: Node) -> Node:
-        operator = self.next.text
-        binding = _BINDING[operator]
-        if operator in COMPARE:
-            return self.comparison(left)
-        self.take()
-        if operator in WORDS:
-            right = self.condition(self.expression(binding + 1))
-            return self.made(Logic(left.start, right.end, operator, (self.condition(left), right)))
-        # a^b^c is a^(b^c).
-        right = self.number(self.expression(binding + (operator != "^")))
-        if operator == "^":
-            self.check_power(right)
-        return self.made(Arithmetic(left.start, right.end, operator, self.number(left), right))
+def _placed(root: Node, tokens: list[_Token], text: str) -> list[Node]:
+    """Give every part its name, its value and its place in the law, brackets around it included."""
+    nodes: list[Node] = []
+    waiting = [root]
+    while waiting:
+        node = waiting.pop()
+        nodes.append(node)
+        waiting.extend(reversed(children(node)))
+        begin, end = span(node)
+        first, last = (begin - 1) // _WIDTH, (end - 2) // _WIDTH
+        token = tokens[first]
+        match node:
+            case ast.Name():
+                if token.kind == "name" and token.text in FUNCTIONS:
+                    problem = f"{token.text} is a function"
+                    raise LawError(problem, text, token.start, token.end, f"write {token.text}(…)")
+                node.id = token.text
+            case ast.Call(func=ast.Name() as function):
+                function.id = token.text
+            case ast.Constant():
+                node.value = CONSTANTS.get(token.text) or float(token.text)
+                if not math.isfinite(node.value):
+                    raise LawError("too large a number", text, token.start, token.end)
+        while tokens[first - 1].sign == "(" and tokens[last + 1].sign == ")":
+            first, last = first - 1, last + 1
+        node.col_offset, node.end_col_offset = tokens[first].start, tokens[last].end
+    return nodes
 
-    def comparison(self, left: Node) -> Node:
-        operators, terms = [], [self.number(left)]
-        while self.next.text in COMPARE:
-            operators.append(self.take().text)
-            terms.append(self.number(self.expression(_BINDING["<"] + 1)))
-        return self.made(Relation(left.start, terms[-1].end, tuple(operators), tuple(terms)))
 
-    def term(self) -> Node:  # noqa: PLR0911 - one for each kind of term
-        token = self.take()
-        match token.kind, token.text:
-            case "number", _:
-                return self.made(Number(token.start, token.end, self.value(token)))
-            case "name", "not":
-                inner = self.condition(self.expression(_NOT))
-                return self.made(Logic(token.start, inner.end, "not", (inner,)))
-            case "name", name if name not in WORDS:
-                return self.called(token) if self.next.text == "(" else self.named(token)
-            case "quoted", name:
-                return self.made(Name(token.start, token.end, name))
-            case "operator", "-":
-                inner = self.number(self.expression(_SIGN))
-                return self.made(Negative(token.start, inner.end, inner))
-            case "operator", "+":
-                inner = self.number(self.expression(_SIGN))
-                return replace(inner, start=token.start)
-            case "operator", "(":
-                inner = self.expression(0)
-                return replace(inner, start=token.start, end=self.close(token).end)
-        return self.fail("a number, a name or ( is missing here", token)
+def _check(node: Node, text: str) -> None:
+    """Refuse what one part cannot be made of."""
+    match node:
+        case ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
+            for part in children(node):
+                _check_condition(part, text)
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            _check_call(node, name, arguments, text)
+        case _:
+            for part in children(node):
+                _check_number(part, text)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and not any(names(node.right)):
+        power = float(evaluate(node.right, {}))
+        if not abs(power) <= HIGHEST_POWER:
+            problem = f"a power is between −{HIGHEST_POWER:g} and {HIGHEST_POWER:g}"
+            raise LawError(problem, text, *span(node.right))
 
-    def value(self, token: _Token) -> float:
-        value = float(token.text)
-        if not math.isfinite(value):
-            self.fail("too large a number", token)
-        return value
 
-    def named(self, token: _Token) -> Node:
-        if token.text in CONSTANTS:
-            return self.made(Number(token.start, token.end, CONSTANTS[token.text]))
-        if token.text in FUNCTIONS:
-            self.fail(f"{token.text} is a function", token, f"write {token.text}(…)")
-        return self.made(Name(token.start, token.end, token.text))
+def _check_call(node: Node, name: str, arguments: list[Node], text: str) -> None:
+    start, end = span(node)
+    if name not in FUNCTIONS:
+        problem = f"there is no function {name}{nearest(name, FUNCTIONS)}"
+        raise LawError(problem, text, start, start + len(name), f"functions: {', '.join(FUNCTIONS)}")
+    function = FUNCTIONS[name]
+    if not function.least <= len(arguments) <= function.most:
+        takes = str(function.least) if function.least == function.most else f"{function.least} or more"
+        problem = f"{name} takes {takes} argument{'s' * (takes != '1')}, not {len(arguments)}"
+        advice = "where(condition, value if it holds, value if not)" if name == "where" else ""
+        raise LawError(problem, text, start, end, advice)
+    for place, argument in enumerate(arguments):
+        (_check_condition if (name, place) == ("where", 0) else _check_number)(argument, text)
 
-    def called(self, token: _Token) -> Node:
-        if token.text not in FUNCTIONS:
-            self.fail(
-                f"there is no function {token.text}{nearest(token.text, FUNCTIONS)}",
-                token,
-                f"functions: {', '.join(FUNCTIONS)}",
-            )
-        opening = self.take()
-        arguments: list[Node] = []
-        if self.next.text != ")":
-            arguments.append(self.expression(0))
-        while self.next.text == ",":
-            self.take()
-            arguments.append(self.expression(0))
-        end = self.close(opening).end
-        function = FUNCTIONS[token.text]
-        if not function.least <= len(arguments) <= function.most:
-            takes = str(function.least) if function.least == function.most else f"{function.least} or more"
-            self.fail(
-                f"{token.text} takes {takes} argument{'s' * (takes != '1')}, not {len(arguments)}",
-                _Token("call", "", token.start, end),
-                "where(condition, value if it holds, value if not)" if token.text == "where" else "",
-            )
-        for place, argument in enumerate(arguments):
-            (self.condition if (token.text, place) == ("where", 0) else self.number)(argument)
-        return self.made(Call(token.start, end, token.text, tuple(arguments)))
 
-    def close(self, opening: _Token) -> _Token:
-        if self.next.text != ")":
-            if self.next.kind == "end":
-                self.fail("this ( is never closed", opening)
-            self.fail(f"{self.next.text!r} cannot follow here", self.next, self.advice_to_follow())
-        return self.take()
+def _check_number(node: Node, text: str) -> None:
+    if is_condition(node):
+        raise LawError(_NO_NUMBER, text, *span(node), _WHERE)
 
-    def made(self, node: Node) -> Node:
-        self.count += 1
-        if self.count > LARGEST:
-            self.fail(f"more than {LARGEST} numbers, names and operators", node)
-        return node
 
-    def number(self, node: Node) -> Node:
-        if isinstance(node, Relation | Logic):
-            self.fail("a condition stands where a number must be", node, "use where(condition, a, b)")
-        return node
-
-    def condition(self, node: Node) -> Node:
-        if not isinstance(node, Relation | Logic):
-            self.fail("a number stands where a condition must be", node, "such as slip > 0.2")
-        return node
-
-    def check_power(self, exponent: Node) -> None:
-        if any(names(exponent)):
-            return
-        value = float(evaluate(exponent, {}))
-        if not abs(value) <= HIGHEST_POWER:
-            self.fail(f"a power is between −{HIGHEST_POWER:g} and {HIGHEST_POWER:g}", exponent)
+def _check_condition(node: Node, text: str) -> None:
+    if not is_condition(node):
+        raise LawError("a number stands where a condition must be", text, *span(node), "such as slip > 0.2")
 
 
 def _check_constants(root: Node, text: str) -> None:
@@ -347,7 +335,7 @@ def _check_constants(root: Node, text: str) -> None:
     waiting = [root]
     while waiting:
         node = waiting.pop()
-        if any(names(node)) or isinstance(node, Relation | Logic):
+        if any(names(node)) or is_condition(node):
             waiting.extend(children(node))
         elif not math.isfinite(evaluate(node, {})):
-            raise LawError("this is no finite number", text, node.start, node.end)
+            raise LawError("this is no finite number", text, *span(node))

@@ -28,7 +28,7 @@ class Law:
     def __init__(self, text: str, factors: Mapping[str, float] | None = None) -> None:
         self.text, self.factors = text, dict(factors or {})
         self.tree = grammar.parse(text)
-        self.reads = tuple(dict.fromkeys(name.name for name in expression.names(self.tree)))
+        self.reads = tuple(dict.fromkeys(name.id for name in expression.names(self.tree)))
 
     def __reduce__(self) -> tuple[type[Law], tuple[str, dict[str, float]]]:
         """Travel between processes as text."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -48,36 +49,36 @@ class _Inference:
 
     def of(self, node: Node) -> Dimension | None:
         match node:
-            case expression.Number(value=value):
+            case ast.Constant(value=value):
                 return PLAIN if value else None
-            case expression.Name(name=name):
+            case ast.Name(id=name):
                 return self.known[name]
-            case expression.Negative(operand=operand):
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
                 return self.of(operand)
-            case expression.Arithmetic(operator=operator, left=left, right=right):
-                return self.joined(operator, left, right)
-            case expression.Call(function=function, arguments=arguments):
+            case ast.BinOp(op=op, left=left, right=right):
+                return self.joined(op, left, right)
+            case ast.Call(func=ast.Name(id=function), args=arguments):
                 return self.call(function, arguments)
-            case expression.Relation(terms=terms):
-                self.alike(terms, "compares {1} with {0}")
-            case expression.Logic(terms=terms):
-                for term in terms:
+            case ast.Compare(left=left, comparators=others):
+                self.alike([left, *others], "compares {1} with {0}")
+            case _:
+                for term in expression.children(node):
                     self.of(term)
         return PLAIN
 
-    def joined(self, operator: str, left: Node, right: Node) -> Dimension | None:
-        if operator in "+-":
-            form = "adds {1} to {0}" if operator == "+" else "subtracts {1} from {0}"
-            return self.alike((left, right), form)
-        if operator == "^":
+    def joined(self, op: ast.operator, left: Node, right: Node) -> Dimension | None:
+        if isinstance(op, ast.Add | ast.Sub):
+            form = "adds {1} to {0}" if isinstance(op, ast.Add) else "subtracts {1} from {0}"
+            return self.alike([left, right], form)
+        if isinstance(op, ast.Pow):
             return self.power(left, right)
         a, b = self.of(left), self.of(right)
         if a is None or b is None:
             # 0 · x is as good as 0.
-            return None if operator == "*" or a is None else a
-        return a * b if operator == "*" else a / b
+            return None if isinstance(op, ast.Mult) or a is None else a
+        return a * b if isinstance(op, ast.Mult) else a / b
 
-    def alike(self, nodes: tuple[Node, ...], form: str) -> Dimension | None:
+    def alike(self, nodes: list[Node], form: str) -> Dimension | None:
         """Return what all terms measure; refuse the first that differs from those before it."""
         found: Dimension | None = None
         first = nodes[0]
@@ -89,14 +90,14 @@ class _Inference:
                 shown = [f"{self.shown(n)} ({d})" for n, d in ((first, found), (node, dimension))]
                 bare = any(not any(expression.names(n)) for n in (first, node))
                 advice = "a number with a unit is a parameter" if bare else ""
-                raise LawError(form.format(*shown), self.text, node.start, node.end, advice)
+                raise LawError(form.format(*shown), self.text, *expression.span(node), advice)
         return found
 
     def plain(self, node: Node, what: str) -> None:
         dimension = self.of(node)
         if dimension not in (None, PLAIN):
             problem = f"{what} must be a plain number, and {self.shown(node)} is in {dimension}"
-            raise LawError(problem, self.text, node.start, node.end, "divide it by something in that unit")
+            raise LawError(problem, self.text, *expression.span(node), "divide it by something in that unit")
 
     def power(self, base: Node, exponent: Node) -> Dimension | None:
         dimension = self.of(base)
@@ -105,22 +106,17 @@ class _Inference:
             return PLAIN
         if not any(expression.names(exponent)):
             return dimension ** Fraction(float(expression.evaluate(exponent, {}))).limit_denominator(60)
-        if (
-            isinstance(exponent, expression.Name)
-            and exponent.name == "sinkage_exponent"
-            and dimension == METRE
-        ):
+        if isinstance(exponent, ast.Name) and exponent.id == "sinkage_exponent" and dimension == METRE:
             # z^n goes with the stiffness, in Pa/m^n.
             return METRE_TO_N
         raise LawError(
             f"{self.shown(base)} is in {dimension} and has a power that is not a constant",
             self.text,
-            exponent.start,
-            exponent.end,
+            *expression.span(exponent),
             "divide it by something in that unit first",
         )
 
-    def call(self, function: str, arguments: tuple[Node, ...]) -> Dimension | None:
+    def call(self, function: str, arguments: list[Node]) -> Dimension | None:
         if function == "where":
             self.of(arguments[0])
             return self.alike(arguments[1:], "gives {1} or {0}")
@@ -135,5 +131,5 @@ class _Inference:
         return PLAIN
 
     def shown(self, node: Node) -> str:
-        text = " ".join(self.text[node.start : node.end].split())
+        text = " ".join(self.text[slice(*expression.span(node))].split())
         return text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…"
