@@ -30,7 +30,6 @@ _GIGA = 1e9
     "batch",
     cls=paths.Verb,
     context_settings=options.CONTEXT,
-    short_help="Estimate many files into one folder, resumable.",
     epilog="""\b
 Examples:
   terrain-est batch downlink/ -o mission
