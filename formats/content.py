@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import codecs
 import io
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,38 @@ STANDARD_INPUT = "standard input"
 #: Enough for every signature below.
 HEAD_BYTES = 64
 
+
+class FileKind(NamedTuple):
+    """A kind of file that is read.
+
+    Parameters
+    ----------
+    title : str
+        As the head of an inspection calls it.
+    found : str
+        As a remark says that it was found.
+    endings : tuple of str
+        Names that promise it.
+    piped : bool
+        It can be read from a pipe.
+    """
+
+    title: str
+    found: str
+    endings: tuple[str, ...]
+    piped: bool = False
+
+
+FILE_KINDS = {
+    "csv": FileKind("text table", "a text table", (".csv", ".tsv", ".txt"), piped=True),
+    "parquet": FileKind("Parquet", "Parquet", (".parquet",), piped=True),
+    "ros1": FileKind("ROS 1 bag", "a ROS 1 bag", (".bag",)),
+    "mcap": FileKind("MCAP", "MCAP", (".mcap",)),
+    "db3": FileKind("ROS 2 bag", "SQLite", (".db3",)),
+}
+COMPRESSED = ("gzip", "zstd", "bz2")
+
+#: First bytes → one of `FILE_KINDS` or `COMPRESSED`; all else is text.
 _CONTENT = {
     b"#ROSBAG V2.0": "ros1",
     b"\x89MCAP0\r\n": "mcap",
@@ -25,7 +57,6 @@ _CONTENT = {
     b"\x28\xb5\x2f\xfd": "zstd",
     b"BZh": "bz2",
 }
-COMPRESSED = ("gzip", "zstd", "bz2")
 
 _FOREIGN = {
     b"#ROSBAG V1": "a ROS bag of format 1: convert it with `rosbag fix`",
@@ -53,7 +84,7 @@ def content(path: str, head: bytes) -> str:
     Returns
     -------
     str
-        "ros1", "mcap", "db3", "parquet", "gzip", "zstd", "bz2", or "csv" for any text.
+        Of `FILE_KINDS` or `COMPRESSED`; "csv" for any text.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What can be read only once: devices are refused, pipes are read to their end, copies have no name."""
+"""Copies of what can be read only once, such as a pipe; devices are refused."""
 
 from __future__ import annotations
 

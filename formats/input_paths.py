@@ -9,22 +9,14 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from formats.content import failure
+from formats.content import FILE_KINDS, failure
 from formats.errors import NotFoundError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 #: What the ending of a file's name promises.
-_ENDINGS = {
-    ".csv": "csv",
-    ".tsv": "csv",
-    ".txt": "csv",
-    ".parquet": "parquet",
-    ".bag": "ros1",
-    ".mcap": "mcap",
-    ".db3": "db3",
-}
+_ENDINGS = {ending: kind for kind, known in FILE_KINDS.items() for ending in known.endings}
 _PACKINGS = (".gz", ".zst", ".bz2")
 #: Hidden files and _SUCCESS, _metadata and the like.
 _NO_DATA = (".", "_")
@@ -119,7 +111,7 @@ def promised_kind(path: str) -> str | None:
     Returns
     -------
     str or None
-        "csv", "parquet", "ros1", "mcap" or "db3"; None for other names.
+        One of `content.FILE_KINDS`; None for other names.
     """
     name = Path(path)
     packed = name.suffix.lower() in _PACKINGS

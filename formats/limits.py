@@ -1,4 +1,4 @@
-"""How much an untrusted file may make this program do: far beyond real logs, far below what harms."""
+"""Limits for files that may be hostile: far more than real logs need, far less than what harms a machine."""
 
 from __future__ import annotations
 

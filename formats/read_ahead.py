@@ -1,4 +1,4 @@
-"""Iterators that threads run through, a few items ahead of whoever takes them."""
+"""Iterators read in threads, a few items ahead of the code that takes them."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from formats.content import COMPRESSED, HEAD_BYTES, STANDARD_INPUT, content, failure, first_bytes
+from formats.content import COMPRESSED, FILE_KINDS, HEAD_BYTES, STANDARD_INPUT, content, failure, first_bytes
 from formats.copies import kept, no_file, piped, readable
 from formats.errors import FormatError, NotFoundError, shown
 from formats.input_paths import parquet_parts, promised_kind
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from formats.table import Source
 
 _BLOCK = 1 << 20
-
-_NAMES = {"csv": "a text table", "parquet": "Parquet", "ros1": "a ROS 1 bag", "mcap": "MCAP", "db3": "SQLite"}
 
 
 def open_source(path: str, *, salvage: bool = False) -> Source:
@@ -87,7 +85,7 @@ def _open_file(path: str, file: str, *, salvage: bool) -> Source:
 
         source = open_bag(path, kind, salvage=salvage)
     if promised_kind(path) not in (None, source.kind):
-        source.remarks.append(f"holds {_NAMES[source.kind]}, whatever its name says")
+        source.remarks.append(f"holds {FILE_KINDS[source.kind].found}, whatever its name says")
     return source
 
 
@@ -130,7 +128,8 @@ def _of_tables(label: str, blocks: Iterator[bytes]) -> Iterator[bytes]:
         head += block
         if len(head) >= HEAD_BYTES:
             break
-    if content(label, head[:HEAD_BYTES]) not in {"csv", "parquet", *COMPRESSED}:
+    kind = content(label, head[:HEAD_BYTES])
+    if kind not in COMPRESSED and not FILE_KINDS[kind].piped:
         raise FormatError(label, "a bag cannot be read from a pipe", hint="give the path of its file")
     yield head
     yield from blocks

@@ -107,7 +107,7 @@ class Source(ABC):
     path : str
         As the user named it; "-" is the standard input.
     kind : str
-        "csv", "parquet", "ros1", "mcap" or "db3".
+        One of `content.FILE_KINDS`.
     remarks : list of str
         What a person should know about how the file was read (delimiter, decimal comma,
         rows passed over and why); complete only once it has been read.

@@ -1,4 +1,4 @@
-"""The command `terrain-est`: its verbs, and what an error ends with."""
+"""The command `terrain-est`: its verbs, and the message and exit code of every error."""
 
 from __future__ import annotations
 
@@ -73,7 +73,9 @@ class Verbs(Group):
         """Import a verb."""
         if cmd_name not in VERBS:
             return None
-        command: click.Command = importlib.import_module(f"terrain_cli.commands.{cmd_name}").command
+        module = importlib.import_module(f"terrain_cli.commands.{cmd_name.replace('-', '_')}")
+        command: click.Command = module.command
+        command.short_help = VERBS[cmd_name]
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -175,3 +176,26 @@ def test_large_dataclasses_are_given_by_keyword():
 def test_no_file_is_long():
     files = [*ROOT.glob("formats/**/*.py"), *ROOT.glob("terrain_cli/**/*.py")]
     assert not {path.name for path in files if len(path.read_text("utf-8").splitlines()) > 400}
+
+
+def test_every_path_in_contributing_is_there():
+    named = set(re.findall(r"`([\w./]+/[\w./]*)`", (ROOT / "CONTRIBUTING.md").read_text("utf-8")))
+    assert len(named) > 30
+    assert not {
+        path for path in named if not any((root / path).exists() for root in (ROOT, ROOT / "terrain_cli"))
+    }
+
+
+def test_packages_name_only_modules_that_are_there():
+    stale = set()
+    for path in ROOT.glob("terrain_cli/*/**/__init__.py"):
+        said = ast.get_docstring(ast.parse(path.read_text("utf-8"))) or ""
+        named = re.findall(r"`([a-z]+(?:_[a-z]+)+)`|^ +(\w+)\.py ", said, re.MULTILINE)
+        stale |= {
+            f"{path.parent.name}: {one}" for pair in named for one in pair if one and not _is_module(one)
+        }
+    assert not stale
+
+
+def _is_module(name):
+    return any(module.rpartition(".")[2] == name for module in TREES)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from known_effects import KNOWN_EFFECTS
 from simulator import (
     CHANNELS,
     DRY_SAND,
@@ -35,45 +36,6 @@ from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
 
 WHEEL = Wheel(grouser_height=0.008, grouser_count=16)
 SOIL = base_contact(DRY_SAND)
-RIPPLE = {f"{name}_{part}": 0.04 for name in ("torque", "pull", "sinkage") for part in ("sine", "cosine")}
-#: A typical size of each effect.
-TYPICAL = {
-    "slip-sinkage": {"n1": 0.4, "n2": 0.3, "S": 0.2},
-    "multi-pass": {"stiffness_gain": 0.6, "cohesion_gain": 0.3, "shear_modulus_gain": -0.2},
-    "shear-modulus": {"k1": 1.0},
-    "hardpan": {"modulus": 5e5, "top": 0.008},
-    "crust": {"strength": 3e3, "thickness": 0.004},
-    "max-stress-angle": {"c1": 0.4, "c2": 0.25},
-    "rear-contact": {"c3": 0.2},
-    "grousers": {"lambda_s": 0.6},
-    "flexible-wheel": {"deflection": 0.05},
-    "rate-dependence": {"beta": 0.08},
-    "strength-curvature": {"B": 0.12},
-    "post-peak-softening": {"loss": 0.3, "length": 0.04},
-    "side-slip": {"k_growth": 2.0, "lateral": 3.0},
-    "bulldozing": {"factor": 0.3},
-    "slope": {"factor": 1.0},
-    "load-transfer": {"ratio": 0.15, "slope_ratio": 0.1},
-    "drivetrain-friction": {"Tc": 0.4, "Bv": 0.2},
-    "gear-efficiency": {"eta": 0.8},
-    "motor-temperature": {"alpha": -0.001},
-    "load-bias": {"gain": 0.95, "offset": 6.0},
-    "sinkage-bias": {"offset": 0.002},
-    "drawbar-bias": {"offset": -2.0},
-    "wheel-radius": {"relative_error": 0.04},
-    "sensor-lag": {"torque_lag": 0.2, "drawbar_pull_lag": 0.1, "sinkage_lag": 0.15},
-    "acceleration-torque": {"J": 0.3},
-    "grouser-ripple": RIPPLE,
-}
-#: Where program and simulator differ by more than their integrals: rounded bends, rates from samples.
-COARSE = {
-    "hardpan": 1e-2,
-    "side-slip": 1e-3,
-    "sensor-lag": 1e-2,
-    "acceleration-torque": 1e-3,
-    "grouser-ripple": 1e-3,
-}
-#: Those whose truth needs samples that follow each other closely.
 FAST = {"sensor-lag", "acceleration-torque", "grouser-ripple"}
 
 
@@ -106,7 +68,7 @@ def log_of(effects, **options):
 
 def test_the_program_and_the_simulator_know_the_same_effects():
     known = {name: effect for name, effect in catalogue().items() if effect.origin == "catalogue"}
-    assert set(known) == set(EFFECTS) == set(TYPICAL)
+    assert set(known) == set(EFFECTS) == set(KNOWN_EFFECTS)
     for name, effect in known.items():
         nulls = {p.name: p.null for p in effect.parameters if not p.shape}
         own = {p.name for p in effect.parameters}
@@ -114,7 +76,7 @@ def test_the_program_and_the_simulator_know_the_same_effects():
         assert {p: EFFECTS[name].parameters[p] for p in nulls} == nulls
 
 
-@pytest.mark.parametrize("name", TYPICAL)
+@pytest.mark.parametrize("name", KNOWN_EFFECTS)
 def test_an_effect_of_no_size_does_nothing(name):
     plain, without = log_of({}), log_of({name: {}})
     for channel, series in plain.measured.items():
@@ -123,9 +85,10 @@ def test_an_effect_of_no_size_does_nothing(name):
         )
 
 
-@pytest.mark.parametrize("name", TYPICAL)
+@pytest.mark.parametrize("name", KNOWN_EFFECTS)
 def test_program_and_simulator_mean_the_same(name):
-    log = log_of({name: TYPICAL[name]}, rate=50.0 if name in FAST else 4.0)
+    typical = KNOWN_EFFECTS[name].values
+    log = log_of({name: typical}, rate=50.0 if KNOWN_EFFECTS[name].fast else 4.0)
     columns = log.aligned()
     one = np.zeros(len(columns["time"]))
     for channel in ("torque", "drawbar_pull", "sinkage", "angular_velocity"):
@@ -137,10 +100,10 @@ def test_program_and_simulator_mean_the_same(name):
         "shear_modulus": SOIL.shear_modulus,
         "stiffness": SOIL.stiffness(WHEEL.width),
         "sinkage_exponent": SOIL.exponent,
-    } | {f"{name}.{parameter}": value for parameter, value in TYPICAL[name].items()}
+    } | {f"{name}.{parameter}": value for parameter, value in typical.items()}
     geometry = WheelGeometry(WHEEL.radius, WHEEL.width, WHEEL.grouser_height, WHEEL.grouser_count)
     model = Model(effects=(catalogue()[name],))
-    allowed = COARSE.get(name, 1e-6)
+    allowed = KNOWN_EFFECTS[name].same_within
     # The ends of a log have rates on one side only.
     inside = slice(3, -3)
     by_load = predict(
@@ -161,7 +124,7 @@ def test_program_and_simulator_mean_the_same(name):
 
 def test_the_linear_base_takes_effects_on_contact_and_soil():
     effects = {
-        name: TYPICAL[name]
+        name: KNOWN_EFFECTS[name].values
         for name in ("max-stress-angle", "rear-contact", "grousers", "shear-modulus", "multi-pass")
     }
     columns = log_of(effects, model="linear").aligned()
@@ -182,15 +145,15 @@ def test_the_linear_base_takes_effects_on_contact_and_soil():
     np.testing.assert_allclose(found.drawbar_pull / 70.0, columns["drawbar_pull"][fresh] / 70.0, atol=1e-6)
 
 
-OTHERS = [name for name in TYPICAL if "other" in EFFECTS[name].forms and name != "load-transfer"]
+OTHERS = [name for name in KNOWN_EFFECTS if "other" in EFFECTS[name].forms and name != "load-transfer"]
 
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_the_other_form_is_another_law_of_the_same_thing(name):
-    options = {"rate": 20.0, "seconds": 6.0} if name in FAST else {}
+    options = {"rate": 20.0, "seconds": 6.0} if KNOWN_EFFECTS[name].fast else {}
     plain = log_of({}, **options)
-    one = log_of({name: TYPICAL[name]}, **options)
-    other = log_of({name: {**TYPICAL[name], "form": "other"}}, **options)
+    one = log_of({name: KNOWN_EFFECTS[name].values}, **options)
+    other = log_of({name: {**KNOWN_EFFECTS[name].values, "form": "other"}}, **options)
 
     def apart(a, b):
         channels = ("torque", "drawbar_pull", "sinkage")

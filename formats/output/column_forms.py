@@ -1,4 +1,4 @@
-"""Columns in the one form that every writer takes."""
+"""Columns in one common form, which every writer takes."""
 
 from __future__ import annotations
 

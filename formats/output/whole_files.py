@@ -1,4 +1,4 @@
-"""Files that are there whole, or as they were before."""
+"""Atomic writes: a file is there whole, or as it was before."""
 
 from __future__ import annotations
 

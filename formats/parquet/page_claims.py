@@ -1,4 +1,4 @@
-"""What the pages of a Parquet file claim to unpack to: pyarrow makes room for it, be it true or not.
+"""The unpacked sizes that a Parquet file states: pyarrow allocates them, whether they are true or not.
 
 Read without pyarrow, which ends the whole process where the index of a column contradicts itself.
 Footer and heads of pages are structs of Thrift's compact protocol.

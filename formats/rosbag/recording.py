@@ -1,4 +1,4 @@
-"""Which files a bag stands for: itself, or those of the folder that rosbag2 wrote."""
+"""The files of a bag: one, or those in the folder that rosbag2 wrote."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inputs that are still coming in: each is taken when it has stopped growing."""
+"""Inputs that are still being written: each is taken when it has stopped growing."""
 
 from __future__ import annotations
 

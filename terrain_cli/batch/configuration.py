@@ -1,4 +1,4 @@
-"""What decides on the numbers of an estimate, and the hash that stands for it in the manifest."""
+"""The settings that decide on the numbers of an estimate, and their hash in the manifest."""
 
 from __future__ import annotations
 

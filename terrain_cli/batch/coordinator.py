@@ -1,4 +1,4 @@
-"""From inputs to entries of the manifest: the one who decides, and who alone writes."""
+"""The coordinator: decides what is done for each input, and alone writes into the folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is to be done for an input, by what the manifest says of it."""
+"""The decision whether an input has to be estimated, by what the manifest says of it."""
 
 from __future__ import annotations
 

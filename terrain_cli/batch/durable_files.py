@@ -1,4 +1,4 @@
-"""Writes that outlast a kill, a full disk and a loss of power."""
+"""Writes that survive a kill, a full disk and a loss of power."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inputs in a store: s3://, gs://, https:// and whatever else fsspec knows (extra `remote_inputs`)."""
+"""Inputs in a store: s3://, gs://, https:// and whatever else fsspec knows (extra `remote`)."""
 
 from __future__ import annotations
 

@@ -32,7 +32,6 @@ _TOLD = 5
     "batch",
     cls=paths.Verb,
     context_settings=options.CONTEXT,
-    short_help="Estimate many files into one folder, resumable.",
     epilog="""\b
 Examples:
   terrain-est batch downlink/ -o mission

@@ -1,4 +1,4 @@
-"""How far a batch is, how fast it goes, and how long it will take: on stderr."""
+"""Progress of a batch on stderr: how far it is, its rate, the time left."""
 
 from __future__ import annotations
 

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     "compare",
     cls=paths.Verb,
     context_settings=options.CONTEXT,
-    short_help="Compare a model with measurements, and see where it fails.",
     epilog="""\b
 Examples:
   terrain-est compare run.bag

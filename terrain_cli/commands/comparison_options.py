@@ -1,4 +1,4 @@
-"""What the verbs that compare a model with measurements share: their options, and reading for them."""
+"""Options of the verbs that compare a model with measurements, and the reading of their inputs."""
 
 from __future__ import annotations
 

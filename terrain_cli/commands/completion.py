@@ -11,7 +11,6 @@ from terrain_cli.commands import paths
 @click.command(
     "completion",
     cls=paths.Verb,
-    short_help="Print the completion script of a shell.",
     epilog="""\b
 Examples:
   bash:  terrain-est completion bash > ~/.local/share/bash-completion/completions/terrain-est

@@ -18,7 +18,6 @@ from terrain_cli.presentation.terminal import say
     "diagnose",
     cls=paths.Verb,
     context_settings=options.CONTEXT,
-    short_help="Name the physical effect that a model lacks.",
     epilog="""\b
 Examples:
   terrain-est diagnose run.bag

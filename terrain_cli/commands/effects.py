@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 @click.group(
     "effects",
     cls=Group,
-    short_help="Show the effects that a model can have, and check your own.",
     epilog="""\b
 Examples:
   terrain-est effects list --kind sensor

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     "estimate",
     cls=paths.Verb,
     context_settings=options.CONTEXT,
-    short_help="Estimate cohesion and friction angle, segment by segment.",
     epilog="""\b
 Examples:
   terrain-est estimate run.bag > soil.csv

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     "inspect",
     cls=paths.Verb,
     context_settings=options.CONTEXT,
-    short_help="Say what a log holds, and what would be used of it.",
     epilog="""\b
 Examples:
   terrain-est inspect run.bag

@@ -1,4 +1,4 @@
-"""What a command reads and what it writes, as its options say; nothing is written onto what is read.
+"""Types of options that name files, and the check that no output overwrites an input.
 
 Every option that names a file has one of the types below. `Verb` compares what they name before the
 work begins: by what the files are, not by their names, so that a link to an input is that input.

@@ -14,7 +14,6 @@ from terrain_cli.commands import comparison_options, options, paths
     "report",
     cls=paths.Verb,
     context_settings=options.CONTEXT,
-    short_help="Write one page on soil, model and misfit.",
     epilog="""\b
 Examples:
   terrain-est report run.bag -o run.html

@@ -23,7 +23,6 @@ _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
     "simulate",
     cls=paths.Verb,
     context_settings=options.CONTEXT,
-    short_help="Make telemetry of which the truth is known.",
     epilog="""\b
 Examples:
   terrain-est simulate -o run.csv

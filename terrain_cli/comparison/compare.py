@@ -1,4 +1,4 @@
-"""A model against the measurements of wheels."""
+"""The comparison of a model with the measurements of wheels: errors, held-out errors, findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a comparison of a model with measurements consists of."""
+"""The result of a comparison of a model with measurements."""
 
 from __future__ import annotations
 

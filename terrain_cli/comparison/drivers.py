@@ -1,4 +1,4 @@
-"""What the residuals of a wheel may follow: everything recorded, and what follows from it."""
+"""Drivers: the quantities that the residuals of a wheel may depend on, recorded or derived."""
 
 from __future__ import annotations
 

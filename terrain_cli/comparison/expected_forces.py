@@ -1,4 +1,4 @@
-"""Torque and pull as the conditions of a drive let expect them: what effects may read of them.
+"""Torque and pull predicted from the conditions of a drive, for effects whose laws read them.
 
 An effect may read what is to be explained: load-transfer the drawbar pull. Fed with the pull as it was
 measured, a model would predict the noise of a pull, or soil that varies, from themselves, and every such

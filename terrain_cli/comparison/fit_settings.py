@@ -1,4 +1,4 @@
-"""What is held, what is known and what is shared when a model is fitted to the wheels of a comparison."""
+"""Settings of the fits of a comparison: parameters held fixed, priors, parameters common to all wheels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predictions of blocks by fits that have not seen them."""
+"""Held-out predictions: each block is predicted by a fit to the other blocks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a channel shows just before and after each sample: the same truth with other noise."""
+"""A channel just before and after each sample: the same true value with independent noise."""
 
 from __future__ import annotations
 

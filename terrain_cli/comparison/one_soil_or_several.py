@@ -1,4 +1,4 @@
-"""As few soils as the data speak for: segments are joined where one soil predicts as well as several."""
+"""How many soils there are: segments are joined where one soil predicts them as well as several."""
 
 from __future__ import annotations
 

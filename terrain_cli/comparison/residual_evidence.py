@@ -1,4 +1,4 @@
-"""What is known of the residuals of one wheel, sample by sample, and its terms in cells."""
+"""The residuals of one wheel by sample, their noise, and the terms to be tested, summed in cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much of a residual is noise: what changes from sample to sample, not with the drive."""
+"""The noise in a residual: its part that changes from sample to sample, and not with the drive."""
 
 from __future__ import annotations
 

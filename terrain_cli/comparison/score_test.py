@@ -1,4 +1,4 @@
-"""What a residual has to say beyond the parameters already fitted: scores of further terms, by block.
+"""Score test of further terms, block by block, with the fitted parameters projected out.
 
 The residual e of a fitted model is, to first order, noise + J δ + b a: parameters a little off, and
 perhaps a further term b. What b adds is seen only in the part b̂ of it that no δ can imitate, and its

@@ -1,4 +1,4 @@
-"""The channels of a wheel from which a model predicts, without their own noise."""
+"""The input channels of a wheel's model, smoothed so that they are without their own noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a solution of `least_squares` tells: parameters and their covariance, as `Fit` has them."""
+"""Parameters and their covariance from a least-squares solution, in the form of `Fit`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Channels without their own noise, what a model predicts from them, and what it leaves.
+"""Smoothed channels, what a model predicts from them, and the residuals.
 
 Load, sinkage and slip are interpolated from neighbouring samples and count as exact; sinkage follows from
 the load. What is left of torque, pull and sinkage is in units of its noise, and wild values are bounded

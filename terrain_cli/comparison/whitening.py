@@ -1,4 +1,4 @@
-"""Residuals of several channels in units of their noise, which reaches all of them alike.
+"""Residuals of several channels, whitened: their noise is correlated, since it comes from the same inputs.
 
 The noise of sinkage, slip and load is in the residuals of torque, drawbar pull and sinkage at once, so
 that what one of them misses by foretells the others. A sample's residuals are multiplied by the inverse

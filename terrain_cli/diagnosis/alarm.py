@@ -1,4 +1,4 @@
-"""How often chance alone gives what an alarm is raised for: a gain, or an order of test points."""
+"""p values of the alarm: how often chance alone gives such a gain, or such an order of test points."""
 
 from __future__ import annotations
 

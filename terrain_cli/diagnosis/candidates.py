@@ -1,4 +1,4 @@
-"""What a diagnosis says of each candidate: what it explains, and how large its parameters are."""
+"""Candidates as results: the score, p value, gain and parameters of each hypothesis, collected."""
 
 from __future__ import annotations
 

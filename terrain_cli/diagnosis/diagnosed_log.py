@@ -1,4 +1,4 @@
-"""The first steps of a diagnosis: the model as it is on the soils that the data speak for, and scores."""
+"""The first steps of a diagnosis: the number of soils, the fit of the model as it is, and the scores."""
 
 from __future__ import annotations
 

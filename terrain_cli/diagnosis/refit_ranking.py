@@ -1,4 +1,4 @@
-"""What can be said of models that were fitted: which is better, and which could be in nature."""
+"""Refits in their order: which predicts better, and which has parameters that are physically possible."""
 
 from __future__ import annotations
 

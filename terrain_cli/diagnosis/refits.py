@@ -1,4 +1,4 @@
-"""Models with something added, fitted to all of the data, and what they predict of blocks left out."""
+"""Refits: models with something added, fitted to all of the data, and their held-out predictions."""
 
 from __future__ import annotations
 

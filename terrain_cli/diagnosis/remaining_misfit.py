@@ -1,4 +1,4 @@
-"""Whether a model with something added still leaves what follows the drive."""
+"""Tests whether the residuals of an extended model still depend on the drive."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every candidate before any is fitted: whether these data can tell of it, and how strongly they do."""
+"""Screening before any refit: whether the data can show each candidate, its score and its p value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many soils a log is of: fewer where an effect stands for them, more where nothing else explains it.
+"""How many soils a log has: fewer where an effect explains them, more where nothing else explains it.
 
 Windows are cut where the line y = c + x tan φ changes. A second pass, a warming motor or a lag look like
 such a change to whoever cuts first; and a soil can change though its strength hardly does: its stiffness

@@ -1,4 +1,4 @@
-"""What an effect would leave in the residuals if it were there: derivatives by its parameters at the null."""
+"""Signatures: what an effect would leave in the residuals: derivatives by its parameters at their nulls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From what was found to a verdict: one pure function, with nothing to compute."""
+"""The verdict: one pure function of the evidence, with no computing of its own."""
 
 from __future__ import annotations
 

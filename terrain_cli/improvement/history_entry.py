@@ -1,4 +1,4 @@
-"""What a model file remembers of a change: an entry of [[history]]."""
+"""An entry of [[history]]: the record of a change in its model file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a change of a model consists of."""
+"""The result of a change of a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a physical effect is to this program."""
+"""The class `Effect`: the parameters and laws by which a physical effect changes the model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the grousers stand when a stretch of a log begins, which no log says but their ripple shows.
+"""The angle of the grousers at the start of a stretch of a log, estimated from their ripple.
 
 Every stretch begins at an unknown angle of the wheel, so that over several of them the ripple of one
 amplitude would cancel. The phase is read off the channel that ripples most. To be told a phase by the

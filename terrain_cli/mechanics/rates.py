@@ -1,4 +1,4 @@
-"""What some effects need beside the channels: how fast they change, and how far the wheel has turned."""
+"""Rates of change of channels, and the angle that the wheel has turned, for the effects that need them."""
 
 from __future__ import annotations
 

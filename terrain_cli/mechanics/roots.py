@@ -1,4 +1,4 @@
-"""The sinkage at which a soil carries a load, and the derivatives of what is found as a root."""
+"""The sinkage at which a soil carries a load, found as a root, and its derivatives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wheel–soil model with its effects: what load, torque, pull and sinkage follow from a soil."""
+"""The wheel–soil model with its effects: load, torque, drawbar pull and sinkage predicted for a soil."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a base takes for granted: it may be what is missing, just as an effect may."""
+"""Assumptions of the bases; one that is wrong may be what a model lacks, just as an effect may."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import formats
+from formats.content import FILE_KINDS
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.telemetry.alignment import seconds
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry.wheel_samples import Raw
 
 FORMAT = "terrain-est/inspection/1"
-_KINDS = {"csv": "text table", "parquet": "Parquet", "ros1": "ROS 1 bag", "mcap": "MCAP", "db3": "ROS 2 bag"}
 #: Positions need more digits than measurements.
 _FORMATS = dict.fromkeys(("longitude", "latitude"), ".6f") | dict.fromkeys(
     ("time", "x", "y", "elevation"), ".2f"
@@ -209,7 +209,7 @@ def text(document: dict[str, Any], *, verbose: bool = False) -> str:
     """
     starts = [wheel["start_s"] for wheel in document["wheels"] if wheel.get("start_s", 0.0) > _EPOCH]
     began = f", from {_moment(min(starts))}" if starts else ""
-    lines = [f"{document['source']}: {_KINDS[document['kind']]}{_size(document)}{began}"]
+    lines = [f"{document['source']}: {FILE_KINDS[document['kind']].title}{_size(document)}{began}"]
     lines += [f"  {remark}" for remark in document["remarks"]]
     topics = [stream for stream in document["streams"] if stream["topic"]]
     if topics:

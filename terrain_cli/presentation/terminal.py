@@ -1,4 +1,4 @@
-"""The terminal: no name can do anything on it, and whatever is wrong with it ends no work."""
+"""Safe output to the terminal: control characters are escaped, and its faults stop no work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much memory there is, and what becomes of that which arrays leave behind."""
+"""How much memory there is, and the return of freed memory to the system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads rover.toml: what each key may be."""
+"""Reads rover.toml, and checks the value of each key."""
 
 from __future__ import annotations
 

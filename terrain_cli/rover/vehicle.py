@@ -1,4 +1,4 @@
-"""What rover.toml says: the wheels, where their channels are, and what missing ones derive from."""
+"""The content of rover.toml: wheels, sources of their channels, and data to derive missing channels from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A log too long to be held, worked through reach by reach.
+"""A log too long for the memory, worked through in parts (reaches).
 
 A window needs the samples of no other, and a change of soil shows in the samples about it. So the
 windows of a reach are final, save the last ones, whose samples begin the next reach.

@@ -1,4 +1,4 @@
-"""What one command asks for of every log."""
+"""The settings of one command, the same for each of its logs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From what the soil feels to what perfect sensors show.
+"""From the true load and slip on the soil to the measurements of sensors without noise.
 
 The drive sets the load and the slip that the soil feels. Laws on load and slip go the other way,
 from what is measured to what is felt: here they are solved for the measured value.

@@ -1,4 +1,4 @@
-"""Drives that settle something, ready to use.
+"""Prepared drives, each of which settles one question, ready to use.
 
 Each part is written as in a user's own file. Load and speed are shares of the wheel's mean load
 and of the mean speed; angles are in degrees.

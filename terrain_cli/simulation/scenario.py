@@ -1,4 +1,4 @@
-"""All that a simulation is asked for."""
+"""The settings of a simulation: rover, course, soils, effects and sensors."""
 
 from __future__ import annotations
 

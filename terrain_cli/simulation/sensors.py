@@ -1,4 +1,4 @@
-"""What lies between the truth and a log: noise, drift, outliers, dropouts, steps and clocks."""
+"""Simulated sensors: noise, drift, outliers, dropouts, steps and clocks."""
 
 from __future__ import annotations
 

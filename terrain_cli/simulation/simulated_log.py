@@ -1,4 +1,4 @@
-"""From a drive to what its sensors say, and the truth behind that."""
+"""From a drive to the measurements of its sensors, and the truth behind them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulation knows and its log does not say, as a document."""
+"""The truth behind a simulated log, as a document."""
 
 from __future__ import annotations
 

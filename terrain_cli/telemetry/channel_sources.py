@@ -1,4 +1,4 @@
-"""What feeds each channel of each wheel."""
+"""The source of each channel of each wheel: a field of a file, or a constant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Libraries that only pictures and reports need: there, or one clear error."""
+"""Libraries that only pictures and reports need, with one clear error where one is missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a comparison says of every sample, over all its wheels."""
+"""The samples of a comparison over all its wheels: measured, predicted, held out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a comparison says of the soil: the table of segments, and moments to look under the rim."""
+"""The soils of a comparison: the table of segments, and the moments for which rim stresses are drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `terrain-est estimate` can be asked for: one place for the choices and their defaults."""
+"""The choices of `terrain-est estimate` and their defaults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers of things and lists of names, as sentences have them."""
+"""English for messages: counted nouns, and lists of names."""
 
 from __future__ import annotations
 

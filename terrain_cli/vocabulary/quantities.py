@@ -1,4 +1,4 @@
-"""What axes and tables call things: names, symbols, and the units a person reads."""
+"""Names, symbols and shown units of quantities, for axes and tables."""
 
 from __future__ import annotations
 

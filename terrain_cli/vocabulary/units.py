@@ -126,6 +126,23 @@ _TABLE: dict[str, dict[str, tuple[float, str]]] = {
     "mass": {"kg": (1.0, ""), "g": (1e-3, "gram grams")},
     "ratio": {"1": (1.0, "- ratio fraction"), "%": (1e-2, "percent pct")},
 }
+#: dimension → the powers of m, kg, s, A and K that its unit is, beside radians and plain numbers.
+POWERS: dict[str, dict[str, int]] = {
+    "length": {"m": 1},
+    "angle": {},
+    "coordinate": {},
+    "force": {"kg": 1, "m": 1, "s": -2},
+    "torque": {"kg": 1, "m": 2, "s": -2},
+    "angular speed": {"s": -1},
+    "speed": {"m": 1, "s": -1},
+    "acceleration": {"m": 1, "s": -2},
+    "current": {"A": 1},
+    "temperature": {"K": 1},
+    "time": {"s": 1},
+    "pressure": {"kg": 1, "m": -1, "s": -2},
+    "mass": {"kg": 1},
+    "ratio": {},
+}
 _OFFSETS = {"K": -273.15}
 #: A capital M would make these a million million times as large: "MN m" is never "mN m".
 _MILLI = frozenset({"mm", "mrad", "mN", "mN m", "mm/s", "mm/s²", "mA", "ms"})

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given as given_that
 from hypothesis import strategies as st
+from known_effects import KNOWN_EFFECTS
 from profiles import examples
 
 from terrain_cli import effects
@@ -20,51 +21,6 @@ from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
 from terrain_cli.vocabulary.channels import CHANNELS
 
 OUTPUTS = ("balance", "load", "torque", "drawbar_pull", "sinkage")
-#: Where each enters.
-ENTERS = {
-    "soil": {"multi-pass", "hardpan", "crust"},
-    "stress": {
-        "slip-sinkage",
-        "side-slip",
-        "rate-dependence",
-        "shear-modulus",
-        "post-peak-softening",
-        "strength-curvature",
-    },
-    "contact": {"max-stress-angle", "rear-contact", "grousers", "flexible-wheel"},
-    "force": {"bulldozing", "slope", "load-transfer"},
-    "sensor": {
-        "drivetrain-friction",
-        "gear-efficiency",
-        "motor-temperature",
-        "load-bias",
-        "sinkage-bias",
-        "drawbar-bias",
-        "wheel-radius",
-        "sensor-lag",
-        "acceleration-torque",
-        "grouser-ripple",
-    },
-}
-#: What the linear base cannot have.
-NOT_LINEAR = {
-    "slip-sinkage",
-    "side-slip",
-    "multi-pass",
-    "post-peak-softening",
-    "strength-curvature",
-    "hardpan",
-    "crust",
-}
-#: Laws with a constant in SI units, which do not scale when units do.
-WITH_CONSTANTS = {
-    "bulldozing",
-    "rate-dependence",
-    "strength-curvature",
-    "side-slip",
-    "hardpan",
-    "motor-temperature",
-}
 
 every = pytest.mark.parametrize("name", effects.NAMES)
 #: Each effect under each base that can have it, with sinkage measured and sought.
@@ -74,7 +30,7 @@ cases = pytest.mark.parametrize(
         (name, way)
         for name in effects.NAMES
         for way in ("sinkage", "load", "linear")
-        if way != "linear" or name not in NOT_LINEAR
+        if way != "linear" or KNOWN_EFFECTS[name].on_the_line
     ],
 )
 
@@ -103,12 +59,16 @@ def away(model, sizes):
     return result
 
 
-def test_there_are_all_twenty_five_each_by_its_own_name():
-    assert len(effects.NAMES) == len(set(effects.NAMES)) == 26
+def test_each_is_known_by_its_own_name():
+    assert len(effects.NAMES) == len(set(effects.NAMES))
+    assert KNOWN_EFFECTS.keys() == set(effects.NAMES)
     assert {name: effect.id for name, effect in effects.catalogue().items()} == dict(
         zip(effects.NAMES, effects.NAMES, strict=True)
     )
-    assert {kind: {e.id for e in effects.catalogue().values() if e.kind == kind} for kind in KINDS} == ENTERS
+    assert {e.id: e.kind for e in effects.catalogue().values()} == {
+        name: known.kind for name, known in KNOWN_EFFECTS.items()
+    }
+    assert {known.kind for known in KNOWN_EFFECTS.values()} == set(KINDS)
 
 
 @every
@@ -218,7 +178,7 @@ def test_is_seen_at_its_null_unless_a_shape(name, way, wheel, channels, soil):
 
 @every
 def test_linear_base_refuses_what_it_does_not_have(name):
-    if name in NOT_LINEAR:
+    if not KNOWN_EFFECTS[name].on_the_line:
         with pytest.raises(ConfigurationError, match=f"{name} changes the .* linear does not have"):
             model_of("linear", name)
     else:
@@ -256,7 +216,7 @@ def test_computes_with_no_more_than_it_says_it_needs(name, wheel, channels, soil
         assert np.all(np.isfinite(prediction.drawbar_pull))
 
 
-@pytest.mark.parametrize("name", [name for name in effects.NAMES if name not in WITH_CONSTANTS])
+@pytest.mark.parametrize("name", [name for name, known in KNOWN_EFFECTS.items() if not known.with_constants])
 def test_law_does_not_depend_on_the_units(name, wheel, channels, soil):
     """Measured in inches, slugs and minutes, say, a law says the same: its terms have the same unit."""
     sizes = {"kg": 3.0, "m": 7.0, "s": 0.2, "K": 1.0, "A": 1.0, "m^n": 1.0}

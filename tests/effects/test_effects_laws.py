@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from known_effects import KNOWN_EFFECTS, MOVED, SAME, UP
 
 from terrain_cli import effects
 from terrain_cli.effects.library.bulldozing import bearing_factors
@@ -11,44 +12,19 @@ from terrain_cli.mechanics.effect import KINDS
 from terrain_cli.mechanics.wheel_model import Model, predict
 from terrain_cli.telemetry.derived_channels import slip as slip_of
 
-UP, DOWN, SAME, MOVED = "up", "down", "same", "moved"
-#: Effect and values → sinkage, torque and drawbar pull under a load of 80 N, at a slip of 0.3.
-SIGNATURES = {
-    "slip-sinkage": ({"n1": 0.5}, (UP, UP, MOVED)),
-    "max-stress-angle": ({"c2": 0.32}, (UP, MOVED, DOWN)),
-    "rear-contact": ({"c3": 0.2}, (DOWN, MOVED, UP)),
-    "grousers": ({"lambda_s": 0.5}, (MOVED, UP, UP)),
-    "bulldozing": ({"factor": 0.2}, (SAME, SAME, DOWN)),
-    "side-slip": ({"k_growth": 1.2, "lateral": 4.0}, (MOVED, DOWN, DOWN)),
-    "multi-pass": ({"stiffness_gain": 0.5, "cohesion_gain": 0.3}, (DOWN, MOVED, UP)),
-    "drivetrain-friction": ({"Tc": 0.5}, (SAME, UP, SAME)),
-    "gear-efficiency": ({"eta": 0.7}, (SAME, UP, SAME)),
-    "motor-temperature": ({"alpha": -0.001}, (SAME, UP, SAME)),
-    "rate-dependence": ({"beta": 0.1}, (MOVED, UP, UP)),
-    "slope": ({"factor": 1.0}, (DOWN, MOVED, DOWN)),
-    "load-transfer": ({"ratio": 0.2}, (UP, UP, MOVED)),
-    "load-bias": ({"offset": 10.0}, (DOWN, DOWN, MOVED)),
-    "sinkage-bias": ({"offset": 0.002}, (UP, SAME, SAME)),
-    "drawbar-bias": ({"offset": 3.0}, (SAME, SAME, UP)),
-    "wheel-radius": ({"relative_error": 0.05}, (MOVED, UP, UP)),
-    "sensor-lag": ({"torque_lag": 0.2}, (SAME, DOWN, SAME)),
-    "acceleration-torque": ({"J": 0.5}, (SAME, UP, SAME)),
-    "shear-modulus": ({"k1": 1.0}, (MOVED, DOWN, DOWN)),
-    "post-peak-softening": ({"loss": 0.3}, (MOVED, DOWN, DOWN)),
-    "strength-curvature": ({"B": 0.1}, (MOVED, MOVED, MOVED)),
-    "hardpan": ({"modulus": 2e6}, (DOWN, MOVED, UP)),
-    "crust": ({"strength": 2e3}, (DOWN, MOVED, MOVED)),
-    "flexible-wheel": ({"deflection": 0.05}, (DOWN, MOVED, UP)),
-    "grouser-ripple": ({"pull_sine": 0.05}, (SAME, SAME, UP)),
-}
-
 
 @pytest.fixture(scope="module")
 def steady():
     """Return one sample: on a slope, faster than the reference speed, speeding up, on a used track."""
     sample = {"load": 80.0, "slip": 0.3, "velocity": 0.2, "angular_velocity": 2.3, "pitch": 0.15}
     sample |= {"slip_angle": 0.2, "pass_number": 1.0, "motor_temperature": 60.0, "acceleration": 0.1}
-    sample |= {"angular_velocity_rate": 0.4, "torque_rate": 0.5, "wheel_angle": 0.13}
+    sample |= {
+        "angular_velocity_rate": 0.4,
+        "torque_rate": 0.5,
+        "wheel_angle": 0.13,
+        "drawbar_pull_rate": 0.1,
+        "sinkage_rate": 0.001,
+    }
     return {name: np.array([number]) for name, number in sample.items()}
 
 
@@ -60,9 +36,9 @@ def under(wheel, soil, channels, name=None, values=None, **options):
 
 @pytest.mark.parametrize("name", effects.NAMES)
 def test_leaves_its_signature(name, wheel, soil, steady):
-    values, expected = SIGNATURES[name]
-    bare, changed = under(wheel, soil, steady), under(wheel, soil, steady, name, values)
-    for output, how in zip(("sinkage", "torque", "drawbar_pull"), expected, strict=True):
+    known = KNOWN_EFFECTS[name]
+    bare, changed = under(wheel, soil, steady), under(wheel, soil, steady, name, known.shown or known.values)
+    for output, how in zip(("sinkage", "torque", "drawbar_pull"), known.signature, strict=True):
         change = float(getattr(changed, output)[0] - getattr(bare, output)[0])
         size = abs(float(getattr(bare, output)[0]))
         if how == SAME:

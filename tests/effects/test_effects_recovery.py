@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from known_effects import KNOWN_EFFECTS
 from scipy.optimize import least_squares
 from simulator.drive import Drive, Track
 from simulator.effects import base_contact
@@ -26,47 +27,6 @@ SECONDS = 24.0
 SOIL = base_contact(DRY_SAND)
 OUTPUTS = ("sinkage", "torque", "drawbar_pull")
 
-#: The truth, and how near to it the fit must come, as a share of the parameter's scale.
-TRUTH = {
-    "slip-sinkage": ({"n1": 0.4, "n2": 0.3, "S": 0.2}, 1e-3),
-    "max-stress-angle": ({"c1": 0.4, "c2": 0.25}, 1e-4),
-    "rear-contact": ({"c3": 0.25}, 1e-4),
-    "grousers": ({"lambda_s": 0.7}, 1e-4),
-    "bulldozing": ({"factor": 0.15}, 1e-4),
-    "side-slip": ({"k_growth": 1.2, "lateral": 4.0}, 0.05),
-    "multi-pass": ({"stiffness_gain": 0.4, "cohesion_gain": 0.2, "shear_modulus_gain": -0.2}, 1e-3),
-    "drivetrain-friction": ({"Tc": 0.6, "Bv": 0.3}, 1e-3),
-    "gear-efficiency": ({"eta": 0.8}, 1e-4),
-    "motor-temperature": ({"alpha": -0.0011}, 1e-4),
-    "rate-dependence": ({"beta": 0.06}, 1e-4),
-    "slope": ({"factor": 1.0}, 1e-4),
-    "load-transfer": ({"ratio": 0.25, "slope_ratio": 0.15}, 1e-4),
-    "load-bias": ({"gain": 0.96, "offset": 12.0}, 1e-3),
-    "sinkage-bias": ({"offset": 0.003}, 1e-4),
-    "drawbar-bias": ({"offset": -2.5}, 1e-4),
-    "wheel-radius": ({"relative_error": 0.04}, 1e-4),
-    # Rates are slopes over some samples, and the wheel's angle a sum: not exact.
-    "sensor-lag": ({"torque_lag": 0.15, "drawbar_pull_lag": 0.1, "sinkage_lag": 0.05}, 0.05),
-    "acceleration-torque": ({"J": 0.8}, 0.05),
-    "shear-modulus": ({"k1": 1.5}, 1e-4),
-    "post-peak-softening": ({"loss": 0.4, "length": 0.03}, 1e-3),
-    "strength-curvature": ({"B": 0.12}, 1e-4),
-    "hardpan": ({"modulus": 4e6, "top": 0.016}, 0.05),
-    "crust": ({"strength": 2e3, "thickness": 0.004}, 1e-3),
-    "flexible-wheel": ({"deflection": 0.06}, 1e-3),
-    "grouser-ripple": (
-        {
-            "torque_sine": 0.03,
-            "torque_cosine": -0.02,
-            "pull_sine": 0.05,
-            "pull_cosine": 0.02,
-            "sinkage_sine": -0.04,
-            "sinkage_cosine": 0.03,
-        },
-        0.05,
-    ),
-}
-
 
 def measured(name, values):
     """Drive with an effect, everything varying, and return the channels that a model may read."""
@@ -80,7 +40,6 @@ def measured(name, values):
         pass_number=steps([(0.0, 8.0), (1.0, 7.0), (2.0, 9.0)]),
         motor_temperature=undulation(45.0, 0.6, 11.0, seed=2),
     )
-    fast = name in {"sensor-lag", "acceleration-torque", "grouser-ripple"}
     drive = Drive(
         [track],
         wheel=WHEEL,
@@ -88,7 +47,7 @@ def measured(name, values):
         pitch=wave(0.05, 4.0, 8.0),
         slip_angle=wave(0.05, 6.0, 6.0),
         effects={name: values},
-        rate=20.0 if fast else 2.0,
+        rate=20.0 if KNOWN_EFFECTS[name].fast else 2.0,
         channels=(
             *("load", "torque", "sinkage", "angular_velocity", "velocity", "slip", "drawbar_pull", "pitch"),
             *("acceleration", "motor_temperature", "pass_number", "slip_angle"),
@@ -156,14 +115,13 @@ def fit(model, channels):
 
 
 def test_every_effect_has_a_truth():
-    assert TRUTH.keys() == set(effects.NAMES)
-    for name, (values, _) in TRUTH.items():
-        assert list(values) == [p.name for p in effects.find(name).parameters]
+    for name, known in KNOWN_EFFECTS.items():
+        assert list(known.values) == [p.name for p in effects.find(name).parameters]
 
 
 @pytest.mark.parametrize("name", effects.NAMES)
 def test_parameters_are_found_again(name):
-    truth, tolerance = TRUTH[name]
+    truth, tolerance = KNOWN_EFFECTS[name].values, KNOWN_EFFECTS[name].found_within
     effect = effects.find(name)
     found = fit(Model("wong-reece", (effect,)), measured(name, truth))
     for p in effect.parameters:

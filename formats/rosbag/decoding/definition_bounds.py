@@ -1,4 +1,4 @@
-"""What of a message definition is let through to rosbags: its parser and its code generator trust it.
+"""Checks of message definitions before rosbags sees them: its parser and its code generator trust them.
 
 rosbags writes Python for each type and runs it, a line for each element of a list of fixed length,
 and its parser of IDL takes time that grows with 64 to the power of nested brackets. So a text is

@@ -1,4 +1,4 @@
-"""Raw messages of one connection, many at a time: where each lies in one buffer."""
+"""Raw messages of one connection, many at a time: one buffer, and the place of each message in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chunks and messages unpacked within bounds: a few bytes must not become gigabytes."""
+"""Chunks and messages unpacked within limits: a few bytes must not become gigabytes."""
 
 from __future__ import annotations
 

@@ -17,7 +17,6 @@ from terrain_cli.commands.model.show import show
     "model",
     cls=Group,
     context_settings=options.CONTEXT,
-    short_help="Write, show and improve model files.",
     epilog="""\b
 Examples:
   terrain-est model new model.toml

@@ -1,4 +1,4 @@
-"""What `model add` and `model remove` share: their options, trying a change on data, and writing it down."""
+"""`model add` and `model remove`: their common options, the trial on data, the writing of the result."""
 
 from __future__ import annotations
 

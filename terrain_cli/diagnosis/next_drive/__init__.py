@@ -1,1 +1,1 @@
-"""The drive that settles what a log leaves open."""
+"""The next drive: of the `manoeuvres`, `suggestion` chooses the one with the greatest `power`."""

@@ -1,4 +1,4 @@
-"""By how much a drive tells two effects apart.
+"""The power of a drive to tell two effects apart.
 
 Both effects are fitted to the log at hand. Each in turn is taken for the truth: what a manoeuvre would
 show then is forecast, and the other one is fitted to log and manoeuvre together, to first order. What it

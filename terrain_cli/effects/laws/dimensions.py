@@ -95,23 +95,7 @@ METRE = _of(m=1)
 SECOND = _of(s=1)
 #: m^n, with n the sinkage exponent.
 METRE_TO_N = Dimension((*PLAIN.powers[:-1], Fraction(1)))
-#: By the dimensions of `terrain_cli.vocabulary.units`.
-_MEASURES = {
-    "length": METRE,
-    "angle": PLAIN,
-    "coordinate": PLAIN,
-    "force": _of(kg=1, m=1, s=-2),
-    "torque": _of(kg=1, m=2, s=-2),
-    "angular speed": _of(s=-1),
-    "speed": _of(m=1, s=-1),
-    "acceleration": _of(m=1, s=-2),
-    "current": _of(A=1),
-    "temperature": _of(K=1),
-    "time": SECOND,
-    "pressure": _of(kg=1, m=-1, s=-2),
-    "mass": _of(kg=1),
-    "ratio": PLAIN,
-}
+_MEASURES = {name: _of(**powers) for name, powers in units.POWERS.items()}
 #: Units of parameters that no channel has.
 _FURTHER = {
     "MPa": Scale(1e6, _MEASURES["pressure"]),

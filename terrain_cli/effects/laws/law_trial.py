@@ -1,4 +1,4 @@
-"""A user's law tried on random numbers: absent at the null values, felt beside them."""
+"""A user's law tried on random numbers: it must do nothing at the null values, and something elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the terms of a law measure: sums of like with like, functions of plain numbers."""
+"""The units of a law's terms: only equal units are added, and functions take plain numbers."""
 
 from __future__ import annotations
 

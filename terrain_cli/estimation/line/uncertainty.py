@@ -1,4 +1,4 @@
-"""Errors of c, φ and the strength: sampling and the unknown noise of the sensors together."""
+"""Standard errors of c, φ and the strength, from the scatter of samples and the noise of the sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cohesion and friction angle of windows of samples, with what must be known to trust them."""
+"""Cohesion and friction angle of each window, with their errors and the status."""
 
 from __future__ import annotations
 

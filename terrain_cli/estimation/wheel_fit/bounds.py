@@ -1,4 +1,4 @@
-"""What is known of unknowns that the data would take beyond their bounds.
+"""Means and errors of unknowns whose best values lie at or beyond their bounds.
 
 About the bound the posterior is taken as normal, with its peak as far outside as the next step of
 the search would lead, and cut off: the mean and the deviation of what remains stand for the

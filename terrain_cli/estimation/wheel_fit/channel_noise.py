@@ -1,4 +1,4 @@
-"""What the sensors add to the truth: standard deviations by channel, given or learnt from the data."""
+"""Noise of the sensors: standard deviations by channel, given or learnt from the data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A search that never goes uphill, for windows that the quick one of `gauss_newton` leads astray.
+"""A damped search whose cost never rises, for windows in which `gauss_newton` does not converge.
 
 Levenberg–Marquardt: every step is shortened until the sum of squares falls, with the true values
 of the inputs brought along before it is judged (Boggs & Rogers 1990). It takes several times as

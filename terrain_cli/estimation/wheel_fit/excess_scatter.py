@@ -1,4 +1,4 @@
-"""How much more the residuals of a window scatter in the long run than the sensors' noise says."""
+"""How much more the residuals of a window scatter, over long stretches, than sensor noise explains."""
 
 from __future__ import annotations
 

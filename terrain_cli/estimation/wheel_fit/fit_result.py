@@ -1,4 +1,4 @@
-"""What a fit of the wheel–soil model gives."""
+"""The result of a fit of the wheel–soil model, and the status of each window."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The fit: noise, start, search, errors."""
+"""The steps of a fit: noise, starting values, search, errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Windows in which the quick search ends where no soil can be, and what is made of them.
+"""Windows in which the quick search ends at an impossible soil, and their second search.
 
 They are sought again, downhill from several beginnings. Where the model misses a window by so much
 that its errors would be larger than those of the priors alone, the noise of that window is taken to

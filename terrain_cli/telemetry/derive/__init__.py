@@ -1,1 +1,1 @@
-"""From raw channels to samples: what is derived, what is set aside, what is hardly true."""
+"""From raw channels to samples: channels derived, samples set aside, and implausible units."""

@@ -1,4 +1,4 @@
-"""What is hardly true of the channels of a wheel, and the line of rover.toml that would mend it."""
+"""Doubts: remarks on improbable channels, with the line of rover.toml that would correct each."""
 
 from __future__ import annotations
 

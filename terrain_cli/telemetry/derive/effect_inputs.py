@@ -1,4 +1,4 @@
-"""What the effects of a model need beside load, torque, sinkage and slip, and where it comes from."""
+"""Further inputs that the effects of a model need beside load, torque, sinkage and slip."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wrong units: what the channels of a wheel say together that no wheel on soil can.
+"""Wrong units, found by combinations of channels that no wheel on soil can show.
 
 Bounds marked "ranges" are what the equations of Wong and Reece give for wheels of 5 to 30 cm radius at
 depths up to 0.7 r, over the soils of Tables I and II of Iagnemma et al. 2004.

@@ -1,4 +1,4 @@
-"""What a drive shows of the units of its channels, gathered part by part in bounded memory."""
+"""The evidence on the units of a drive's channels, collected part by part in bounded memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Of a log too long to be kept: unbroken pieces, spread evenly over it."""
+"""An excerpt of a log too long to be kept: continuous pieces, spread evenly over it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the standard ROS messages say without being asked: units, and channels that have one meaning.
+"""Standard ROS messages: the units of their fields, and the fields that can mean only one channel.
 
 Units and axes (x forward, y left, z up) are those of REP 103. What a message leaves open is not
 guessed: the `effort` of a JointState may be a torque or a current, the velocity of a TwistStamped

@@ -1,4 +1,4 @@
-"""What the topics of a bag say of themselves: channels, and the wheels they belong to."""
+"""Channels found in the topics of a bag without rover.toml, and the wheels that they belong to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the charts of the page have in common.
+"""The common parts of the charts of the page.
 
 Each is a Vega-Lite specification and listens to the page's own control `#segment`, so that the
 keyboard reaches it and no script stands between.

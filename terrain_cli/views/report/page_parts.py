@@ -1,4 +1,4 @@
-"""What a page is made of."""
+"""HTML elements of the page."""
 
 from __future__ import annotations
 

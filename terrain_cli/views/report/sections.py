@@ -1,4 +1,4 @@
-"""What the page says of a comparison, section by section."""
+"""The sections of the page that show a comparison."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a stretch of samples is in blocks of equal length, of which the last may be shorter.
+"""Sums over blocks of equal length of a stretch of samples; the last block may be shorter.
 
 Everything that is asked of all samples is summed here, in one pass over them.
 """

@@ -1,4 +1,4 @@
-"""Change points of the relation y = c + x tan φ along a drive, and of nothing else.
+"""Change points along a drive: of the relation y = c + x tan φ, and of nothing else.
 
 1. `sensor_noise`: the covariance of the noise of (x, y), from differences of neighbouring samples.
 2. `candidate_search`: candidates by exact optimal partitioning of blocks of samples, on cumulative moments.
