@@ -55,7 +55,7 @@ class Eliminated:
 
     def taken(self, windows: Index | slice = slice(None)) -> Array:
         """Return what the windows' own unknowns take off the information on the shared ones: −Σ Bᵀ G."""
-        return np.asarray(-np.tensordot(self.cross[windows], self.gain[windows], axes=((0, 1), (0, 1))))
+        return np.asarray(-np.einsum("wpq,wpr->qr", self.cross[windows], self.gain[windows]))
 
     def pull(self, score: Array, windows: Index | slice = slice(None)) -> Array:
         """Return what the windows' own scores a add to that of the shared unknowns: Σ Gᵀ a."""
