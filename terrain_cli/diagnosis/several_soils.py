@@ -17,6 +17,7 @@ from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
 from terrain_cli.estimation import estimators
+from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.vocabulary.english import counted
 
 if TYPE_CHECKING:
@@ -245,10 +246,7 @@ def _gains(solution: Solution, rows: Index) -> Array:
     product = np.cumsum(np.einsum("ncp,nc->np", design, residual), axis=0)
 
     def taken(square: Array, product: Array) -> Array:
-        precise = square + np.eye(q)
-        return np.asarray(
-            np.einsum("np,np->n", product, np.linalg.solve(precise, product[..., None])[..., 0])
-        )
+        return normal_equations.explained(square + np.eye(q), product)
 
     inner = slice(_SHORTEST - 1, len(rows) - _SHORTEST)
     first = taken(square[inner], product[inner])
