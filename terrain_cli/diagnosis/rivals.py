@@ -16,6 +16,7 @@ import numpy as np
 
 from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.bootstrap import resample, webb_weights
+from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -130,7 +131,7 @@ class _Design:
                 absent = _white(part, base.model, base.of_samples(part.window))
             else:
                 absent = _white(part, solution.model, _absent(hypothesis, solution.of_samples(part.window)))
-            design = _by_window(solution.design, part.window, part.windows, solution.t.shape[1])
+            design = widened(solution.design, solution.t.shape[1], part.window, part.windows)
             self.parts.append(
                 _Part(predicted, predicted - absent, design, data.block[index], self.blocks, solution.spread)
             )
@@ -151,20 +152,13 @@ class _Part:
     ) -> None:
         self.predicted, self.effect, self.block, self.blocks = predicted, effect, block, blocks
         self.design = design
-        p = design.shape[2]
-        self.information = np.zeros((blocks, p, p))
-        order = np.argsort(block, kind="stable")
-        self.rows = np.split(order, np.searchsorted(block[order], np.arange(1, blocks)))
-        for label, rows in enumerate(self.rows):
-            own = design[rows].reshape(-1, p)
-            self.information[label] = own.T @ own
-        whole = self.information.sum(axis=0)
-        self.inverse = np.linalg.inv(whole + spread * np.eye(p) - self.information)
+        self.information = products(design, design, block, blocks)
+        whole = self.information.sum(axis=0) + spread * np.eye(design.shape[2])
+        self.inverse = np.linalg.inv(whole - self.information)
 
     def scores(self, residual: Array) -> Array:
         """Return the products of the design and a residual, by block."""
-        p = self.design.shape[2]
-        return np.stack([self.design[rows].reshape(-1, p).T @ residual[rows].ravel() for rows in self.rows])
+        return products(self.design, residual[..., None], self.block, self.blocks)[..., 0]
 
     def losses(self, shown: Array, residual: Array, weights: Array) -> Array:
         """Return held-out losses of `shown` plus weighted noise, over all draws."""
@@ -192,21 +186,6 @@ def _absent(hypothesis: Hypothesis, numbers: Mapping[str, Array]) -> dict[str, A
     """Return parameters with the effect absent."""
     own = hypothesis.parameters
     return {name: np.full_like(v, own[name].null) if name in own else v for name, v in numbers.items()}
-
-
-def _by_window(table: Array, window: Index, windows: int, soil: int) -> Array:
-    """Give every window columns of its own for the parameters that it has of its own."""
-    if windows == 1:
-        return table
-    n, c, p = table.shape
-    wide = np.zeros((n, c, windows * soil + p - soil))
-    for label in range(windows):
-        rows = np.flatnonzero(window == label)
-        wide[np.ix_(rows, np.arange(c), np.arange(label * soil, (label + 1) * soil))] = table[rows][
-            :, :, :soil
-        ]
-    wide[:, :, windows * soil :] = table[:, :, soil:]
-    return wide
 
 
 def _shown(truth: _Design, part: int, form: float) -> Array:
