@@ -33,7 +33,7 @@ def covariance(data: SmoothedData, solution: Solution) -> tuple[Array, Array]:
     m = len(solution.common)
     information, _ = smoothed_fit.moments(solution.design, solution.residual, data.window, data.windows)
     found, shared = normal_equations.arrow(information / solution.spread, q, np.eye(q + m))
-    held = np.linalg.inv(shared - found.taken())
+    held = normal_equations.inverse(shared - found.taken())
     whole = normal_equations.covariance(found.own, found.gain, held)
     sought = solution.unknowns
     slope = [np.abs(u.slope(solution.t[:, j])) for j, u in enumerate(sought.local)]

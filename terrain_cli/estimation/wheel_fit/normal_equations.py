@@ -77,7 +77,7 @@ class Eliminated:
         """
         left, right = information - self.taken(), score_shared + self.pull(score)
         try:
-            shared = np.linalg.solve(left, right)
+            shared = np.asarray(np.linalg.solve(left, right), dtype=float)
         except np.linalg.LinAlgError:
             # What outweighs the rest by all digits there are leaves nothing to tell the others by.
             shared = inverse(left) @ right
