@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 #: Powers of its own size by which an effect is bent into other forms.
 FORMS = (0.0, 0.5, -0.4)
+#: What a bent effect is at the least and at the most, in its usual sizes.
+_BENT = (0.05, 4.0)
 #: Draws of the noise for each form.
 DRAWS = 60
 #: Share of blocks' resampled differences below zero above which two losses are the same.
@@ -191,13 +193,24 @@ def _absent(hypothesis: Hypothesis, numbers: Mapping[str, Array]) -> dict[str, A
 def _shown(truth: _Design, part: int, form: float) -> Array:
     """Return what a truth would show, its effect bent by a power of its own size."""
     one = truth.parts[part]
-    if form == 0.0:
-        return np.asarray(one.predicted)
-    size = np.sqrt((one.effect**2).sum(axis=1))
-    usual = float(np.sqrt(np.mean(size**2)))
-    if usual == 0.0:
-        return np.asarray(one.predicted)
-    bend = np.clip(size / usual, 0.05, 4.0) ** form
-    bent = one.effect * bend[:, None]
-    norm = np.sqrt((one.effect**2).sum() / max(float((bent**2).sum()), 1e-300))
-    return np.asarray(one.predicted + bent * norm - one.effect)
+    return np.asarray(one.predicted + bent(one.effect, form, one.effect))
+
+
+def bent(effect: Array, form: float, like: Array) -> Array:
+    """Return by how much an effect changes when it is bent by a power of its own size.
+
+    Parameters
+    ----------
+    effect, like : ndarray, shape (n, c) and (l, c)
+        `like` is what the effect does where its usual size is told, and kept.
+    """
+    usual = float(np.sqrt(np.mean((like**2).sum(axis=1))))
+    if form == 0.0 or usual == 0.0:
+        return np.zeros_like(effect)
+
+    def bend(some: Array) -> Array:
+        size = np.sqrt((some**2).sum(axis=1)) / usual
+        return np.asarray(some * (np.clip(size, *_BENT) ** form)[:, None])
+
+    norm = np.sqrt((like**2).sum() / max(float((bend(like) ** 2).sum()), 1e-300))
+    return np.asarray(norm * bend(effect) - effect)

@@ -17,7 +17,7 @@ import numpy as np
 from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis.next_drive import manoeuvres
-from terrain_cli.diagnosis.rivals import FORMS
+from terrain_cli.diagnosis.rivals import FORMS, bent
 from terrain_cli.estimation.wheel_fit.normal_equations import explained, widened
 from terrain_cli.mechanics import rates
 
@@ -43,8 +43,6 @@ _ROUNDS = 3
 _REACH = 2
 #: Samples of a manoeuvre of which one is forecast.
 _STEP = 4
-#: What a bent effect is at the least and at the most, in its usual sizes.
-_BENT = (0.05, 4.0)
 
 
 class PowerLog:
@@ -103,8 +101,6 @@ class Side:
         self.lost = ~self.old.known
         wide = widened(solution.design, self.soil, part.window, part.windows)
         self.design = wide / np.sqrt(ground.inflation)
-        size = np.sqrt((self.old.effect**2).sum(axis=1))
-        self.usual = float(np.sqrt(np.mean(size**2)))
         flat = self.design.reshape(-1, self.design.shape[2])
         #: Of the unknowns counted in deviations of their priors, hence the unit matrix.
         self.information = flat.T @ flat + np.eye(flat.shape[1])
@@ -143,19 +139,6 @@ class Side:
         white = part.white({name: table * scale for name, table in tables.items()}, part.seen)
         return widened(white, self.soil, part.window, part.windows)
 
-    def bent(self, effect: Array, form: float) -> Array:
-        """Return by how much an effect changes when it is bent by a power of its own size."""
-        if form == 0.0 or self.usual == 0.0:
-            return np.zeros_like(effect)
-
-        def bend(some: Array) -> Array:
-            size = np.sqrt((some**2).sum(axis=1)) / self.usual
-            return np.asarray(some * (np.clip(size, *_BENT) ** form)[:, None])
-
-        whole = bend(self.old.effect)
-        norm = np.sqrt((self.old.effect**2).sum() / max(float((whole**2).sum()), 1e-300))
-        return np.asarray(norm * bend(effect) - effect)
-
 
 def margins(ground: PowerLog, sides: Sequence[Side], course: Mapping[str, Array]) -> Array:
     """Return by how many deviations a drive leads to the right one of two.
@@ -189,8 +172,10 @@ def margins(ground: PowerLog, sides: Sequence[Side], course: Mapping[str, Array]
                 continue
             usable = ~(truth.lost | wrong.lost)[:, None]
             for place, form in enumerate(FORMS):
-                old = truth.old.predicted + truth.bent(truth.old.effect, form)
-                new = views.shown[truth].predicted + truth.bent(views.shown[truth].effect, form)
+                old, new = (
+                    shown.predicted + bent(shown.effect, form, truth.old.effect)
+                    for shown in (truth.old, views.shown[truth])
+                )
                 away = [
                     _apart(
                         ground,
