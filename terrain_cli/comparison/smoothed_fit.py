@@ -285,19 +285,7 @@ def weights(left: Array) -> Array:
 
 
 def moments(design: Array, left: Array, cell: Index, cells: int) -> tuple[Array, Array]:
-    """Sum up the normal equations by cell.
-
-    Parameters
-    ----------
-    design : ndarray, shape (n, c, p)
-    left : ndarray, shape (n, c)
-    cell : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    information : ndarray, shape (cells, p, p)
-    score : ndarray, shape (cells, p)
-    """
+    """Sum up JᵀJ and Jᵀr by cell, with the weights of Huber."""
     weighted = design * weights(left)[..., None]
     score = normal_equations.products(weighted, left[..., None], cell, cells)
     return normal_equations.products(weighted, design, cell, cells), score[..., 0]

@@ -176,23 +176,12 @@ def accumulate(
 
 
 def eliminate(normal: Normal, local: int, *, prior: float = 1.0) -> tuple[Array, Array, Array]:
-    """Eliminate the windows' own unknowns.
+    """Eliminate the first unknowns of each window; return A⁻¹, G and S of `normal_equations`.
 
     Parameters
     ----------
-    local : int
-        p.
     prior : float
         Information of each prior; less than 1 for what would be known with wider ones.
-
-    Returns
-    -------
-    own : ndarray, shape (w, p, p)
-        Covariance of the windows' own unknowns with the shared ones held, priors included.
-    gain : ndarray, shape (w, p, q)
-        Change of the windows' own unknowns with the shared ones.
-    shared : ndarray, shape (q, q)
-        Information on the shared unknowns, priors included.
     """
     found, shared = _arrow(normal, local, prior)
     return found.own, found.gain, shared - found.taken()

@@ -66,15 +66,7 @@ class Eliminated:
         return np.asarray(np.einsum("wab,wb->wa", self.own, score) + self.gain @ shared)
 
     def solve(self, score: Array, information: Array, score_shared: Array) -> tuple[Array, Array]:
-        """Return own and shared unknowns.
-
-        Parameters
-        ----------
-        score : ndarray, shape (w, p)
-            a.
-        information, score_shared : ndarray, shape (q, q) and (q,)
-            Σ C and Σ c.
-        """
+        """Return own and shared unknowns, from a of each window, Σ C and Σ c."""
         left, right = information - self.taken(), score_shared + self.pull(score)
         try:
             shared = np.asarray(np.linalg.solve(left, right), dtype=float)
@@ -85,15 +77,9 @@ class Eliminated:
 
 
 def eliminate(own: Array, cross: Array, invert: Callable[[Array], Array] | None = None) -> Eliminated:
-    """Eliminate the windows' own unknowns, given A and B.
-
-    Parameters
-    ----------
-    invert : callable, optional
-        What inverts A; `inverse` by default.
-    """
-    covariance = (invert or inverse)(own)
-    return Eliminated(covariance, cross, -covariance @ cross)
+    """Eliminate the windows' own unknowns, given A, B and what inverts A if not `inverse`."""
+    held = (invert or inverse)(own)
+    return Eliminated(held, cross, -held @ cross)
 
 
 def arrow(
@@ -116,19 +102,7 @@ def arrow(
 
 
 def covariance(own: Array, gain: Array, shared: Array) -> Array:
-    """Return the covariance of each window's own and the shared unknowns.
-
-    Parameters
-    ----------
-    own, gain : ndarray, shape (w, p, p) and (w, p, q)
-        A⁻¹ and G.
-    shared : ndarray, shape (q, q)
-        S⁻¹.
-
-    Returns
-    -------
-    ndarray, shape (w, p + q, p + q)
-    """
+    """Return the covariance of each window's own and the shared unknowns, from A⁻¹, G and S⁻¹."""
     through = gain @ shared
     inside = own + through @ np.swapaxes(gain, 1, 2)
     corner = np.broadcast_to(shared, (len(own), *shared.shape))
@@ -152,9 +126,6 @@ def leave_out(
     ----------
     information, score : ndarray, shape (cells, p + q, p + q) and (cells, p + q)
     window, fold : ndarray of int, shape (cells,)
-    prior : ndarray, shape (p + q, p + q)
-    local : int
-        p.
     reach : tuple of ndarray, shape (q,), optional
         How far the shared ones may move, down and up.
 
@@ -224,16 +195,7 @@ def products(one: Array, other: Array, cell: Index, cells: int) -> Array:
 
 
 def widened(design: Array, local: int, window: Index, windows: int) -> Array:
-    """Give every window columns of its own for its own unknowns: the dense design of the whole arrow.
-
-    Parameters
-    ----------
-    design : ndarray, shape (n, k, p + q)
-
-    Returns
-    -------
-    ndarray, shape (n, k, w · p + q)
-    """
+    """Return the dense design of the whole arrow, shape (n, k, w p + q): every window has its own columns."""
     n, k, _ = design.shape
     wide = np.zeros((n, k, windows, local))
     wide[np.arange(n), :, window] = design[:, :, :local]
@@ -241,12 +203,7 @@ def widened(design: Array, local: int, window: Index, windows: int) -> Array:
 
 
 def explained(information: Array, score: Array) -> Array:
-    """Return what a solution takes off the sum of squares: uᵀ H⁻¹ u of the information H and the score u.
-
-    Parameters
-    ----------
-    information, score : ndarray, shape (…, p, p) and (…, p)
-    """
+    """Return what a solution takes off the sum of squares: uᵀ H⁻¹ u of the information H and the score u."""
     return np.asarray(np.sum(score * np.linalg.solve(information, score[..., None])[..., 0], axis=-1))
 
 
@@ -268,14 +225,7 @@ def pseudo_inverse(matrix: Array) -> Array:
 
 
 def posterior_covariance(information: Array, least: float = 1.0) -> Array:
-    """Invert information matrices that hold what the priors know.
-
-    Parameters
-    ----------
-    information : ndarray, shape (…, p, p)
-    least : float
-        Information of the priors: no eigenvalue is below it.
-    """
+    """Invert information matrices that hold what the priors know: no eigenvalue is below theirs."""
     found = inverse(information)
     variances = np.diagonal(found, axis1=-2, axis2=-1)
     possible = (variances > 0.0) & (least * variances <= 1.0 + _ROUNDING)

@@ -52,11 +52,7 @@ def mend(
     state : State
         Changed in place.
     found : Posterior
-        What follows from it.
-    order : int or None
-        Nodes on each arc.
-    correlated : bool
-        Whether samples follow each other in time.
+        What follows from it, by `posterior`.
 
     Returns
     -------
