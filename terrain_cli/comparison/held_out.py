@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.comparison import prediction
+from terrain_cli.estimation.wheel_fit import normal_equations
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -150,36 +151,29 @@ def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tup
 
     In the unit sought: logarithms of parameters that are positive.
     """
-    local, common = len(wheel.soil), len(wheel.common)
-    size = local + common
+    names = (*wheel.soil, *wheel.common)
+    size = len(names)
     pairs, cell = np.unique(np.stack([wheel.window, fold]), axis=1, return_inverse=True)
     cell = cell.ravel().astype(np.intp)
-    information, score = np.zeros((pairs.shape[1], size, size)), np.zeros((pairs.shape[1], size))
+    cells = pairs.shape[1]
+    information, score = np.zeros((cells, size, size)), np.zeros((cells, size))
     for start in range(0, len(wheel), _SLAB):
         rows = slice(start, min(start + _SLAB, len(wheel)))
         parameters = wheel.of_samples(rows)
         tables = prediction.derivatives(
-            wheel.model,
-            wheel.geometry,
-            wheel.read,
-            wheel.of_samples,
-            (*wheel.soil, *wheel.common),
-            rows,
+            wheel.model, wheel.geometry, wheel.read, wheel.of_samples, names, rows
         )
-        order = np.argsort(cell[rows], kind="stable")
-        present, firsts = np.unique(cell[rows][order], return_index=True)
-        for name, table in tables.items():
-            for column, parameter in enumerate((*wheel.soil, *wheel.common)):
+        for table in tables.values():
+            for column, parameter in enumerate(names):
                 if parameter in wheel.logarithmic:
                     table[:, column] *= parameters[parameter]
-            error = wheel.residuals[name][rows]
-            known = np.isfinite(error)
-            slope = np.where(known[:, None], table, 0.0)[order] / scale[name]
-            error = np.where(known, error, 0.0)[order] / scale[name]
-            for label, low, high in zip(present, firsts, np.append(firsts[1:], len(order)), strict=True):
-                information[label] += slope[low:high].T @ slope[low:high]
-                score[label] += slope[low:high].T @ error[low:high]
-    prior = np.diag([wheel.prior[name] ** -2.0 for name in (*wheel.soil, *wheel.common)])
+        error = np.stack([wheel.residuals[name][rows] / scale[name] for name in tables], axis=1)
+        design = np.stack([table / scale[name] for name, table in tables.items()], axis=1)
+        unknown = ~np.isfinite(error)
+        error[unknown], design[unknown] = 0.0, 0.0
+        information += normal_equations.products(design, design, cell[rows], cells)
+        score += normal_equations.products(design, error[..., None], cell[rows], cells)[..., 0]
+    prior = np.diag([wheel.prior[name] ** -2.0 for name in names])
     own = wheel.model.parameters
     low, high = (
         np.array([getattr(own[name], side) if name in own else end for name in wheel.common])
@@ -189,91 +183,6 @@ def _without(wheel: FittedWheel, fold: Index, scale: Mapping[str, float]) -> tup
     here = np.array([wheel.of_samples(slice(0, 1))[name][0] for name in wheel.common])
     farthest = FARTHEST * np.array([wheel.prior[name] for name in wheel.common])
     reach = (np.maximum(low - here, -farthest), np.minimum(high - here, farthest))
-    return cell, leave_out(information, score, pairs[0], pairs[1], prior, local, reach)
-
-
-def leave_out(
-    information: Array,
-    score: Array,
-    window: Index,
-    fold: Index,
-    prior: Array,
-    local: int,
-    reach: tuple[Array, Array] | None = None,
-) -> Array:
-    """Return how the parameters of each cell move when its fold is left out.
-
-    A common parameter that would go beyond its bounds stops there, and the others make do with that.
-
-    Parameters
-    ----------
-    information : ndarray, shape (cells, size, size)
-    score : ndarray, shape (cells, size)
-    window, fold : ndarray of int, shape (cells,)
-    prior : ndarray, shape (size, size)
-    local : int
-        Parameters that each window has of its own: the first ones.
-    reach : tuple of ndarray, shape (size - local,), optional
-        How far the common ones may move, down and up.
-
-    Returns
-    -------
-    ndarray, shape (cells, size)
-    """
-    windows = int(window.max()) + 1
-    whole, pull = np.zeros((windows, *prior.shape)), np.zeros((windows, len(prior)))
-    np.add.at(whole, window, information)
-    np.add.at(pull, window, score)
-    every = _reduce(whole, pull, prior, local)
-    left, right = every.left.sum(axis=0) + prior[local:, local:], every.right.sum(axis=0)
-    base = every.solve(left, right)
-    common = base[0, local:]
-    low, high = reach if reach is not None else (np.full_like(common, end) for end in (-np.inf, np.inf))
-    limits = (common + np.minimum(low, 0.0), common + np.maximum(high, 0.0))
-    moved = np.zeros_like(score)
-    order = np.argsort(fold, kind="stable")
-    for cells in np.split(order, np.flatnonzero(np.diff(fold[order])) + 1):
-        touched = window[cells]
-        rest = _reduce(whole[touched] - information[cells], pull[touched] - score[cells], prior, local)
-        without = rest.solve(
-            left + (rest.left - every.left[touched]).sum(axis=0),
-            right + (rest.right - every.right[touched]).sum(axis=0),
-            limits,
-        )
-        moved[cells] = without - base[touched]
-    return moved
-
-
-class _Reduced(NamedTuple):
-    """Windows whose own parameters are eliminated, and what they say of the common ones."""
-
-    own: Array
-    gain: Array
-    left: Array
-    right: Array
-
-    def solve(self, left: Array, right: Array, limits: tuple[Array, Array] | None = None) -> Array:
-        """Return the parameters of each window and the common ones behind them, shape (windows, size)."""
-        common = np.linalg.solve(left, right) if len(right) else right
-        if limits is not None:
-            held = (common < limits[0]) | (common > limits[1])
-            if held.any():
-                common = np.clip(common, *limits)
-                free = ~held
-                rest = right[free] - left[np.ix_(free, held)] @ common[held]
-                common[free] = np.linalg.solve(left[np.ix_(free, free)], rest)
-        return np.concatenate(
-            [self.own - self.gain @ common, np.broadcast_to(common, (len(self.own), len(common)))], axis=1
-        )
-
-
-def _reduce(information: Array, score: Array, prior: Array, local: int) -> _Reduced:
-    inverse = np.linalg.inv(information[:, :local, :local] + prior[:local, :local])
-    mixed = information[:, :local, local:]
-    gain = inverse @ mixed
-    return _Reduced(
-        np.einsum("wab,wb->wa", inverse, score[:, :local]),
-        gain,
-        information[:, local:, local:] - np.einsum("wab,wac->wbc", mixed, gain),
-        score[:, local:] - np.einsum("wab,wa->wb", gain, score[:, :local]),
+    return cell, normal_equations.leave_out(
+        information, score, pairs[0], pairs[1], prior, len(wheel.soil), reach
     )

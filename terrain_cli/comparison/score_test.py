@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.estimation.wheel_fit.normal_equations import eliminate, pseudo_inverse
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
@@ -20,9 +22,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
-
-#: Directions of the parameters below this share of the best determined one are not fitted.
-_RANK = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,9 +83,7 @@ class System:
         self._blocks = blocks
         self._squares = np.zeros(terms)
         self._soil: Array = np.asarray(precision[:, :, None] * np.eye(soil))
-        self._mixed = np.zeros((groups, terms, soil))
-        self._inverse: Array = np.zeros((groups, soil, soil))
-        self._share = np.zeros((groups, terms, soil))
+        self._mixed = np.zeros((groups, soil, terms))
         self._cross = np.zeros((terms, terms))
 
     def add(self, cells: Iterable[ScoreCell]) -> System:
@@ -100,13 +97,11 @@ class System:
         for cell in cells:
             weighted = cell.terms * cell.weight
             self._soil[cell.group] += cell.weight * cell.soil.T @ cell.soil
-            self._mixed[cell.group, cell.columns] += weighted.T @ cell.soil
+            self._mixed[cell.group][:, cell.columns] += cell.soil.T @ weighted
             self._cross[np.ix_(cell.columns, cell.columns)] += weighted.T @ cell.terms
         self._squares = np.diag(self._cross).copy()
-        self._inverse = np.array([_pseudo_inverse(matrix) for matrix in self._soil]).reshape(self._soil.shape)
-        self._share = self._mixed @ self._inverse
-        for share, mixed in zip(self._share, self._mixed, strict=True):
-            self._cross -= share @ mixed.T
+        self._groups = eliminate(self._soil, self._mixed, pseudo_inverse)
+        self._cross -= self._groups.taken()
         return self
 
     def scores(self, cells: Iterable[ScoreCell]) -> Array:
@@ -120,7 +115,7 @@ class System:
         for cell in cells:
             error = cell.weight * cell.residual
             scores[cell.block, cell.columns] += cell.terms.T @ error
-            scores[cell.block] -= self._share[cell.group] @ (cell.soil.T @ error)
+            scores[cell.block] += (cell.soil.T @ error) @ self._groups.gain[cell.group]
         return scores
 
     def beyond(self, terms: Sequence[int], scores: Array) -> tuple[Array, Array]:
@@ -139,8 +134,8 @@ class System:
         chosen = np.asarray(terms, dtype=np.intp)
         if len(chosen) == 0:
             return scores, self._cross
-        gain = self._cross[:, chosen] @ _pseudo_inverse(self._cross[np.ix_(chosen, chosen)])
-        return scores - scores[:, chosen] @ gain.T, self._cross - gain @ self._cross[chosen]
+        found = eliminate(self._cross[None, chosen][:, :, chosen], self._cross[None, chosen], pseudo_inverse)
+        return scores + scores[:, chosen] @ found.gain[0], self._cross - found.taken()
 
     def surviving(self, cross: Array) -> Array:
         """Return the share of each term's square that is left.
@@ -164,15 +159,8 @@ class System:
             error = cell.weight * cell.residual
             own[cell.group] += cell.soil.T @ error
             score[cell.columns] += cell.terms.T @ error
-        score -= np.einsum("gmq,gq->m", self._share, own)
-        coefficients = _pseudo_inverse(self._cross[np.ix_(chosen, chosen)]) @ score[chosen]
-        rest = own - np.einsum("gmq,m->gq", self._mixed[:, chosen], coefficients)
-        return FittedTerms(chosen, coefficients, np.einsum("gpq,gq->gp", self._inverse, rest))
-
-
-def _pseudo_inverse(matrix: Array) -> Array:
-    """Invert after scaling to a unit diagonal, without the directions that nothing determines."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    scale = np.where(scale > 0.0, scale, np.inf)
-    scales = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix / scales, rcond=_RANK, hermitian=True) / scales)
+        score += self._groups.pull(own)
+        coefficients = pseudo_inverse(self._cross[np.ix_(chosen, chosen)]) @ score[chosen]
+        every = np.zeros(len(score))
+        every[chosen] = coefficients
+        return FittedTerms(chosen, coefficients, self._groups.behind(own, every))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.comparison import smoothed_fit
+from terrain_cli.estimation.wheel_fit import normal_equations
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,20 +29,12 @@ def covariance(data: SmoothedData, solution: Solution) -> tuple[Array, Array]:
         Of each window's own and the common ones, in their own units.
     ndarray, shape (m, m)
     """
-    q = solution.t.shape[1]
+    w, q = solution.t.shape
+    m = len(solution.common)
     information, _ = smoothed_fit.moments(solution.design, solution.residual, data.window, data.windows)
-    information /= solution.spread
-    inverse = np.linalg.inv(information[:, :q, :q] + np.eye(q))
-    mixed = information[:, :q, q:]
-    gain = inverse @ mixed
-    w, _, m = mixed.shape
-    shared = information[:, q:, q:].sum(axis=0) + np.eye(m) - np.einsum("wab,wac->bc", mixed, gain)
-    held = np.linalg.inv(shared) if m else shared
-    whole = np.zeros((w, q + m, q + m))
-    whole[:, :q, :q] = inverse + gain @ held @ np.swapaxes(gain, 1, 2)
-    whole[:, :q, q:] = -gain @ held
-    whole[:, q:, :q] = np.swapaxes(whole[:, :q, q:], 1, 2)
-    whole[:, q:, q:] = held
+    found, shared = normal_equations.arrow(information / solution.spread, q, np.eye(q + m))
+    held = normal_equations.inverse(shared - found.taken())
+    whole = normal_equations.covariance(found.own, found.gain, held)
     sought = solution.unknowns
     slope = [np.abs(u.slope(solution.t[:, j])) for j, u in enumerate(sought.local)]
     slope += [np.full(w, abs(float(u.slope(solution.common[j])))) for j, u in enumerate(sought.shared)]

@@ -15,6 +15,7 @@ import numpy as np
 
 from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.estimation.wheel_fit import normal_equations
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -284,32 +285,10 @@ def weights(left: Array) -> Array:
 
 
 def moments(design: Array, left: Array, cell: Index, cells: int) -> tuple[Array, Array]:
-    """Sum up the normal equations by cell.
-
-    Parameters
-    ----------
-    design : ndarray, shape (n, c, p)
-    left : ndarray, shape (n, c)
-    cell : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    information : ndarray, shape (cells, p, p)
-    score : ndarray, shape (cells, p)
-    """
-    p = design.shape[2]
-    information, score = np.zeros((cells, p, p)), np.zeros((cells, p))
-    weight = weights(left)
-    order = np.argsort(cell, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
-        if len(rows) == 0:
-            continue
-        label = cell[rows[0]]
-        table = design[rows].reshape(-1, p)
-        own = weight[rows].ravel()
-        information[label] = (table * own[:, None]).T @ table
-        score[label] = table.T @ (own * left[rows].ravel())
-    return information, score
+    """Sum up JᵀJ and Jᵀr by cell, with the weights of Huber."""
+    weighted = design * weights(left)[..., None]
+    score = normal_equations.products(weighted, left[..., None], cell, cells)
+    return normal_equations.products(weighted, design, cell, cells), score[..., 0]
 
 
 def _step(
@@ -318,22 +297,11 @@ def _step(
     left, design, _ = state
     q = t.shape[1]
     information, score = moments(design, left, data.window, data.windows)
-    information /= spread
     score /= spread
-    own = information[:, :q, :q]
-    diagonal = np.einsum("wii->wi", own)
-    own = own + np.eye(q) * (1.0 + damping * diagonal)[:, None, :] * np.eye(q)
-    inverse = np.linalg.inv(own)
-    mixed = information[:, :q, q:]
-    pull = score[:, :q] - t
-    gain = inverse @ mixed
-    shared = information[:, q:, q:].sum(axis=0)
-    shared = shared + np.diag(1.0 + damping * np.diag(shared))
-    shared -= np.einsum("wab,wac->bc", mixed, gain)
-    right = score[:, q:].sum(axis=0) - common - np.einsum("wab,wa->b", gain, pull)
-    shift = np.linalg.solve(shared, right) if len(right) else right
-    step = np.einsum("wab,wb->wa", inverse, pull) - gain @ shift
-    return step, shift
+    # Marquardt: every unknown is damped by a share of its own information.
+    damped = information / spread * (1.0 + damping * np.eye(design.shape[2]))
+    found, shared = normal_equations.arrow(damped, q, np.eye(design.shape[2]))
+    return found.solve(score[:, :q] - t, shared, score[:, q:].sum(axis=0) - common)
 
 
 def _range(some: Sequence[Unknown]) -> tuple[Array, Array]:

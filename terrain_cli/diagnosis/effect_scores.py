@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison.bootstrap import max_test
+from terrain_cli.estimation.wheel_fit import normal_equations
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-#: Directions of the parameters below this share of the best determined one are not fitted.
-_RANK = 1e-9
 #: Draws of the bootstrap.
 DRAWS = 1999
 
@@ -70,7 +69,7 @@ class Scores:
             What it takes off the sum of squares of the residuals.
         """
         matrix = self.cross[np.ix_(columns, columns)] + precision * np.eye(len(columns))
-        covariance = _pseudo_inverse(matrix)
+        covariance = normal_equations.pseudo_inverse(matrix)
         change = covariance @ self.total[columns]
         return change, covariance, float(change @ self.total[columns])
 
@@ -97,22 +96,18 @@ def scores(
     ndarray, shape (n, c, m)
         What is left of the signatures when the soil is fitted anew.
     """
-    m, q = columns.shape[2], soil.shape[2]
-    result, cross, squares = np.zeros((blocks, m)), np.zeros((m, m)), np.zeros(m)
-    fitted = 0
-    rest = np.zeros_like(columns)
-    for label in np.unique(window):
-        rows = np.flatnonzero(window == label)
-        inner = soil[rows].reshape(-1, q)
-        own = columns[rows].reshape(-1, m)
-        gain = _pseudo_inverse(inner.T @ inner) @ (inner.T @ own)
-        left = own - inner @ gain
-        squares += (own**2).sum(axis=0)
-        cross += left.T @ left
-        rest[rows] = left.reshape(len(rows), -1, m)
-        score = np.einsum("ncm,nc->nm", rest[rows], residual[rows])
-        np.add.at(result, block[rows], score)
-        fitted += q
+    windows = int(window.max(initial=-1)) + 1
+    found = normal_equations.eliminate(
+        normal_equations.products(soil, soil, window, windows),
+        normal_equations.products(soil, columns, window, windows),
+        normal_equations.pseudo_inverse,
+    )
+    rest = columns.copy()
+    for label, gain in enumerate(found.gain):
+        rest[window == label] += soil[window == label] @ gain
+    result = normal_equations.products(rest, residual[..., None], block, blocks)[..., 0]
+    cross, squares = np.tensordot(rest, rest, axes=((0, 1), (0, 1))), (columns**2).sum(axis=(0, 1))
+    fitted = soil.shape[2] * len(np.unique(window))
     known = int(np.count_nonzero(residual))
     return (
         Scores(
@@ -151,11 +146,3 @@ def test(
     found = max_test(table, shrunk=shrunk, draws=DRAWS, seed=seed, chance=left)
     ends = np.cumsum([one.blocks.shape[1] for one in several])[:-1]
     return list(zip(np.split(found.t, ends), np.split(found.p_values, ends), strict=True))
-
-
-def _pseudo_inverse(matrix: Array) -> Array:
-    """Invert after scaling to a unit diagonal, without the directions that nothing determines."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    scale = np.where(scale > 0.0, scale, np.inf)
-    scales = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix / scales, rcond=_RANK, hermitian=True) / scales)

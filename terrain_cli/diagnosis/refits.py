@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import held_out, residual_noise, smoothed_fit, smoothed_model, whitening
+from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
 if TYPE_CHECKING:
@@ -343,7 +344,7 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
     farthest = held_out.FARTHEST
     reach = (np.maximum(low - solution.common, -farthest), np.minimum(high - solution.common, farthest))
     moved = np.clip(
-        held_out.leave_out(information, score, pairs[0], pairs[1], prior, q, reach),
+        normal_equations.leave_out(information, score, pairs[0], pairs[1], prior, q, reach),
         -farthest,
         farthest,
     )

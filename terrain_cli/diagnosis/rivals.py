@@ -16,6 +16,7 @@ import numpy as np
 
 from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.bootstrap import resample, webb_weights
+from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 #: Powers of its own size by which an effect is bent into other forms.
 FORMS = (0.0, 0.5, -0.4)
+#: What a bent effect is at the least and at the most, in its usual sizes.
+_BENT = (0.05, 4.0)
 #: Draws of the noise for each form.
 DRAWS = 60
 #: Share of blocks' resampled differences below zero above which two losses are the same.
@@ -130,7 +133,7 @@ class _Design:
                 absent = _white(part, base.model, base.of_samples(part.window))
             else:
                 absent = _white(part, solution.model, _absent(hypothesis, solution.of_samples(part.window)))
-            design = _by_window(solution.design, part.window, part.windows, solution.t.shape[1])
+            design = widened(solution.design, solution.t.shape[1], part.window, part.windows)
             self.parts.append(
                 _Part(predicted, predicted - absent, design, data.block[index], self.blocks, solution.spread)
             )
@@ -151,20 +154,13 @@ class _Part:
     ) -> None:
         self.predicted, self.effect, self.block, self.blocks = predicted, effect, block, blocks
         self.design = design
-        p = design.shape[2]
-        self.information = np.zeros((blocks, p, p))
-        order = np.argsort(block, kind="stable")
-        self.rows = np.split(order, np.searchsorted(block[order], np.arange(1, blocks)))
-        for label, rows in enumerate(self.rows):
-            own = design[rows].reshape(-1, p)
-            self.information[label] = own.T @ own
-        whole = self.information.sum(axis=0)
-        self.inverse = np.linalg.inv(whole + spread * np.eye(p) - self.information)
+        self.information = products(design, design, block, blocks)
+        whole = self.information.sum(axis=0) + spread * np.eye(design.shape[2])
+        self.inverse = np.linalg.inv(whole - self.information)
 
     def scores(self, residual: Array) -> Array:
         """Return the products of the design and a residual, by block."""
-        p = self.design.shape[2]
-        return np.stack([self.design[rows].reshape(-1, p).T @ residual[rows].ravel() for rows in self.rows])
+        return products(self.design, residual[..., None], self.block, self.blocks)[..., 0]
 
     def losses(self, shown: Array, residual: Array, weights: Array) -> Array:
         """Return held-out losses of `shown` plus weighted noise, over all draws."""
@@ -194,31 +190,27 @@ def _absent(hypothesis: Hypothesis, numbers: Mapping[str, Array]) -> dict[str, A
     return {name: np.full_like(v, own[name].null) if name in own else v for name, v in numbers.items()}
 
 
-def _by_window(table: Array, window: Index, windows: int, soil: int) -> Array:
-    """Give every window columns of its own for the parameters that it has of its own."""
-    if windows == 1:
-        return table
-    n, c, p = table.shape
-    wide = np.zeros((n, c, windows * soil + p - soil))
-    for label in range(windows):
-        rows = np.flatnonzero(window == label)
-        wide[np.ix_(rows, np.arange(c), np.arange(label * soil, (label + 1) * soil))] = table[rows][
-            :, :, :soil
-        ]
-    wide[:, :, windows * soil :] = table[:, :, soil:]
-    return wide
-
-
 def _shown(truth: _Design, part: int, form: float) -> Array:
     """Return what a truth would show, its effect bent by a power of its own size."""
     one = truth.parts[part]
-    if form == 0.0:
-        return np.asarray(one.predicted)
-    size = np.sqrt((one.effect**2).sum(axis=1))
-    usual = float(np.sqrt(np.mean(size**2)))
-    if usual == 0.0:
-        return np.asarray(one.predicted)
-    bend = np.clip(size / usual, 0.05, 4.0) ** form
-    bent = one.effect * bend[:, None]
-    norm = np.sqrt((one.effect**2).sum() / max(float((bent**2).sum()), 1e-300))
-    return np.asarray(one.predicted + bent * norm - one.effect)
+    return np.asarray(one.predicted + bent(one.effect, form, one.effect))
+
+
+def bent(effect: Array, form: float, like: Array) -> Array:
+    """Return by how much an effect changes when it is bent by a power of its own size.
+
+    Parameters
+    ----------
+    effect, like : ndarray, shape (n, c) and (l, c)
+        `like` is what the effect does where its usual size is told, and kept.
+    """
+    usual = float(np.sqrt(np.mean((like**2).sum(axis=1))))
+    if form == 0.0 or usual == 0.0:
+        return np.zeros_like(effect)
+
+    def bend(some: Array) -> Array:
+        size = np.sqrt((some**2).sum(axis=1)) / usual
+        return np.asarray(some * (np.clip(size, *_BENT) ** form)[:, None])
+
+    norm = np.sqrt((like**2).sum() / max(float((bend(like) ** 2).sum()), 1e-300))
+    return np.asarray(norm * bend(effect) - effect)

@@ -13,6 +13,7 @@ from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import effect_scores as scoring
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable, Size
+from terrain_cli.estimation.wheel_fit.normal_equations import products
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import assumptions
 
@@ -300,9 +301,7 @@ class _Columns:
             fits = [(columns, *self.scores.fit(columns, _WIDTH**-2.0)) for columns in own]
             columns, change, _, _ = max(fits, key=lambda one: one[3])
             residual = residual - self.left[:, :, columns] @ change
-        blocks = np.zeros_like(self.scores.blocks)
-        np.add.at(blocks, self.block, np.einsum("ncm,nc->nm", self.left, residual))
-        return blocks
+        return products(self.left, residual[..., None], self.block, len(self.scores.blocks))[..., 0]
 
     def explained(self, *effects: str) -> float:
         """Return what effects take off the sum of squares together, to first order."""

@@ -17,6 +17,7 @@ from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
 from terrain_cli.estimation import estimators
+from terrain_cli.estimation.wheel_fit.normal_equations import explained
 from terrain_cli.vocabulary.english import counted
 
 if TYPE_CHECKING:
@@ -244,16 +245,10 @@ def _gains(solution: Solution, rows: Index) -> Array:
     square = np.cumsum(np.einsum("ncp,ncq->npq", design, design), axis=0)
     product = np.cumsum(np.einsum("ncp,nc->np", design, residual), axis=0)
 
-    def taken(square: Array, product: Array) -> Array:
-        precise = square + np.eye(q)
-        return np.asarray(
-            np.einsum("np,np->n", product, np.linalg.solve(precise, product[..., None])[..., 0])
-        )
-
-    inner = slice(_SHORTEST - 1, len(rows) - _SHORTEST)
-    first = taken(square[inner], product[inner])
-    second = taken(square[-1] - square[inner], product[-1] - product[inner])
-    return np.asarray(first + second - taken(square[-1:], product[-1:]) - q)
+    inner, prior = slice(_SHORTEST - 1, len(rows) - _SHORTEST), np.eye(q)
+    first = explained(square[inner] + prior, product[inner])
+    second = explained(square[-1] - square[inner] + prior, product[-1] - product[inner])
+    return np.asarray(first + second - explained(square[-1] + prior, product[-1]) - q)
 
 
 def _cut(wheel: FittedWheel, sample: int) -> FittedWheel:

@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from known_misfits import Kind, windows_of
-from scipy.optimize import lsq_linear
 
 from terrain_cli.comparison import held_out, prediction
 from terrain_cli.comparison.fit_settings import FitSettings
@@ -21,59 +20,6 @@ def test_blocks_are_left_out_and_parts_of_a_window_that_is_one_block():
     fold = held_out.folds(window, block)
     assert [len(np.unique(fold[part])) for part in (slice(0, 10), slice(10, 30), slice(30, 50))] == [1, 1, 4]
     assert np.unique(np.bincount(fold)).tolist() == [5, 10, 20]
-
-
-def test_leaving_out_is_solving_the_rest():
-    """The arrow against dense normal equations, window by window and fold by fold."""
-    rng = np.random.default_rng(1)
-    windows, local, size = 4, 2, 3
-    window, fold = np.repeat(np.arange(windows), 3), np.tile([0, 1, 2], windows)
-    fold[6:9] += 3
-    design, error = rng.normal(size=(12, 20, size)), rng.normal(size=(12, 20))
-    information, score = np.einsum("cni,cnj->cij", design, design), np.einsum("cni,cn->ci", design, error)
-    prior = np.diag(rng.uniform(0.5, 1.0, size))
-
-    def places(one):
-        return np.r_[one * local : (one + 1) * local, windows * local]
-
-    def solved(kept):
-        whole = np.diag(np.append(np.tile(np.diag(prior)[:local], windows), prior[-1, -1]))
-        pull = np.zeros(len(whole))
-        for cell in np.flatnonzero(kept):
-            at = places(window[cell])
-            whole[np.ix_(at, at)] += information[cell]
-            pull[at] += score[cell]
-        return np.linalg.solve(whole, pull)
-
-    moved = held_out.leave_out(information, score, window, fold, prior, local)
-    every = solved(np.ones(12, dtype=bool))
-    for cell in range(12):
-        expected = (solved(fold != fold[cell]) - every)[places(window[cell])]
-        assert moved[cell] == pytest.approx(expected, abs=1e-12)
-
-
-def test_a_common_parameter_stops_at_its_bound_and_the_others_make_do_with_that():
-    """Against the minimum of the same squares with that parameter held, by scipy."""
-    rng = np.random.default_rng(7)
-    local, size, cells = 2, 4, 5
-    design, error = rng.normal(size=(cells, 30, size)), rng.normal(size=(cells, 30))
-    information, score = np.einsum("cni,cnj->cij", design, design), np.einsum("cni,cn->ci", design, error)
-    window, fold, prior = np.zeros(cells, dtype=int), np.arange(cells), 0.1 * np.eye(size)
-    free = held_out.leave_out(information, score, window, fold, prior, local)
-    base = np.linalg.solve(information.sum(axis=0) + prior, score.sum(axis=0))
-    low = np.array([0.5 * free[:, local].min(), -np.inf])
-    assert (free[:, local] < low[0]).any()
-    moved = held_out.leave_out(
-        information, score, window, fold, prior, local, (low, np.array([np.inf, np.inf]))
-    )
-    for cell in range(cells):
-        kept = fold != cell
-        rows = np.concatenate([design[kept].reshape(-1, size), np.sqrt(prior)])
-        right = np.append(error[kept].ravel(), np.zeros(size))
-        bounds = (np.full(size, -np.inf), np.full(size, np.inf))
-        bounds[0][local] = base[local] + low[0]
-        expected = lsq_linear(rows, right, bounds).x - base
-        assert moved[cell] == pytest.approx(expected, abs=1e-6)
 
 
 def test_leaving_a_block_out_of_what_the_data_hardly_tell_costs_hardly_anything():

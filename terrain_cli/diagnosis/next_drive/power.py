@@ -17,7 +17,8 @@ import numpy as np
 from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis.next_drive import manoeuvres
-from terrain_cli.diagnosis.rivals import FORMS
+from terrain_cli.diagnosis.rivals import FORMS, bent
+from terrain_cli.estimation.wheel_fit.normal_equations import explained, widened
 from terrain_cli.mechanics import rates
 
 if TYPE_CHECKING:
@@ -42,8 +43,6 @@ _ROUNDS = 3
 _REACH = 2
 #: Samples of a manoeuvre of which one is forecast.
 _STEP = 4
-#: What a bent effect is at the least and at the most, in its usual sizes.
-_BENT = (0.05, 4.0)
 
 
 class PowerLog:
@@ -97,26 +96,14 @@ class Side:
     def __init__(self, ground: PowerLog, hypothesis: Hypothesis, solution: Solution) -> None:
         self.hypothesis, self.solution = hypothesis, solution
         part = ground.part
-        self.soil, self.windows = solution.t.shape[1], part.windows
+        self.soil = solution.t.shape[1]
         self.old = self.shown(part)
         self.lost = ~self.old.known
-        self.design = self._wide(solution.design, part.window) / np.sqrt(ground.inflation)
-        size = np.sqrt((self.old.effect**2).sum(axis=1))
-        self.usual = float(np.sqrt(np.mean(size**2)))
+        wide = widened(solution.design, self.soil, part.window, part.windows)
+        self.design = wide / np.sqrt(ground.inflation)
         flat = self.design.reshape(-1, self.design.shape[2])
         #: Of the unknowns counted in deviations of their priors, hence the unit matrix.
         self.information = flat.T @ flat + np.eye(flat.shape[1])
-
-    def _wide(self, design: Array, window: NDArray[np.intp]) -> Array:
-        """Give every window columns of its own for its own soil."""
-        n, c, p = design.shape
-        q = self.soil
-        wide = np.zeros((n, c, self.windows * q + p - q))
-        rows = np.arange(n)
-        for column in range(q):
-            wide[rows, :, window * q + column] = design[:, :, column]
-        wide[:, :, self.windows * q :] = design[:, :, q:]
-        return wide
 
     def shown(self, part: SmoothedData) -> Shown:
         """Predict with the effect, and without it."""
@@ -149,22 +136,8 @@ class Side:
             scale[:, column] = unknown.slope(solution.t[:, column])[part.window]
         for column, unknown in enumerate(sought.shared):
             scale[:, self.soil + column] = unknown.slope(np.asarray(solution.common[column]))
-        return self._wide(
-            part.white({name: table * scale for name, table in tables.items()}, part.seen), part.window
-        )
-
-    def bent(self, effect: Array, form: float) -> Array:
-        """Return by how much an effect changes when it is bent by a power of its own size."""
-        if form == 0.0 or self.usual == 0.0:
-            return np.zeros_like(effect)
-
-        def bend(some: Array) -> Array:
-            size = np.sqrt((some**2).sum(axis=1)) / self.usual
-            return np.asarray(some * (np.clip(size, *_BENT) ** form)[:, None])
-
-        whole = bend(self.old.effect)
-        norm = np.sqrt((self.old.effect**2).sum() / max(float((whole**2).sum()), 1e-300))
-        return np.asarray(norm * bend(effect) - effect)
+        white = part.white({name: table * scale for name, table in tables.items()}, part.seen)
+        return widened(white, self.soil, part.window, part.windows)
 
 
 def margins(ground: PowerLog, sides: Sequence[Side], course: Mapping[str, Array]) -> Array:
@@ -199,8 +172,10 @@ def margins(ground: PowerLog, sides: Sequence[Side], course: Mapping[str, Array]
                 continue
             usable = ~(truth.lost | wrong.lost)[:, None]
             for place, form in enumerate(FORMS):
-                old = truth.old.predicted + truth.bent(truth.old.effect, form)
-                new = views.shown[truth].predicted + truth.bent(views.shown[truth].effect, form)
+                old, new = (
+                    shown.predicted + bent(shown.effect, form, truth.old.effect)
+                    for shown in (truth.old, views.shown[truth])
+                )
                 away = [
                     _apart(
                         ground,
@@ -221,8 +196,8 @@ def _apart(ground: PowerLog, side: Side, old_gap: Array, new_gap: Array, design:
     table = (design / np.sqrt(ground.new_inflation)).reshape(-1, design.shape[2])
     before = side.design.reshape(-1, design.shape[2]).T @ old.ravel()
     after = before + table.T @ new.ravel()
-    cost = before @ np.linalg.solve(side.information, before)
-    both = after @ np.linalg.solve(side.information + table.T @ table, after)
+    cost = explained(side.information, before)
+    both = explained(side.information + table.T @ table, after)
     return float(np.sqrt(max((new**2).sum() + cost - both, 0.0)))
 
 

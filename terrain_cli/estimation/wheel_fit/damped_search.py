@@ -44,10 +44,6 @@ def descend(
     ----------
     t, common : ndarray, shape (w, p) and (q,)
         Within their bounds.
-    order : int or None
-        Nodes on each arc.
-    iterations : int
-        At the most.
 
     Returns
     -------

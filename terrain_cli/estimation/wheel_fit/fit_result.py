@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from terrain_cli.estimation.line.window_estimates import LARGEST_CONDITION, LARGEST_PHI_OPEN
+from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
@@ -212,11 +213,7 @@ def parameters(
     windows = len(found.t)
     unknowns, q = (*sought.local, *sought.shared), len(sought.shared)
     names = tuple(u.name for u in unknowns)
-    through = found.gain @ found.shared
-    own = found.own + through @ np.swapaxes(found.gain, 1, 2)
-    corner = np.broadcast_to(found.shared, (windows, q, q))
-    inside = np.block([[own, through], [np.swapaxes(through, 1, 2), corner]])
-    inside *= spread**2
+    inside = normal_equations.covariance(found.own, found.gain, found.shared) * spread**2
     t = np.concatenate([found.t, np.broadcast_to(found.common, (windows, q))], axis=1)
     width = np.sqrt(np.einsum("waa->wa", inside))
     blank = np.where(known, 1.0, np.nan)

@@ -1,8 +1,7 @@
 """The most probable unknowns: Gauss–Newton steps of all windows at once.
 
-Unknowns of a window meet those of another only through the shared ones. The normal equations are
-an arrow, and eliminating each window's own block leaves one small system for the shared unknowns:
-no matrix ever spans two windows.
+Unknowns of a window meet those of another only through the shared ones, so that no matrix ever spans
+two windows (`normal_equations`).
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.estimation.wheel_fit.linearised import equations
+from terrain_cli.estimation.wheel_fit.normal_equations import arrow, posterior_covariance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
+    from terrain_cli.estimation.wheel_fit.normal_equations import Eliminated
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
 
     Array = NDArray[np.float64]
@@ -31,8 +32,6 @@ ITERATIONS = 40
 TOLERANCE = 0.1
 #: Iterations after which steps that turn back without shrinking to half are shortened, and how far.
 _PATIENCE, _SHORTEST = 5, 0.1
-#: How far rounding may take a variance above that of the prior, as a share.
-_ROUNDING = 1e-6
 #: What holds an unknown at its bound.
 _STIFF = 1e12
 
@@ -177,72 +176,20 @@ def accumulate(
 
 
 def eliminate(normal: Normal, local: int, *, prior: float = 1.0) -> tuple[Array, Array, Array]:
-    """Eliminate the windows' own unknowns.
+    """Eliminate the first unknowns of each window; return A⁻¹, G and S of `normal_equations`.
 
     Parameters
     ----------
-    local : int
-        p.
     prior : float
         Information of each prior; less than 1 for what would be known with wider ones.
-
-    Returns
-    -------
-    own : ndarray, shape (w, p, p)
-        Covariance of the windows' own unknowns with the shared ones held, priors included.
-    gain : ndarray, shape (w, p, q)
-        Change of the windows' own unknowns with the shared ones.
-    shared : ndarray, shape (q, q)
-        Information on the shared unknowns, priors included.
     """
-    own = posterior_covariance(normal.information[:, :local, :local] + prior * np.eye(local), prior)
-    cross = normal.information[:, :local, local:]
-    gain = -own @ cross
-    q = cross.shape[2]
-    total = prior * np.eye(q) + normal.information[:, local:, local:].sum(axis=0)
-    return own, gain, total + np.asarray(np.einsum("wpq,wpr->qr", cross, gain))
+    found, shared = _arrow(normal, local, prior)
+    return found.own, found.gain, shared - found.taken()
 
 
-def inverse(matrix: Array) -> Array:
-    """Invert matrices.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (…, p, p)
-
-    Returns
-    -------
-    ndarray, shape (…, p, p)
-    """
-    try:
-        return np.asarray(np.linalg.inv(matrix), dtype=float)
-    except np.linalg.LinAlgError:
-        # Samples that differ in weight by all digits there are.
-        return np.asarray(np.linalg.pinv(matrix), dtype=float)
-
-
-def posterior_covariance(information: Array, least: float = 1.0) -> Array:
-    """Invert information matrices that hold what the priors know.
-
-    Parameters
-    ----------
-    information : ndarray, shape (…, p, p)
-    least : float
-        Information of the priors: no eigenvalue is below it.
-
-    Returns
-    -------
-    ndarray, shape (…, p, p)
-    """
-    found = inverse(information)
-    variances = np.diagonal(found, axis1=-2, axis2=-1)
-    possible = (variances > 0.0) & (least * variances <= 1.0 + _ROUNDING)
-    wrong = np.isfinite(information).all(axis=(-2, -1)) & ~possible.all(axis=-1)
-    if wrong.any():
-        # Data without noise outweigh the priors by all digits there are: rounding has taken the latter away.
-        size, axes = np.linalg.eigh(information[wrong])
-        found[wrong] = (axes / np.maximum(size, least)[..., None, :]) @ np.swapaxes(axes, -1, -2)
-    return found
+def _arrow(normal: Normal, local: int, prior: float = 1.0) -> tuple[Eliminated, Array]:
+    priors = prior * np.eye(normal.score.shape[1])
+    return arrow(normal.information, local, priors, lambda own: posterior_covariance(own, prior))
 
 
 def square_root(matrix: Array) -> Array:
@@ -317,18 +264,8 @@ def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[A
 
 def _unbounded(normal: Normal, t: Array, common: Array) -> tuple[Array, Array]:
     local = t.shape[1]
-    own, gain, shared = eliminate(normal, local)
-    pull = normal.score[:, :local] - t
-    step = np.einsum("wab,wb->wa", own, pull)
-    if len(common) == 0:
-        return step, np.zeros(0)
-    pull_shared = normal.score[:, local:].sum(axis=0) - common + np.einsum("wpq,wp->q", gain, pull)
-    try:
-        shift = np.linalg.solve(shared, pull_shared)
-    except np.linalg.LinAlgError:
-        # What outweighs the rest by all digits there are leaves nothing to tell the others by.
-        shift = inverse(shared) @ pull_shared
-    return step + gain @ shift, shift
+    found, shared = _arrow(normal, local)
+    return found.solve(normal.score[:, :local] - t, shared, normal.score[:, local:].sum(axis=0) - common)
 
 
 def limits(sought: tuple[Unknown, ...]) -> tuple[Array, Array, Array]:

@@ -29,13 +29,12 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     Normal,
     accumulate,
     eliminate,
-    inverse,
     limits,
     newton,
-    posterior_covariance,
     square_root,
 )
 from terrain_cli.estimation.wheel_fit.linearised import Equations, equations, solve_lower
+from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse, posterior_covariance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -160,13 +159,11 @@ def posterior(
     lengthened_shared = _lengthen(larger, last.axes_shared, lasting_shared[:, 0])
     priors = np.eye(len(shared)) + np.einsum("wpx,wpy->xy", gain, gain)
     sure = replace(sure, information=sure.information / scatter)
-    t, covariance = truncate(
-        t, _sandwich(own, inner, lengthened, np.eye(local)), beyond, problem.unknowns.local
-    )
+    t, cut_off = truncate(t, _sandwich(own, inner, lengthened, np.eye(local)), beyond, problem.unknowns.local)
     return Posterior(
         t=t,
         common=common,
-        own=covariance,
+        own=cut_off,
         shared=_sandwich(held, plain, lengthened_shared, priors),
         # What is at its bound stays there.
         gain=np.where(beyond[:, :, None] >= 0.0, 0.0, gain),
@@ -229,9 +226,7 @@ def _width(normal: Normal, local: int, *, prior: float) -> Array:
     """Return standard deviations of all unknowns under priors of some information."""
     own, gain, shared = eliminate(normal, local, prior=prior)
     held = posterior_covariance(shared, prior)
-    inside = np.einsum("waa->wa", own + gain @ held @ np.swapaxes(gain, 1, 2))
-    outside = np.broadcast_to(np.diagonal(held), (len(own), len(held)))
-    return np.asarray(np.sqrt(np.concatenate([inside, outside], axis=1)))
+    return np.asarray(np.sqrt(np.einsum("waa->wa", covariance(own, gain, held))))
 
 
 class _Last:

@@ -16,6 +16,7 @@ import numpy as np
 from terrain_cli.estimation.wheel_fit import starts
 from terrain_cli.estimation.wheel_fit.damped_search import descend
 from terrain_cli.estimation.wheel_fit.gauss_newton import State, accumulate, eliminate, limits
+from terrain_cli.estimation.wheel_fit.normal_equations import covariance
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 
@@ -51,11 +52,7 @@ def mend(
     state : State
         Changed in place.
     found : Posterior
-        What follows from it.
-    order : int or None
-        Nodes on each arc.
-    correlated : bool
-        Whether samples follow each other in time.
+        What follows from it, by `posterior`.
 
     Returns
     -------
@@ -108,7 +105,8 @@ def _raise(data: FitData, found: Posterior, wide: NDArray[np.bool_]) -> None:
 
 def _useless(found: Posterior) -> NDArray[np.bool_]:
     """Tell where a standard error is larger than that of the prior alone."""
-    variance = np.einsum("waa->wa", found.own + found.gain @ found.shared @ np.swapaxes(found.gain, 1, 2))
+    whole = covariance(found.own, found.gain, found.shared)
+    variance = np.einsum("waa->wa", whole)[:, : found.t.shape[1]]
     return np.asarray(np.any(~(variance <= _USELESS**2), axis=1))
 
 

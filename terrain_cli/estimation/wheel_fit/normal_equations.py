@@ -1,0 +1,237 @@
+"""Normal equations of windows with unknowns of their own and unknowns that all share.
+
+With r the residuals and J the design of a window, A, B, C the blocks of its JᵀJ and a, c the parts of
+its Jᵀr, priors counted in, the window's own unknowns x and the shared ones y solve
+
+    A x + B y = a    for every window,        Σ (Bᵀ x + C y) = Σ c,
+
+an arrow. With x = A⁻¹ a + G y, G = −A⁻¹ B, one small system is left for the shared ones,
+
+    S y = Σ (c + Gᵀ a),        S = Σ (C + Bᵀ G),
+
+the Schur complement. S⁻¹ is their covariance; that of x is A⁻¹ + G S⁻¹ Gᵀ. No matrix spans two windows.
+
+Of shapes, w counts windows, p own and q shared unknowns, n samples of k channels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+#: How far rounding may take a variance above that of the prior, as a share.
+_ROUNDING = 1e-6
+#: Directions below this share of the best determined one are not inverted.
+_RANK = 1e-9
+
+
+@dataclass(frozen=True)
+class Eliminated:
+    """Windows whose own unknowns are eliminated.
+
+    Parameters
+    ----------
+    own : ndarray, shape (w, p, p)
+        A⁻¹: covariance of the windows' own unknowns with the shared ones held.
+    cross : ndarray, shape (w, p, q)
+        B.
+    gain : ndarray, shape (w, p, q)
+        G: change of the windows' own unknowns with the shared ones.
+    """
+
+    own: Array
+    cross: Array
+    gain: Array
+
+    def taken(self, windows: Index | slice = slice(None)) -> Array:
+        """Return what the windows' own unknowns take off the information on the shared ones: −Σ Bᵀ G."""
+        return np.asarray(-np.einsum("wpq,wpr->qr", self.cross[windows], self.gain[windows]))
+
+    def pull(self, score: Array, windows: Index | slice = slice(None)) -> Array:
+        """Return what the windows' own scores a add to that of the shared unknowns: Σ Gᵀ a."""
+        return np.asarray(np.einsum("wpq,wp->q", self.gain[windows], score))
+
+    def behind(self, score: Array, shared: Array) -> Array:
+        """Return the windows' own unknowns that go with their scores a and with shared ones: A⁻¹ a + G y."""
+        return np.asarray(np.einsum("wab,wb->wa", self.own, score) + self.gain @ shared)
+
+    def solve(self, score: Array, information: Array, score_shared: Array) -> tuple[Array, Array]:
+        """Return own and shared unknowns, from a of each window, Σ C and Σ c."""
+        left, right = information - self.taken(), score_shared + self.pull(score)
+        try:
+            shared = np.asarray(np.linalg.solve(left, right), dtype=float)
+        except np.linalg.LinAlgError:
+            # What outweighs the rest by all digits there are leaves nothing to tell the others by.
+            shared = inverse(left) @ right
+        return self.behind(score, shared), shared
+
+
+def eliminate(own: Array, cross: Array, invert: Callable[[Array], Array] | None = None) -> Eliminated:
+    """Eliminate the windows' own unknowns, given A, B and what inverts A if not `inverse`."""
+    held = (invert or inverse)(own)
+    return Eliminated(held, cross, -held @ cross)
+
+
+def arrow(
+    information: Array, local: int, prior: Array, invert: Callable[[Array], Array] | None = None
+) -> tuple[Eliminated, Array]:
+    """Eliminate the first unknowns of each window; return that, and Σ C.
+
+    Parameters
+    ----------
+    information : ndarray, shape (w, p + q, p + q)
+        JᵀJ.
+    local : int
+        p.
+    prior : ndarray, shape (p + q, p + q)
+        What is known beforehand of one window's own unknowns and of the shared ones.
+    """
+    own = information[:, :local, :local] + prior[:local, :local]
+    shared = information[:, local:, local:].sum(axis=0) + prior[local:, local:]
+    return eliminate(own, information[:, :local, local:], invert), shared
+
+
+def covariance(own: Array, gain: Array, shared: Array) -> Array:
+    """Return the covariance of each window's own and the shared unknowns, from A⁻¹, G and S⁻¹."""
+    through = gain @ shared
+    inside = own + through @ np.swapaxes(gain, 1, 2)
+    corner = np.broadcast_to(shared, (len(own), *shared.shape))
+    return np.asarray(np.block([[inside, through], [np.swapaxes(through, 1, 2), corner]]))
+
+
+def leave_out(
+    information: Array,
+    score: Array,
+    window: Index,
+    fold: Index,
+    prior: Array,
+    local: int,
+    reach: tuple[Array, Array] | None = None,
+) -> Array:
+    """Return how the unknowns of each cell, the samples of a window in one fold, move without that fold.
+
+    A shared unknown that would go beyond its bounds stops there, and the others make do with that.
+
+    Parameters
+    ----------
+    information, score : ndarray, shape (cells, p + q, p + q) and (cells, p + q)
+    window, fold : ndarray of int, shape (cells,)
+    reach : tuple of ndarray, shape (q,), optional
+        How far the shared ones may move, down and up.
+
+    Returns
+    -------
+    ndarray, shape (cells, p + q)
+    """
+    windows = int(window.max()) + 1
+    whole, pull = np.zeros((windows, *prior.shape)), np.zeros((windows, len(prior)))
+    np.add.at(whole, window, information)
+    np.add.at(pull, window, score)
+    every, shared = arrow(whole, local, prior)
+    own, common = every.solve(pull[:, :local], shared, pull[:, local:].sum(axis=0))
+    left = shared - every.taken()
+    right = pull[:, local:].sum(axis=0) + every.pull(pull[:, :local])
+    low, high = reach if reach is not None else (np.full_like(common, end) for end in (-np.inf, np.inf))
+    limits = (common + np.minimum(low, 0.0), common + np.maximum(high, 0.0))
+    moved = np.zeros_like(score)
+    order = np.argsort(fold, kind="stable")
+    for cells in np.split(order, np.flatnonzero(np.diff(fold[order])) + 1):
+        touched = window[cells]
+        rest, _ = arrow(whole[touched] - information[cells], local, prior)
+        kept = (pull[touched] - score[cells])[:, :local]
+        there = _within(
+            left - information[cells][:, local:, local:].sum(axis=0) + every.taken(touched) - rest.taken(),
+            right
+            - score[cells][:, local:].sum(axis=0)
+            - every.pull(pull[touched, :local], touched)
+            + rest.pull(kept),
+            limits,
+        )
+        moved[cells, :local] = rest.behind(kept, there) - own[touched]
+        moved[cells, local:] = there - common
+    return moved
+
+
+def _within(left: Array, right: Array, limits: tuple[Array, Array]) -> Array:
+    """Solve for the shared unknowns, held at the limits that they would cross."""
+    found = np.linalg.solve(left, right)
+    held = (found < limits[0]) | (found > limits[1])
+    if held.any():
+        found, free = np.clip(found, *limits), ~held
+        rest = right[free] - left[np.ix_(free, held)] @ found[held]
+        found[free] = np.linalg.solve(left[np.ix_(free, free)], rest)
+    return np.asarray(found)
+
+
+def products(one: Array, other: Array, cell: Index, cells: int) -> Array:
+    """Sum oneᵀ other over the samples of each cell: a window, a block, or both.
+
+    Parameters
+    ----------
+    one, other : ndarray, shape (n, k, a) and (n, k, b)
+        The design twice makes JᵀJ, the design and the residuals Jᵀr.
+    cell : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (cells, a, b)
+    """
+    total = np.zeros((cells, one.shape[2], other.shape[2]))
+    order = np.argsort(cell, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
+        if len(rows):
+            total[cell[rows[0]]] = np.tensordot(one[rows], other[rows], axes=((0, 1), (0, 1)))
+    return total
+
+
+def widened(design: Array, local: int, window: Index, windows: int) -> Array:
+    """Return the dense design of the whole arrow, shape (n, k, w p + q): every window has its own columns."""
+    n, k, _ = design.shape
+    wide = np.zeros((n, k, windows, local))
+    wide[np.arange(n), :, window] = design[:, :, :local]
+    return np.concatenate([wide.reshape(n, k, windows * local), design[:, :, local:]], axis=2)
+
+
+def explained(information: Array, score: Array) -> Array:
+    """Return what a solution takes off the sum of squares: uᵀ H⁻¹ u of the information H and the score u."""
+    return np.asarray(np.sum(score * np.linalg.solve(information, score[..., None])[..., 0], axis=-1))
+
+
+def inverse(matrix: Array) -> Array:
+    """Invert matrices, shape (…, p, p)."""
+    try:
+        return np.asarray(np.linalg.inv(matrix), dtype=float)
+    except np.linalg.LinAlgError:
+        # Samples that differ in weight by all digits there are.
+        return np.asarray(np.linalg.pinv(matrix), dtype=float)
+
+
+def pseudo_inverse(matrix: Array) -> Array:
+    """Invert after scaling to a unit diagonal, without the directions that nothing determines."""
+    scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 0.0))
+    scale = np.where(scale > 0.0, scale, np.inf)
+    scales = scale[..., :, None] * scale[..., None, :]
+    return np.asarray(np.linalg.pinv(matrix / scales, rcond=_RANK, hermitian=True) / scales)
+
+
+def posterior_covariance(information: Array, least: float = 1.0) -> Array:
+    """Invert information matrices that hold what the priors know: no eigenvalue is below theirs."""
+    found = inverse(information)
+    variances = np.diagonal(found, axis1=-2, axis2=-1)
+    possible = (variances > 0.0) & (least * variances <= 1.0 + _ROUNDING)
+    wrong = np.isfinite(information).all(axis=(-2, -1)) & ~possible.all(axis=-1)
+    if wrong.any():
+        # Data without noise outweigh the priors by all digits there are: rounding has taken the latter away.
+        size, axes = np.linalg.eigh(information[wrong])
+        found[wrong] = (axes / np.maximum(size, least)[..., None, :]) @ np.swapaxes(axes, -1, -2)
+    return found
