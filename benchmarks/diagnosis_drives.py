@@ -21,7 +21,7 @@ from uncatalogued import OUTSIDE  # noqa: E402 - as above
 
 from terrain_cli import models  # noqa: E402 - as above
 from terrain_cli.comparison.compare import fit_wheels  # noqa: E402 - as above
-from terrain_cli.comparison.fitted_wheel import FitSettings  # noqa: E402 - as above
+from terrain_cli.comparison.fit_settings import FitSettings  # noqa: E402 - as above
 from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
 from terrain_cli.effects import catalogue  # noqa: E402 - as above
 from terrain_cli.improvement import Stopped, fitted, until_quiet  # noqa: E402 - as above

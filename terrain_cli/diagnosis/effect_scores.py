@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison.bootstrap import max_test
+from terrain_cli.comparison.bootstrap import DRAWS, max_test
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 #: Directions of the parameters below this share of the best determined one are not fitted.
 _RANK = 1e-9
-#: Draws of the bootstrap.
-DRAWS = 1999
 
 
 @dataclass(frozen=True)

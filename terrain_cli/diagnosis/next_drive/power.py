@@ -16,8 +16,9 @@ import numpy as np
 
 from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.next_drive import manoeuvres
-from terrain_cli.diagnosis.rivals import FORMS
+from terrain_cli.diagnosis.rivals import BENT, FORMS
 from terrain_cli.mechanics import rates
 
 if TYPE_CHECKING:
@@ -32,18 +33,12 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Sinkage, as a share of the radius, at which a rover is stuck.
-_STUCK = 0.6
-#: Share of a manoeuvre for which both models need an answer.
-_ANSWERED = 0.8
 #: Rounds until what is measured and what is predicted from it agree.
 _ROUNDS = 3
 #: Neighbours on either side of a sample from which a rate is taken: 0.2 s.
 _REACH = 2
 #: Samples of a manoeuvre of which one is forecast.
 _STEP = 4
-#: What a bent effect is at the least and at the most, in its usual sizes.
-_BENT = (0.05, 4.0)
 
 
 class PowerLog:
@@ -160,7 +155,7 @@ class Side:
 
         def bend(some: Array) -> Array:
             size = np.sqrt((some**2).sum(axis=1)) / self.usual
-            return np.asarray(some * (np.clip(size, *_BENT) ** form)[:, None])
+            return np.asarray(some * (np.clip(size, *BENT) ** form)[:, None])
 
         whole = bend(self.old.effect)
         norm = np.sqrt((self.old.effect**2).sum() / max(float((whole**2).sum()), 1e-300))
@@ -247,7 +242,7 @@ class _Views:
     def weight(self, one: Side, other: Side) -> Array | None:
         """Return the weight of every sample, shape (n, 1); None where the two have no answer."""
         known = self.shown[one].known & self.shown[other].known
-        return np.sqrt(self.step) * known[:, None] if np.mean(known) >= _ANSWERED else None
+        return np.sqrt(self.step) * known[:, None] if np.mean(known) >= criteria.FORECAST else None
 
 
 def _views(
@@ -263,7 +258,7 @@ def _views(
     new = _measured(ground, truth, course, coupled, step)
     shown = {side: side.shown(new) for side in sides}
     deepest = max(float(np.nanmax(one.sinkage, initial=0.0)) for one in shown.values())
-    if deepest > _STUCK * new.geometry.radius:
+    if deepest > criteria.STUCK * new.geometry.radius:
         return None
     return _Views(bool(coupled), shown, {side: side.slopes(new) for side in sides}, step)
 
