@@ -86,7 +86,7 @@ def _jumps(residual: Array, group: Index) -> float:
     second = np.abs(second[(group[2:] == group[:-2]) & np.isfinite(second)])
     if len(second) < criteria.NOISE_SAMPLES:
         return 0.0
-    return criteria.NOISE_OF_JUMPS * float(np.median(second)) / (0.6745 * np.sqrt(6.0))
+    return float(criteria.NOISE_OF_JUMPS * float(np.median(second)) / (0.6745 * np.sqrt(6.0)))
 
 
 def _variogram(residual: Array, group: Index) -> tuple[Array, Array, Array]:
