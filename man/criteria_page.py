@@ -12,13 +12,13 @@ sys.path.insert(0, str(HERE.parent))
 from terrain_cli.comparison import comparison_criteria  # noqa: E402 - needs the path above
 from terrain_cli.diagnosis import diagnosis_criteria  # noqa: E402
 from terrain_cli.improvement import improvement_criteria  # noqa: E402
-from terrain_cli.vocabulary.criterion import JUDGED, Decision, criteria_of  # noqa: E402
+from terrain_cli.vocabulary.criterion import JUDGED, DeclaredCriterion, criteria_of  # noqa: E402
 
 PAGE = HERE.parent / "docs" / "criteria.md"
 MODULES = (comparison_criteria, diagnosis_criteria, improvement_criteria)
 
 
-def criteria() -> list[Decision]:
+def criteria() -> list[DeclaredCriterion]:
     """Return every criterion of the program."""
     return [one for module in MODULES for one in criteria_of(module)]
 

@@ -103,7 +103,7 @@ class System:
             self._mixed[cell.group, cell.columns] += weighted.T @ cell.soil
             self._cross[np.ix_(cell.columns, cell.columns)] += weighted.T @ cell.terms
         self._squares = np.diag(self._cross).copy()
-        self._inverse = np.array([_pseudo_inverse(matrix) for matrix in self._soil]).reshape(self._soil.shape)
+        self._inverse = np.array([pseudo_inverse(matrix) for matrix in self._soil]).reshape(self._soil.shape)
         self._share = self._mixed @ self._inverse
         for share, mixed in zip(self._share, self._mixed, strict=True):
             self._cross -= share @ mixed.T
@@ -139,7 +139,7 @@ class System:
         chosen = np.asarray(terms, dtype=np.intp)
         if len(chosen) == 0:
             return scores, self._cross
-        gain = self._cross[:, chosen] @ _pseudo_inverse(self._cross[np.ix_(chosen, chosen)])
+        gain = self._cross[:, chosen] @ pseudo_inverse(self._cross[np.ix_(chosen, chosen)])
         return scores - scores[:, chosen] @ gain.T, self._cross - gain @ self._cross[chosen]
 
     def surviving(self, cross: Array) -> Array:
@@ -165,12 +165,12 @@ class System:
             own[cell.group] += cell.soil.T @ error
             score[cell.columns] += cell.terms.T @ error
         score -= np.einsum("gmq,gq->m", self._share, own)
-        coefficients = _pseudo_inverse(self._cross[np.ix_(chosen, chosen)]) @ score[chosen]
+        coefficients = pseudo_inverse(self._cross[np.ix_(chosen, chosen)]) @ score[chosen]
         rest = own - np.einsum("gmq,m->gq", self._mixed[:, chosen], coefficients)
         return FittedTerms(chosen, coefficients, np.einsum("gpq,gq->gp", self._inverse, rest))
 
 
-def _pseudo_inverse(matrix: Array) -> Array:
+def pseudo_inverse(matrix: Array) -> Array:
     """Invert after scaling to a unit diagonal, without the directions that nothing determines."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale = np.where(scale > 0.0, scale, np.inf)

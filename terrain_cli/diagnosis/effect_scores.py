@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison.bootstrap import DRAWS, max_test
+from terrain_cli.comparison.score_test import pseudo_inverse
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
-
-#: Directions of the parameters below this share of the best determined one are not fitted.
-_RANK = 1e-9
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Scores:
             What it takes off the sum of squares of the residuals.
         """
         matrix = self.cross[np.ix_(columns, columns)] + precision * np.eye(len(columns))
-        covariance = _pseudo_inverse(matrix)
+        covariance = pseudo_inverse(matrix)
         change = covariance @ self.total[columns]
         return change, covariance, float(change @ self.total[columns])
 
@@ -103,7 +101,7 @@ def scores(
         rows = np.flatnonzero(window == label)
         inner = soil[rows].reshape(-1, q)
         own = columns[rows].reshape(-1, m)
-        gain = _pseudo_inverse(inner.T @ inner) @ (inner.T @ own)
+        gain = pseudo_inverse(inner.T @ inner) @ (inner.T @ own)
         left = own - inner @ gain
         squares += (own**2).sum(axis=0)
         cross += left.T @ left
@@ -149,11 +147,3 @@ def test(
     found = max_test(table, shrunk=shrunk, draws=DRAWS, seed=seed, chance=left)
     ends = np.cumsum([one.blocks.shape[1] for one in several])[:-1]
     return list(zip(np.split(found.t, ends), np.split(found.p_values, ends), strict=True))
-
-
-def _pseudo_inverse(matrix: Array) -> Array:
-    """Invert after scaling to a unit diagonal, without the directions that nothing determines."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    scale = np.where(scale > 0.0, scale, np.inf)
-    scales = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix / scales, rcond=_RANK, hermitian=True) / scales)

@@ -15,7 +15,7 @@ Number = TypeVar("Number", int, float)
 JUDGED = "judged"
 
 
-class Decision(NamedTuple):
+class DeclaredCriterion(NamedTuple):
     """A number that decides, and why it is that number.
 
     Parameters
@@ -42,7 +42,7 @@ def criterion(value: Number, meaning: str, evidence: str = JUDGED) -> Number:  #
     return value
 
 
-def criteria_of(module: ModuleType) -> Iterator[Decision]:
+def criteria_of(module: ModuleType) -> Iterator[DeclaredCriterion]:
     """Yield the criteria of a module from its source, each under the question that stands above it."""
     question = remark = ""
     for node in ast.parse(inspect.getsource(module)).body[1:]:
@@ -52,4 +52,4 @@ def criteria_of(module: ModuleType) -> Iterator[Decision]:
             case ast.Assign([ast.Name(name)], ast.Call(ast.Name("criterion"), [_, *said])):
                 meaning, evidence = (*map(ast.literal_eval, said), JUDGED)[:2]
                 value = getattr(module, name)
-                yield Decision(module.__name__, name, question, remark, value, meaning, evidence)
+                yield DeclaredCriterion(module.__name__, name, question, remark, value, meaning, evidence)
