@@ -152,6 +152,8 @@ def table(plain, several):
     """Yield the lines of what was found."""
     as_it_is = {one["seed"]: one for one in plain}
     yield f"What becomes of {len(plain)} blind drives of {LENGTH:g} s when a criterion is moved"
+    yield "Halved and doubled; between 0.5 and 2 by the distance from 1. So few drives show what a criterion can"
+    yield "do, and not that it does nothing. What only `model add` reads is not tried: nothing is added here."
     yield ""
     for seed, one in as_it_is.items():
         yield f"drive {seed}: {one.get('effect', 'nothing')} hidden; told: {told(one)}"

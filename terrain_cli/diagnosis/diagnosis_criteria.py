@@ -11,9 +11,7 @@ BLOCKS_OF_ALARM = criterion(5, "fewer: no alarm is raised")
 SOIL_SAMPLES = criterion(40, "samples of a soil on either side of a step, of those that are fitted")
 
 """When are neighbouring blocks independent?"""
-UNRELATED_SCORES = criterion(
-    0.2, "correlation of neighbouring blocks' scores for less of which they are not joined"
-)
+UNRELATED_SCORES = criterion(0.2, "correlation of neighbouring blocks' scores that diagnose calls none")
 
 """When is an error more than noise?"""
 GROSS = criterion(1.5, "error of a channel over its noise that is a misfit, whatever can be told of it")
@@ -22,9 +20,7 @@ GROSS = criterion(1.5, "error of a channel over its noise that is a misfit, what
 AS_GOOD = criterion(1.0, "within which a model is as good as another")
 BETTER = criterion(2.0, "by which a model is better than another")
 TESTABLE = criterion(2.0, "that an effect stands out, of three times its typical size, to be tested")
-SURE_OF_BENT_LAWS = criterion(
-    4.0, "margin from which on a next drive is sure even of laws that are somewhat otherwise"
-)
+SURE_OF_BENT_LAWS = criterion(4.0, "margin of a next drive that is sure even of somewhat other laws")
 
 """How rare is what chance does not give?"""
 LEVEL = criterion(
@@ -43,10 +39,7 @@ GAINED_STEADY = criterion(
     "the same of steady test points, whose scores are beyond chance too often",
     "arithmetic: six of six that gain do so in one case of 64",
 )
-TIED = criterion(
-    0.05,
-    "share of draws, of blocks or of simulated drives, in which another is as good: it is of the family",
-)
+TIED = criterion(0.05, "share of draws in which another effect is as good, so that it is of the family")
 RULED_OUT = criterion(
     0.02,
     "a rival is ruled out that is mistaken for the best, by as much as now, less often",
@@ -64,10 +57,10 @@ REST_SURVIVES = criterion(0.01, "a shape of what an effect leaves is tested")
 
 """How much more must the less plain explanation explain?"""
 PLAINER_DRAFT = criterion(
-    0.03, "a plainer draft, or one of a channel, comes before one that explains this share more"
+    0.03, "a plainer draft, or one of a channel, before one that explains this share more"
 )
 FURTHER_PARAMETER = criterion(
-    6.0, "gain in the sum of squares for which a further parameter of a draft is worth it"
+    6.0, "gain in the sum of squares that a further parameter of a draft has to bring"
 )
 
 """How much of the misfit?
@@ -110,8 +103,6 @@ LEAST_POWER = criterion(
     "power below which a drive settles nothing",
     "diagnosis_study, goals: of families with such a drive 84.4 % end in the right single name",
 )
-MOST_POWER = criterion(
-    0.99, "power that no drive exceeds: there are more ways to go wrong than noise and bent laws"
-)
+MOST_POWER = criterion(0.99, "power that no drive exceeds: not all that goes wrong is noise or bent laws")
 SAME_POWER = criterion(0.05, "powers that differ by less are the same")
 SAME_MARGIN = criterion(0.25, "margins, in deviations, that differ by less are the same")
