@@ -13,6 +13,7 @@ lint:
 
 man:
 	$(bin)/python man/generate.py
+	$(bin)/python man/criteria_page.py
 
 sample:
 	$(bin)/python sample_data/make.py

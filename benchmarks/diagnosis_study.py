@@ -43,7 +43,7 @@ def known(folder, section):
     return {key(one): one for one in map(json.loads, lines)}
 
 
-def study(section, wanted, folder, workers):
+def study(section, wanted, folder, workers, run=diagnosis_drives.run):
     """Run the drives that are still missing, and return all that are wanted."""
     done = known(folder, section)
     missing = [job for job in wanted if key(job) not in done]
@@ -54,9 +54,7 @@ def study(section, wanted, folder, workers):
             (folder / f"{section}.jsonl").open("a", encoding="utf-8") as file,
             ProcessPoolExecutor(max_workers=workers) as pool,
         ):
-            for number, future in enumerate(
-                as_completed([pool.submit(diagnosis_drives.run, job) for job in missing])
-            ):
+            for number, future in enumerate(as_completed([pool.submit(run, job) for job in missing])):
                 one = future.result()
                 done[key(one)] = one
                 file.write(json.dumps(one) + "\n")

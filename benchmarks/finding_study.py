@@ -22,7 +22,7 @@ import numpy as np  # noqa: E402 - found through the path above
 from known_misfits import MISFITS, Kind, windows_of  # noqa: E402 - as above
 
 from terrain_cli.comparison import compare  # noqa: E402 - as above
-from terrain_cli.comparison.residual_search import LEVEL, SMALLEST  # noqa: E402 - as above
+from terrain_cli.comparison.comparison_criteria import FINDING_LEVEL, SMALLEST_FINDING  # noqa: E402 - as above
 from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "finding_study.txt"
@@ -86,8 +86,8 @@ def report(clean, misfits):
             "Drives of 128 s at 20 Hz on one of four soils, with the contact that the base assumes: load ±20 %,",
             "slip 0.16 to 0.48, speed, pitch, yaw rate, motor temperature and pass all vary. Noise of load,",
             "torque, sinkage and slip is 3 % of each where not said otherwise. Windows by --segments auto, model",
-            f"wong-reece without effects. A finding has p < {LEVEL:g} over all channels, drivers and shapes, and is",
-            f"larger than {SMALLEST:g} of the noise. Shares of drives in %, with 95 % intervals.",
+            f"wong-reece without effects. A finding has p < {FINDING_LEVEL:g} over all channels, drivers and shapes, and is",
+            f"larger than {SMALLEST_FINDING:g} of the noise. Shares of drives in %, with 95 % intervals.",
             "",
             f"1. Clean drives, {clean} a row: the share with any finding, and their number",
         )

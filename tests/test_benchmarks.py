@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from simulator import paper
 
-from benchmarks import flips_study, growth, harness, wheel_truth
+from benchmarks import criteria_study, flips_study, growth, harness, wheel_truth
 from benchmarks.compare import judge
 from benchmarks.stages import MISSING, STAGES
+from terrain_cli.diagnosis import diagnosis_criteria
 
 
 @pytest.fixture(scope="module")
@@ -163,3 +164,30 @@ def test_growth_tells_the_exponent(tmp_path):
     assert "1.50" in growth.table([result])
     growth.draw([result], tmp_path / "growth.png")
     assert (tmp_path / "growth.png").stat().st_size > 5_000
+
+
+@pytest.mark.parametrize(
+    ("value", "halved", "doubled"),
+    [(8, 4, 16), (1, 1, 2), (0.01, 0.005, 0.02), (0.9, 0.95, 0.8), (1.5, 1.25, 2.0), (2.0, 1.0, 4.0)],
+)
+def test_criteria_are_moved_both_ways(value, halved, doubled):
+    found = criteria_study.moved(value)
+    assert found == pytest.approx([halved, doubled])
+    assert [type(one) for one in found] == [type(value)] * 2
+
+
+def test_a_moved_criterion_is_read_as_moved_and_comes_back():
+    """On the drive of the study that takes least time, and without processes of its own."""
+    (drive,) = criteria_study.drives(1)
+    plain = criteria_study.run({**drive, "criterion": None})
+    assert criteria_study.told(plain) == "none"
+    assert {"LEVEL", "FEWEST_BLOCKS", "SMALLEST_FINDING"} <= {*plain["found"]["read"]}
+    assert not {"BLOCKS_OF_CHANGE", "MOST_EFFECTS"} & {*plain["found"]["read"]}
+    moved = criteria_study.run({**drive, "criterion": "LEVEL", "value": 0.02})
+    assert (moved["found"]["level"], plain["found"]["level"]) == (0.02, 0.01)
+    assert diagnosis_criteria.LEVEL == 0.01
+    other = {**moved, "found": {**moved["found"], "verdict": "family", "family": ["slope", "side-slip"]}}
+    runs = {"LEVEL": ([moved, other], 2), "GAINED": ([moved], 1), "NOISE": ([], 0), "TIED": ([moved], 2)}
+    text = [*criteria_study.table([plain], runs)]
+    assert "LEVEL 0.01 → 0.02: drive 2000: one of slope, side-slip" in text
+    assert [line.partition(": ")[2] for line in text[-3:]] == ["GAINED", "NOISE", "TIED"]

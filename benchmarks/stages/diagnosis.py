@@ -69,7 +69,9 @@ def screen(size: str, folder: Path) -> Case:  # noqa: ARG001 - every stage is ma
     further = tuple(dict.fromkeys(name for effect in every for name in effect.reads))
     wheels, _ = fit_wheels(windows, Model(), FitSettings(held, priors, (), noise), further=further)
     tried = [one for one in screening.hypotheses(file, wheels, every)[0] if one.effects]
-    block = [own.astype(np.intp) for own in blocks.fine([len(w) for w in wheels], int(BLOCK * Kind.rate))]
+    block = [
+        own.astype(np.intp) for own in blocks.fine([len(w) for w in wheels], int(BLOCK * Kind.rate), most=40)
+    ]
     data = wheels[0].least_squares_data()
     return Case(
         lambda: screening.screen(wheels, block, tried, 1),

@@ -16,15 +16,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-#: Blocks are joined as long as so many are left, and at first there are no more than `MOST`: enough to tell
-#: from chance, and as long as they can be, so that what changes slowly is within one of them.
-FEWEST = 16
-MOST = 40
-#: Correlation of the scores of neighbouring blocks that is still called none.
-_INDEPENDENT = 0.05
 
-
-def fine(lengths: Sequence[int], shortest: int, *, most: int = MOST) -> list[Index]:
+def fine(lengths: Sequence[int], shortest: int, *, most: int) -> list[Index]:
     """Cut stretches into equal contiguous blocks.
 
     Parameters
@@ -50,7 +43,7 @@ def fine(lengths: Sequence[int], shortest: int, *, most: int = MOST) -> list[Ind
     return blocks
 
 
-def merged(scores: Array, chain: Index, *, fewest: int = FEWEST, independent: float = _INDEPENDENT) -> Index:
+def merged(scores: Array, chain: Index, *, fewest: int, independent: float) -> Index:
     """Join neighbouring blocks until the scores of those next to one another are unrelated.
 
     Parameters

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import blocks, held_out, one_soil_or_several
+from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.bootstrap import resample
 from terrain_cli.comparison.comparison_outcome import (
-    FEWEST_BLOCKS,
     UNITS,
     ChannelErrors,
     Comparison,
@@ -40,14 +40,6 @@ if TYPE_CHECKING:
 
 #: More samples than these are thinned: they bound time and memory, and tell what there is to tell.
 MOST_SAMPLES = 200_000
-#: Runs from which on they are the blocks; fewer are cut further, as few blocks prove nothing.
-ENOUGH_RUNS = 12
-#: Memories of the noise that a block has at least, and samples.
-_MEMORIES, _SHORTEST = 8, 10
-#: Noise counts as at least this part of the residual where it weighs one.
-_LEAST_NOISE = 0.2
-#: Share of samples without a prediction that is worth a word.
-_MANY = 0.05
 
 
 @dataclass(frozen=True)
@@ -169,7 +161,7 @@ def of_fitted(
     progress("looking for where the model fails")
     if not scale:
         warnings.append("the model predicts what was measured exactly: there is nothing to look for")
-    elif count < FEWEST_BLOCKS:
+    elif count < criteria.FEWEST_BLOCKS:
         warnings.append(
             f"only {counted(count, 'independent stretch', 'es')} of data: "
             "where the model fails cannot be told from chance"
@@ -214,7 +206,7 @@ def _between_segments(
     differs from segment to segment is in the residuals, together with how soil varies; segments are
     the blocks, so that the latter counts as chance.
     """
-    if sum(len(wheel.windows) for wheel in wheels) < FEWEST_BLOCKS:
+    if sum(len(wheel.windows) for wheel in wheels) < criteria.FEWEST_BLOCKS:
         return []
     joined = [wheel.on_common_soil() for wheel in wheels]
     chosen = [(wheel, *one) for wheel, one in zip(wheels, joined, strict=True) if one is not None]
@@ -224,7 +216,7 @@ def _between_segments(
     for wheel, _, order in chosen:
         block.append(first + wheel.window[order])
         first += len(wheel.windows)
-    if first < FEWEST_BLOCKS:
+    if first < criteria.FEWEST_BLOCKS:
         return []
     common = [one for _, one, _ in chosen]
     names = [name for name in levels if any(name in wheel.measured for wheel in common)]
@@ -247,7 +239,7 @@ def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:
         for name, measured in wheel.measured.items():
             known = np.isfinite(measured)
             missing = known & ~np.isfinite(wheel.predicted[name])
-            if missing.sum() > _MANY * known.sum():
+            if missing.sum() > criteria.UNPREDICTED * known.sum():
                 yield (
                     f"{wheel.windows.samples.source}: wheel {wheel.windows.samples.wheel}: "
                     f"{name.replace('_', ' ')} cannot be predicted in {missing.sum()} of "
@@ -270,13 +262,14 @@ def _scale(wheels: Sequence[FittedWheel], name: str, level: float) -> float:
     errors = np.concatenate([wheel.residuals[name] for wheel in wheels if name in wheel.measured])
     errors = errors[np.isfinite(errors)]
     rms = float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0
-    return max(level, _LEAST_NOISE * rms) if np.isfinite(level) else rms
+    return max(level, criteria.LEAST_NOISE_OF_SCALE * rms) if np.isfinite(level) else rms
 
 
 def _blocks(wheels: Sequence[FittedWheel]) -> _Blocks:
     """Cut the data into blocks: at the same times for all wheels of an input."""
     memory = max(wheel.memory for wheel in wheels)
-    shortest = max(_SHORTEST, _MEMORIES * (memory + 1)) if any(wheel.ordered for wheel in wheels) else 1
+    longer = max(criteria.BLOCK_SAMPLES, criteria.BLOCK_MEMORIES * (memory + 1))
+    shortest = longer if any(wheel.ordered for wheel in wheels) else 1
     inputs: dict[str, list[int]] = {}
     for index, wheel in enumerate(wheels):
         samples = wheel.windows.samples
@@ -287,8 +280,8 @@ def _blocks(wheels: Sequence[FittedWheel]) -> _Blocks:
     for leader in leaders:
         _, sizes = np.unique(runs[leader], return_counts=True)
         lengths += sizes.tolist()
-    enough = len(lengths) >= ENOUGH_RUNS
-    cut = blocks.fine(lengths, max(lengths) if enough else shortest)
+    enough = len(lengths) >= criteria.ENOUGH_RUNS
+    cut = blocks.fine(lengths, max(lengths) if enough else shortest, most=criteria.MOST_BLOCKS)
     of: list[Index] = [np.zeros(0, dtype=np.intp)] * len(wheels)
     chain_of: dict[int, int] = {}
     position = 0

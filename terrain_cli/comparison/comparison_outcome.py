@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 #: Channels that a model predicts, with their units.
 UNITS = {"torque": "N m", "drawbar_pull": "N", "sinkage": "m"}
-#: Blocks below which no finding is possible.
-FEWEST_BLOCKS = 8
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from terrain_cli.comparison.comparison_outcome import FEWEST_BLOCKS
+from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.vocabulary.english import counted, listed
 
 if TYPE_CHECKING:
@@ -14,10 +14,6 @@ if TYPE_CHECKING:
     from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.comparison.shapes import Shape
 
-#: Part of a finding's size below which a picture of the residuals would surprise who has read its sentence.
-_HIDDEN = 0.3
-#: Times its noise at which a channel's error is more than that.
-ABOVE = 1.15
 #: SI unit → the one a person reads, and the factor to it.
 _SHOWN = {"rad": ("°", math.degrees(1.0)), "rad/s": ("°/s", math.degrees(1.0)), "1": ("", 1.0)}
 #: Drivers with one of their own.
@@ -82,7 +78,7 @@ def of(
             text = f"{name} is more and more {verb} as {driver} rises: by {size} from {low} to {high}"
         if shape.name == "saturating":
             text += f", most of it in the first {_at(shape.at or 0.0, shape.driver, unit)}"
-    if seen < _HIDDEN:
+    if seen < criteria.HIDDEN:
         left = f"{_number(abs(amplitude) * seen * factor)} {shown}"
         text += f"; the fitted soil takes up all but {left} of that"
     if alternatives:
@@ -121,7 +117,7 @@ def _number(value: float) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def beyond_noise(comparison: Comparison, times: float = ABOVE) -> str:
+def beyond_noise(comparison: Comparison, times: float = 0.0) -> str:
     """Say of which channels the held-out error is more than noise where no finding says why.
 
     Parameters
@@ -137,7 +133,7 @@ def beyond_noise(comparison: Comparison, times: float = ABOVE) -> str:
     ratios = {
         name.replace("_", " "): errors.heldout_rmse / errors.noise
         for name, errors in comparison.channels.items()
-        if errors.heldout_rmse > times * errors.noise > 0.0
+        if errors.heldout_rmse > max(times, criteria.ABOVE_NOISE) * errors.noise > 0.0
     }
     if not ratios:
         return ""
@@ -146,7 +142,7 @@ def beyond_noise(comparison: Comparison, times: float = ABOVE) -> str:
     ]
     unknown = (
         f"{counted(comparison.blocks, 'independent stretch', 'es')} of data do not tell what it follows"
-        if comparison.blocks < FEWEST_BLOCKS
+        if comparison.blocks < criteria.FEWEST_BLOCKS
         else "follows nothing beyond chance"
     )
     return f"the held-out error is {listed(told)}, but {unknown}"

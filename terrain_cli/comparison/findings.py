@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import blocks, finding_sentences, shapes
+from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import UNITS, Finding
 from terrain_cli.comparison.drivers import ANGLE, PARTS
 from terrain_cli.comparison.prediction import derivatives
@@ -186,7 +187,12 @@ class Residuals:
         """
         search = self.search()
         search.refit([])
-        return blocks.merged(search.scores()[:, search.common :], chain)
+        return blocks.merged(
+            search.scores()[:, search.common :],
+            chain,
+            fewest=criteria.FEWEST_JOINED_BLOCKS,
+            independent=criteria.UNRELATED_BLOCKS,
+        )
 
     def findings(self, noise: Mapping[str, float], seed: int) -> list[Finding]:
         """Search for findings.
@@ -201,7 +207,7 @@ class Residuals:
         search.refit([])
         taken = set() if self.found is None else {*self.found, *((name, "") for name in self.scale)}
         misfit = sum(self._beyond_noise(search, name, noise[name]) for name in self.scale)
-        found = search.forward(noise, self.counts, taken=taken, seed=seed)
+        found = search.forward(noise, self.counts, level=criteria.FINDING_LEVEL, taken=taken, seed=seed)
         return [self._finding(one, misfit) for one in found]
 
     def _beyond_noise(self, search: Search, name: str, noise: float) -> float:

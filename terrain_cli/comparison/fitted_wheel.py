@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison import (
     drivers,
     prediction,
@@ -46,20 +47,10 @@ _WITH_SLIP = ("velocity", "angular_velocity")
 _READ = (*smoothed_channels.NOISY, *_WITH_SLIP, "torque", "drawbar_pull")
 #: Most samples to which one soil is fitted.
 _MOST_COMMON = 30_000
-#: Mean square of the residuals, in units of the noise, from which on a model misses something.
-_MISFIT = 1.5
-#: The same of one channel, from which on another fit is tried, and taken if it is less off.
-_NOTICED = 1.1
-#: Share of the measurements for which a fit has no prediction that is too large.
-_MISSING = 0.02
-#: Times that test points are weighed anew by what the model leaves of them, and how many tell that.
-_WEIGHED, _FEWEST = 3, 10
+#: Times that test points are weighed anew by what the model leaves of them.
+_WEIGHED = 3
 #: Prior standard deviations within which a search begins.
 _FAR = 3.0
-#: Blocks that a misfit is taken to have at the most, and samples of one at least.
-_BLOCKS, _LEAST_BLOCK = 40, 24
-#: Longest memory of noise, in samples, that is waited for: beyond it neighbours tell too little.
-_LONGEST = 25
 
 
 class FittedWheel:
@@ -134,10 +125,10 @@ class FittedWheel:
         ratio = float(self.fit.chi2[known].sum() / self.fit.dof[known].sum()) if known.any() else 1.0
         lost = self._lost()
         # Of test points load and slip were set, and are exact.
-        astray = ratio >= _MISFIT or not self.ordered or lost
+        astray = ratio >= criteria.ASTRAY or not self.ordered or lost
         levels = {name: level.deviation for name, level in self.noise.items()}
         before = self._off(levels)
-        if not astray and not before > _NOTICED:
+        if not astray and not before > criteria.NOTICED:
             return
         data = self.least_squares_data()
         t, common = self.beginning()
@@ -146,7 +137,7 @@ class FittedWheel:
         first, sizes = (self.fit, dict(self.parameters)), self._sizes()
         solution = smoothed_fit.search(self.model, self.sought, data, starts)
         for _ in range(_WEIGHED if not self.ordered else 0):
-            data = smoothed_model.with_noise_of(data, solution.residual, _FEWEST)
+            data = smoothed_model.with_noise_of(data, solution.residual, criteria.NOISE_POINTS)
             solution = smoothed_fit.solve(self.model, self.sought, data, solution.t, solution.common)
         self.take(solution, data)
         worse = self.ordered and all(size >= sizes[name] for name, size in self._sizes().items())
@@ -174,7 +165,7 @@ class FittedWheel:
             return True
         there = {name: np.isfinite(column) for name, column in self.measured.items()}
         missing = sum(int((own & ~np.isfinite(self.predicted[name])).sum()) for name, own in there.items())
-        return missing > _MISSING * sum(int(own.sum()) for own in there.values())
+        return missing > criteria.FIT_UNPREDICTED * sum(int(own.sum()) for own in there.values())
 
     def beginning(self) -> tuple[Array, Array]:
         """Return where a search begins: at the fit, in prior standard deviations from the prior means."""
@@ -199,7 +190,7 @@ class FittedWheel:
         known, use = smoothed_channels.without_noise(
             self.record, self.quiet(smoothed_channels.GAP), load_tells_sinkage=self.model.base == "wong-reece"
         )
-        blocks = max(len(self) // _LEAST_BLOCK, 1) if self.ordered else len(self)
+        blocks = max(len(self) // criteria.MISFIT_SAMPLES, 1) if self.ordered else len(self)
         return smoothed_model.SmoothedData(
             geometry=self.geometry,
             inputs=known,
@@ -208,7 +199,7 @@ class FittedWheel:
             white=white or self._noise_of_channels(),
             window=self.window,
             windows=len(self.windows),
-            blocks=min(blocks, _BLOCKS),
+            blocks=min(blocks, criteria.MOST_BLOCKS),
         )
 
     def _noise_of_channels(self) -> Whitening:
@@ -331,7 +322,9 @@ class FittedWheel:
     @property
     def memory(self) -> int:
         """Samples after which the noise of all channels is another one."""
-        return min(max((level.forgotten for level in self.noise.values()), default=0), _LONGEST)
+        return min(
+            max((level.forgotten for level in self.noise.values()), default=0), criteria.LONGEST_MEMORY
+        )
 
     @cached_property
     def drivers(self) -> dict[str, Driver]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import blocks, held_out, smoothed_model
+from terrain_cli.comparison import comparison_criteria as criteria
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -18,10 +19,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-#: Standard errors by which several soils have to predict better than one to be kept.
-_SURE = 1.0
-#: Parts of a log that are left out in turn, and samples of one at least.
-_PARTS, _SHORTEST = 24, 10
+#: Parts of a log that are left out in turn.
+_PARTS = 24
 
 
 def as_few_as_predict(
@@ -56,7 +55,7 @@ def as_few_as_predict(
         error = (
             float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
         )
-        if float(difference.sum()) <= _SURE * error:
+        if float(difference.sum()) <= criteria.SEVERAL_SOILS_BETTER * error:
             result.append(fewer)
             samples = wheel.windows.samples
             told.append(
@@ -70,7 +69,8 @@ def as_few_as_predict(
 
 def _parts(wheel: FittedWheel) -> Index:
     """Cut the samples into what is left out in turn."""
-    return blocks.fine([len(wheel)], _SHORTEST if wheel.ordered else 1, most=_PARTS)[0].astype(np.intp)
+    shortest = criteria.BLOCK_SAMPLES if wheel.ordered else 1
+    return blocks.fine([len(wheel)], shortest, most=_PARTS)[0].astype(np.intp)
 
 
 def _loss(wheel: FittedWheel, like: FittedWheel, part: Index) -> Array:
@@ -79,7 +79,8 @@ def _loss(wheel: FittedWheel, like: FittedWheel, part: Index) -> Array:
     for name, error in like.residuals.items():
         level = like.noise[name].deviation
         rms = float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else 1.0
-        scale[name] = max(level, 0.2 * rms, 1e-300) if np.isfinite(level) else max(rms, 1e-300)
+        least = max(level, criteria.LEAST_NOISE_OF_SCALE * rms) if np.isfinite(level) else rms
+        scale[name] = max(least, 1e-300)
     out = held_out.predict(wheel, part, scale)
     total = np.zeros(int(part.max(initial=0)) + 1)
     for name, measured in wheel.measured.items():

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from terrain_cli.comparison import comparison_criteria as criteria
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -14,17 +16,8 @@ if TYPE_CHECKING:
 
 #: Lags of the variogram, in samples; the longest is this many at most.
 LONGEST_LAG = 60
-#: Fewest pairs of samples behind one lag.
-_FEWEST = 30
-#: Part of what second differences say that the noise is at least.
-_PART = 0.9
 #: Correlations at lag 1 that are tried.
 _MEMORIES = np.array([0.0, 0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94])
-#: Share of the noise that counts as forgotten.
-_FORGOTTEN = 0.1
-#: A memory is believed where it takes this much off the misfit of the variogram: on white noise below 10,
-#: on noise that forgets half in three samples above 100.
-_BETTER = 25.0
 
 
 class NoiseLevel(NamedTuple):
@@ -74,15 +67,15 @@ def of_series(residual: Array, group: Index) -> NoiseLevel:
         amplitude, misfit = nnls(columns * weight[:, None], gamma * weight)
         if memory == 0.0:
             plain, best = misfit**2, (misfit**2, memory, amplitude)
-        elif misfit**2 < plain - _BETTER and best is not None and misfit**2 < best[0]:
+        elif misfit**2 < plain - criteria.MEMORY_BELIEVED and best is not None and misfit**2 < best[0]:
             best = (misfit**2, memory, amplitude)
     assert best is not None  # noqa: S101 - white noise is always tried
     _, memory, amplitude = best
     variance = amplitude[0] + amplitude[1]
     share = amplitude[1] / variance if variance > 0.0 else 0.0
     forgotten = 0
-    if memory > 0.0 and share > _FORGOTTEN:
-        forgotten = int(np.ceil(np.log(_FORGOTTEN / share) / np.log(memory)))
+    if memory > 0.0 and share > criteria.FORGOTTEN:
+        forgotten = int(np.ceil(np.log(criteria.FORGOTTEN / share) / np.log(memory)))
     # A misfit that outweighs the noise can take all of the variogram, but not what jumps between samples.
     return NoiseLevel(max(float(np.sqrt(variance)), _jumps(residual, group)), forgotten)
 
@@ -91,7 +84,9 @@ def _jumps(residual: Array, group: Index) -> float:
     """Return a lower bound of the noise from second differences: right if it is white, less if it lasts."""
     second = residual[:-2] - 2.0 * residual[1:-1] + residual[2:]
     second = np.abs(second[(group[2:] == group[:-2]) & np.isfinite(second)])
-    return _PART * float(np.median(second)) / (0.6745 * np.sqrt(6.0)) if len(second) >= _FEWEST else 0.0
+    if len(second) < criteria.NOISE_SAMPLES:
+        return 0.0
+    return float(criteria.NOISE_OF_JUMPS * float(np.median(second)) / (0.6745 * np.sqrt(6.0)))
 
 
 def _variogram(residual: Array, group: Index) -> tuple[Array, Array, Array]:
@@ -102,7 +97,7 @@ def _variogram(residual: Array, group: Index) -> tuple[Array, Array, Array]:
             continue
         change = residual[lag:] - residual[:-lag]
         change = change[(group[lag:] == group[:-lag]) & np.isfinite(change)]
-        if len(change) < _FEWEST:
+        if len(change) < criteria.NOISE_SAMPLES:
             break
         lags.append(lag)
         gamma.append(0.5 * float(change @ change) / len(change))
@@ -126,7 +121,7 @@ def of_points(residual: Array, group: Index, drivers: Array) -> float:
     -------
     float
         Standard deviation of what differs between nearest neighbours, where they differ by less than
-        `_SAME` in all conditions; NaN where there are too few such pairs.
+        `SAME_CONDITIONS` in all conditions; NaN where there are too few such pairs.
     """
     from scipy.spatial import KDTree
 
@@ -138,10 +133,10 @@ def of_points(residual: Array, group: Index, drivers: Array) -> float:
         distance, nearest = KDTree(drivers[rows]).query(drivers[rows], k=2, p=np.inf)
         own, other = np.arange(len(rows)), nearest[:, 1]
         # Each pair once, though both may name each other.
-        once = (distance[:, 1] <= _SAME) & ((own < other) | (other[other] != own))
+        once = (distance[:, 1] <= criteria.SAME_CONDITIONS) & ((own < other) | (other[other] != own))
         changes.append(residual[rows[own[once]]] - residual[rows[other[once]]])
     change = np.concatenate(changes) if changes else np.zeros(0)
-    return float(np.sqrt(0.5 * np.mean(change**2))) if len(change) >= _PAIRS else np.nan
+    return float(np.sqrt(0.5 * np.mean(change**2))) if len(change) >= criteria.EQUAL_PAIRS else np.nan
 
 
 class Between(NamedTuple):
@@ -192,11 +187,12 @@ def between(group: Index, drivers: Array) -> Between:
     line = np.asarray(group, dtype=np.intp)
     for column in drivers.T[1:]:
         order = np.lexsort((column, line))
-        apart = (np.diff(line[order]) != 0) | ~(np.diff(column[order]) <= _SAME)
+        apart = (np.diff(line[order]) != 0) | ~(np.diff(column[order]) <= criteria.SAME_CONDITIONS)
         start = np.flatnonzero(np.concatenate([[True], apart]))
         length = np.diff(np.append(start, len(order)))
         # One load that scatters is the same; loads all over a range are each another one.
-        wide = np.repeat(column[order][start + length - 1] - column[order][start] > _SCATTER, length)
+        span = column[order][start + length - 1] - column[order][start]
+        wide = np.repeat(span > criteria.SCATTERED_CONDITIONS, length)
         line = np.empty_like(line)
         line[order] = np.cumsum(np.concatenate([[True], apart]) | wide) - 1
     first = drivers[:, 0]
@@ -226,12 +222,4 @@ def of_neighbours(residual: Array, group: Index, drivers: Array) -> float:
     """
     off = between(group, drivers).off(residual)
     off = off[np.isfinite(off)]
-    return float(np.sqrt(np.mean(off**2))) if len(off) >= _INSIDE else np.nan
-
-
-#: Conditions that differ by no more than this share of their range are the same.
-_SAME = 0.03
-#: Those that scatter about one value differ by no more than this.
-_SCATTER = 0.15
-#: Fewest pairs of equal points, and points between others, that tell the noise.
-_PAIRS, _INSIDE = 6, 4
+    return float(np.sqrt(np.mean(off**2))) if len(off) >= criteria.POINTS_BETWEEN else np.nan

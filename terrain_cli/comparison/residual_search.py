@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.bootstrap import DRAWS, max_test
 from terrain_cli.comparison.drivers import ANGLE, PARTS
 from terrain_cli.comparison.score_test import System
@@ -24,26 +25,11 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-#: A finding is reported where chance gives one as strong, anywhere, in fewer cases than these. With some 20
-#: blocks the bootstrap counts chance too rarely: on clean drives 2 to 5 times as many have one.
-LEVEL = 0.005
-#: And where it is larger than this part of the noise: with enough samples everything is beyond chance.
-SMALLEST = 0.1
-#: A term of which the fitted parameters leave less than this share of its square is not tested.
-_SURVIVING = 0.005
-#: A further finding explains at least this part of what the first does.
-_NEXT = 0.03
-#: Most findings.
-MOST = 6
-#: A simpler shape is preferred to one that explains this share more.
-_PLAINER = 0.05
 _PLAIN = ("constant", "linear", "label", "step", "saturating", "quadratic", "periodic")
 #: Drivers that are named before others that varied alike, or of which nothing is known but the name of a
-#: column, where these explain at most this share more: what every drive is described by.
-_USUAL, _NEARLY = ("slip", "load"), 0.3
+#: column, where these explain hardly more: what every drive is described by.
+_USUAL = ("slip", "load")
 _KNOWN = {"", ANGLE, *PARTS, *CHANNELS}
-#: Cosine between terms from which one could be the other.
-_ALIKE = 0.9
 
 
 class Term(NamedTuple):
@@ -158,7 +144,7 @@ class Search:
         counts: Mapping[str, int],
         *,
         taken: Collection[tuple[str, str]] = (),
-        level: float = LEVEL,
+        level: float,
         draws: int = DRAWS,
         seed: int = 0,
     ) -> list[Found]:
@@ -187,14 +173,17 @@ class Search:
         ]
         found: list[Found] = []
         need = np.array(
-            [(SMALLEST * np.nan_to_num(noise[t.channel])) ** 2 * counts[t.channel] for t in self.terms]
+            [
+                (criteria.SMALLEST_FINDING * np.nan_to_num(noise[t.channel])) ** 2 * counts[t.channel]
+                for t in self.terms
+            ]
         )
         need /= np.array([self.scale[t.channel] ** 2 for t in self.terms])
         self.refit(chosen)
-        while len(found) < MOST:
+        while len(found) < criteria.MOST_FINDINGS:
             fixed = [*range(self.common), *chosen]
             scores, cross = self.system.beyond(fixed, self.scores())
-            testable = self.system.surviving(cross)[self.common :] > _SURVIVING
+            testable = self.system.surviving(cross)[self.common :] > criteria.TERM_SURVIVES
             testable[np.array(chosen, dtype=int) - self.common] = False
             scores, power = scores[:, self.common :], np.where(testable, np.diag(cross)[self.common :], 1.0)
             test = max_test(
@@ -215,7 +204,7 @@ class Search:
             pair = self._pair(best)
             term, size = self.terms[best], float(explained[list(pair)].sum())
             # What follows is worth a word only beside the first.
-            need = np.maximum(need, _NEXT * size) if not found else need
+            need = np.maximum(need, criteria.FURTHER_FINDING * size) if not found else need
             found.append(
                 Found(
                     term=Term(term.channel, self.terms[pair[0]].shape),
@@ -275,7 +264,7 @@ class Search:
         candidates = np.flatnonzero(beyond & (total > need))
         if len(candidates) == 0:
             return None
-        near = candidates[total[candidates] >= (1.0 - _PLAINER) * total[candidates].max()]
+        near = candidates[total[candidates] >= (1.0 - criteria.PLAINER_SHAPE) * total[candidates].max()]
         best = int(min(near, key=lambda place: (_PLAIN.index(self.terms[place].shape.name), -total[place])))
         # What is added to the torque is, over the radius, added to the drawbar pull: friction in the
         # drive is commoner than a load cell that is off.
@@ -302,8 +291,8 @@ class Search:
             # The shape that is alike need not be that in which it explains as much.
             alike &= {*self._alternatives(best, cross, testable)}
         # With few blocks it need not be beyond chance by itself, where it explains about as much.
-        near = beyond & (explained >= (1.0 - _NEARLY) * explained[best])
-        near |= testable & (explained >= (1.0 - _PLAINER) * explained[best])
+        near = beyond & (explained >= (1.0 - criteria.USUAL_DRIVER) * explained[best])
+        near |= testable & (explained >= (1.0 - criteria.PLAINER_SHAPE) * explained[best])
         others = [
             place
             for place in np.flatnonzero(near).tolist()
@@ -325,6 +314,6 @@ class Search:
                 continue
             size = power[row] * power[place]
             alike = 0.5 * (cross[row, place] + cross[place, row])
-            if alike**2 > _ALIKE**2 * size > 0.0:
+            if alike**2 > criteria.ALIKE**2 * size > 0.0:
                 drivers.append(other.shape.driver)
         return tuple(dict.fromkeys(drivers))

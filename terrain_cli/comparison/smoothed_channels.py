@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison import residual_noise, whitening
 from terrain_cli.comparison.neighbours import from_neighbours
 
@@ -23,18 +24,10 @@ NOISY = ("load", "sinkage", "slip")
 #: Ways in which a channel is interpolated for a fit: samples left out beside each, and samples averaged.
 _WAYS = ((2, 3), (1, 2), (0, 1))
 #: Share by which a channel grows with the load, over the load's own: sinkage by 1 / (n + ½) of an ordinary
-#: soil, less on a hard layer, torque as friction does; and samples that tell.
-_ANSWERS, _ENOUGH = {"sinkage": 0.75, "torque": 1.0}, 30
-#: Test points that tell, and standard errors by which these have to answer to their load.
-_FEW, _SURE = 8, 4.0
-#: Differences of load or sinkage, as a multiple of their size, that are large.
-_SCATTER = 1.5
+#: soil, less on a hard layer, torque as friction does.
+_ANSWERS = {"sinkage": 0.75, "torque": 1.0}
 #: Most by which an interpolation is drawn out, as its neighbours flatten what changes fast.
 _MOST_SHARE = 1.5
-#: Times its noise that an interpolation may be off by.
-_FAITHFUL = 1.25
-#: Medians of what noise does by which load or slip may differ from their neighbours.
-_STEP = 6.0
 
 
 #: Samples left out on either side where channels are first interpolated from their neighbours.
@@ -64,7 +57,7 @@ class RecordedWheel:
             if name in self.channels:
                 column = self.channels[name]
                 # A load or sinkage scatters by some percent where it was meant to be the same.
-                size = float(np.nanmax(np.abs(column))) * _SCATTER
+                size = float(np.nanmax(np.abs(column))) * criteria.LARGE_DIFFERENCE
                 span = float(np.nanmax(column) - np.nanmin(column))
                 span = span if name == "slip" else max(span, size)
                 columns.append(column / span if span > 0.0 else np.zeros(len(column)))
@@ -119,9 +112,9 @@ def _interpolated(record: RecordedWheel, group: Index, name: str) -> tuple[Array
         off = np.abs(measured - column)
         usual = float(np.nanmedian(off)) if np.isfinite(off).any() else 0.0
         # Own noise and that of the neighbours, as medians of normal deviates.
-        if usual <= _FAITHFUL * 0.6745 * noise_of_it * np.sqrt(1.0 + 0.64 / reach):
+        if usual <= criteria.INTERPOLATION_OFF * 0.6745 * noise_of_it * np.sqrt(1.0 + 0.64 / reach):
             size = float(np.nanmax(np.abs(measured)))
-            return _calibrated(record, name, column), off <= max(_STEP * usual, 1e-9 * size)
+            return _calibrated(record, name, column), off <= max(criteria.JUMP * usual, 1e-9 * size)
     return measured, np.ones(len(measured), dtype=bool)
 
 
@@ -167,7 +160,7 @@ def _answered(record: RecordedWheel, name: str, growth: float) -> float:
         return 0.0
     load, answer, slip = (record.channels[one] for one in ("load", name, "slip"))
     known = np.isfinite(load) & np.isfinite(answer) & np.isfinite(slip)
-    if known.sum() < (_FEW if record.group is None else _ENOUGH):
+    if known.sum() < (criteria.POINTS_OF_LOAD if record.group is None else criteria.NOISE_SAMPLES):
         return 0.0
     steady = np.stack([np.ones(int(known.sum())), slip[known], slip[known] ** 2], axis=1)
     own, other = (
@@ -178,7 +171,10 @@ def _answered(record: RecordedWheel, name: str, growth: float) -> float:
     size = float(np.sqrt(np.mean(own**2) * np.mean(other**2)))
     alike = float(np.mean(own * other)) / max(size, 1e-300)
     # Few points are alike by chance.
-    if record.group is None and alike * np.sqrt((known.sum() - 4.0) / max(1.0 - alike**2, 1e-12)) < _SURE:
+    if (
+        record.group is None
+        and alike * np.sqrt((known.sum() - 4.0) / max(1.0 - alike**2, 1e-12)) < criteria.ANSWERS_TO_LOAD
+    ):
         return 0.0
     share = float(np.mean(own * other)) / max(abs(float(np.mean(answer[known]))), 1e-300)
     felt = share * float(np.mean(load[known])) / growth

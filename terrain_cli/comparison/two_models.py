@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.bootstrap import resample
 from terrain_cli.comparison.comparison_outcome import UNITS, Difference
 
@@ -17,9 +18,6 @@ if TYPE_CHECKING:
     from terrain_cli.comparison.comparison_outcome import Comparison, WheelComparison
 
     Array = NDArray[np.float64]
-
-#: Standard errors beyond which something has moved.
-MOVED = 3.0
 
 
 def against(first: Comparison, second: Comparison, *, seed: int = 0) -> list[Difference]:
@@ -83,7 +81,7 @@ def _error(first: Comparison, second: Comparison, name: str, seed: int) -> Diffe
         low=low,
         high=high,
         se=se,
-        moved=abs(change) > MOVED * se,
+        moved=abs(change) > criteria.MOVED * se,
     )
 
 
@@ -111,5 +109,5 @@ def _soil(a: WheelComparison, b: WheelComparison) -> Iterator[Difference]:
                 low=change - 1.96 * se,
                 high=change + 1.96 * se,
                 se=se,
-                moved=abs(change) > MOVED * se,
+                moved=abs(change) > criteria.MOVED * se,
             )

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison import comparison_criteria as criteria
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -21,13 +23,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Noise counts as at least this part of the residual.
-_LEAST = 0.02
-#: Pairs of samples that tell how channels go together.
-_FEWEST = 30
-#: Noise of test points that nobody repeated, as a share of the channel.
-_USUAL = 0.05
-#: Correlations beyond this are not believed.
+#: Correlations beyond this are not believed: the covariance must keep an inverse.
 _MOST = 0.98
 #: No channel is so small in its SI unit.
 _ZERO = 1e-30
@@ -118,14 +114,14 @@ def of_residuals(
     total = np.where(known, residuals, 0.0) ** 2
     rms = np.sqrt(total.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
     deviation = np.array([levels[name] if np.isfinite(levels[name]) else np.inf for name in names])
-    deviation = np.where(np.isfinite(deviation), np.maximum(deviation, _LEAST * rms), rms)
+    deviation = np.where(np.isfinite(deviation), np.maximum(deviation, criteria.LEAST_NOISE * rms), rms)
     deviation = _sized(deviation)
     correlation = np.eye(len(names))
     change = _changes(residuals, group, max(1, memory))
     for a in range(len(names)):
         for b in range(a):
             both = np.isfinite(change[:, a]) & np.isfinite(change[:, b])
-            if both.sum() >= _FEWEST:
+            if both.sum() >= criteria.NOISE_SAMPLES:
                 # By ranks of size: a few jumps would say nothing of the noise.
                 one, other = (_clipped(change[both, c]) for c in (a, b))
                 size = float(np.sqrt((one @ one) * (other @ other)))
@@ -155,8 +151,12 @@ def of_channels(measured: Mapping[str, Array], group: Index) -> Whitening:
         second = np.abs(second[(group[2:] == group[:-2]) & np.isfinite(second)]) / np.sqrt(6.0)
         known = column[np.isfinite(column)]
         size = float(np.sqrt(np.mean(known**2))) if len(known) else 1.0
-        noise = float(np.median(second)) / 0.6745 if len(second) >= _FEWEST else _USUAL * size
-        deviation.append(max(noise, _LEAST * size))
+        noise = (
+            float(np.median(second)) / 0.6745
+            if len(second) >= criteria.NOISE_SAMPLES
+            else criteria.NOISE_OF_POINTS * size
+        )
+        deviation.append(max(noise, criteria.LEAST_NOISE * size))
     return Whitening(tuple(measured), np.diag(np.square(_sized(np.array(deviation)))))
 
 

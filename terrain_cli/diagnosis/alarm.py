@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison.bootstrap import DRAWS
 from terrain_cli.comparison.residual_noise import between
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refit_ranking
 
 if TYPE_CHECKING:
@@ -18,21 +20,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: The alarm is raised where chance gives a score as strong in fewer cases than the first, and a gain on
-#: held-out blocks as large in fewer than the second. What acts in a few blocks alone gains there alone: no
-#: test of the mean finds that sure, however large it is.
-LEVEL, GAINED = 0.01, 0.03
-#: The latter for steady test points, whose scores are beyond chance too often: six of six that gain do so
-#: in one case of 64.
-GAINED_STEADY = 0.016
-#: Fewer blocks do not earn a single name, and blocks are not joined to fewer.
-ENOUGH_BLOCKS = 8
 #: Blocks of which all choices of signs are tried.
 _FEW = 8
-#: Orders that are drawn.
-DRAWS = 1999
-#: Points of a wheel from which on the scores of effects tell all there is to tell.
-_MANY = 200
 
 
 def of_gain(gain: Array) -> float:
@@ -77,7 +66,7 @@ def of_order(data: Ground, seed: int) -> float:
     least = 1.0
     for wheel, part, rows, solution in zip(data.wheels, data.data, data.rows, data.base, strict=True):
         known = np.flatnonzero(part.seen.any(axis=1))
-        if wheel.ordered or not 0 < len(known) < _MANY:
+        if wheel.ordered or not 0 < len(known) < criteria.POINTS_ENOUGH:
             continue
         places = between(part.window[known], wheel.run_under[rows][known])
         if len(places.middle):

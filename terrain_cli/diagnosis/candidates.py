@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import smoothed_covariance
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refit_ranking
 from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Size
 from terrain_cli.models.model_file import SOIL_UNITS
@@ -17,9 +18,6 @@ if TYPE_CHECKING:
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.diagnosis.screening import Screened
-
-#: Error of a parameter, as a share of what was known beforehand, from which on the data leave it open.
-_OPEN = 0.95
 
 
 def listed(
@@ -90,7 +88,7 @@ def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
             own = column < len(sought.local)
             t = solution.t[:, column] if own else solution.common[[column - len(sought.local)]]
             error = np.sqrt(covariance[:, column, column]) if own else np.sqrt(covariance[:1, column, column])
-            told = (error < _OPEN * unknown.sd) | unknown.logarithm
+            told = (error < criteria.LEFT_OPEN * unknown.sd) | unknown.logarithm
             known = zip(unknown.value(t)[told].tolist(), error[told].tolist(), strict=True)
             pairs.setdefault(unknown.name, []).extend(known)
     sizes = {}

@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING
 
 from terrain_cli import effects as catalogues
 from terrain_cli import models
-from terrain_cli.diagnosis import candidates, refits, screening, steps, verdict, verdict_sentences
-from terrain_cli.diagnosis.alarm import ENOUGH_BLOCKS
+from terrain_cli.comparison import comparison_criteria
+from terrain_cli.diagnosis import (
+    candidates,
+    refits,
+    steps,
+    verdict,
+    verdict_sentences,
+)
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
 from terrain_cli.vocabulary.english import counted
@@ -117,9 +124,9 @@ def diagnose(
 
 def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnosis:
     """Say that nothing shows; of few data also what they speak for."""
-    few = log.data.blocks < ENOUGH_BLOCKS
+    few = log.data.blocks < comparison_criteria.FEWEST_BLOCKS
     warnings = list(log.comparison.warnings)
-    if log.data.blocks < screening.FEWEST_BLOCKS:
+    if log.data.blocks < criteria.BLOCKS_OF_ALARM:
         data = counted(log.data.blocks, "independent stretch", "es")
         warnings.append(f"only {data} of data: nothing can be told from chance")
     several = steps.refitted(case, log) if few else []

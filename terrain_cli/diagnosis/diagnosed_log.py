@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import blocks
+from terrain_cli.comparison import blocks, comparison_criteria
 from terrain_cli.comparison import one_soil_or_several as comparison_soils
-from terrain_cli.comparison.compare import ENOUGH_RUNS, fit_wheels, of_fitted
+from terrain_cli.comparison.compare import fit_wheels, of_fitted
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fit_settings import FitSettings
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, several_soils
-from terrain_cli.diagnosis.alarm import ENOUGH_BLOCKS
 from terrain_cli.estimation import estimators
 from terrain_cli.telemetry.long.excerpt import notes
 from terrain_cli.windows import joined_inputs
@@ -33,9 +33,6 @@ if TYPE_CHECKING:
     from terrain_cli.windows.cut_windows import Windows
 
     Index = NDArray[np.intp]
-
-#: Correlation between neighbouring blocks for less of which they are not joined.
-_UNRELATED = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,13 +126,13 @@ def _longer_blocks(log: DiagnosedLog, found: Screened) -> DiagnosedLog | None:
     """Join blocks whose scores are related; None where runs are blocks, or none are related."""
     count = len(found.blocks)
     runs = [wheel.windows.samples.labels.get("run") for wheel in log.data.wheels]
-    if any(label is not None and len(label.names) >= ENOUGH_RUNS for label in runs):
+    if any(label is not None and len(label.names) >= comparison_criteria.ENOUGH_RUNS for label in runs):
         return None
     label = blocks.merged(
         found.blocks,
         np.zeros(count, dtype=np.intp),
-        fewest=min(ENOUGH_BLOCKS, count),
-        independent=_UNRELATED,
+        fewest=min(comparison_criteria.FEWEST_BLOCKS, count),
+        independent=criteria.UNRELATED_SCORES,
     )
     if int(label.max(initial=0)) + 1 == count:
         return None

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison.bootstrap import max_test
+from terrain_cli.comparison.bootstrap import DRAWS, max_test
 from terrain_cli.estimation.wheel_fit import normal_equations
 
 if TYPE_CHECKING:
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
-
-#: Draws of the bootstrap.
-DRAWS = 1999
 
 
 @dataclass(frozen=True)

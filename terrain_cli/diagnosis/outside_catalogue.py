@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
 from terrain_cli.diagnosis import effect_scores as scoring
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
@@ -24,18 +25,10 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Drafts that are fitted.
-_FITTED = 6
 #: Samples that are screened.
 _MOST = 4_000
-#: Gain in the sum of squares that a further parameter has to bring to be worth it.
-_PRICE = 6.0
-#: Part of the misfit that the best effect has to leave, and a draft to take, for the draft to stand.
-_LEFT = 0.12
 #: Drivers whose noise is in the residual too.
 _QUIET = ("slip", "load", "sinkage", "velocity", "angular_velocity")
-#: A plainer draft, or one of a channel, is taken that explains as much within this share.
-_PLAINER = 0.03
 
 
 @dataclass(frozen=True)
@@ -80,7 +73,7 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
             found, _ = scoring.scores(known.residual, known.soil, table, wheel.window[rows], one_block, 1)
             _, _, gain = found.fit(np.arange(width))
             key = (changes, driver, form)
-            ranked[key] = ranked.get(key, 0.0) + gain - _PRICE * width
+            ranked[key] = ranked.get(key, 0.0) + gain - criteria.FURTHER_PARAMETER * width
         for driver, column in values.items():
             columns.setdefault(driver, column)
     written: list[tuple[Draft, Hypothesis, list[dict[str, Array]]]] = []
@@ -136,7 +129,7 @@ def _varied(ranked: dict[tuple[str, str, str], float]) -> list[tuple[str, str, s
         same = sum(other[:2] == key[:2] for other in chosen)
         if ranked[key] > 0.0 and same < 2:
             chosen.append(key)
-        if len(chosen) == _FITTED:
+        if len(chosen) == criteria.DRAFTS:
             break
     return chosen
 
@@ -148,7 +141,8 @@ def _plainest(tried: list[Tried], base: Refit) -> list[Tried]:
     gains = [float((base.loss - one.refit.loss).sum()) for one in tried]
     if gains[0] <= 0.0:
         return []
-    near = [one for one, gain in zip(tried, gains, strict=True) if gain >= (1.0 - _PLAINER) * gains[0]]
+    least = (1.0 - criteria.PLAINER_DRAFT) * gains[0]
+    near = [one for one, gain in zip(tried, gains, strict=True) if gain >= least]
     first = min(
         near,
         key=lambda one: (
@@ -201,8 +195,8 @@ def verdict(
     channel = draft.changes if draft.changes in drafted_laws.SHOWN else _channel(base, tried[0].refit)
     errors = [one.heldout[channel] ** 2 for one in (base, effect, tried[0].refit)]
     # Where noise lasts, a misfit that lasts weighs little, and a small one that does not, as much as that.
-    much = errors[1] - errors[2] >= _LEFT * (errors[0] - errors[2])
-    alone = not family or (left >= _LEFT * misfit and much)
+    much = errors[1] - errors[2] >= criteria.DRAFT_LEFT * (errors[0] - errors[2])
+    alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much)
     follows = f"follows {draft.driver.replace('_', ' ')}" if draft.driver else "is off by a constant"
     head = "No effect of the catalogue explains it" if alone else "A law of one driver predicts it better"
     sentence = (

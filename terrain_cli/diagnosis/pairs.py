@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refit_ranking, refits, screening, signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.mechanics.wheel_model import Model
@@ -21,9 +22,6 @@ if TYPE_CHECKING:
     from terrain_cli.diagnosis.screening import Screened
     from terrain_cli.effects import Effect
     from terrain_cli.models import ModelFile
-
-#: Pairs that are fitted: those that explain most to first order.
-_FITTED = 8
 
 
 def best(
@@ -49,8 +47,8 @@ def best(
     """
     alone = {one.id: (one, refit) for one, refit in ranked if one.effects}
     promising = screening.promising_pairs(found, [one for one, _ in alone.values()])
-    chosen, rest = promising[:_FITTED], promising[_FITTED:]
-    chosen += [pair for pair in rest if name in (one.id for one in pair)][:_FITTED]
+    chosen, rest = promising[: criteria.RIVALS], promising[criteria.RIVALS :]
+    chosen += [pair for pair in rest if name in (one.id for one in pair)][: criteria.RIVALS]
     fitted = []
     for first, second in chosen:
         pair = _both(data, first, second)

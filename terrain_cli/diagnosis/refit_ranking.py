@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import smoothed_covariance
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -15,9 +16,6 @@ if TYPE_CHECKING:
     from terrain_cli.diagnosis.refits import Ground, Refit
 
     Array = NDArray[np.float64]
-
-#: Standard errors by which a model has to be better than another, and within which it is as good.
-_SURE, _EQUAL = 2.0, 1.0
 
 
 def error(difference: Array) -> float:
@@ -38,13 +36,13 @@ def error(difference: Array) -> float:
 def beats(one: Refit, other: Refit) -> bool:
     """Tell whether one model predicts better than another, beyond chance."""
     gain = other.loss - one.loss
-    return float(gain.sum()) > _SURE * error(gain)
+    return float(gain.sum()) > criteria.BETTER * error(gain)
 
 
 def as_good(one: Refit, other: Refit) -> bool:
     """Tell whether one model predicts no worse than another."""
     difference = one.loss - other.loss
-    return float(difference.sum()) <= _EQUAL * error(difference)
+    return float(difference.sum()) <= criteria.AS_GOOD * error(difference)
 
 
 def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:

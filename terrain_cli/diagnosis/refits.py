@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import held_out, residual_noise, smoothed_fit, smoothed_model, whitening
+from terrain_cli.comparison import (
+    comparison_criteria,
+    held_out,
+    residual_noise,
+    smoothed_fit,
+    smoothed_model,
+    whitening,
+)
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
@@ -26,8 +33,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-#: Samples that tell the noise.
-_FEWEST = 30
 #: Multiples of its null at which the search for a parameter that only shapes an effect begins.
 _SHAPES = (0.4, 1.0, 2.5)
 
@@ -147,7 +152,7 @@ def with_noise_of(data: Ground, best: Refit) -> Ground:
     """
     parts, solutions = [], []
     for part, found, base, wheel in zip(data.data, best.solutions, data.base, data.wheels, strict=True):
-        parts.append(smoothed_model.with_noise_of(part, found.residual, _FEWEST))
+        parts.append(smoothed_model.with_noise_of(part, found.residual, comparison_criteria.NOISE_SAMPLES))
         solutions.append(smoothed_fit.solve(wheel.model, base.unknowns, parts[-1], base.t, base.common))
     return replace(data, data=parts, base=solutions)
 

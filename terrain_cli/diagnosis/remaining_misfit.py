@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison.bootstrap import max_test
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, effect_scores
 
 if TYPE_CHECKING:
@@ -15,9 +16,6 @@ if TYPE_CHECKING:
     from terrain_cli.diagnosis.refits import Ground, Refit
 
     Array = NDArray[np.float64]
-
-#: Share of its square that a shape keeps at least when everything is fitted anew.
-_SURVIVING = 0.01
 
 
 def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
@@ -63,8 +61,10 @@ def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
             solution.residual, solution.design, every, part.window, data.block[index], data.blocks
         )
         gains = found.total**2 / np.maximum(np.diag(found.cross), 1e-300)
-        most = max(most, float(np.where(found.surviving > _SURVIVING, gains, 0.0).max(initial=0.0)))
-        tables.append(np.where(found.surviving > _SURVIVING, found.blocks, 0.0))
+        most = max(
+            most, float(np.where(found.surviving > criteria.REST_SURVIVES, gains, 0.0).max(initial=0.0))
+        )
+        tables.append(np.where(found.surviving > criteria.REST_SURVIVES, found.blocks, 0.0))
         shrunk = min(shrunk, found.shrunk)
     if not tables:
         return 1.0, 0.0

@@ -16,6 +16,7 @@ import numpy as np
 
 from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.bootstrap import resample, webb_weights
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
 
 if TYPE_CHECKING:
@@ -37,14 +38,6 @@ FORMS = (0.0, 0.5, -0.4)
 _BENT = (0.05, 4.0)
 #: Draws of the noise for each form.
 DRAWS = 60
-#: Share of blocks' resampled differences below zero above which two losses are the same.
-_TIED = 0.05
-#: A rival is ruled out where it is mistaken for the best, by as much as now, less often than this.
-_RULED_OUT = 0.02
-#: Share of the draws in which another one is found first that makes it one of the family.
-_STOLEN = 0.05
-#: Share of the draws that has to name an effect right.
-EARNED = 0.9
 
 
 @dataclass(frozen=True)
@@ -104,20 +97,20 @@ def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis
                 stolen += np.bincount(first, minlength=count) / (len(first) * len(FORMS))
             mistaken[truth, column] = np.mean(losses[:, truth] - losses[:, 0] >= now[truth] - now[0])
     tied = np.array([_tied(one.loss - refits[0].loss, seed) for one in refits])
-    possible = mistaken.max(axis=1) > _RULED_OUT
+    possible = mistaken.max(axis=1) > criteria.RULED_OUT
     # Whoever would be found in place of the best, were that the truth, is no worse an answer.
-    within = tied | possible | (stolen > _STOLEN)
+    within = tied | possible | (stolen > criteria.TIED)
     within[0] = True
     family = tuple(int(place) for place in np.flatnonzero(within))
     share = firsts.mean(axis=1)
-    earned = len(family) == 1 and bool(share[0] >= EARNED)
+    earned = len(family) == 1 and bool(share[0] >= criteria.EARNED)
     return Rivals(family, earned, share)
 
 
 def _tied(difference: Array, seed: int) -> bool:
     """Tell whether blocks leave it open which of two losses is smaller."""
     draws = resample(difference[:, None], lambda drawn: drawn[:, 0], seed=seed)
-    return bool(np.mean(draws <= 0.0) > _TIED)
+    return bool(np.mean(draws <= 0.0) > criteria.TIED)
 
 
 class _Design:

@@ -10,6 +10,7 @@ import numpy as np
 
 from terrain_cli import effects as catalogues
 from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import effect_scores as scoring
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable, Size
@@ -31,14 +32,8 @@ if TYPE_CHECKING:
 
 #: Channel that tells one part of a drive from another, as a change of soil does.
 DRIVEN_BEFORE = "pass_number"
-#: Blocks below which nothing can be told from chance.
-FEWEST_BLOCKS = 5
 #: Samples of all wheels that are scored, evenly thinned.
 MOST_SAMPLES = 6_000
-#: Share of its square that a signature keeps at least when the soil is fitted anew.
-_SURVIVING = 0.0002
-#: Standard errors that an effect three times its typical size stands out at least.
-_SHOWS = 2.0
 #: Width of the prior about the null, in typical sizes.
 _WIDTH = 5.0
 
@@ -289,7 +284,9 @@ class _Columns:
             self.flat, known.soil, columns, wheel.window[rows], self.block, blocks
         )
         power = np.sqrt(np.maximum(np.diag(self.scores.cross), 0.0)) * np.sqrt(step)
-        self.testable = (self.scores.surviving > _SURVIVING) & (3.0 * power > _SHOWS)
+        self.testable = (self.scores.surviving > criteria.SIGNATURE_SURVIVES) & (
+            3.0 * power > criteria.TESTABLE
+        )
         self.raw = np.abs(columns).max(axis=(0, 1)) > 1e-9 if columns.size else np.zeros(0, dtype=bool)
 
     def beyond(self, effect: str) -> Array:
@@ -318,7 +315,7 @@ class _Columns:
             return ""
         if not self.raw[columns].any():
             return "nothing that it follows varies in these data"
-        if not (self.scores.surviving[columns] > _SURVIVING).any():
+        if not (self.scores.surviving[columns] > criteria.SIGNATURE_SURVIVES).any():
             return "the soil's own parameters imitate it in these data"
         return "three times its typical size would not stand out of the noise of these data"
 

@@ -15,6 +15,7 @@ import numpy as np
 from terrain_cli.comparison.compare import fit_wheels
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
 from terrain_cli.estimation import estimators
 from terrain_cli.estimation.wheel_fit.normal_equations import explained
@@ -38,19 +39,6 @@ if TYPE_CHECKING:
 
 #: Samples of all wheels that are fitted.
 MOST_SAMPLES = 3_000
-#: Effects that may stand for soils.
-_RIVALS = 8
-#: Part of what new soils take off the loss of one soil that an effect has to take off to stand for them.
-_MOSTLY = 0.8
-#: Soils for which a drafted law may stand: a step of what warms or wears passes for two soils.
-_SEVERAL = 3
-#: Most steps of the soil under all wheels.
-_MOST = 4
-#: Share of what a model leaves beyond the noise that steps take off at least. What is missing besides
-#: takes its share where it changes with time; a soil leaves little to anything else.
-_SHARE = 0.5
-#: Samples of a soil at least, of those that are fitted.
-_SHORTEST = 40
 #: Bounds of a residual, in deviations of the noise.
 _WILD = 10.0
 
@@ -98,7 +86,7 @@ def on_more(
     told : list of str
         Where the soil steps.
     """
-    if data.blocks < screening.FEWEST_BLOCKS:
+    if data.blocks < criteria.BLOCKS_OF_ALARM:
         return data, []
     found = _with_steps(data, block)
     if found is None or _stand_for_soils(data, block, *found[:2], hypotheses, progress):
@@ -162,7 +150,7 @@ def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, li
     """Cut windows where the soil steps; with the base on more soils, and where each of them begins."""
     found, told = data, list[str]()
     plain = before = refits.refit(data, None)
-    for _ in range(_MOST):
+    for _ in range(criteria.MOST_STEPS):
         places = [_best(found, index) for index in range(len(found.wheels))]
         index = int(np.argmax([gain for gain, _ in places]))
         if not places[index][0] > 0.0:
@@ -179,7 +167,7 @@ def _with_steps(data: Ground, block: Sequence[Index]) -> tuple[Ground, Refit, li
             break
         found, before = cut, after
         told.append(_where(found.wheels[index], sample))
-    if not told or not _share(data, plain, before) > _SHARE:
+    if not told or not _share(data, plain, before) > criteria.STEPS_SHARE:
         return None
     return found, before, told
 
@@ -197,13 +185,14 @@ def _stand_for_soils(
     if refit_ranking.as_good(plain, several):
         return True
     gap = float((plain.loss - several.loss).sum())
-    for hypothesis in screening.promising(one.wheels, block, hypotheses)[:_RIVALS]:
+    for hypothesis in screening.promising(one.wheels, block, hypotheses)[: criteria.RIVALS]:
         progress(f"fewer soils and {hypothesis.id}")
         found = refits.refit(one, hypothesis)
-        if refit_ranking.as_good(found, several) or float((plain.loss - found.loss).sum()) > _MOSTLY * gap:
+        taken = float((plain.loss - found.loss).sum())
+        if refit_ranking.as_good(found, several) or taken > criteria.STANDS_FOR_SOILS * gap:
             return True
     fewer = sum(part.windows for part in cut.data) - sum(part.windows for part in one.data)
-    if fewer >= _SEVERAL:
+    if fewer >= criteria.SOILS_OF_A_LAW:
         # Nor may what is in no catalogue pass for soils.
         drafted = outside_catalogue.best(one, plain, progress)
         return bool(drafted) and refit_ranking.as_good(drafted[0].refit, several)
@@ -225,17 +214,17 @@ def _best(data: Ground, index: int) -> tuple[float, int]:
     best, place = 0.0, 0
     for window in range(part.windows):
         rows = np.flatnonzero(part.window == window)
-        if len(rows) < 2 * _SHORTEST:
+        if len(rows) < 2 * criteria.SOIL_SAMPLES:
             continue
         gain = _gains(solution, rows)
         at = int(np.argmax(gain))
         if gain[at] > best:
-            best, place = float(gain[at]), int(rows[_SHORTEST + at])
+            best, place = float(gain[at]), int(rows[criteria.SOIL_SAMPLES + at])
     return best, place
 
 
 def _gains(solution: Solution, rows: Index) -> Array:
-    """Return what soils of their own before and from each sample take off, `_SHORTEST` from either end.
+    """Return what soils of their own before and from each sample take off, some way from either end.
 
     In units of the noise's variance, less what chance takes off as often as not for each parameter.
     """
@@ -245,7 +234,7 @@ def _gains(solution: Solution, rows: Index) -> Array:
     square = np.cumsum(np.einsum("ncp,ncq->npq", design, design), axis=0)
     product = np.cumsum(np.einsum("ncp,nc->np", design, residual), axis=0)
 
-    inner, prior = slice(_SHORTEST - 1, len(rows) - _SHORTEST), np.eye(q)
+    inner, prior = slice(criteria.SOIL_SAMPLES - 1, len(rows) - criteria.SOIL_SAMPLES), np.eye(q)
     first = explained(square[inner] + prior, product[inner])
     second = explained(square[-1] - square[inner] + prior, product[-1] - product[inner])
     return np.asarray(first + second - explained(square[-1] + prior, product[-1]) - q)

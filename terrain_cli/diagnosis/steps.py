@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from terrain_cli import models
+from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import (
     alarm,
     outside_catalogue,
@@ -15,9 +16,8 @@ from terrain_cli.diagnosis import (
     refits,
     remaining_misfit,
     rivals,
-    screening,
 )
-from terrain_cli.diagnosis.alarm import ENOUGH_BLOCKS, LEVEL
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm
 from terrain_cli.diagnosis.next_drive import suggestion
 from terrain_cli.processes import parallel
@@ -30,15 +30,6 @@ if TYPE_CHECKING:
     from terrain_cli.diagnosis.refits import Ground, Refit
 
     Fitted = tuple[Hypothesis, Refit]
-
-#: Candidates that are weighed against one another.
-_RIVALS = 8
-#: A candidate that takes less than this part of what the best takes off the loss is no rival.
-_WORTH = 0.3
-#: Part of what an effect explains that may be left to follow the drive.
-_SMALL = 0.05
-#: Part of the best one's gain with which an effect within its bounds comes before it.
-_CREDIBLE = 0.7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,9 +124,9 @@ def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
     gains = [base.loss - refits.refit(log.data, form).loss for one in assumed for form in one.forms]
     lifted = min((len(gains) * alarm.of_gain(gain) for gain in gains), default=1.0)
     p_value = min(p_value, lifted, alarm.of_order(log.data, case.seed))
-    if log.data.blocks < screening.FEWEST_BLOCKS:
-        return Alarm(False, 1.0, LEVEL, 0.0, 0.0)
-    return Alarm(p_value < LEVEL, p_value, LEVEL, 0.0, 0.0)
+    if log.data.blocks < criteria.BLOCKS_OF_ALARM:
+        return Alarm(False, 1.0, criteria.LEVEL, 0.0, 0.0)
+    return Alarm(p_value < criteria.LEVEL, p_value, criteria.LEVEL, 0.0, 0.0)
 
 
 def refitted(case: Case, log: DiagnosedLog) -> list[Fitted]:
@@ -161,10 +152,10 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
         return Ranked(log=log, base=base, several=several, drafts=drafts)
     data = refits.with_noise_of(log.data, min(leaders, key=lambda one: float(one.loss.sum())))
     base = refits.refit(data, None)
-    again = parallel.each(partial(_again, data), several[: _RIVALS + 2])
+    again = parallel.each(partial(_again, data), several[: criteria.RIVALS + 2])
     again = sorted(again, key=lambda pair: float(pair[1].loss.sum()))
     again = _plainest_first(_credible_first(data, base, again))
-    rest = [(one, refits.weighed(data, refit)) for one, refit in several[_RIVALS + 2 :]]
+    rest = [(one, refits.weighed(data, refit)) for one, refit in several[criteria.RIVALS + 2 :]]
     drafts = [
         replace(one, refit=refits.refit(data, one.hypothesis, one.extra, one.refit.solutions))
         for one in drafts[:2]
@@ -176,17 +167,23 @@ def alarm_of_gain(ranked: Ranked, before: Alarm) -> Alarm:
     """Hold the alarm against the gain of the best explanation on held-out blocks."""
     gains = [ranked.base.loss - one.loss for one in (ranked.best, *(d.refit for d in ranked.drafts[:1]))]
     gain = max(gains, key=lambda g: float(g.sum()))
-    rare = alarm.GAINED if any(wheel.ordered for wheel in ranked.data.wheels) else alarm.GAINED_STEADY
-    p_value = max(before.p_value, alarm.of_gain(gain) * LEVEL / rare)
-    return Alarm(p_value < LEVEL, p_value, LEVEL, float(gain.sum()), refit_ranking.error(gain))
+    rare = criteria.GAINED if any(wheel.ordered for wheel in ranked.data.wheels) else criteria.GAINED_STEADY
+    p_value = max(before.p_value, alarm.of_gain(gain) * criteria.LEVEL / rare)
+    return Alarm(
+        p_value < criteria.LEVEL,
+        p_value,
+        criteria.LEVEL,
+        float(gain.sum()),
+        refit_ranking.error(gain),
+    )
 
 
 def family(case: Case, ranked: Ranked) -> Family:
     """Find those that cannot be told from the best, and whether this has earned a single name."""
     near = [
         pair
-        for pair in ranked.several[:_RIVALS]
-        if float((ranked.base.loss - pair[1].loss).sum()) > _WORTH * ranked.taken
+        for pair in ranked.several[: criteria.RIVALS]
+        if float((ranked.base.loss - pair[1].loss).sum()) > criteria.RIVAL_WORTH * ranked.taken
     ]
     if ranked.taken <= 0.0 or not near:
         return Family()
@@ -194,16 +191,16 @@ def family(case: Case, ranked: Ranked) -> Family:
     judged = rivals.judge(ranked.data, [one for _, one in near], [one for one, _ in near], case.seed)
     # A name that leaves something unexplained is not the whole story, and perhaps none of it.
     of_rest, left = remaining_misfit.follows(ranked.data, near[0][1], case.seed)
-    clear = (of_rest >= LEVEL and left < ranked.taken) or left < _SMALL * ranked.taken
+    clear = (of_rest >= criteria.LEVEL and left < ranked.taken) or left < criteria.SMALL_REST * ranked.taken
     # Nor is it where a law that nobody thought of predicts better.
     clear = clear and not outside_catalogue.beats(ranked.drafts, near[0][1])
     # Nor where it stands for something that nature does not have.
     clear = clear and not refit_ranking.imitates(ranked.data, *near[0])
     return Family(
         members=[near[place] for place in judged.family],
-        earned=judged.earned and clear and ranked.data.blocks >= ENOUGH_BLOCKS,
+        earned=judged.earned and clear and ranked.data.blocks >= comparison_criteria.FEWEST_BLOCKS,
         clear=clear,
-        whole=clear and of_rest >= LEVEL,
+        whole=clear and of_rest >= criteria.LEVEL,
     )
 
 
@@ -270,7 +267,7 @@ def _credible_first(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fit
     """Put an effect that ran to what cannot be behind those that explain nearly as much without."""
     if not ranked:
         return ranked
-    least = _CREDIBLE * float((base.loss - ranked[0][1].loss).sum())
+    least = criteria.CREDIBLE * float((base.loss - ranked[0][1].loss).sum())
     good = [
         pair
         for pair in ranked

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from terrain_cli.comparison.comparison_outcome import FEWEST_BLOCKS
-from terrain_cli.comparison.finding_sentences import ABOVE, beyond_noise, missed
+from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison.finding_sentences import beyond_noise, missed
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.models import STRESSES
 from terrain_cli.vocabulary.english import counted, listed
 
@@ -16,14 +17,6 @@ if TYPE_CHECKING:
     from terrain_cli.comparison import Finding
     from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, Size
 
-#: Times its noise from which on the error of a channel is a misfit, whatever can be told of it.
-_GROSS = 1.5
-#: Part of the size of a channel from which on an error is large, where no noise is known.
-_LARGE = 0.2
-#: Part of the misfit that a finding told of the channel that is missed most must account for.
-_TOLD = 0.2
-#: Part of the largest error beyond noise, in terms of it, from which on a channel is among those missed.
-_STANDS_OUT = 0.5
 #: How a verdict ends where a law of its own was drafted.
 OFFER = "--draft FILE.toml writes the law."
 
@@ -44,7 +37,7 @@ def verdict(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collecti
                 "Something stands out, but nothing that is added predicts held-out data better: leave the "
                 "model as it is."
             )
-        beyond = beyond_noise(diagnosis.comparison, _GROSS) or _too_few(diagnosis)
+        beyond = beyond_noise(diagnosis.comparison, criteria.GROSS) or _too_few(diagnosis)
         return (
             f"{beyond[0].upper()}{beyond[1:]}."
             if beyond
@@ -80,7 +73,7 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
         blocks = diagnosis.comparison.blocks
         doubt = (
             f"{blocks} independent stretches of data are too few to be sure of the name"
-            if blocks < FEWEST_BLOCKS
+            if blocks < comparison_criteria.FEWEST_BLOCKS
             else "something is left over, or this very drive would not show it often enough to be sure of "
             "the name"
         )
@@ -94,9 +87,9 @@ def _too_few(diagnosis: Diagnosis) -> str:
     off = [
         f"{one.name.replace('_', ' ')} by {one.nrmse:.0%}"
         for one in diagnosis.comparison.channels.values()
-        if not math.isfinite(one.noise) and one.nrmse > _LARGE
+        if not math.isfinite(one.noise) and one.nrmse > criteria.LARGE_ERROR
     ]
-    if blocks >= FEWEST_BLOCKS or not off:
+    if blocks >= comparison_criteria.FEWEST_BLOCKS or not off:
         return ""
     table = (
         "; the table shows what each effect would leave"
@@ -133,12 +126,12 @@ def _seen(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection
         if name in diagnosis.heldout and errors.noise > 0.0
     }
     most = max(ratios, key=lambda name: ratios[name], default="")
-    if first.channel in changed or ratios.get(most, 0.0) < ABOVE:
+    if first.channel in changed or ratios.get(most, 0.0) < comparison_criteria.ABOVE_NOISE:
         told = [first]
     else:
-        least = 1.0 + _STANDS_OUT * (ratios[most] - 1.0)
+        least = 1.0 + criteria.STANDS_OUT * (ratios[most] - 1.0)
         there = [one for one in failures if ratios.get(one.channel, math.inf) >= least]
-        told = [one for one in there if one is first or one.share >= _TOLD]
+        told = [one for one in there if one is first or one.share >= criteria.TOLD]
     sentence = told[0].sentence if told else missed(most, diagnosis.heldout[most])
     return f"{sentence[0].upper()}{sentence[1:]}. "
 

@@ -9,14 +9,12 @@ import numpy as np
 from scipy.special import chdtrc
 
 from terrain_cli import models
-from terrain_cli.comparison import against, compare
-from terrain_cli.diagnosis import several_soils
+from terrain_cli.comparison import against, compare, comparison_criteria
+from terrain_cli.diagnosis import diagnosis_criteria, several_soils
 from terrain_cli.estimation import estimators
+from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import (
-    DOUBTED,
-    ENOUGH_BLOCKS,
-    LEVEL,
     Estimated,
     Idle,
     Lost,
@@ -123,7 +121,7 @@ def tried(
     if first is None:
         first = fitted(wheels, before, seed=seed, progress=lambda step: progress(f"before: {step}"))
     second = fitted(wheels, after, like=first, seed=seed, progress=lambda step: progress(f"after: {step}"))
-    if first.blocks < ENOUGH_BLOCKS:
+    if first.blocks < comparison_criteria.FEWEST_BLOCKS:
         # What is missing is remembered longer than noise: the better model tells how long that is.
         own = fitted(wheels, after, seed=seed, progress=lambda step: progress(f"after, anew: {step}"))
         if own.blocks > first.blocks:
@@ -254,7 +252,7 @@ def _imitating(comparison: Comparison, file: ModelFile, changed: Sequence[str]) 
     for wheel in comparison.wheels:
         fit = wheel.fit
         for effect in effects:
-            for names, value, error in effect.imitations(fit.shared, fit.shared_covariance, DOUBTED):
+            for names, value, error in effect.imitations(fit.shared, fit.shared_covariance, criteria.DOUBTED):
                 yield _estimated(wheel, file, names, value, error)
 
 
@@ -294,7 +292,7 @@ def _idle(
         if effect.id in changed or effect not in before.model.effects:
             continue
         was, now = _absent(first, before, [effect.id]), _absent(second, after, [effect.id])
-        if was <= LEVEL < now:
+        if was <= diagnosis_criteria.LEVEL < now:
             yield Idle(effect.id, now)
 
 

@@ -6,6 +6,10 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
+from terrain_cli.comparison import comparison_criteria
+from terrain_cli.diagnosis import diagnosis_criteria
+from terrain_cli.improvement import improvement_criteria as criteria
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -14,26 +18,6 @@ if TYPE_CHECKING:
     from terrain_cli.models import ModelFile
 
 Action = Literal["add", "remove"]
-#: Independent stretches below which nothing is proven, and from which on the misfit's memory is no matter.
-FEWEST_BLOCKS, ENOUGH_BLOCKS = 3, 8
-#: Share by which a channel's error must fall to count: sensors' noise feigns less in a fit.
-LEAST = 0.02
-#: Share by which a channel's error must rise to outweigh another's fall, and part of that fall, both as
-#: logarithms: what is missing besides may have been hidden by a soil that the better model takes back.
-MUCH, _TRADED = 0.05, 0.25
-#: Chance that a model without the effect gives parameters as far from null, above which it does not count.
-LEVEL = 0.01
-#: Standard errors by which a parameter may lie where nature has none. A diagnosis grants more, as it tries
-#: many effects. Of 20 right ones, added to simulated drives, none came out on the wrong side at all.
-DOUBTED = 2.0
-#: Times the noise that errors of a model that misses nothing may come to.
-_NOISE = 1.05
-#: Ratio of errors whose 95 % interval lies below this says so by itself.
-PLAIN = 0.9
-#: Times the reach of its 95 % interval by which a channel's error falls that says so by itself.
-_CERTAIN = 1.5
-#: Share of the samples predicted before that may be without a prediction afterwards.
-MOST_LOST = 0.05
 
 
 class Interval(NamedTuple):
@@ -68,12 +52,12 @@ class ChannelChange:
     @property
     def fell(self) -> bool:
         """Whether the error is less than before, beyond chance and by more than it takes to count."""
-        return self.difference.high < 0.0 and self.share > LEAST
+        return self.difference.high < 0.0 and self.share > criteria.LEAST_CHANGE
 
     @property
     def rose(self) -> bool:
         """Whether it is more than before, likewise."""
-        return self.difference.low > 0.0 and self.share > LEAST
+        return self.difference.low > 0.0 and self.share > criteria.LEAST_CHANGE
 
     @property
     def certainty(self) -> float:
@@ -87,7 +71,7 @@ class ChannelChange:
 
         Where it is not, the lesser one comes of a soil that passes less of the noise on, and is no better.
         """
-        return not max(self.before.value, self.after.value) <= _NOISE * self.noise
+        return not max(self.before.value, self.after.value) <= criteria.NOISE * self.noise
 
     @property
     def share(self) -> float:
@@ -242,7 +226,7 @@ class Step:
     @property
     def testable(self) -> bool:
         """Whether there are enough independent stretches to tell anything from chance."""
-        return self.evidence.blocks >= FEWEST_BLOCKS
+        return self.evidence.blocks >= criteria.BLOCKS_OF_CHANGE
 
     @property
     def there(self) -> bool:
@@ -252,9 +236,9 @@ class Step:
         parameters open, by what it does to the soil.
         """
         _, low, high = self.evidence.overall
-        plain = high < PLAIN or low > 1.0 / PLAIN
+        plain = high < criteria.PLAIN or low > 1.0 / criteria.PLAIN
         known = not self.parameters or any(one.determined for one in self.parameters)
-        return not self.absent > LEVEL or (plain and known)
+        return not self.absent > diagnosis_criteria.LEVEL or (plain and known)
 
     @property
     def fell(self) -> list[ChannelChange]:
@@ -274,7 +258,7 @@ class Step:
     @property
     def better(self) -> bool:
         """Whether the held-out error fell, and no rise outweighs that."""
-        enough = self.testable and self.there and self.evidence.lost <= MOST_LOST
+        enough = self.testable and self.there and self.evidence.lost <= comparison_criteria.UNPREDICTED
         return enough and _differs(self.evidence.overall, self.fell, self.rose)
 
     @property
@@ -282,7 +266,7 @@ class Step:
         """Whether the way back would pay: it rose, and no fall outweighs that."""
         value, low, high = self.evidence.overall
         rose = _differs(Interval(1.0 / value, 1.0 / high, 1.0 / low), self.rose, self.fell)
-        lost = self.evidence.lost > MOST_LOST
+        lost = self.evidence.lost > comparison_criteria.UNPREDICTED
         return self.testable and ((self.there and rose and not self.imitates) or lost)
 
     @property
@@ -300,16 +284,16 @@ def _differs(overall: Interval, some: Sequence[ChannelChange], others: Sequence[
     if _outweighs(others, some):
         return False
     if overall.high < 1.0:
-        return bool(some) or overall.high < PLAIN
-    certain = any(one.certainty > _CERTAIN for one in some)
-    return certain and not others and overall.value < PLAIN
+        return bool(some) or overall.high < criteria.PLAIN
+    certain = any(one.certainty > criteria.CERTAIN for one in some)
+    return certain and not others and overall.value < criteria.PLAIN
 
 
 def _outweighs(some: Sequence[ChannelChange], others: Sequence[ChannelChange]) -> bool:
     """Tell whether some channels' change speaks against that of others, which goes the other way."""
     some = [one for one in some if one.misses]
     against, in_favour = (sum(math.log1p(one.share) for one in those) for those in (some, others))
-    return any(one.share > MUCH for one in some) and against > _TRADED * in_favour
+    return any(one.share > criteria.MUCH for one in some) and against > criteria.TRADED * in_favour
 
 
 @dataclass(frozen=True)

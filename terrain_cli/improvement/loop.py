@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from terrain_cli import models
+from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.change_trial import tried
 from terrain_cli.improvement.improvement_outcome import Stopped
 from terrain_cli.vocabulary.english import listed
@@ -18,9 +19,6 @@ if TYPE_CHECKING:
     from terrain_cli.improvement.improvement_outcome import Action, Step
     from terrain_cli.models import ModelFile
     from terrain_cli.windows.cut_windows import Windows
-
-#: Effects after which it is no longer the model that is at fault.
-MOST = 8
 
 
 def until_quiet(
@@ -83,7 +81,7 @@ def until_quiet(
         return replace(step, kept=kept), change.file if kept else current
 
     quiet, because = False, ""
-    while len(added) < MOST:
+    while len(added) < criteria.MOST_EFFECTS:
         progress("diagnosis")
         found = diagnose(wheels, file)
         quiet = not found.alarm.raised
@@ -104,7 +102,7 @@ def until_quiet(
             because = f"nothing more pays on held-out data: {several} did not"
             break
     else:
-        because = f"stopped after {MOST} effects"
+        because = f"stopped after {criteria.MOST_EFFECTS} effects"
     effects = [name for name in added if name not in models.ASSUMPTIONS]
     # One that was added alone has just been tried.
     for name in effects if len(added) > 1 else ():

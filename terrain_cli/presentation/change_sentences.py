@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from terrain_cli.improvement.improvement_outcome import LEAST, MOST_LOST, PLAIN
+from terrain_cli.comparison import comparison_criteria
+from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.english import counted, listed
 
@@ -30,7 +31,7 @@ def verdict(step: Step) -> str:
     kept = "added all the same, as --keep asks" if step.kept else "not added"
     if step.better:
         return f"{what} {_is(step)} {kept}: {found(step)}"
-    uncertain = " beyond chance" if step.evidence.overall.value < PLAIN else ""
+    uncertain = " beyond chance" if step.evidence.overall.value < criteria.PLAIN else ""
     partly = " on the whole" if step.fell else uncertain
     return f"the held-out error did not fall{partly}: {what} {_is(step)} {kept} ({found(step)})"
 
@@ -69,7 +70,7 @@ def found(step: Step) -> str:
     if not step.testable:
         n = step.evidence.blocks
         return f"only {counted(n, 'independent stretch', 'es')} of data: nothing can be told from chance"
-    if step.evidence.lost > MOST_LOST:
+    if step.evidence.lost > comparison_criteria.UNPREDICTED:
         return f"{step.evidence.lost:.0%} of the samples cannot be predicted any more"
     moved: list[str] = []
     for verb, channels in (("fell", step.fell), ("rose", step.rose)):
@@ -82,7 +83,7 @@ def found(step: Step) -> str:
         return (
             f"the held-out error fell over all channels, {ratio}, though in none alone beyond chance"
             if step.better
-            else f"in no channel did it change by more than chance and {LEAST:.0%}"
+            else f"in no channel did it change by more than chance and {criteria.LEAST_CHANGE:.0%}"
         )
     text = ", but ".join(moved)
     if not step.there:

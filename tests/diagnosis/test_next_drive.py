@@ -16,10 +16,10 @@ from terrain_cli import simulation
 from terrain_cli.comparison import blocks, one_soil_or_several
 from terrain_cli.comparison.compare import fit_wheels
 from terrain_cli.comparison.fit_settings import FitSettings
-from terrain_cli.diagnosis import refits, screening
+from terrain_cli.diagnosis import diagnosis_criteria, refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.diagnosis.next_drive import manoeuvres, suggestion
-from terrain_cli.diagnosis.next_drive.suggestion import LEAST, MOST, suggest
+from terrain_cli.diagnosis.next_drive.suggestion import suggest
 from terrain_cli.effects import catalogue
 from terrain_cli.estimation import estimators
 from terrain_cli.mechanics.effect import Effect, Parameter
@@ -144,7 +144,7 @@ def test_the_drive_is_the_one_known_to_settle_it(name, channel, low, high):
     data, pairs = case(name)
     (found,) = suggest(data, pairs)
     assert found.pair == tuple(one.id for one, _ in pairs)
-    assert 0.9 < found.power <= MOST
+    assert 0.9 < found.power <= diagnosis_criteria.MOST_POWER
     least, greatest = reach(found.settings, channel)
     assert least <= low
     assert greatest >= high
@@ -168,7 +168,7 @@ def test_of_a_sensor_that_cannot_be_told_from_the_ground_it_asks_for_a_calibrati
         Hypothesis(id=effect.id, title=effect.title, model=model, effects=(effect,))
         for effect in (catalogue()["bulldozing"], OWN["load-gain"])
     )
-    text = suggestion._unsettled(one, other, LEAST - 0.1)
+    text = suggestion._unsettled(one, other, diagnosis_criteria.LEAST_POWER - 0.1)
     assert text.endswith("calibrate the load cell with known weights")
 
 
@@ -196,7 +196,7 @@ def test_the_longer_it_is_driven_the_surer(name, manoeuvre):
     powers = [power(name, manoeuvre, seconds) for seconds in (6.0, 24.0, 96.0)]
     assert all(longer > shorter for shorter, longer in pairwise([0.5, *powers]))
     assert powers[2] > powers[0] + 0.05
-    assert power(name, manoeuvre, 960.0) <= MOST
+    assert power(name, manoeuvre, 960.0) <= diagnosis_criteria.MOST_POWER
 
 
 def test_noise_that_lasts_makes_it_less_sure():

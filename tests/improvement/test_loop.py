@@ -12,7 +12,6 @@ from scipy.special import chdtrc
 from terrain_cli import models, rover, telemetry
 from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 from terrain_cli.improvement import Stopped, history_entry, until_quiet
-from terrain_cli.improvement.loop import MOST
 from terrain_cli.presentation import change_text
 from terrain_cli.toml import toml_text
 from terrain_cli.windows import cut_windows
@@ -197,15 +196,15 @@ def test_how_sure_an_effect_is_of_itself(sinks, clean, folder, monkeypatch):
 
 def test_it_ends(clean, monkeypatch):
     """Even if everything seems to pay, and the alarm never falls silent."""
-    from terrain_cli.improvement import loop
+    from terrain_cli.improvement import improvement_criteria
     from terrain_cli.improvement.improvement_outcome import Step
 
     monkeypatch.setattr(Step, "pays", True)
-    monkeypatch.setattr(loop, "MOST", 2)
+    assert improvement_criteria.MOST_EFFECTS >= 4
+    monkeypatch.setattr(improvement_criteria, "MOST_EFFECTS", 2)
     steps, end = run(clean, ["slip-sinkage"], ["load-bias"], ["hardpan"])
     assert [one.changed for one in steps if one.action == "add"] == [("slip-sinkage",), ("load-bias",)]
     assert end.because == "stopped after 2 effects"
-    assert MOST >= 4
 
 
 def test_an_effect_that_needs_more_than_was_read(sinks):

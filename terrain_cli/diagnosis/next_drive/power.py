@@ -16,6 +16,7 @@ import numpy as np
 
 from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.next_drive import manoeuvres
 from terrain_cli.diagnosis.rivals import FORMS, bent
 from terrain_cli.estimation.wheel_fit.normal_equations import explained, widened
@@ -33,10 +34,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Sinkage, as a share of the radius, at which a rover is stuck.
-_STUCK = 0.6
-#: Share of a manoeuvre for which both models need an answer.
-_ANSWERED = 0.8
 #: Rounds until what is measured and what is predicted from it agree.
 _ROUNDS = 3
 #: Neighbours on either side of a sample from which a rate is taken: 0.2 s.
@@ -222,7 +219,7 @@ class _Views:
     def weight(self, one: Side, other: Side) -> Array | None:
         """Return the weight of every sample, shape (n, 1); None where the two have no answer."""
         known = self.shown[one].known & self.shown[other].known
-        return np.sqrt(self.step) * known[:, None] if np.mean(known) >= _ANSWERED else None
+        return np.sqrt(self.step) * known[:, None] if np.mean(known) >= criteria.FORECAST else None
 
 
 def _views(
@@ -238,7 +235,7 @@ def _views(
     new = _measured(ground, truth, course, coupled, step)
     shown = {side: side.shown(new) for side in sides}
     deepest = max(float(np.nanmax(one.sinkage, initial=0.0)) for one in shown.values())
-    if deepest > _STUCK * new.geometry.radius:
+    if deepest > criteria.STUCK * new.geometry.radius:
         return None
     return _Views(bool(coupled), shown, {side: side.slopes(new) for side in sides}, step)
 

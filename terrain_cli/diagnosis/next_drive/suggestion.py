@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 from terrain_cli.diagnosis.next_drive import manoeuvres
 from terrain_cli.diagnosis.next_drive.power import PowerLog, Side, margins
@@ -26,16 +27,6 @@ if TYPE_CHECKING:
 
 #: s that a manoeuvre lasts.
 SECONDS = 60.0
-#: Power below which a drive settles nothing.
-LEAST = 0.75
-#: No drive is surer than this: there are more ways to go wrong than noise and bent laws.
-MOST = 0.99
-#: Powers that differ by less are the same.
-_LITTLE = 0.05
-#: Margin, in deviations, from which a drive is sure even of laws that are somewhat otherwise; and margins
-#: that differ by less are the same. Of drives that are as sure, that which settles more of the family is
-#: taken, then the plainer one.
-_CLEAR, _SAME = 4.0, 0.25
 #: How a sensor is checked without any soil, by what it shows.
 _CHECKS = {
     "load": "calibrate the load cell with known weights",
@@ -86,7 +77,7 @@ def suggest(
     known = [one for one in manoeuvres.library(at, seconds) if one.possible(channels)]
     table = np.array([margins(ground, sides, one.drive(at)) for one in known])
     every = [_Pair(sides[a], sides[b], _both(table, a, b)) for a, b in combinations(range(len(sides)), 2)]
-    whole = np.mean([np.minimum(pair.worst, _CLEAR) for pair in every], axis=0)
+    whole = np.mean([np.minimum(pair.worst, criteria.SURE_OF_BENT_LAWS) for pair in every], axis=0)
     found = [_best(pair, known, whole) for pair in every if pair.one is sides[0]]
     # What is driven first had better settle more than its own pair.
     return [drive for drive, _ in sorted(found, key=lambda one: -one[1])]
@@ -111,17 +102,17 @@ class _Pair:
 
     @property
     def power(self) -> Array:
-        """How often each drive leads to the right one of the two, at most `MOST`."""
+        """How often each drive leads to the right one of the two, at most `criteria.MOST_POWER`."""
         from scipy.special import ndtr
 
-        return np.asarray(np.minimum(ndtr(self.margins).mean(axis=1), MOST))
+        return np.asarray(np.minimum(ndtr(self.margins).mean(axis=1), criteria.MOST_POWER))
 
 
 def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDrive, float]:
     """Choose the drive for a pair, and return how much it settles of the whole family."""
     names, power = (pair.one.hypothesis.id, pair.other.hypothesis.id), pair.power
     best = float(power.max())
-    if best < LEAST:
+    if best < criteria.LEAST_POWER:
         return NextDrive(names, _unsettled(pair.one.hypothesis, pair.other.hypothesis, best), best), 0.0
     follows = manoeuvres.drivers({*_reads(pair.one), *_reads(pair.other)})
 
@@ -130,11 +121,11 @@ def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDr
         own = known[place].varies & follows
         return not own - {"speed"}, not own, place
 
-    able = np.flatnonzero(power >= max(best - _LITTLE, LEAST))
-    sure = min(float(pair.worst[able].max()), _CLEAR)
-    level = able[pair.worst[able] >= sure - _SAME]
+    able = np.flatnonzero(power >= max(best - criteria.SAME_POWER, criteria.LEAST_POWER))
+    sure = min(float(pair.worst[able].max()), criteria.SURE_OF_BENT_LAWS)
+    level = able[pair.worst[able] >= sure - criteria.SAME_MARGIN]
     most = float(whole[level].max())
-    chosen = min((int(p) for p in level if whole[p] >= most - _SAME), key=plainness)
+    chosen = min((int(p) for p in level if whole[p] >= most - criteria.SAME_MARGIN), key=plainness)
     drive = NextDrive(names, known[chosen].text, float(power[chosen]), known[chosen].part)
     return drive, float(whole[chosen])
 
