@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison.score_test import ScoreCell
+from terrain_cli.comparison.residual_scores import ScoreCell
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -10,7 +10,7 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.bootstrap import DRAWS, max_test
 from terrain_cli.comparison.drivers import ANGLE, PARTS
-from terrain_cli.comparison.score_test import System
+from terrain_cli.comparison.residual_scores import System
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.residual_evidence import ResidualEvidence
-    from terrain_cli.comparison.score_test import FittedTerms, ScoreCell
+    from terrain_cli.comparison.residual_scores import FittedTerms, ScoreCell
     from terrain_cli.comparison.shapes import Shape
 
     Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ class Search:
     scale : mapping of str to float
         Channel → standard deviation of its residual, which weighs it.
     precision : ndarray, shape (groups, q)
-        As for `score_test.System`.
+        As for `residual_scores.System`.
     blocks : int
         Number of blocks over all wheels.
     """

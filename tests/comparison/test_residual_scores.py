@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from terrain_cli.comparison.score_test import ScoreCell, System
+from terrain_cli.comparison.residual_scores import ScoreCell, System
 
 GROUPS, BLOCKS, SOIL, TERMS, LENGTH = 3, 4, 2, 6, 40
 WEIGHT = (4.0, 0.25)
