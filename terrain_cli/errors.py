@@ -54,6 +54,12 @@ class UsageError(TerrainError):
     exit_code = 2
 
 
+class UnfinishedError(TerrainError):
+    """Part of a batch failed; the same command does that part again."""
+
+    exit_code = 75
+
+
 class InterruptedBatchError(TerrainError):
     """A batch was asked to stop; what it had finished is kept."""
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+
+#: The command as a process that SIGHUP ends: tests that run under nohup hand on that it is ignored.
+TERRAIN_EST = ["env", "--default-signal=HUP", sys.executable, "-m", "terrain_cli"]
 
 
 def children(pid):

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from child_processes import TERRAIN_EST
 
 ROOT = Path(__file__).resolve().parent.parent
 RUN = ROOT / "sample_data" / "run.csv"
@@ -46,9 +47,7 @@ def test_a_pipe_larger_than_allowed_is_refused(tmp_path):
     ("number", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGKILL, -signal.SIGKILL)]
 )
 def test_no_signal_leaves_anything_of_a_pipe(number, code, tmp_path):
-    # Tests that run under nohup hand on that SIGHUP is ignored.
-    command = ["env", "--default-signal=HUP", sys.executable, "-m", "terrain_cli", "estimate", "-"]
-    command += ["-o", str(tmp_path / "out.gpkg")]
+    command = [*TERRAIN_EST, "estimate", "-", "-o", str(tmp_path / "out.gpkg")]
     env = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
     process = subprocess.Popen(
         [*command, "--rover", str(RUN.parent / "rover.toml")],
@@ -86,7 +85,7 @@ def test_no_signal_leaves_anything_of_a_geopackage(number, code, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     process = subprocess.Popen(
-        [sys.executable, "-m", "terrain_cli", "estimate", str(RUN), "-q", "-o", str(out / "soil.gpkg")],
+        [*TERRAIN_EST, "estimate", str(RUN), "-q", "-o", str(out / "soil.gpkg")],
         stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": f"{tmp_path / 'site'}:{ROOT}"},
         start_new_session=True,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from terrain_cli.batch.configuration import versions
 from terrain_cli.batch.coordinator import Keeper
 from terrain_cli.batch.worker_pool import LocalPool
 from terrain_cli.batch.worker_tasks import Job
-from terrain_cli.errors import TerrainError
+from terrain_cli.errors import TerrainError, UnfinishedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -234,7 +234,11 @@ def _assemble(folder: Folder, configuration: Configuration, order: Order) -> Non
             done = desk.collect(_TICK)
     why = done[0][1].failure
     if why:
-        error = TerrainError(why.error, hint=why.hint)
+        text = f"the table of all inputs: {why.error}"
+        if why.passing:
+            # Nothing is lost: the same command makes the table of what it has.
+            raise UnfinishedError(text, hint=why.hint)
+        error = TerrainError(text, hint=why.hint)
         error.exit_code = why.exit_code
         raise error
     for name in names:

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from terrain_cli.batch.manifest import ManifestEntry
     from terrain_cli.errors import InterruptedBatchError
 
-#: Of a batch that has finished, with failures.
-FAILURES = 75
 _GIGA = 1e9
 #: Remarks that are told; a mission may have thousands.
 _TOLD = 5
@@ -161,6 +159,7 @@ def _check_kinds(kinds: tuple[str, ...]) -> None:
 def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: dict[str, Any]) -> int:
     from terrain_cli.batch import batch_run
     from terrain_cli.commands.batch_rate import Rate
+    from terrain_cli.errors import UnfinishedError
 
     before = signal.signal(signal.SIGTERM, _stop)
     progress = Rate(enabled=not given["quiet"])
@@ -192,7 +191,7 @@ def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: d
             f"  hints: {given['output']}/manifest.jsonl; --retry-failed tries again what has not changed",
             err=True,
         )
-    return FAILURES
+    return UnfinishedError.exit_code
 
 
 def _stop(*_: object) -> NoReturn:
