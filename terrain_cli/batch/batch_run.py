@@ -235,7 +235,7 @@ def _assemble(folder: Folder, configuration: Configuration, order: Order) -> Non
     why = done[0][1].failure
     if why:
         text = f"the table of all inputs: {why.error}"
-        if why.passing:
+        if why.error_class == "WorkerLostError":
             # Nothing is lost: the same command makes the table of what it has.
             raise UnfinishedError(text, hint=why.hint)
         error = TerrainError(text, hint=why.hint)
