@@ -61,48 +61,52 @@ def table():
     return Soils(*(column.ravel() for column in columns))
 
 
-def _of_block(soils, sinkage, slip):
+def _of_block(soils, sinkage, slip, wheel):
+    radius, width = wheel
     c, tan_phi, k, keq, n = (column[:, None] for column in soils)
-    entry = np.arccos(1.0 - sinkage / RADIUS)[:, None]
+    entry = np.arccos(1.0 - sinkage / radius)[:, None]
     grip = (1.0 - slip)[:, None]
     half = 0.5 * entry
     front, rear = entry - half * _SHARE, half * _SHARE
     # cos θ − cos θ1 without cancelling where θ nears θ1.
     rise = 2.0 * np.sin(entry - 0.5 * half * _SHARE) * np.sin(0.5 * half * _SHARE)
-    sigma = keq * np.exp(n * np.log(RADIUS * rise))
+    sigma = keq * np.exp(n * np.log(radius * rise))
     total = []
     for theta in (front, rear):
-        travel = RADIUS * (entry - theta - grip * (np.sin(entry) - np.sin(theta)))
+        travel = radius * (entry - theta - grip * (np.sin(entry) - np.sin(theta)))
         tau = (c + sigma * tan_phi) * (1.0 - np.exp(-travel / k))
         cos, sin = np.cos(theta), np.sin(theta)
         total.append(
             [(part * _WEIGHT).sum(axis=1) for part in (sigma * cos + tau * sin, tau, tau * cos - sigma * sin)]
         )
-    length = half[:, 0] * RADIUS * WIDTH
+    length = half[:, 0] * radius * width
     load, torque, pull = (length * (a + b) for a, b in zip(*total, strict=True))
-    return load, RADIUS * torque, pull
+    return load, radius * torque, pull
 
 
-def forces(soils, sinkage, slip):
-    """Return W in N, T in N m and DP in N of samples, shape (3, n); complex where an argument is."""
+def forces(soils, sinkage, slip, wheel=(RADIUS, WIDTH)):
+    """Return W in N, T in N m and DP in N of samples, shape (3, n); complex where an argument is.
+
+    `wheel` is its radius and width in m.
+    """
     kind = np.result_type(*soils, sinkage, slip, float)
     found = np.empty((3, len(sinkage)), dtype=kind)
     for start in range(0, len(sinkage), _BLOCK):
         part = slice(start, start + _BLOCK)
-        found[:, part] = _of_block(soils.take(part), sinkage[part], slip[part])
+        found[:, part] = _of_block(soils.take(part), sinkage[part], slip[part], wheel)
     return found
 
 
-def sinkage(soils, load, slip):
+def sinkage(soils, load, slip, wheel=(RADIUS, WIDTH)):
     """Return the sinkages in m under loads in N by false position on log W over log z (Illinois)."""
     low, high = (
         np.full(len(load), math.log(1e-8)),
-        np.full(len(load), math.log(RADIUS * (1.0 - math.cos(DEEPEST)))),
+        np.full(len(load), math.log(wheel[0] * (1.0 - math.cos(DEEPEST)))),
     )
     wanted = np.log(load)
 
     def excess(place):
-        return np.log(forces(soils, np.exp(place), slip)[0]) - wanted
+        return np.log(forces(soils, np.exp(place), slip, wheel)[0]) - wanted
 
     at_low, at_high = excess(low), excess(high)
     if np.any(at_high < 0.0):

@@ -36,14 +36,26 @@ def smooth(size, seed):
     return channels, truth.phi[0]
 
 
+def shares(noise, channels):
+    """Return the noise of each channel as a share of its root mean square."""
+    return {
+        name: float(np.sqrt(np.mean(noise.variance(name, column)) / np.mean(column**2)))
+        for name, column in channels.items()
+        if name in FOUR
+    }
+
+
 def test_noise_of_test_points_is_learnt_from_their_scatter():
     truth = free(60, 10, 31)
     result = run(truth.measured(1, 0.02), truth.bounds, correlated=False)
     assert result.noise_from == "residuals"
-    assert result.noise.relative == pytest.approx(dict.fromkeys(FOUR, 0.02), rel=0.1)
+    found = shares(result.noise, truth.measured(1, 0.02))
+    # Beyond small slips the forces hardly change with slip: they do not tell its noise.
+    assert 0.005 < found.pop("slip") < 0.04
+    assert list(found.values()) == pytest.approx([0.02] * 3, rel=0.25)
     given = run(truth.measured(1, 0.02), truth.bounds, correlated=False, noise=Noise.equal(0.02))
     assert given.noise_from == "given"
-    np.testing.assert_allclose(result.phi_se, given.phi_se, rtol=0.25)
+    np.testing.assert_allclose(result.phi_se, given.phi_se, rtol=0.4)
 
 
 def test_noise_of_a_log_is_learnt_channel_by_channel():
@@ -52,8 +64,8 @@ def test_noise_of_a_log_is_learnt_channel_by_channel():
     rng = np.random.default_rng(3)
     noisy = {name: x * (1.0 + levels[name] * rng.standard_normal(400)) for name, x in channels.items()}
     result = run(noisy, [0, 200, 400])
-    assert result.noise_from == "differences"
-    assert result.noise.relative == pytest.approx(levels, rel=0.2)
+    assert result.noise_from == "residuals"
+    assert shares(result.noise, noisy) == pytest.approx(levels, rel=0.3)
 
 
 def test_few_points_know_their_noise_badly_and_their_errors_show_it():
@@ -84,7 +96,7 @@ def test_outliers_are_given_less_weight_on_request():
     plain, robust = (run(clean, truth.bounds, **options, robust=r) for r in (False, True))
     assert 1.0 < np.median(robust.errors["cohesion"] / plain.errors["cohesion"]) < 1.1
     result = run(noisy, truth.bounds, correlated=False, robust=True)
-    assert result.noise.relative["torque"] == pytest.approx(0.02, rel=0.3)
+    assert shares(result.noise, clean)["torque"] == pytest.approx(0.02, rel=0.3)
 
 
 def test_residuals_that_follow_each_other_widen_the_errors():

@@ -63,9 +63,8 @@ class Fit:
         that remain (a normal distribution cut off at the bound).
     phi_open : ndarray, shape (w,)
         Standard error of φ had there been no prior on it, rad, from what noise cannot have feigned.
-    noise_from : {"given", "differences", "residuals"}
-        Where the noise comes from: what the caller said; second differences of the channels,
-        scaled by the residuals; an equal share of all channels, scaled by the residuals.
+    noise_from : {"given", "residuals"}
+        Where the noise comes from: what the caller said, or the residuals (`noise_likelihood`).
     chi2, dof : ndarray, shape (w,)
         Sum of squares of the residuals in terms of the noise, and their degrees of freedom.
     inflation : ndarray, shape (w,)
@@ -99,7 +98,7 @@ class Fit:
     bounded: dict[str, NDArray[np.bool_]]
     phi_open: Array
     noise: Noise
-    noise_from: Literal["given", "differences", "residuals"]
+    noise_from: Literal["given", "residuals"]
     chi2: Array
     dof: Array
     inflation: Array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,12 +11,14 @@ from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line.correlation import student
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.wheel_fit import starts
-from terrain_cli.estimation.wheel_fit.channel_noise import assumed, from_differences, inner
+from terrain_cli.estimation.wheel_fit.channel_noise import Noise
 from terrain_cli.estimation.wheel_fit.damped_search import descend
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
 from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, solve
 from terrain_cli.estimation.wheel_fit.linearised import Problem
+from terrain_cli.estimation.wheel_fit.noise_likelihood import LOWEST, NoiseSums, balanced, usual_noise
+from terrain_cli.estimation.wheel_fit.normal_equations import inverse
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.strayed_windows import mend, put
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -28,10 +30,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.gauss_newton import State
-    from terrain_cli.estimation.wheel_fit.linearised import Equations
     from terrain_cli.mechanics.prior import Prior
     from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
 
@@ -43,9 +43,9 @@ _COARSE, _FINE = 6, 1e-3
 _SOME, _ROUGH = 5, 3
 #: Windows that tell the noise: enough to know it by 2 %.
 _TELLING = 200
-_ROUNDS, _SETTLED = 12, 0.03
-#: Least noise of noise-free data, as a share.
-_LEAST = 1e-6
+_ROUNDS, _SETTLED = 20, 0.01
+#: A noise known better than by this share changes no error noticeably.
+_SURE = 0.1
 #: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
 #: windows above which it is the model, not the search, that fails.
 _BAD, _FEW_BAD = 6.0, 0.2
@@ -111,21 +111,24 @@ def fit(
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
     sought = unknowns(model, fixed=fixed or {}, priors=priors or {}, shared=shared, windows=len(data.windows))
-    come: Literal["given", "differences", "residuals"] = "given"
+    come: Literal["given", "residuals"] = "given"
     spread = 1.0
+    others: tuple[Noise, ...] = ()
     if noise is None:
-        come = "differences" if correlated else "residuals"
-        first = from_differences(data.channels, data.bounds) if correlated else assumed(data.channels)
-        problem, dof = _learn(
-            Problem(model=model, wheel=wheel, given=given, unknowns=sought, noise=first, robust=robust),
-            data,
-            ordered=correlated,
+        come = "residuals"
+        problem = Problem(
+            model=model, wheel=wheel, given=given, unknowns=sought, noise=Noise(), robust=robust
         )
-        spread = float(student(np.array([dof]))[0]) / 1.959964
+        learnt = _learn(problem, data)
+        problem, others = replace(problem, noise=learnt.noise), learnt.others
+        spread = float(student(np.array([learnt.dof]))[0]) / 1.959964
     else:
         problem = Problem(model=model, wheel=wheel, given=given, unknowns=sought, noise=noise, robust=robust)
     order = _order(problem.noise, data)
     found, converged = _all(problem, data, order, correlated=correlated)
+    for other in others:
+        elsewhere, _ = _all(replace(problem, noise=other), data, order, correlated=correlated)
+        found = _widened(found, elsewhere)
     known = data.count > 0
     about = parameters(model.soil, sought, found, known, spread)
     residuals, prediction, rmse = _residuals(
@@ -183,6 +186,29 @@ def _all(
     return Posterior(**together), np.concatenate(converged)
 
 
+def _widened(found: Posterior, elsewhere: Posterior) -> Posterior:
+    """Add what a standard error of the noise does to the unknowns to their covariance.
+
+    In the end no less is known than beforehand.
+    """
+    common = elsewhere.common - found.common
+    common = common * _room(np.diagonal(found.shared), common)
+    own = elsewhere.t - found.t - found.gain @ common
+    own = own * _room(np.einsum("waa->wa", found.own), own)
+    return replace(
+        found,
+        own=found.own + own[:, :, None] * own[:, None, :],
+        shared=found.shared + np.outer(common, common),
+    )
+
+
+def _room(variance: Array, way: Array) -> Array:
+    """Return the share of a way that takes no variance above that of the prior, 1, shape (…, 1)."""
+    room = np.sqrt(np.maximum(1.0 - variance, 0.0))
+    share = np.divide(room, np.abs(way), out=np.ones_like(way), where=np.abs(way) > room)
+    return np.asarray(share.min(axis=-1, initial=1.0, keepdims=True))
+
+
 def _search(problem: Problem, data: FitData, order: int | None) -> State:
     """Find the most probable unknowns, from several beginnings where one does not suffice."""
     t, common = starts.centre(problem, data)
@@ -226,48 +252,55 @@ def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, ord
     return state
 
 
-def _learn(problem: Problem, data: FitData, *, ordered: bool) -> tuple[Problem, float]:
-    """Scale the noise until the residuals are as large as it says, and return their degrees of freedom.
+@dataclass(frozen=True)
+class _Learnt:
+    """The noise that was learnt.
 
-    The noise is one for all windows, as the sensors are. Of samples in time only the white part of
-    the residuals counts: what is left of them follows from the model.
+    Parameters
+    ----------
+    dof : float
+        Degrees of freedom of the residuals that it was learnt from.
+    others : tuple of Noise
+        One standard error away, along the axes in which it is not known well.
     """
+
+    noise: Noise
+    dof: float
+    others: tuple[Noise, ...] = ()
+
+
+def _learn(problem: Problem, data: FitData) -> _Learnt:
+    """Learn the noise of the sensors from the residuals; it is one for all windows, as the sensors are."""
     filled = np.flatnonzero(data.count > 0)
+    channels = {**data.channels, **dict(zip(data.outputs, data.measured, strict=True))}
+    prior = usual_noise({name: channels[name] for name in (*data.inputs, *balanced(data.outputs))})
+    problem = replace(problem, noise=prior.centre)
     if len(filled) == 0:
-        return problem, 1.0
-    chosen = (
-        filled[np.unique(np.linspace(0, len(filled) - 1, _TELLING).astype(int))] if len(filled) else filled
-    )
-    sample = data.only(chosen)
-    local = len(problem.unknowns.local)
+        return _Learnt(prior.centre, 1.0)
+    sample = data.only(filled[np.unique(np.linspace(0, len(filled) - 1, _TELLING).astype(int))])
+    local, size = len(problem.unknowns.local), len(problem.unknowns.local) + len(problem.unknowns.shared)
     t, common = starts.centre(problem, sample)
-    state, dof = initial(sample, t, common), 1.0
+    state, dof, steps = initial(sample, t, common), 1.0, np.zeros(len(prior.terms))
     if next(starts.of_shapes(problem, common), None) is not None:
         state = _search(problem, sample, _order(problem.noise, sample))
     for _ in range(_ROUNDS):
         order = _order(problem.noise, sample)
         state = _settled(problem, sample, state, order)
-        residual = np.zeros_like(sample.measured)
-
-        def keep(block: NDArray[np.intp], _: FitData, found: Equations, residual: Array = residual) -> None:
-            residual[:, sample.bounds[block[0]] : sample.bounds[block[-1] + 1]] = found.bounded
-
-        normal = accumulate(problem, sample, state.t, state.common, state.latent, order=order, each=keep)
-        own, _, shared = eliminate(normal, local)
+        sums = NoiseSums(prior, problem.noise, sample, size)
+        normal = accumulate(problem, sample, state.t, state.common, state.latent, order=order, each=sums.add)
+        own, gain, shared = eliminate(normal, local)
         taken = np.einsum("wab,wba->", normal.information[:, :local, :local], own)
         taken += np.trace(np.eye(len(shared)) - np.linalg.inv(shared))
         dof = max(float(sample.seen.sum() - taken), 1.0)
-        variance = float(normal.misfit.sum()) / dof
-        if ordered:
-            variance = min(variance, _white(residual, sample))
-        finest = min(
-            (deviation for deviation in problem.noise.relative.values() if deviation > 0.0), default=1.0
-        )
-        factor = max(float(np.sqrt(variance)), _LEAST / finest, 1e-3)
-        problem = replace(problem, noise=problem.noise.scaled(factor))
-        if abs(factor - 1.0) < _SETTLED or finest * factor <= 1.01 * _LEAST:
+        step, known = sums.step(steps, own, gain, inverse(shared))
+        steps = np.maximum(steps + step, LOWEST)
+        problem = replace(problem, noise=prior.at(steps))
+        if np.all(np.abs(step) < _SETTLED):
             break
-    return problem, dof
+    variances, axes = np.linalg.eigh(known)
+    errors = np.sqrt(np.maximum(variances, 0.0))
+    others = tuple(prior.at(steps + way) for way in (axes * errors).T[errors > _SURE])
+    return _Learnt(problem.noise, dof, others)
 
 
 def _settled(problem: Problem, data: FitData, begun: State, order: int | None) -> State:
@@ -285,18 +318,6 @@ def _settled(problem: Problem, data: FitData, begun: State, order: int | None) -
     ends = descend(problem, data.only(lost), begun.t[lost], begun.common, order=order)
     put(state, ends, lost, data.rows_of(lost))
     return state
-
-
-def _white(residual: Array, data: FitData) -> float:
-    """Return the variance of neighbours' differences in the residuals; infinite where there are none."""
-    if residual.shape[1] < 3:
-        return np.inf
-    whole = np.asarray(data.seen.all(axis=0))
-    neighbours = inner(data.bounds) & whole[1:-1]
-    if neighbours.sum() < 10:
-        return np.inf
-    second = (residual[:, :-2] - 2.0 * residual[:, 1:-1] + residual[:, 2:])[:, neighbours]
-    return float(np.mean(second**2) / 6.0)
 
 
 def _residuals(

@@ -124,6 +124,8 @@ class Equations:
         Of a sample; 1 unless the fit is robust.
     factor : ndarray, shape (outputs, outputs, n)
         Lower Cholesky factor of S.
+    own : ndarray, shape (outputs, n)
+        Variances of the outputs' own noise: the diagonal of R.
     size : ndarray, shape (n,)
         Root mean square of a residual by its weight on clean data.
     """
@@ -134,6 +136,7 @@ class Equations:
     spread: Array
     weight: Array
     factor: Array
+    own: Array
     size: Array
 
     @property
@@ -266,6 +269,7 @@ def equations(
         spread=spread,
         weight=weight,
         factor=factor,
+        own=own,
         size=size_of,
     )
 

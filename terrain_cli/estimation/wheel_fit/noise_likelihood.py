@@ -1,0 +1,179 @@
+"""Noise of each sensor, learnt from the residuals of a fit by restricted maximum likelihood.
+
+The residuals of a sample have the covariance S = Σ_c s_c² v_c v_cᵀ, one term for each noisy channel c: v_c is
+the derivative of the residuals by that channel, an input or an output. s_c is the standard deviation
+of the channel's noise. The channels differ in how their v_c change with load, sinkage and slip, which tells
+the s_c apart. At the best s_c
+
+    Σ (v_cᵀ S⁻¹ g)² = Σ tr(P v_c v_cᵀ),    P = S⁻¹ − S⁻¹ A (Aᵀ S⁻¹ A + 1)⁻¹ Aᵀ S⁻¹,
+
+with the residuals g and their derivatives A by the unknowns (Patterson & Thompson 1971). A step is one of
+Fisher scoring in log s_c. A channel has two such terms, noise that is a share of its value and noise that is
+constant: torque that errs by the same amount at any slip, taken for a share of it, would pass for slip
+that errs. The true values of the inputs are those of the fit (`linearised`), so that a load
+that really varies from sample to sample does not pass for noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.wheel_fit.channel_noise import CHANNELS, Noise, level
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
+from terrain_cli.estimation.wheel_fit.linearised import solve_lower
+from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData
+    from terrain_cli.estimation.wheel_fit.linearised import Equations
+
+    Array = NDArray[np.float64]
+
+#: What sensors usually are: a share of the value, or of its root mean square; of the slip, a ratio of
+#: speeds, in its own unit. Judged.
+_USUAL, _USUAL_SLIP = 0.02, 0.01
+#: How far the quality of all sensors together, and of one beside the others, may be from that: standard
+#: deviations of the logarithm. Judged: a factor of 20, and of e.
+_ALL, _EACH = 3.0, 1.0
+#: Longest step of a logarithm; least change of the level of all in one step, and least noise, as a share.
+_LONGEST, _LEAST = 1.5, 1e-6
+#: That of noise-free data, in logarithms from the prior's centre.
+LOWEST = float(np.log(_LEAST / _USUAL))
+
+
+@dataclass(frozen=True)
+class LevelPrior:
+    """What is known of the noise before the data: normal in the logarithms of the standard deviations.
+
+    Parameters
+    ----------
+    terms : tuple of (str, str)
+        Channel, and "relative" or "absolute".
+    centre : Noise
+        What is usual.
+    precision : ndarray, shape (terms, terms)
+    """
+
+    terms: tuple[tuple[str, str], ...]
+    centre: Noise
+    precision: Array
+
+    def at(self, steps: Array) -> Noise:
+        """Return the noise that is so far from the centre, in logarithms, shape (terms,)."""
+        parts: dict[str, dict[str, float]] = {"relative": {}, "absolute": {}}
+        for (name, kind), factor in zip(self.terms, np.exp(steps), strict=True):
+            parts[kind][name] = getattr(self.centre, kind)[name] * float(factor)
+        return Noise(**parts)
+
+
+def usual_noise(measured: Mapping[str, Array]) -> LevelPrior:
+    """Return what is known of the noise of the channels that are measured.
+
+    Parameters
+    ----------
+    measured : mapping of str to ndarray, shape (n,)
+    """
+    relative: dict[str, float] = {}
+    absolute: dict[str, float] = {}
+    for name in CHANNELS:
+        if name in measured:
+            size = level(measured[name])
+            constant = _USUAL_SLIP if name == "slip" else _USUAL * size
+            absolute[name] = constant / np.sqrt(2.0)
+            relative[name] = absolute[name] / size if size > 0.0 else _USUAL
+    terms = tuple((name, "relative") for name in relative) + tuple((name, "absolute") for name in absolute)
+    spread = _EACH**2 * np.eye(len(terms)) + _ALL**2
+    return LevelPrior(terms, Noise(relative, absolute), inverse(spread))
+
+
+class NoiseSums:
+    """Sums over samples that a step of the noise is made of.
+
+    Parameters
+    ----------
+    noise : Noise
+        That of the fit.
+    size : int
+        Own and shared unknowns of a window together.
+    """
+
+    def __init__(self, prior: LevelPrior, noise: Noise, data: FitData, size: int) -> None:
+        self._prior, self._noise = prior, noise
+        number, windows = len(prior.terms), len(data.windows)
+        self.found, self.expected = np.zeros(number), np.zeros(number)
+        self.shared = np.zeros((number, number))
+        self.taken = np.zeros((number, windows, size, size))
+
+    def add(self, block: NDArray[np.intp], data: FitData, found: Equations) -> None:
+        """Add the samples of some windows."""
+        vectors = self._vectors(data, found)
+        along = np.einsum("can,an->cn", vectors, found.bounded)
+        self.found += np.einsum("cn,cn->c", along, along)
+        self.expected += np.einsum("can,can->c", vectors, vectors)
+        between = np.einsum("can,dan->cdn", vectors, vectors)
+        self.shared += np.einsum("cdn,cdn->cd", between, between)
+        for row, vector in enumerate(vectors):
+            by = np.einsum("an,apn->pn", vector, found.design)
+            size = len(by)
+            for a in range(size):
+                for b in range(a + 1):
+                    total = segment_sum(by[a] * by[b], data.bounds)
+                    self.taken[row, block, a, b] = self.taken[row, block, b, a] = total
+
+    def _vectors(self, data: FitData, found: Equations) -> Array:
+        """Return S^(-1/2) v_c per standard deviation of the noise, shape (terms, outputs, n)."""
+        outputs, n = found.residual.shape
+        excess = np.repeat(data.excess, data.count)
+        vectors = np.zeros((len(self._prior.terms), outputs, n))
+        for row, (name, kind) in enumerate(self._prior.terms):
+            if name in data.inputs:
+                at = data.inputs.index(name)
+                whole, variance = found.inward[:, at], found.spread[at] ** 2
+            else:
+                at = data.outputs.index(name)
+                only = np.zeros((outputs, 1, n))
+                only[at, 0] = np.where(data.seen[at], np.sqrt(found.own[at]), 0.0)
+                whole, variance = solve_lower(found.factor, only)[:, 0], found.own[at]
+            constant = excess * self._noise.absolute.get(name, 0.0) ** 2
+            share = np.divide(constant, variance, out=np.zeros(n), where=variance > 0.0)
+            share = np.clip(share if kind == "absolute" else 1.0 - share, 0.0, 1.0)
+            vectors[row] = whole * np.sqrt(share)
+        return vectors
+
+    def step(self, steps: Array, own: Array, gain: Array, shared: Array) -> tuple[Array, Array]:
+        """Return a step of the logarithms, and their covariance.
+
+        Parameters
+        ----------
+        steps : ndarray, shape (terms,)
+            Where they are, from the prior's centre.
+        own, gain, shared : ndarray
+            Covariances of the unknowns, as in `normal_equations.covariance`.
+
+        Returns
+        -------
+        step : ndarray, shape (terms,)
+        covariance : ndarray, shape (terms, terms)
+        """
+        prior = self._prior
+        whole = covariance(own, gain, shared)
+        expected = self.expected - np.einsum("wab,cwba->c", whole, self.taken)
+        # A level that is wrong in all channels alike is found at once: it only scales the sum of squares.
+        ratio = max(self.found.sum() / max(expected.sum(), 1.0), _LEAST**2)
+        scale = 0.5 * np.log(ratio)
+        known = inverse(2.0 * self.shared + prior.precision)
+        slope = self.found / ratio - expected - prior.precision @ (steps + scale)
+        return scale + np.clip(known @ slope, -_LONGEST, _LONGEST), known
+
+
+def balanced(outputs: Sequence[str]) -> tuple[str, ...]:
+    """Return the outputs that are channels."""
+    return tuple(name for name in outputs if name != BALANCE)
