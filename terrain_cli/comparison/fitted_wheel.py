@@ -94,6 +94,7 @@ class FittedWheel:
             priors=settings.priors,
             shared=settings.shared,
             noise=settings.noise,
+            by_differences=True,
             given="sinkage" if "sinkage" in self.channels else "load",
             correlated=self.ordered,
         )

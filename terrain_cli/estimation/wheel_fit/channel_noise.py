@@ -70,6 +70,13 @@ class Noise:
         share, constant = self.relative.get(channel, 0.0), self.absolute.get(channel, 0.0)
         return (share * value) ** 2 + constant**2
 
+    def scaled(self, factor: float) -> Noise:
+        """Return the same noise, larger or smaller in all channels."""
+        return Noise(
+            {name: factor * deviation for name, deviation in self.relative.items()},
+            {name: factor * deviation for name, deviation in self.absolute.items()},
+        )
+
 
 def level(column: Array) -> float:
     """Return the root mean square of the known values of a channel; 1 where there are none."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,13 +11,13 @@ from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line.correlation import student
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.wheel_fit import starts
-from terrain_cli.estimation.wheel_fit.channel_noise import Noise
 from terrain_cli.estimation.wheel_fit.damped_search import descend
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
 from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, solve
 from terrain_cli.estimation.wheel_fit.linearised import Problem
-from terrain_cli.estimation.wheel_fit.noise_likelihood import LOWEST, NoiseSums, balanced, usual_noise
+from terrain_cli.estimation.wheel_fit.noise_differences import ScaledDifferences
+from terrain_cli.estimation.wheel_fit.noise_likelihood import LikelyNoise
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.strayed_windows import mend, put
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.gauss_newton import State
     from terrain_cli.mechanics.prior import Prior
@@ -43,9 +44,6 @@ _COARSE, _FINE = 6, 1e-3
 _SOME, _ROUGH = 5, 3
 #: Windows that tell the noise: enough to know it by 2 %.
 _TELLING = 200
-_ROUNDS, _SETTLED = 20, 0.01
-#: A noise known better than by this share changes no error noticeably.
-_SURE = 0.1
 #: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
 #: windows above which it is the model, not the search, that fails.
 _BAD, _FEW_BAD = 6.0, 0.2
@@ -63,6 +61,7 @@ def fit(
     priors: Mapping[str, Prior] | None = None,
     shared: Collection[str] = (),
     noise: Noise | None = None,
+    by_differences: bool = False,
     robust: bool = False,
     given: Given = "sinkage",
     correlated: bool = True,
@@ -85,7 +84,9 @@ def fit(
     shared : collection of str
         Parameters of the soil that are one for all windows; those of the effects always are.
     noise : Noise, optional
-        Learnt from the data if not given: see `Fit.noise_from`.
+        Learnt from the data if not given (`noise_likelihood`).
+    by_differences : bool
+        Learn only its white part (`noise_differences`).
     robust : bool
         Give samples far from the fit less weight (Huber 1964), at the cost of 5 % of efficiency.
     given : {"sinkage", "load"}
@@ -116,12 +117,17 @@ def fit(
     others: tuple[Noise, ...] = ()
     if noise is None:
         come = "residuals"
-        problem = Problem(
-            model=model, wheel=wheel, given=given, unknowns=sought, noise=Noise(), robust=robust
+        learner: LikelyNoise | ScaledDifferences = (
+            ScaledDifferences(data, ordered=correlated)
+            if by_differences
+            else LikelyNoise(data, len(sought.local) + len(sought.shared))
         )
-        learnt = _learn(problem, data)
-        problem, others = replace(problem, noise=learnt.noise), learnt.others
-        spread = float(student(np.array([learnt.dof]))[0]) / 1.959964
+        first = Problem(
+            model=model, wheel=wheel, given=given, unknowns=sought, noise=learner.noise, robust=robust
+        )
+        problem, dof = _learn(first, data, learner)
+        others = learner.others()
+        spread = float(student(np.array([dof]))[0]) / 1.959964
     else:
         problem = Problem(model=model, wheel=wheel, given=given, unknowns=sought, noise=noise, robust=robust)
     order = _order(problem.noise, data)
@@ -252,55 +258,37 @@ def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, ord
     return state
 
 
-@dataclass(frozen=True)
-class _Learnt:
-    """The noise that was learnt.
-
-    Parameters
-    ----------
-    dof : float
-        Degrees of freedom of the residuals that it was learnt from.
-    others : tuple of Noise
-        One standard error away, along the axes in which it is not known well.
-    """
-
-    noise: Noise
-    dof: float
-    others: tuple[Noise, ...] = ()
-
-
-def _learn(problem: Problem, data: FitData) -> _Learnt:
-    """Learn the noise of the sensors from the residuals; it is one for all windows, as the sensors are."""
+def _learn(
+    problem: Problem, data: FitData, learner: LikelyNoise | ScaledDifferences
+) -> tuple[Problem, float]:
+    """Learn the noise of the sensors; return it in the problem, and the degrees of freedom that told it."""
+    problem = replace(problem, noise=learner.noise)
     filled = np.flatnonzero(data.count > 0)
-    channels = {**data.channels, **dict(zip(data.outputs, data.measured, strict=True))}
-    prior = usual_noise({name: channels[name] for name in (*data.inputs, *balanced(data.outputs))})
-    problem = replace(problem, noise=prior.centre)
     if len(filled) == 0:
-        return _Learnt(prior.centre, 1.0)
+        return problem, 1.0
     sample = data.only(filled[np.unique(np.linspace(0, len(filled) - 1, _TELLING).astype(int))])
-    local, size = len(problem.unknowns.local), len(problem.unknowns.local) + len(problem.unknowns.shared)
+    local = len(problem.unknowns.local)
     t, common = starts.centre(problem, sample)
-    state, dof, steps = initial(sample, t, common), 1.0, np.zeros(len(prior.terms))
+    state, dof = initial(sample, t, common), 1.0
     if next(starts.of_shapes(problem, common), None) is not None:
         state = _search(problem, sample, _order(problem.noise, sample))
-    for _ in range(_ROUNDS):
+    for _ in range(learner.rounds):
         order = _order(problem.noise, sample)
         state = _settled(problem, sample, state, order)
-        sums = NoiseSums(prior, problem.noise, sample, size)
-        normal = accumulate(problem, sample, state.t, state.common, state.latent, order=order, each=sums.add)
+        learner.begin(sample)
+        normal = accumulate(
+            problem, sample, state.t, state.common, state.latent, order=order, each=learner.add
+        )
         own, gain, shared = eliminate(normal, local)
+        held = inverse(shared)
         taken = np.einsum("wab,wba->", normal.information[:, :local, :local], own)
-        taken += np.trace(np.eye(len(shared)) - np.linalg.inv(shared))
+        taken += np.trace(np.eye(len(shared)) - held)
         dof = max(float(sample.seen.sum() - taken), 1.0)
-        step, known = sums.step(steps, own, gain, inverse(shared))
-        steps = np.maximum(steps + step, LOWEST)
-        problem = replace(problem, noise=prior.at(steps))
-        if np.all(np.abs(step) < _SETTLED):
+        settled = learner.settled(float(normal.misfit.sum()), dof, (own, gain, held))
+        problem = replace(problem, noise=learner.noise)
+        if settled:
             break
-    variances, axes = np.linalg.eigh(known)
-    errors = np.sqrt(np.maximum(variances, 0.0))
-    others = tuple(prior.at(steps + way) for way in (axes * errors).T[errors > _SURE])
-    return _Learnt(problem.noise, dof, others)
+    return problem, dof
 
 
 def _settled(problem: Problem, data: FitData, begun: State, order: int | None) -> State:

@@ -28,7 +28,7 @@ from terrain_cli.estimation.wheel_fit.linearised import solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
@@ -45,8 +45,11 @@ _USUAL, _USUAL_SLIP = 0.02, 0.01
 _ALL, _EACH = 3.0, 1.0
 #: Longest step of a logarithm; least change of the level of all in one step, and least noise, as a share.
 _LONGEST, _LEAST = 1.5, 1e-6
+#: Steps that are all shorter than this are the last. A noise known better than by a tenth changes no error
+#: noticeably.
+_SETTLED, _SURE = 0.01, 0.1
 #: That of noise-free data, in logarithms from the prior's centre.
-LOWEST = float(np.log(_LEAST / _USUAL))
+_LOWEST = float(np.log(_LEAST / _USUAL))
 
 
 @dataclass(frozen=True)
@@ -94,39 +97,43 @@ def usual_noise(measured: Mapping[str, Array]) -> LevelPrior:
     return LevelPrior(terms, Noise(relative, absolute), inverse(spread))
 
 
-class NoiseSums:
-    """Sums over samples that a step of the noise is made of.
+class LikelyNoise:
+    """Steps towards the most likely noise."""
 
-    Parameters
-    ----------
-    noise : Noise
-        That of the fit.
-    size : int
-        Own and shared unknowns of a window together.
-    """
+    #: At the most; the last is one that changes no deviation by as much as 1 %.
+    rounds = 20
 
-    def __init__(self, prior: LevelPrior, noise: Noise, data: FitData, size: int) -> None:
-        self._prior, self._noise = prior, noise
-        number, windows = len(prior.terms), len(data.windows)
-        self.found, self.expected = np.zeros(number), np.zeros(number)
-        self.shared = np.zeros((number, number))
-        self.taken = np.zeros((number, windows, size, size))
+    def __init__(self, data: FitData, size: int) -> None:
+        """Begin with what is usual; `size` counts own and shared unknowns of a window together."""
+        channels = {**data.channels, **dict(zip(data.outputs, data.measured, strict=True))}
+        names = (*data.inputs, *(name for name in data.outputs if name != BALANCE))
+        self._prior = usual_noise({name: channels[name] for name in names})
+        self._size, self._steps = size, np.zeros(len(self._prior.terms))
+        self._known = inverse(self._prior.precision)
+        self.noise = self._prior.centre
+
+    def begin(self, data: FitData) -> None:
+        """Begin a round."""
+        number, windows = len(self._prior.terms), len(data.windows)
+        self._found, self._expected = np.zeros(number), np.zeros(number)
+        self._shared = np.zeros((number, number))
+        self._taken = np.zeros((number, windows, self._size, self._size))
 
     def add(self, block: NDArray[np.intp], data: FitData, found: Equations) -> None:
         """Add the samples of some windows."""
         vectors = self._vectors(data, found)
         along = np.einsum("can,an->cn", vectors, found.bounded)
-        self.found += np.einsum("cn,cn->c", along, along)
-        self.expected += np.einsum("can,can->c", vectors, vectors)
+        self._found += np.einsum("cn,cn->c", along, along)
+        self._expected += np.einsum("can,can->c", vectors, vectors)
         between = np.einsum("can,dan->cdn", vectors, vectors)
-        self.shared += np.einsum("cdn,cdn->cd", between, between)
+        self._shared += np.einsum("cdn,cdn->cd", between, between)
         for row, vector in enumerate(vectors):
             by = np.einsum("an,apn->pn", vector, found.design)
             size = len(by)
             for a in range(size):
                 for b in range(a + 1):
                     total = segment_sum(by[a] * by[b], data.bounds)
-                    self.taken[row, block, a, b] = self.taken[row, block, b, a] = total
+                    self._taken[row, block, a, b] = self._taken[row, block, b, a] = total
 
     def _vectors(self, data: FitData, found: Equations) -> Array:
         """Return S^(-1/2) v_c per standard deviation of the noise, shape (terms, outputs, n)."""
@@ -142,38 +149,34 @@ class NoiseSums:
                 only = np.zeros((outputs, 1, n))
                 only[at, 0] = np.where(data.seen[at], np.sqrt(found.own[at]), 0.0)
                 whole, variance = solve_lower(found.factor, only)[:, 0], found.own[at]
-            constant = excess * self._noise.absolute.get(name, 0.0) ** 2
+            constant = excess * self.noise.absolute.get(name, 0.0) ** 2
             share = np.divide(constant, variance, out=np.zeros(n), where=variance > 0.0)
             share = np.clip(share if kind == "absolute" else 1.0 - share, 0.0, 1.0)
             vectors[row] = whole * np.sqrt(share)
         return vectors
 
-    def step(self, steps: Array, own: Array, gain: Array, shared: Array) -> tuple[Array, Array]:
-        """Return a step of the logarithms, and their covariance.
+    def settled(self, _: float, __: float, known: tuple[Array, Array, Array]) -> bool:
+        """Change the noise, and tell whether it has settled.
 
         Parameters
         ----------
-        steps : ndarray, shape (terms,)
-            Where they are, from the prior's centre.
-        own, gain, shared : ndarray
-            Covariances of the unknowns, as in `normal_equations.covariance`.
-
-        Returns
-        -------
-        step : ndarray, shape (terms,)
-        covariance : ndarray, shape (terms, terms)
+        known : tuple of ndarray
+            Covariances of the unknowns, as `normal_equations.covariance` takes them.
         """
-        prior = self._prior
-        whole = covariance(own, gain, shared)
-        expected = self.expected - np.einsum("wab,cwba->c", whole, self.taken)
+        prior, whole = self._prior, covariance(*known)
+        expected = self._expected - np.einsum("wab,cwba->c", whole, self._taken)
         # A level that is wrong in all channels alike is found at once: it only scales the sum of squares.
-        ratio = max(self.found.sum() / max(expected.sum(), 1.0), _LEAST**2)
+        ratio = max(self._found.sum() / max(expected.sum(), 1.0), _LEAST**2)
         scale = 0.5 * np.log(ratio)
-        known = inverse(2.0 * self.shared + prior.precision)
-        slope = self.found / ratio - expected - prior.precision @ (steps + scale)
-        return scale + np.clip(known @ slope, -_LONGEST, _LONGEST), known
+        self._known = inverse(2.0 * self._shared + prior.precision)
+        slope = self._found / ratio - expected - prior.precision @ (self._steps + scale)
+        step = scale + np.clip(self._known @ slope, -_LONGEST, _LONGEST)
+        self._steps = np.maximum(self._steps + step, _LOWEST)
+        self.noise = prior.at(self._steps)
+        return bool(np.all(np.abs(step) < _SETTLED))
 
-
-def balanced(outputs: Sequence[str]) -> tuple[str, ...]:
-    """Return the outputs that are channels."""
-    return tuple(name for name in outputs if name != BALANCE)
+    def others(self) -> tuple[Noise, ...]:
+        """Return noise one standard error away, along the axes in which it is not known well."""
+        variances, axes = np.linalg.eigh(self._known)
+        errors = np.sqrt(np.maximum(variances, 0.0))
+        return tuple(self._prior.at(self._steps + way) for way in (axes * errors).T[errors > _SURE])
