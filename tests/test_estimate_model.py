@@ -352,16 +352,17 @@ def test_known_noise_is_used(terrain_est_here, here, plain):
     assert noise["torque"]["relative"] == pytest.approx(NOISE, rel=0.5)
 
 
-def test_wild_samples_need_robustness(terrain_est_here, here):
+def test_wild_samples_do_little_harm(terrain_est_here, here):
     sensors = {**drive().sensors, "torque": Sensor(relative=NOISE, outliers=0.05, outlier_size=3.0)}
     write_csv(simulate(replace(drive(), sensors=sensors)), here / "run.csv", terrain=True)
     options = ("estimate", "run.csv", "--segments", "terrain", "--method", "wong-reece", "--quiet")
-    errors = {}
+    truth = [math.degrees(soil.friction_angle) for soil in SOILS]
+    # Without --robust the torque is learnt to be noisy, and says less: both ways hold.
     for robust in (False, True):
         rows = table(terrain_est_here(*options, *["--robust"] * robust))
-        truth = [math.degrees(soil.friction_angle) for soil in SOILS]
-        errors[robust] = np.abs(rows["phi_deg"] - truth).max()
-    assert errors[True] < errors[False]
+        off = np.abs(rows["phi_deg"] - truth)
+        assert off.max() < 1.0
+        assert np.all(off < 4.0 * rows["phi_se_deg"])
 
 
 def test_few_samples_are_told(terrain_est_here, here, plain):
