@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line.correlation import student
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.wheel_fit import starts
+from terrain_cli.estimation.wheel_fit.channel_noise import Noise
 from terrain_cli.estimation.wheel_fit.damped_search import descend
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
@@ -22,15 +23,15 @@ from terrain_cli.estimation.wheel_fit.normal_equations import inverse
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.strayed_windows import mend, put
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
+from terrain_cli.estimation.wheel_fit.wild_samples import wild_samples
 from terrain_cli.mechanics.dual import value
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.gauss_newton import State
     from terrain_cli.mechanics.prior import Prior
@@ -42,8 +43,12 @@ if TYPE_CHECKING:
 _COARSE, _FINE = 6, 1e-3
 #: Samples of each window, and iterations, that bring the search near.
 _SOME, _ROUGH = 5, 3
-#: Windows that tell the noise: enough to know it by 2 %.
-_TELLING = 200
+#: Rounds that bring the noise near enough to tell what is none.
+_NEAR = 8
+#: Samples of a window that tell what leads its fit astray, and what other noise does to it.
+_ENOUGH = 200
+#: Windows, and samples of them, that tell the noise: enough to know it by 2 %.
+_TELLING, _TELLING_SAMPLES = 200, 6_000
 #: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
 #: windows above which it is the model, not the search, that fails.
 _BAD, _FEW_BAD = 6.0, 0.2
@@ -112,29 +117,32 @@ def fit(
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
     sought = unknowns(model, fixed=fixed or {}, priors=priors or {}, shared=shared, windows=len(data.windows))
-    come: Literal["given", "residuals"] = "given"
-    spread = 1.0
-    others: tuple[Noise, ...] = ()
+    problem = Problem(
+        model=model,
+        wheel=wheel,
+        given=given,
+        unknowns=sought,
+        noise=noise or Noise(),
+        robust=robust or not by_differences,
+    )
+    size = len(sought.local) + len(sought.shared)
+    learner: LikelyNoise | ScaledDifferences | None = None
     if noise is None:
-        come = "residuals"
-        learner: LikelyNoise | ScaledDifferences = (
-            ScaledDifferences(data, ordered=correlated)
-            if by_differences
-            else LikelyNoise(data, len(sought.local) + len(sought.shared))
-        )
-        first = Problem(
-            model=model, wheel=wheel, given=given, unknowns=sought, noise=learner.noise, robust=robust
-        )
-        problem, dof = _learn(first, data, learner)
-        others = learner.others()
-        spread = float(student(np.array([dof]))[0]) / 1.959964
-    else:
-        problem = Problem(model=model, wheel=wheel, given=given, unknowns=sought, noise=noise, robust=robust)
+        differences = by_differences
+        learner = ScaledDifferences(data, ordered=correlated) if differences else LikelyNoise(data, size)
+    dof = np.inf
+    if learner is not None:
+        problem, dof = _learn(problem, data, learner, learner.rounds if by_differences else _NEAR)
+    if not by_differences:
+        data, rows = _without_wild(problem, data, rows)
+        problem = replace(problem, robust=robust)
+        if learner is not None:
+            problem, dof = _learn(problem, data, learner, learner.rounds)
     order = _order(problem.noise, data)
     found, converged = _all(problem, data, order, correlated=correlated)
-    for other in others:
-        elsewhere, _ = _all(replace(problem, noise=other), data, order, correlated=correlated)
-        found = _widened(found, elsewhere)
+    if isinstance(learner, LikelyNoise):
+        found = _widened(problem, data, found, learner.others())
+    spread = float(student(np.array([dof]))[0]) / 1.959964 if learner else 1.0
     known = data.count > 0
     about = parameters(model.soil, sought, found, known, spread)
     residuals, prediction, rmse = _residuals(
@@ -145,7 +153,7 @@ def fit(
         n=data.count,
         **{f.name: getattr(about, f.name) for f in fields(about)},
         noise=problem.noise,
-        noise_from=come,
+        noise_from="residuals" if learner else "given",
         chi2=np.where(known, found.misfit, np.nan),
         dof=np.where(known, found.dof, np.nan),
         inflation=found.inflation,
@@ -192,20 +200,45 @@ def _all(
     return Posterior(**together), np.concatenate(converged)
 
 
-def _widened(found: Posterior, elsewhere: Posterior) -> Posterior:
+def _without_wild(
+    problem: Problem, data: FitData, rows: NDArray[np.intp]
+) -> tuple[FitData, NDArray[np.intp]]:
+    """Return the samples that are not too far from a robust fit for noise."""
+    order = _order(problem.noise, data)
+    some = _thinned(data, _ENOUGH)
+    wild = wild_samples(problem, data, _search(problem, some, order), order)
+    if not wild.any():
+        return data, rows
+    kept = np.flatnonzero(~wild)
+    bounds = np.searchsorted(kept, data.bounds)
+    return data.take(kept, np.diff(bounds), np.arange(len(bounds) - 1)), rows[kept]
+
+
+def _thinned(data: FitData, most: int) -> FitData:
+    rows, count = data.thin(most)
+    return data.take(rows, count, np.arange(len(count)))
+
+
+def _widened(problem: Problem, data: FitData, found: Posterior, others: Iterable[Noise]) -> Posterior:
     """Add what a standard error of the noise does to the unknowns to their covariance.
 
-    In the end no less is known than beforehand.
+    It does nearly the same with some of the samples as with all. In the end no less is known than beforehand.
     """
-    common = elsewhere.common - found.common
-    common = common * _room(np.diagonal(found.shared), common)
-    own = elsewhere.t - found.t - found.gain @ common
-    own = own * _room(np.einsum("waa->wa", found.own), own)
-    return replace(
-        found,
-        own=found.own + own[:, :, None] * own[:, None, :],
-        shared=found.shared + np.outer(common, common),
-    )
+    order = _order(problem.noise, data)
+    some = _thinned(data, _ENOUGH)
+    begun = _settled(problem, some, initial(some, found.t, found.common), order)
+    for noise in others:
+        there = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
+        elsewhere = solve(replace(problem, noise=noise), some, there, order=order)
+        common = elsewhere.common - begun.common
+        own = elsewhere.t - begun.t - found.gain @ common
+        own = own * _room(np.einsum("waa->wa", found.own), own)
+        found = replace(
+            found,
+            own=found.own + own[:, :, None] * own[:, None, :],
+            shared=found.shared + np.outer(common, common),
+        )
+    return found
 
 
 def _room(variance: Array, way: Array) -> Array:
@@ -230,8 +263,7 @@ def _search(problem: Problem, data: FitData, order: int | None) -> State:
 
 def _towards(problem: Problem, data: FitData, t: Array, common: Array, order: int | None) -> State:
     """Search from one beginning: with few samples and nodes, then with all."""
-    rows, count = data.thin(_SOME)
-    some = data.take(rows, count, np.arange(len(count)))
+    some = _thinned(data, _SOME)
     rough = solve(problem, some, initial(some, t, common), order=_COARSE, iterations=_ROUGH)
     state = solve(problem, data, initial(data, rough.t, rough.common), order=_COARSE)
     if order != _COARSE:
@@ -259,7 +291,7 @@ def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, ord
 
 
 def _learn(
-    problem: Problem, data: FitData, learner: LikelyNoise | ScaledDifferences
+    problem: Problem, data: FitData, learner: LikelyNoise | ScaledDifferences, rounds: int
 ) -> tuple[Problem, float]:
     """Learn the noise of the sensors; return it in the problem, and the degrees of freedom that told it."""
     problem = replace(problem, noise=learner.noise)
@@ -267,12 +299,13 @@ def _learn(
     if len(filled) == 0:
         return problem, 1.0
     sample = data.only(filled[np.unique(np.linspace(0, len(filled) - 1, _TELLING).astype(int))])
+    sample = _thinned(sample, _TELLING_SAMPLES // len(sample.windows))
     local = len(problem.unknowns.local)
     t, common = starts.centre(problem, sample)
     state, dof = initial(sample, t, common), 1.0
     if next(starts.of_shapes(problem, common), None) is not None:
         state = _search(problem, sample, _order(problem.noise, sample))
-    for _ in range(learner.rounds):
+    for _ in range(rounds):
         order = _order(problem.noise, sample)
         state = _settled(problem, sample, state, order)
         learner.begin(sample)

@@ -45,9 +45,11 @@ _USUAL, _USUAL_SLIP = 0.02, 0.01
 _ALL, _EACH = 3.0, 1.0
 #: Longest step of a logarithm; least change of the level of all in one step, and least noise, as a share.
 _LONGEST, _LEAST = 1.5, 1e-6
-#: Steps that are all shorter than this are the last. A noise known better than by a tenth changes no error
-#: noticeably.
-_SETTLED, _SURE = 0.01, 0.1
+#: A step shorter than this, in standard errors, is the last. A noise known better than by a tenth changes no
+#: error noticeably.
+_SETTLED, _SURE = 0.05, 0.1
+#: Least share of a step.
+_SHORTEST = 0.1
 #: That of noise-free data, in logarithms from the prior's centre.
 _LOWEST = float(np.log(_LEAST / _USUAL))
 
@@ -100,7 +102,7 @@ def usual_noise(measured: Mapping[str, Array]) -> LevelPrior:
 class LikelyNoise:
     """Steps towards the most likely noise."""
 
-    #: At the most; the last is one that changes no deviation by as much as 1 %.
+    #: At the most.
     rounds = 20
 
     def __init__(self, data: FitData, size: int) -> None:
@@ -109,7 +111,8 @@ class LikelyNoise:
         names = (*data.inputs, *(name for name in data.outputs if name != BALANCE))
         self._prior = usual_noise({name: channels[name] for name in names})
         self._size, self._steps = size, np.zeros(len(self._prior.terms))
-        self._known = inverse(self._prior.precision)
+        self._known, self._last = inverse(self._prior.precision), np.zeros(len(self._steps))
+        self._share = 1.0
         self.noise = self._prior.centre
 
     def begin(self, data: FitData) -> None:
@@ -168,12 +171,18 @@ class LikelyNoise:
         # A level that is wrong in all channels alike is found at once: it only scales the sum of squares.
         ratio = max(self._found.sum() / max(expected.sum(), 1.0), _LEAST**2)
         scale = 0.5 * np.log(ratio)
-        self._known = inverse(2.0 * self._shared + prior.precision)
+        information = 2.0 * self._shared + prior.precision
+        self._known = inverse(information)
         slope = self._found / ratio - expected - prior.precision @ (self._steps + scale)
         step = scale + np.clip(self._known @ slope, -_LONGEST, _LONGEST)
-        self._steps = np.maximum(self._steps + step, _LOWEST)
+        # Scoring overshoots where two terms of a channel are hard to tell apart: steps that swing to and
+        # fro are shortened, as those of the search.
+        swings = step @ information @ self._last < 0.0
+        self._share = float(np.clip((0.5 if swings else 2.0) * self._share, _SHORTEST, 1.0))
+        self._last = step
+        self._steps = np.maximum(self._steps + self._share * step, _LOWEST)
         self.noise = prior.at(self._steps)
-        return bool(np.all(np.abs(step) < _SETTLED))
+        return bool(step @ information @ step < _SETTLED**2)
 
     def others(self) -> tuple[Noise, ...]:
         """Return noise one standard error away, along the axes in which it is not known well."""

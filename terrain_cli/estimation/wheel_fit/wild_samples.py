@@ -1,0 +1,71 @@
+"""Samples too far from the fit of a window for noise: spikes, dropped digits, the edge of another soil.
+
+A few of them lead a fit by least squares astray however many samples there are. They are found by a
+robust fit (Huber's weights), and left out of the final one (Rousseeuw & Leroy 1987, sections 1.2 and
+4.4). Samples of noise alone stay, so that nothing is lost on clean data.
+"""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData
+    from terrain_cli.estimation.wheel_fit.gauss_newton import State
+    from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
+
+#: Samples of pure noise that are left out of a whole log, on average. Judged.
+_BY_CHANCE = 0.01
+#: Share of a window's samples above which it is the model that misses, and not they. Judged.
+_MOST = 0.1
+#: Passes in which the true values of the inputs come to rest.
+_PASSES = 3
+
+
+def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> NDArray[np.bool_]:
+    """Tell which samples are too far from a robust fit.
+
+    Parameters
+    ----------
+    problem : Problem
+        With the noise of the sensors.
+    data : FitData
+        All samples.
+    found : State
+        The most probable unknowns of a robust fit, of these or of some of these samples.
+    order : int or None
+        Nodes on each arc.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    squared = np.zeros(data.measured.shape[1])
+
+    def keep(block: NDArray[np.intp], _: FitData, equations: Equations) -> None:
+        rows = slice(data.bounds[block[0]], data.bounds[block[-1] + 1])
+        squared[rows] = np.einsum("an,an->n", equations.residual, equations.residual)
+
+    latent = np.array([data.channels[name] for name in data.inputs])
+    for _ in range(_PASSES):
+        accumulate(problem, data, found.t, found.common, latent, order=order, each=keep)
+    limits = _squares(data.measured.shape[0], _BY_CHANCE / max(len(squared), 1))
+    wild = squared > limits[data.seen.sum(axis=0)]
+    share = segment_sum(wild.astype(float), data.bounds) / np.maximum(data.count, 1)
+    return np.asarray(wild & np.repeat(share <= _MOST, data.count))
+
+
+def _squares(most: int, probability: float) -> NDArray[np.float64]:
+    """Return what χ² of 0 to so many degrees of freedom exceeds that rarely (Wilson & Hilferty 1931)."""
+    free = np.arange(1, most + 1)
+    part = 2.0 / (9.0 * free)
+    normal = NormalDist().inv_cdf(1.0 - probability)
+    return np.concatenate([[np.inf], free * (1.0 - part + normal * np.sqrt(part)) ** 3])
