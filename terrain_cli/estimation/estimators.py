@@ -32,6 +32,11 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+#: Where the stress under the rim is greatest, θm = (c1 + c2 i) θ1, as far as soils differ in it: c1, c2 of 0.18,
+#: 0.32 in loose sand and 0.43, 0.32 in compact sand (Wong & Reece 1967); 0.5, 0 in Iagnemma et al. 2004.
+_PEAK = "max-stress-angle"
+_PEAK_ANGLE = {f"{_PEAK}.c1": (0.4, 0.15), f"{_PEAK}.c2": (0.2, 0.2)}
+
 #: Parameters of the soil that the summary shows by segment: key, unit in it, and that unit in SI.
 SHOWN = (
     ("shear_modulus", "k", "_mm", 1e3),
@@ -57,18 +62,18 @@ class Fitted:
 def choose(
     method: Method, model: ModelFile | str | Path | None = None, *, robust: bool = False
 ) -> ModelFile | None:
-    """Return the model that is to be fitted whole.
+    """Return the model that is to be fitted whole: what the caller names, else `full_model`.
 
     Parameters
     ----------
     method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
     model : ModelFile, str or Path, optional
-        A base or a model file; the linear model if not given, but "wong-reece" for that method.
+        A base or a model file.
 
     Returns
     -------
     ModelFile or None
-        None where the estimators of the line do.
+        None where the estimators of the line are asked for: by the method, or with the linear model.
 
     Raises
     ------
@@ -78,13 +83,13 @@ def choose(
         The model file is wrong.
     """
     file = None
-    if model is not None or method == "wong-reece":
+    if model is not None:
         # Not for the line, which needs nothing of it.
         from terrain_cli import models
 
-        file = (
-            models.resolve(str(model or method)) if model is None or isinstance(model, str | Path) else model
-        )
+        file = models.resolve(str(model)) if isinstance(model, str | Path) else model
+    elif method in {"auto", "wong-reece"}:
+        return full_model()
     name = str(file.path or file.model.base) if file else "linear"
     if file is not None and method == "wong-reece" and file.model.base != "wong-reece":
         raise UsageError(
@@ -104,6 +109,23 @@ def choose(
             hint="leave out --method, or --model",
         )
     return file
+
+
+def full_model() -> ModelFile:
+    """Return the full model of which nothing is taken for known.
+
+    Bekker, Janosi–Hanamoto and Wong–Reece, with k, keq and n unknown, and the angle of greatest stress
+    too: in each window within what is published (`_PEAK_ANGLE`).
+    """
+    from terrain_cli import effects, models
+    from terrain_cli.mechanics.wheel_model import Model
+
+    return models.ModelFile(
+        model=Model("wong-reece", (effects.find(_PEAK),)),
+        effects=(_PEAK,),
+        priors={name: models.Prior(*expected) for name, expected in _PEAK_ANGLE.items()},
+        local=tuple(_PEAK_ANGLE),
+    )
 
 
 def estimate_lines(
@@ -266,6 +288,7 @@ def _fit(
             fixed=held,
             priors=priors,
             shared=[name for name in file.shared if name not in held],
+            local=[name for name in file.local if name not in held],
             noise=noise,
             robust=robust,
             correlated=samples.time is not None,
@@ -315,7 +338,8 @@ def _account(
     windows: Windows, file: ModelFile, fit: Fit, held: Mapping[str, float], because: Mapping[str, str]
 ) -> dict[str, Any]:
     """Say what a wheel was fitted with, as the summary shows it."""
-    names = [*file.model.parameters, *(name for name in file.shared if name not in file.model.parameters)]
+    own = [name for name in file.model.parameters if name not in file.local]
+    names = [*own, *(name for name in file.shared if name not in own)]
     return {
         "base": file.model.base,
         "effects": [effect.id for effect in file.model.effects],
@@ -364,6 +388,9 @@ def _segment(fit: Fit, j: int) -> dict[str, Any]:
         for part, column in (("", fit.values.get(parameter)), ("_se", fit.errors.get(parameter))):
             known = column is not None and np.isfinite(column[j])
             entry[f"{key}{part}{unit}"] = float(column[j]) * scale if column is not None and known else None
+    for name, column in ((name, fit.values[name]) for name in fit.values if name not in fit.model.soil):
+        entry[name] = float(column[j]) if np.isfinite(column[j]) else None
+        entry[f"{name}_se"] = float(fit.errors[name][j]) if np.isfinite(column[j]) else None
     entry["at_bound"] = [name for name, there in fit.bounded.items() if bool(there[j])]
     entry["not_fixed_by_data"] = [name for name in fit.names if bool(fit.undetermined[name][j])]
     ratio = fit.chi2[j] / fit.dof[j] if fit.dof[j] > 0.0 else np.nan

@@ -49,6 +49,8 @@ class ModelFile:
         In SI units; those of k and keq are log-normal.
     shared : tuple of str
         Parameters of the soil that are one for all windows of a wheel.
+    local : tuple of str
+        Parameters of effects that have a value of their own in every window.
     history : tuple of mapping
         What `model add` and `model remove` did; kept as it is.
     path : Path, optional
@@ -62,6 +64,7 @@ class ModelFile:
     fixed: Mapping[str, float] = field(default_factory=dict)
     priors: Mapping[str, Prior] = field(default_factory=dict)
     shared: tuple[str, ...] = ()
+    local: tuple[str, ...] = ()
     history: tuple[Mapping[str, Any], ...] = ()
     path: Path | None = None
     text: str = field(default="", repr=False, compare=False)

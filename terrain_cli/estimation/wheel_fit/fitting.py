@@ -65,6 +65,7 @@ def fit(
     fixed: Mapping[str, ArrayLike] | None = None,
     priors: Mapping[str, Prior] | None = None,
     shared: Collection[str] = (),
+    local: Collection[str] = (),
     noise: Noise | None = None,
     by_differences: bool = False,
     robust: bool = False,
@@ -87,7 +88,9 @@ def fit(
         In place of the weak ones from published soils (`unknowns.DEFAULT`), and of those of the
         effects: their null value, give or take five of their scales.
     shared : collection of str
-        Parameters of the soil that are one for all windows; those of the effects always are.
+        Parameters of the soil that are one for all windows; those of the effects are.
+    local : collection of str
+        But for these, which differ from window to window.
     noise : Noise, optional
         Learnt from the data if not given (`noise_likelihood`).
     by_differences : bool
@@ -116,7 +119,14 @@ def fit(
     data, rows = collect(model, channels, bounds, given)
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
-    sought = unknowns(model, fixed=fixed or {}, priors=priors or {}, shared=shared, windows=len(data.windows))
+    sought = unknowns(
+        model,
+        fixed=fixed or {},
+        priors=priors or {},
+        shared=shared,
+        local=local,
+        windows=len(data.windows),
+    )
     problem = Problem(
         model=model,
         wheel=wheel,
@@ -144,7 +154,7 @@ def fit(
         found = _widened(problem, data, found, learner.others())
     spread = float(student(np.array([dof]))[0]) / 1.959964 if learner else 1.0
     known = data.count > 0
-    about = parameters(model.soil, sought, found, known, spread)
+    about = parameters((*model.soil, *local), sought, found, known, spread)
     residuals, prediction, rmse = _residuals(
         problem, data, found.t, found.common, rows, int(np.asarray(bounds)[-1])
     )

@@ -139,6 +139,7 @@ def unknowns(
     fixed: Mapping[str, ArrayLike],
     priors: Mapping[str, Prior],
     shared: Collection[str],
+    local: Collection[str] = (),
     windows: int,
 ) -> Unknowns:
     """Sort the parameters of a model into those sought and those held.
@@ -147,7 +148,9 @@ def unknowns(
     ----------
     fixed : mapping of str to float or array_like, shape (w,)
     shared : collection of str
-        Parameters of the soil with one value for all windows; those of effects always have.
+        Parameters of the soil with one value for all windows; those of effects have.
+    local : collection of str
+        But for these, which have one for each.
 
     Raises
     ------
@@ -157,7 +160,7 @@ def unknowns(
         A fixed value that is not finite or of the wrong number.
     """
     known = (*model.soil, *model.parameters)
-    for name in (*fixed, *priors, *shared):
+    for name in (*fixed, *priors, *shared, *local):
         if name not in known:
             raise ConfigurationError(
                 f"the model has no parameter {name!r}", hint=f"it has {', '.join(known)}"
@@ -169,7 +172,7 @@ def unknowns(
         if name in POSITIVE and np.any(value <= 0.0):
             raise UsageError(f"fixed {name} must be positive")
     sought = [_unknown(model, name, priors.get(name)) for name in known if name not in held]
-    common = {*shared, *model.parameters}
+    common = {*shared, *model.parameters} - {*local}
     return Unknowns(
         tuple(u for u in sought if u.name not in common), tuple(u for u in sought if u.name in common), held
     )
