@@ -106,8 +106,9 @@ method = click.option(
     type=click.Choice(METHODS),
     default=METHODS[0],
     show_default=True,
-    help="Estimator. auto: what fits the model; of the linear one least squares where well conditioned, "
-    "ridge else. recursive: Kalman filter. wong-reece: the full model, with k estimated.",
+    help="Estimator of c, φ and strength. auto: the full model, or what --model says; for long tables and the "
+    "linear model least squares, and ridge where that is ill-conditioned. recursive: Kalman filter. "
+    "wong-reece: the full model, however long the log.",
 )
 min_samples = click.option(
     "--min-samples",
@@ -121,8 +122,16 @@ folds = click.option(
     metavar="N",
     help="Choose the ridge's δ over N contiguous blocks.  [leave-one-out]",
 )
+at_stress = click.option(
+    "--at-stress",
+    type=click.FloatRange(0.0),
+    metavar="KPA",
+    help="Compare strengths at this normal stress, in kPa.  [that under the wheel: 1, 2, 5, 10 …]",
+)
 robust = click.option(
-    "--robust", is_flag=True, help="Give wild samples little weight; with the full model or effects."
+    "--robust",
+    is_flag=True,
+    help="Give samples far from the fit less weight. The full model leaves out wild ones anyway.",
 )
 crs = click.option(
     "--crs",
@@ -172,7 +181,7 @@ def jobs(told: str) -> Callable[[F], F]:
 #: What decides on the numbers of an estimate, in the order of the help.
 _ESTIMATION = (
     *(rover, model, wheel, method, segments, min_samples, window_distance, window_samples),
-    *(folds, robust, where, crs, places, salvage, largest),
+    *(folds, robust, at_stress, where, crs, places, salvage, largest),
 )
 
 
@@ -221,6 +230,7 @@ def settings(given: Mapping[str, Any]) -> Settings:
         where=given["where"],
         model=given["model"],
         robust=given["robust"],
+        at_stress=given["at_stress"],
         places=tables.load(given["places"], given["crs"]) if given["places"] else None,
         samples=bool(given.get("samples")),
         whole=any(given.get(name) for name in ("rejects", "trace", "samples", "plot")),

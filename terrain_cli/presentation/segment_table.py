@@ -47,7 +47,8 @@ COLUMNS = (
         "phi_ls_deg",
     ),
     *("c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number", "k_mm", "sigma_star_kPa", "strength_kPa"),
-    *("strength_se_kPa", "torque_rmse_Nm", "x_m", "y_m", "longitude_deg", "latitude_deg", "WKT"),
+    *("strength_se_kPa", "stress_kPa", "strength_at_stress_kPa", "strength_at_stress_se_kPa", "torque_rmse_Nm"),
+    *( "x_m", "y_m", "longitude_deg", "latitude_deg", "WKT"),
 )
 #: Of a table of samples: channel → column.
 _SAMPLE_COLUMNS = {
@@ -108,6 +109,9 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
         "sigma_star_kPa": estimates.sigma_star / 1e3,
         "strength_kPa": estimates.strength / 1e3,
         "strength_se_kPa": estimates.strength_se / 1e3,
+        "stress_kPa": estimates.stress / 1e3,
+        "strength_at_stress_kPa": estimates.strength_at_stress / 1e3,
+        "strength_at_stress_se_kPa": estimates.strength_at_stress_se / 1e3,
         "torque_rmse_Nm": estimates.torque_rmse,
         **{
             f"{name}_{unit}": nothing if (channel := place[name]) is None else channel[middle]

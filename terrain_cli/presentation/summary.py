@@ -268,8 +268,11 @@ _ESTIMATES = ("c [kPa]", "φ [°]", "strength at σ* [kPa]")
 _KNOWN = 0.5
 MEANINGS = {
     "ill-conditioned": "c and φ depend on the penalty of the ridge; trust the strength",
-    "not-separable": "the drive does not tell c from φ: vary the load",
-    "out-of-range": "c is negative, or φ would not be within 0 to 60°: the model may not fit",
+    "not-separable": "c and φ cannot be told apart here; a load that varies more would help",
+    "out-of-range": "c is negative, or φ is outside 0 to 60°, which no soil has; try `terrain-est diagnose`",
+    "at-bound": "a parameter is at the edge of what soils have; try `terrain-est diagnose`",
+    "prior-bound": "c or φ is not told by the data, and left empty",
+    "model-misses": "the model does not fit these samples; try `terrain-est diagnose`",
     "too-few-samples": "windows with fewer samples than --min-samples",
 }
 

@@ -302,6 +302,7 @@ _FILE = table(
                 "crs": text,
                 "model": text,
                 "robust": flag,
+                "at-stress": number("a stress in kPa, from 0 to 1e6", 0.0, 1e6),
                 "places": text,
             }
         ),

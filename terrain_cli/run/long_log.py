@@ -53,7 +53,7 @@ def hindrance(settings: Settings, file: ModelFile | None) -> str | None:
     str or None
         None where reaches do.
     """
-    if file is not None:
+    if file is not None and not settings.automatic:
         return "the whole model learns its noise from all samples of a wheel"
     if settings.whole or settings.places:
         return "rejects, trace, samples, plot and places need every sample"
@@ -113,6 +113,8 @@ class LongWheel:
         self._reasons: Counter[str] = Counter()
         #: How many windows there are.
         self.windows = 0
+        #: That of the first reach, for all of them.
+        self._stress = settings.stress
         self._tables: list[segment_table.Table] = []
         self._estimates: list[WindowEstimates] = []
 
@@ -193,7 +195,11 @@ class LongWheel:
 
     def _keep(self, cut: Windows) -> None:
         given = self._settings
-        fitted = estimators.estimate(cut, given.method, min_samples=given.min_samples, folds=given.folds)
+        fitted = estimators.estimate(
+            cut, given.method, min_samples=given.min_samples, folds=given.folds, at_stress=self._stress
+        )
+        if len(cut):
+            self._stress = float(fitted.estimates.stress[0])
         table = segment_table.table(cut, fitted.estimates)
         behind = np.add.reduceat(cut.samples.drivers[_BEHIND], cut.bounds[:-1]).astype(np.intp)
         behind[0] += self._before
@@ -227,6 +233,11 @@ class LongWheel:
         """
         assert self._first is not None  # noqa: S101 - a wheel is there once it has samples
         remarks = list(remarks)
+        if self._settings.automatic:
+            remarks.append(
+                f"a log of more than {MOST_ROWS:,} rows: c and φ are from the line, whose errors take k and the "
+                "stresses for true; --method wong-reece fits the full model, with the log in memory"
+            )
         if self._cut:
             remarks.append(
                 f"wheel {self._first.wheel}: a soil that goes on is cut every {LONGEST:,} samples or so "

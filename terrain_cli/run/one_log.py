@@ -83,7 +83,9 @@ def run(
     kept = locations.KEYS if settings.places else ()
     hindrance = long_log.hindrance(settings, file)
     if hindrance is None:
-        found = telemetry.read_parts(source, rover, long_log.MOST_ROWS, wheels=settings.wheels, where=where)
+        found = telemetry.read_parts(
+            source, rover, long_log.MOST_ROWS, wheels=settings.wheels, where=where, effects=effects
+        )
         if not isinstance(found, list):
             return _in_reaches(source, found, settings, beside=beside)
         wheels = found
@@ -119,6 +121,7 @@ def run(
             min_samples=settings.min_samples,
             folds=settings.folds,
             robust=settings.robust,
+            at_stress=settings.stress,
         )
         outcome.account["wheels"][-1]["model"] = fitted.account
         tables.append(segment_table.table(cut, fitted.estimates))

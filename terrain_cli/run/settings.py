@@ -31,6 +31,8 @@ class Settings:
         "linear", "wong-reece", or a model file; or what it holds, for a process that cannot read it.
     robust : bool
         Give wild samples little weight in the fit of the whole model.
+    at_stress : float, optional
+        Stress in kPa at which the strengths of all windows are compared.
     places : Places, optional
         Localisation table whose positions the samples get.
     samples : bool
@@ -51,10 +53,21 @@ class Settings:
     where: str | None = None
     model: ModelFile | str | None = None
     robust: bool = False
+    at_stress: float | None = None
     places: Places | None = None
     samples: bool = False
     whole: bool = False
     salvage: bool = False
+
+    @property
+    def automatic(self) -> bool:
+        """Whether the full model gives way to the line where the data do not allow it."""
+        return self.method == "auto" and self.model is None
+
+    @property
+    def stress(self) -> float | None:
+        """`at_stress` in Pa."""
+        return None if self.at_stress is None else 1e3 * self.at_stress
 
     def document(self) -> dict[str, Any]:
         """Return what a summary says of them, ready for JSON."""
@@ -69,6 +82,7 @@ class Settings:
             "where": self.where,
             "model": self.model,
             "robust": self.robust,
+            "at_stress_kPa": self.at_stress,
             "places": self.places.path if self.places else None,
             "salvage": self.salvage,
         }

@@ -150,6 +150,7 @@ def read_parts(
     *,
     wheels: Collection[str] = (),
     where: Condition | None = None,
+    effects: Sequence[Effect] | None = None,
 ) -> list[Samples] | Iterator[Samples]:
     """Read a long table part by part, for the line y = c + x tan φ; anything else whole.
 
@@ -168,7 +169,7 @@ def read_parts(
     formats.errors.FormatError, InputError, ConfigurationError
         As for `read`.
     """
-    request = _request(source, rover, wheels, where, None)
+    request = _request(source, rover, wheels, where, effects)
     check = partial(_check, request, compared=False)
     feeds = (request.layout.shared, *request.layout.wheels.values())
     # Steady test points belong together by their labels, wherever they stand.

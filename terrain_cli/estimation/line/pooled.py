@@ -66,7 +66,8 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     between windows (DerSimonian & Kacker 2007). What the sensors' noise does to φ is the same
     in every window: it is not averaged out.
 
-    All windows whose errors are known take part. One that cannot tell c from φ still knows its
+    All windows whose errors are known take part, each with what its data alone say: a prior that counted
+    once in every window would weigh more than the data of them all. One that cannot tell c from φ still knows its
     strength, and strengths at several stresses fix the line between them; leaving out negative
     c would bias c. Windows of too few samples are passed over.
 
@@ -78,19 +79,24 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     chosen = slice(None) if select is None else np.asarray(select)
     status = estimates.status[chosen]
     columns = np.array(
-        [getattr(estimates, name)[chosen] for name in ("c", "c_se", "phi", "phi_se", "corr", "phi_bias")]
+        [
+            getattr(estimates, name)[chosen]
+            for name in ("data_c", "data_c_se", "data_tan_phi", "data_tan_phi_se", "data_corr", "phi_bias")
+        ]
     )
     # Of estimates without error the correlation is not known, nor needed.
     columns[4, columns[1] == 0.0] = 0.0
     used = np.isfinite(columns).all(axis=0) & (status != "too-few-samples")
     separable = used & (status != "not-separable")
-    plain = (*_mean_and_spread(columns[0, separable]), *_mean_and_spread(columns[2, separable]))
-    cohesion, cohesion_se, angle, angle_se, correlation, bias = columns[:, used]
+    plain = (
+        *_mean_and_spread(estimates.c[chosen][separable]),
+        *_mean_and_spread(estimates.phi[chosen][separable]),
+    )
+    cohesion, cohesion_se, tan_phi, tan_se, correlation, bias = columns[:, used]
     if len(cohesion) == 0:
         return PooledEstimate()
 
-    tan_phi = np.tan(angle)
-    tan_se, tan_bias = angle_se * (1.0 + tan_phi**2), bias * (1.0 + tan_phi**2)
+    tan_bias = bias * (1.0 + tan_phi**2)
     pivots = -correlation * cohesion_se / np.where(tan_se > 0.0, tan_se, np.inf)
     stress = float(pivots.mean())
     value = np.array([cohesion + stress * tan_phi, tan_phi])

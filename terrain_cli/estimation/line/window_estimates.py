@@ -37,10 +37,17 @@ LARGEST_CONDITION = 100.0
 LARGEST_PHI_OPEN = float(np.radians(6.0))
 LARGEST_PHI_SE = float(np.radians(15.0))
 
+#: What a window may be, the most harmful first.
+STATUSES = (
+    *("too-few-samples", "out-of-range", "at-bound", "prior-bound", "model-misses", "not-separable"),
+    *("ill-conditioned", "ok"),
+)
 _OF_THE_FULL_MODEL = (
     *("shear_modulus_se", "stiffness", "stiffness_se"),
     *("sinkage_exponent", "sinkage_exponent_se"),
 )
+#: From `strength.with_strengths`, which knows the stresses under the wheel.
+_AT_STRESS = ("stress", "strength_at_stress", "strength_at_stress_se")
 
 #: Samples worked on at a time: few enough to stay in the processor's cache.
 _BLOCK = 32_768
@@ -60,10 +67,11 @@ class WindowEstimates:
         Of `c` and `phi`: "least-squares", "ridge" or "recursive"; "wong-reece" or "linear" where the
         whole model was fitted.
     status : ndarray of str
-        The first that applies of "too-few-samples", "not-separable" (the samples and the
-        channels' bounds leave φ open by more than ± 6°, or its standard error is above 15°),
-        "ill-conditioned" (the condition number is above 100), "out-of-range" (c < 0 or φ
-        outside 0 to 60°) and "ok".
+        The first that applies of `STATUSES`: "out-of-range" (c < 0 or φ outside 0 to 60°), "at-bound" (a
+        parameter of the full model is at its bound), "prior-bound" (c or φ is not told by the data),
+        "model-misses" (by more than noise), "not-separable" (the samples and the channels' bounds
+        leave φ open by more than ± 6°, or its standard error is above 15°), "ill-conditioned"
+        (the condition number is above 100).
     c, c_se : ndarray
         Cohesion and its standard error, Pa. Never clipped.
     phi, phi_se : ndarray
@@ -77,9 +85,13 @@ class WindowEstimates:
     condition_number : ndarray
         Of the design [1, x], both columns scaled to unit length.
     sigma_star : ndarray
-        Stress at which the strength is not correlated with φ, Pa.
+        Stress at which the strength is not correlated with φ, or the nearest under the wheel, Pa.
     strength, strength_se : ndarray
         c + σ* tan φ and its standard error, Pa.
+    stress, strength_at_stress, strength_at_stress_se : ndarray
+        One stress for all windows of a wheel, and the strength there with its standard error, Pa.
+    data_c, data_c_se, data_tan_phi, data_tan_phi_se, data_corr : ndarray
+        What the data of the window alone say, without the priors of the full model; c in Pa.
     torque_rmse : ndarray
         Of the torque that c and φ predict, N m.
     phi_low, phi_high : ndarray
@@ -110,6 +122,14 @@ class WindowEstimates:
     sigma_star: Array
     strength: Array
     strength_se: Array
+    stress: Array
+    strength_at_stress: Array
+    strength_at_stress_se: Array
+    data_c: Array
+    data_c_se: Array
+    data_tan_phi: Array
+    data_tan_phi_se: Array
+    data_corr: Array
     torque_rmse: Array
     phi_low: Array
     phi_high: Array
@@ -306,13 +326,14 @@ def _estimate(
     status = np.select(
         [
             count < max(min_samples, 3),
+            ~((cohesion >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI)),
             ~((errors.phi_open <= LARGEST_PHI_OPEN) & (errors.phi <= LARGEST_PHI_SE)),
             line.condition_number > LARGEST_CONDITION,
-            ~((cohesion >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI)),
         ],
-        ["too-few-samples", "not-separable", "ill-conditioned", "out-of-range"],
+        ["too-few-samples", "out-of-range", "not-separable", "ill-conditioned"],
         "ok",
     )
+    known = np.where(count > 1, 1.0, np.nan)
     plain = "recursive" if method == "recursive" else "least-squares"
     return WindowEstimates(
         n=count,
@@ -320,7 +341,7 @@ def _estimate(
         status=status,
         c=cohesion * known,
         c_se=errors.cohesion,
-        phi=phi,
+        phi=phi * known,
         phi_se=errors.phi,
         corr=errors.correlation,
         c_ls=line.cohesion,
@@ -337,5 +358,10 @@ def _estimate(
         phi_high=errors.phi_high,
         phi_bias=errors.phi_bias,
         shear_modulus=np.full(len(count), geometry["shear_modulus"]),
-        **dict.fromkeys(_OF_THE_FULL_MODEL, np.full(len(count), np.nan)),
+        **dict.fromkeys((*_OF_THE_FULL_MODEL, *_AT_STRESS), np.full(len(count), np.nan)),
+        data_c=cohesion * known,
+        data_c_se=errors.cohesion,
+        data_tan_phi=tan_phi * known,
+        data_tan_phi_se=errors.phi * (1.0 + tan_phi**2),
+        data_corr=errors.correlation,
     )

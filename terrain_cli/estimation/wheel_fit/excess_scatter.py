@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 #: Standard deviations beyond chance at which a scatter is larger, or a sample remembers the last one.
 _PLAIN, _MEMORY = 3.0, 2.0
+#: A window of which what is left lasts longer, or is larger, than this many samples of noise is one that the
+#: model misses. Judged: noise of sensors with an autocorrelation of 0.9 lasts for 19 samples.
+MISSED = 20.0
 
 
 def excess(residual: Array, seen: NDArray[np.bool_], bounds: Bounds, dof: Array) -> Array:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from terrain_cli.estimation.line.window_estimates import LARGEST_CONDITION, LARGEST_PHI_OPEN
+from terrain_cli.estimation.line.window_estimates import LARGEST_CONDITION, LARGEST_PHI_OPEN, STATUSES
 from terrain_cli.estimation.wheel_fit import normal_equations
+from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 #: A parameter that would be open by more than this many of its prior's standard deviations, had
 #: all priors been ten times as wide, is known from the priors rather than from the data.
 LARGEST_OPEN = 1.0
+#: A standard error above this share of the prior's is the prior's own.
+SURELY_TOLD = 0.95
 _AT_BOUND = 1e-9
 
 
@@ -57,6 +60,12 @@ class Fit:
         For each parameter sought, whether the data leave it open: had all priors been ten times as
         wide, its standard error would exceed that of its prior as it is; or it ran to its bound.
         A shared one is so in all windows or in none.
+    priors : dict of str to (float, float)
+        Mean and standard deviation of each parameter of a window's own, of k and keq those of the
+        logarithm.
+    told : dict of str to ndarray of bool, shape (w,)
+        For each parameter of a window's own, whether the data say anything of it: its standard error
+        is well below that of its prior.
     bounded : dict of str to ndarray of bool, shape (w,)
         For each parameter of a window's own, whether the data would take it beyond what soils have: φ
         beyond 0 to 60°. Value and error are then those of the soils
@@ -95,6 +104,8 @@ class Fit:
     strength: Array
     strength_se: Array
     undetermined: dict[str, NDArray[np.bool_]]
+    priors: dict[str, tuple[float, float]]
+    told: dict[str, NDArray[np.bool_]]
     bounded: dict[str, NDArray[np.bool_]]
     phi_open: Array
     noise: Noise
@@ -147,27 +158,27 @@ class Fit:
         with np.errstate(divide="ignore"):
             return np.asarray(np.sqrt((1.0 + r) / (1.0 - r)))
 
-    def _at_bound(self, name: str) -> NDArray[np.bool_]:
-        return self.bounded.get(name, np.zeros(len(self), dtype=bool))
-
     @property
     def status(self) -> NDArray[np.str_]:
         """Status of each window, by the names and the limits of `estimation.WindowEstimates`.
 
         "not-separable" is where the data, without a prior on φ, leave it open by more than ± 6°.
         """
-        phi = self.phi
+        phi, nowhere = self.phi, np.zeros(len(self), dtype=bool)
+        at_bound = np.any([nowhere, *self.bounded.values()], axis=0)
+        untold = [~self.told[name] for name in ("cohesion", "tan_phi") if name in self.told]
         return np.select(
             [
                 self.n < self.min_samples,
+                ~((self.values["cohesion"] >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI)),
+                at_bound,
+                np.any([nowhere, *untold], axis=0),
+                (self.excess > 1.0) | (self.inflation > MISSED),
                 ~(self.phi_open <= LARGEST_PHI_OPEN) | ~self.converged,
                 self.condition_number > LARGEST_CONDITION,
-                ~((self.values["cohesion"] >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI))
-                | self._at_bound("cohesion")
-                | self._at_bound("tan_phi"),
             ],
-            ["too-few-samples", "not-separable", "ill-conditioned", "out-of-range"],
-            "ok",
+            STATUSES[:-1],
+            STATUSES[-1],
         )
 
 
@@ -186,6 +197,8 @@ class Parameters:
     strength: Array
     strength_se: Array
     undetermined: dict[str, NDArray[np.bool_]]
+    priors: dict[str, tuple[float, float]]
+    told: dict[str, NDArray[np.bool_]]
     bounded: dict[str, NDArray[np.bool_]]
     phi_open: Array
 
@@ -212,20 +225,21 @@ def parameters(
     windows = len(found.t)
     unknowns, q = (*sought.local, *sought.shared), len(sought.shared)
     names = tuple(u.name for u in unknowns)
-    inside = normal_equations.covariance(found.own, found.gain, found.shared) * spread**2
+    inside = _no_wider(normal_equations.covariance(found.own, found.gain, found.shared) * spread**2)
     t = np.concatenate([found.t, np.broadcast_to(found.common, (windows, q))], axis=1)
     width = np.sqrt(np.einsum("waa->wa", inside))
     blank = np.where(known, 1.0, np.nan)
     units = np.array([u.slope(t[:, column]) for column, u in enumerate(unknowns)])
     units = units.reshape(len(unknowns), windows)
     covariance = inside * units.T[:, :, None] * units.T[:, None, :] * blank[:, None, None]
-    values, errors, undetermined, bounded = {}, {}, {}, {}
+    values, errors, undetermined, told, bounded = {}, {}, {}, {}, {}
     for column, unknown in enumerate(unknowns):
         name, there = unknown.name, t[:, column]
         at_bound = (there <= unknown.lower + _AT_BOUND) | (there >= unknown.upper - _AT_BOUND)
         if column < found.at_bound.shape[1]:
             at_bound = at_bound | found.at_bound[:, column]
             bounded[name] = at_bound & known
+            told[name] = (width[:, column] < SURELY_TOLD) & known
         undetermined[name] = (found.wide[:, column] > LARGEST_OPEN) | at_bound | ~known
         if name in soil:
             values[name] = unknown.value(there) * blank
@@ -259,9 +273,19 @@ def parameters(
         strength=values["cohesion"] + sigma_star * values["tan_phi"],
         strength_se=strength_se,
         undetermined=undetermined,
+        priors={u.name: (u.mean, u.sd) for u in sought.local},
+        told=told,
         bounded=bounded,
         phi_open=_open(names, found.sure, values["tan_phi"], unknowns) * blank,
     )
+
+
+def _no_wider(covariance: Array) -> Array:
+    """Return covariances that are along no axis wider than that of the priors, which is 1."""
+    size, axes = np.linalg.eigh(covariance)
+    if not (size > 1.0).any():
+        return covariance
+    return np.asarray((axes * np.minimum(size, 1.0)[:, None, :]) @ np.swapaxes(axes, 1, 2))
 
 
 def _open(names: tuple[str, ...], sure: Array, tan_phi: Array, unknowns: Sequence[Unknown]) -> Array:

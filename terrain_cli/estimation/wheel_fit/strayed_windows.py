@@ -15,6 +15,7 @@ import numpy as np
 
 from terrain_cli.estimation.wheel_fit import starts
 from terrain_cli.estimation.wheel_fit.damped_search import descend
+from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED
 from terrain_cli.estimation.wheel_fit.gauss_newton import State, accumulate, eliminate, limits
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
@@ -104,10 +105,10 @@ def _raise(data: FitData, found: Posterior, wide: NDArray[np.bool_]) -> None:
 
 
 def _useless(found: Posterior) -> NDArray[np.bool_]:
-    """Tell where a standard error is larger than that of the prior alone."""
+    """Tell where the model misses, and a standard error is larger than that of the prior alone."""
     whole = covariance(found.own, found.gain, found.shared)
     variance = np.einsum("waa->wa", whole)[:, : found.t.shape[1]]
-    return np.asarray(np.any(~(variance <= _USELESS**2), axis=1))
+    return np.asarray(np.any(~(variance <= _USELESS**2), axis=1) & (found.inflation > MISSED))
 
 
 def _held(unknowns: Unknowns, state: State) -> Unknowns:

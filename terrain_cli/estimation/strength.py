@@ -1,0 +1,96 @@
+"""Strength of the soil at a normal stress, and the stresses that a wheel puts on it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation.line.window_estimates import WindowEstimates
+    from terrain_cli.windows.cut_windows import Windows
+
+    Array = NDArray[np.float64]
+
+#: Steps of the typical stress, by decade: logs of one rover then have one stress, and their strengths compare.
+_STEPS = np.log10([1.0, 2.0, 5.0, 10.0])
+
+
+def mean_stress(load: Array, sinkage: Array, radius: float, width: float) -> Array:
+    """Return the load by the ground that carries it, W / (b r sin θ1).
+
+    Parameters
+    ----------
+    load, sinkage : ndarray, shape (n,)
+        N and m.
+    radius, width : float
+        In m.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In Pa; NaN where the wheel does not sink.
+    """
+    share = np.clip(sinkage / radius, 0.0, 1.0)
+    length = radius * np.sqrt(share * (2.0 - share))
+    return np.divide(load, width * length, out=np.full_like(length, np.nan), where=length > 0.0)
+
+
+def typical(stress: Array) -> float:
+    """Return the median stress, rounded to 1, 2 or 5 times a power of ten; NaN if there is none."""
+    known = stress[np.isfinite(stress) & (stress > 0.0)]
+    if len(known) == 0:
+        return np.nan
+    decade, rest = divmod(float(np.log10(np.median(known))), 1.0)
+    return float(np.round(10.0 ** _STEPS[np.argmin(np.abs(_STEPS - rest))]) * 10.0**decade)
+
+
+def with_strengths(
+    estimates: WindowEstimates, windows: Windows, at_stress: float | None = None
+) -> WindowEstimates:
+    """Return estimates with σ* within the stresses of each window, and the strength at one stress for all.
+
+    Parameters
+    ----------
+    at_stress : float, optional
+        In Pa; the typical stress under this wheel if not given.
+    """
+    geometry, measured = windows.samples.geometry.wheel, windows.measured()
+    stress = mean_stress(measured["load"], measured["sinkage"], geometry.radius, geometry.width)
+    filled = np.diff(windows.bounds) > 0
+    low, high = np.full((2, len(windows)), np.nan)
+    if filled.any():
+        first = windows.bounds[:-1][filled]
+        low[filled], high[filled] = np.fmin.reduceat(stress, first), np.fmax.reduceat(stress, first)
+    common = np.full(len(windows), typical(stress) if at_stress is None else at_stress)
+    pivot = np.where(np.isfinite(low), np.clip(estimates.sigma_star, low, high), estimates.sigma_star)
+    strength, strength_se = strength_at(pivot, estimates)
+    mapped, mapped_se = strength_at(common, estimates)
+    return replace(
+        estimates,
+        sigma_star=pivot,
+        strength=strength,
+        strength_se=strength_se,
+        stress=common,
+        strength_at_stress=mapped,
+        strength_at_stress_se=mapped_se,
+    )
+
+
+def strength_at(stress: Array, estimates: WindowEstimates) -> tuple[Array, Array]:
+    """Return c + σ tan φ and its standard error, Pa.
+
+    Parameters
+    ----------
+    stress : ndarray, shape (w,)
+        σ in Pa.
+    """
+    tan_phi = np.tan(estimates.phi)
+    tan_se = estimates.phi_se * (1.0 + tan_phi**2)
+    # An estimate without error has no correlation.
+    mixed = np.where(estimates.c_se * tan_se > 0.0, estimates.corr * estimates.c_se * tan_se, 0.0)
+    variance = estimates.c_se**2 + 2.0 * stress * mixed + (stress * tan_se) ** 2
+    return estimates.c + stress * tan_phi, np.sqrt(np.maximum(variance, 0.0))
