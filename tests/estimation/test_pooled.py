@@ -24,14 +24,32 @@ def windows(strength, strength_se, tan_phi, tan_se, tan_bias=0.0, stress=STRESS)
     )
     c_se = np.hypot(strength_se, stress * tan_se)
     by_phi = 1.0 + tan_phi**2
-    return SimpleNamespace(
+    return of_data(
         c=strength - stress * tan_phi,
         c_se=c_se,
         phi=np.arctan(tan_phi),
         phi_se=tan_se / by_phi,
         corr=-stress * tan_se / c_se,
         phi_bias=tan_bias / by_phi,
-        status=np.full(len(c_se), "ok", dtype="<U15"),
+    )
+
+
+def of_data(*, c, c_se, phi, phi_se, corr, phi_bias):
+    """Return estimates that have no priors."""
+    return SimpleNamespace(
+        c=c,
+        c_se=c_se,
+        phi=phi,
+        phi_se=phi_se,
+        corr=corr,
+        phi_bias=phi_bias,
+        data_c=c,
+        data_c_se=c_se,
+        data_tan_phi=np.tan(phi),
+        data_tan_phi_se=phi_se * (1.0 + np.tan(phi) ** 2),
+        data_corr=corr,
+        status=np.full(len(c), "ok", dtype="<U15"),
+        separable=np.full(len(c), fill_value=True),
     )
 
 
@@ -84,7 +102,7 @@ def test_strengths_at_two_stresses_make_a_line():
 
 def test_windows_that_cannot_be_pooled_are_passed_over():
     given = windows([6000.0, 1.0, 2.0], 50.0, 0.5, 0.05)
-    given.phi_se[1] = np.nan
+    given.data_tan_phi_se[1] = np.nan
     given.status[2] = "too-few-samples"
     pooled = pool(given)
     assert pooled.windows == 1
@@ -103,7 +121,7 @@ def test_select_is_by_index_or_mask(select):
 
 def test_plain_mean_is_over_separable_windows():
     given = windows([6000.0, 6200.0, 9000.0], 50.0, [0.5, 0.5, 0.0], 0.05)
-    given.status = np.array(["ok", "out-of-range", "not-separable"])
+    given.separable = np.array([True, True, False])
     pooled = pool(given)
     assert (pooled.windows, pooled.separable) == (3, 2)
     assert pooled.c_mean == pytest.approx(1100.0)
@@ -114,7 +132,7 @@ def test_plain_mean_is_over_separable_windows():
 
 def test_exact_windows_can_be_pooled():
     given = windows([6000.0, 6000.0], 1.0, 0.5, 0.0)
-    given.c_se, given.corr = np.zeros(2), np.full(2, np.nan)
+    given.data_c_se, given.data_corr = np.zeros(2), np.full(2, np.nan)
     pooled = pool(given)
     assert pooled.windows == 2
     assert pooled.c == pytest.approx(1e3)
@@ -147,14 +165,13 @@ def test_errors_of_any_size_pool_to_finite_ones():
             10.0 ** rng.uniform(-12.0, high, count) * (rng.random(count) > trial % 4 / 3.0)
             for high in (20.0, 1.0)
         )
-        given = SimpleNamespace(
+        given = of_data(
             c=rng.standard_normal(count) * 10.0 ** rng.uniform(-10.0, 20.0) * (trial % 2),
             c_se=c_se,
             phi=rng.uniform(-1.5, 1.5, count) * (trial % 3 == 0),
             phi_se=phi_se,
             corr=rng.choice([-1.0, 0.0, 0.5, 1.0], count),
             phi_bias=phi_se * rng.uniform(0.0, 1.0, count),
-            status=np.full(count, "ok", dtype="<U15"),
         )
         pooled = pool(given)
         for name in ("c", "phi", "sigma_star", "strength"):

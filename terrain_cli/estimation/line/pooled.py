@@ -87,7 +87,7 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     # Of estimates without error the correlation is not known, nor needed.
     columns[4, columns[1] == 0.0] = 0.0
     used = np.isfinite(columns).all(axis=0) & (status != "too-few-samples")
-    separable = used & (status != "not-separable")
+    separable = used & estimates.separable[chosen]
     plain = (
         *_mean_and_spread(estimates.c[chosen][separable]),
         *_mean_and_spread(estimates.phi[chosen][separable]),

@@ -72,6 +72,8 @@ class WindowEstimates:
         "model-misses" (by more than noise), "not-separable" (the samples and the channels' bounds
         leave φ open by more than ± 6°, or its standard error is above 15°), "ill-conditioned"
         (the condition number is above 100).
+    separable : ndarray of bool
+        Whether c and φ can be told apart, whatever else the status says.
     c, c_se : ndarray
         Cohesion and its standard error, Pa. Never clipped.
     phi, phi_se : ndarray
@@ -108,6 +110,7 @@ class WindowEstimates:
     n: NDArray[np.intp]
     method: Text
     status: Text
+    separable: NDArray[np.bool_]
     c: Array
     c_se: Array
     phi: Array
@@ -323,11 +326,12 @@ def _estimate(
             torque_rmse[first:last] = np.sqrt(segment_sum(away**2, inner) / count[first:last])
     known = np.where(count > 0, 1.0, np.nan)
     phi = np.arctan(tan_phi) * known
+    separable = (errors.phi_open <= LARGEST_PHI_OPEN) & (errors.phi <= LARGEST_PHI_SE)
     status = np.select(
         [
             count < max(min_samples, 3),
             ~((cohesion >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI)),
-            ~((errors.phi_open <= LARGEST_PHI_OPEN) & (errors.phi <= LARGEST_PHI_SE)),
+            ~separable,
             line.condition_number > LARGEST_CONDITION,
         ],
         ["too-few-samples", "out-of-range", "not-separable", "ill-conditioned"],
@@ -339,6 +343,7 @@ def _estimate(
         n=count,
         method=np.where(penalised, "ridge", plain),
         status=status,
+        separable=separable,
         c=cohesion * known,
         c_se=errors.cohesion,
         phi=phi * known,

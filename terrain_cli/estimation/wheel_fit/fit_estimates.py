@@ -80,6 +80,7 @@ def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
         linear,
         method=np.full(len(fit), fit.model.base),
         status=fit.status,
+        separable=fit.separable,
         **_without_priors(fit),
         c=fit.values["cohesion"],
         c_se=fit.errors["cohesion"],

@@ -159,22 +159,28 @@ class Fit:
             return np.asarray(np.sqrt((1.0 + r) / (1.0 - r)))
 
     @property
-    def status(self) -> NDArray[np.str_]:
-        """Status of each window, by the names and the limits of `estimation.WindowEstimates`.
+    def separable(self) -> NDArray[np.bool_]:
+        """Whether the data, without a prior on φ, tell c from φ: φ is then open by no more than ± 6°."""
+        return np.asarray((self.phi_open <= LARGEST_PHI_OPEN) & self.converged & self._told)
 
-        "not-separable" is where the data, without a prior on φ, leave it open by more than ± 6°.
-        """
-        phi, nowhere = self.phi, np.zeros(len(self), dtype=bool)
-        at_bound = np.any([nowhere, *self.bounded.values()], axis=0)
-        untold = [~self.told[name] for name in ("cohesion", "tan_phi") if name in self.told]
+    @property
+    def _told(self) -> NDArray[np.bool_]:
+        told = [self.told[name] for name in ("cohesion", "tan_phi") if name in self.told]
+        return np.all([np.ones(len(self), dtype=bool), *told], axis=0)
+
+    @property
+    def status(self) -> NDArray[np.str_]:
+        """Status of each window, by the names and the limits of `estimation.WindowEstimates`."""
+        phi = self.phi
+        at_bound = np.any([np.zeros(len(self), dtype=bool), *self.bounded.values()], axis=0)
         return np.select(
             [
                 self.n < self.min_samples,
                 ~((self.values["cohesion"] >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI)),
                 at_bound,
-                np.any([nowhere, *untold], axis=0),
+                ~self._told,
                 (self.excess > 1.0) | (self.inflation > MISSED),
-                ~(self.phi_open <= LARGEST_PHI_OPEN) | ~self.converged,
+                ~self.separable,
                 self.condition_number > LARGEST_CONDITION,
             ],
             STATUSES[:-1],
@@ -227,7 +233,7 @@ def parameters(
     names = tuple(u.name for u in unknowns)
     inside = _no_wider(normal_equations.covariance(found.own, found.gain, found.shared) * spread**2)
     t = np.concatenate([found.t, np.broadcast_to(found.common, (windows, q))], axis=1)
-    width = np.sqrt(np.einsum("waa->wa", inside))
+    width = np.sqrt(np.maximum(np.einsum("waa->wa", inside), 0.0))
     blank = np.where(known, 1.0, np.nan)
     units = np.array([u.slope(t[:, column]) for column, u in enumerate(unknowns)])
     units = units.reshape(len(unknowns), windows)
