@@ -75,8 +75,8 @@ def refused(folder, run):
 def set_aside(folder, run):
     """Return a function that asserts which samples estimate sets aside, and for which reasons."""
 
-    def set_aside(path, reasons, samples=N, *, says=()):
-        code, out, err = run("estimate", path, "--segments", "none", "--rejects", "rejects.csv")
+    def set_aside(path, reasons, samples=N, *, says=(), options=()):
+        code, out, err = run("estimate", path, "--segments", "none", "--rejects", "rejects.csv", *options)
         assert code == 0, err
         for reason, count in reasons.items():
             assert f"  set aside: {count} · {reason}\n" in err
@@ -175,7 +175,6 @@ def changed(**cells):
         ({"torque": ([1], "-1e90")}, "torque beyond what soil takes"),
         ({"angular_velocity": ([1], "1e90")}, "angular_velocity beyond that of any vehicle"),
         ({"angular_velocity": (range(50, 90), "0")}, "wheel stands (ω = 0, slip undefined)"),
-        ({"velocity": (range(40, 45), "0.2")}, "wheel skids (slip < 0)"),
         ({"velocity": ([40], "-0.1")}, "wheel rolls against its drive (slip > 1)"),
         ({"time": ([60], "")}, "no time"),
         ({"time": ([60], "later")}, "no time"),
@@ -188,6 +187,12 @@ def test_samples_that_cannot_be_used(set_aside, cells, reason):
     places = next(iter(cells.values()))[0]
     rejects = set_aside(write("run.csv", text(changed(**cells))), {reason: len(places)})
     assert [int(row["sample"]) for row in rejects] == [place + 1 for place in places]
+
+
+def test_the_line_cannot_use_a_wheel_that_skids(set_aside):
+    skids = text(changed(velocity=(range(40, 45), "0.2")))
+    set_aside(write("run.csv", skids), {"wheel skids (slip < 0)": 5}, options=("--method", "least-squares"))
+    set_aside(write("run.csv", skids), {})
 
 
 def test_reasons_are_counted_beside_each_other(set_aside):
@@ -236,7 +241,8 @@ def test_nothing_that_can_be_used(folder, refused):
 
 def test_a_unit_by_which_nothing_can_be_used_is_told(folder, refused):
     rows = [[*row[:5], f"{3.6 * float(row[5]):.6g}"] for row in good()]
-    err = refused(write("run.csv", text(rows)), 65, "wheel skids", kept=["rejects.csv"])
+    path = write("run.csv", text(rows))
+    err = refused(path, 65, "wheel skids", kept=["rejects.csv"], options=("--method", "least-squares"))
     assert 'if it is in km/h, velocity = { column = "velocity", unit = "km/h" }' in err
 
 

@@ -119,7 +119,7 @@ def test_the_full_model_is_closer_to_the_truth_than_the_line(terrain_est_here, h
     document = summary()
     assert (document["settings"]["method"], document["settings"]["model"]) == ("wong-reece", None)
     model = by_wheel(document)
-    assert (model["base"], model["effects"], model["parameters"]) == ("wong-reece", [], {})
+    assert (model["base"], model["effects"], model["parameters"]) == ("wong-reece", ["max-stress-angle"], {})
     for entry, soil in zip(document["terrains"], SOILS, strict=True):
         assert entry["terrain"] == soil.name
         assert entry["k_mm"]["mean"] == pytest.approx(18.0, rel=0.2)
@@ -268,25 +268,29 @@ def test_effects_on_the_linear_base(terrain_est_here, here, affected):
     assert set(by_wheel(summary())["parameters"]) == {"drivetrain-friction.Tc", "drivetrain-friction.Bv"}
 
 
-def test_the_linear_model_is_the_default(terrain_est, here, plain):
+def test_the_linear_model_is_the_line(terrain_est, here, plain):
     write_csv(plain, here / "run.csv")
-    default = terrain_est("estimate", "run.csv", "--quiet")
-    assert default.returncode == 0
-    assert terrain_est("estimate", "run.csv", "--quiet", "--model", "linear").stdout == default.stdout
+    line = terrain_est("estimate", "run.csv", "--quiet", "--model", "linear")
+    assert line.returncode == 0
+    assert set(table(line)["method"]) <= {"least-squares", "ridge"}
     (here / "line.toml").write_text(MODEL.replace("wong-reece", "linear"), "utf-8")
-    assert terrain_est("estimate", "run.csv", "--quiet", "--model", "line.toml").stdout == default.stdout
+    assert terrain_est("estimate", "run.csv", "--quiet", "--model", "line.toml").stdout == line.stdout
+    assert terrain_est("estimate", "run.csv", "--quiet").stdout != line.stdout
 
 
 def test_model_and_method_say_the_same(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv")
     options = ("estimate", "run.csv", "--quiet", "--segments", "none")
-    method = terrain_est_here(*options, "--method", "wong-reece")
-    assert method.returncode == 0, method.stderr
-    assert terrain_est_here(*options, "--model", "wong-reece").stdout == method.stdout
+    default = terrain_est_here(*options)
+    assert default.returncode == 0, default.stderr
+    assert terrain_est_here(*options, "--method", "wong-reece").stdout == default.stdout
+    # The base as it stands, as for the other verbs.
+    base = terrain_est_here(*options, "--model", "wong-reece")
+    assert base.stdout != default.stdout
     (here / "rover.toml").write_text(ROVER + '[estimate]\nmodel = "full.toml"\n', "utf-8")
     (here / "full.toml").write_text(MODEL, "utf-8")
-    assert terrain_est_here(*options).stdout == method.stdout
-    assert terrain_est_here(*options, env={"TERRAIN_EST_MODEL": "linear"}).stdout != method.stdout
+    assert terrain_est_here(*options).stdout == base.stdout
+    assert terrain_est_here(*options, env={"TERRAIN_EST_MODEL": "linear"}).stdout != base.stdout
 
 
 @pytest.mark.parametrize(
@@ -303,7 +307,7 @@ def test_model_and_method_say_the_same(terrain_est_here, here, plain):
             2,
             "--method recursive is an estimator of the line",
         ),
-        (["--robust"], 2, "--robust is for the full model"),
+        (["--robust", "--method", "ridge"], 2, "--robust is for the full model"),
         (["--model", "gone.toml"], 78, "gone.toml: no such model file"),
         (["--model", "bad.toml"], 78, "bad.toml: format is missing"),
         (["--model", "lateral.toml"], 65, "run.csv: effect side-slip needs slip_angle, and nothing gives it"),

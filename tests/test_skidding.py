@@ -50,7 +50,7 @@ def count(folder, keep):
 
 
 def test_the_line_leaves_them_out_with_the_reason(folder, terrain_est_here):
-    done = terrain_est_here("estimate", folder / "run.csv")
+    done = terrain_est_here("estimate", folder / "run.csv", "--method", "least-squares")
     skids = count(folder, lambda slip: slip < 0.0)
     assert skids > 100
     assert f"{skids} · wheel skids (slip < 0)" in done.stderr
@@ -88,6 +88,6 @@ def test_a_log_that_only_skids_is_one_window(folder):
     assert len(window.rows) == len(samples)
     assert not window.driving.any()
     assert len(window) == len(np.unique(samples.stretch[samples.usable]))
-    assert set(api.estimate(window)["status"]) == {"too-few-samples"}
+    assert set(api.estimate(window, "least-squares")["status"]) == {"too-few-samples"}
     assert set(api.estimate(window, model="wong-reece")["n_samples"]) == set(np.diff(window.bounds))
     assert len(api.trace(window)) == 0

@@ -10,11 +10,11 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.errors import InputError, UsageError
+from terrain_cli.estimation.fit_account import account
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.models.assumptions import K_FACTOR
 from terrain_cli.rover import NOISY
 from terrain_cli.telemetry.derive.effect_inputs import CONSTANTS
-from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
@@ -41,14 +41,6 @@ _PEAK_ANGLE = {f"{_PEAK}.c1": (0.4, 0.15), f"{_PEAK}.c2": (0.2, 0.2)}
 #: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors of 1 % and
 #: less, which no model deserves.
 _MOST = 4_000
-
-#: Parameters of the soil that the summary shows by segment: key, unit in it, and that unit in SI.
-SHOWN = (
-    ("shear_modulus", "k", "_mm", 1e3),
-    ("stiffness", "keq", "_kPa_per_m_n", 1e-3),
-    ("sinkage_exponent", "n", "", 1.0),
-)
-
 
 @dataclass(frozen=True)
 class Fitted:
@@ -197,7 +189,7 @@ def estimate(
     held, because = _held(windows.samples.geometry, file, [channels])
     fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust)
     estimates = with_strengths(_with_soil(fit, line), whole, at_stress)
-    return Fitted(_untold_left_out(fit, estimates), _account(windows, file, fit, held, because))
+    return Fitted(_untold_left_out(fit, estimates), account(windows, file, fit, held, because))
 
 
 def _fitted(windows: Windows) -> Windows:
@@ -373,67 +365,3 @@ def _untold_left_out(fit: Fit, estimates: WindowEstimates) -> WindowEstimates:
         phi_se=np.where(phi, estimates.phi_se, np.nan),
         corr=np.where(c & phi, estimates.corr, np.nan),
     )
-
-
-def _account(
-    windows: Windows, file: ModelFile, fit: Fit, held: Mapping[str, float], because: Mapping[str, str]
-) -> dict[str, Any]:
-    """Say what a wheel was fitted with, as the summary shows it."""
-    own = [name for name in file.model.parameters if name not in file.local]
-    names = [*own, *(name for name in file.shared if name not in own)]
-    return {
-        "base": file.model.base,
-        "effects": [effect.id for effect in file.model.effects],
-        "parameters": {name: _parameter(name, file, fit, held, because.get(name)) for name in names},
-        "noise": _noise_account(windows, fit),
-        "missed": int(np.count_nonzero(fit.excess > 1.0)),
-        "unsettled": int(np.count_nonzero(~fit.converged & (fit.n > 0))),
-        "segments": [_segment(fit, j) for j in range(len(fit))],
-    }
-
-
-def _parameter(
-    name: str, file: ModelFile, fit: Fit, held: Mapping[str, float], because: str | None
-) -> dict[str, Any]:
-    factor = file.factor(name)
-    entry = {"unit": file.units[name], "held": name in held, "because": because}
-    if name in held:
-        return {"value": held[name] / factor, "se": None, **entry, "fixed_by_data": None}
-    return {
-        "value": fit.shared[name] / factor,
-        "se": fit.shared_errors[name] / factor,
-        **entry,
-        # The same in all windows, save that nothing is determined in one without samples.
-        "fixed_by_data": not bool(fit.undetermined[name].all()),
-    }
-
-
-def _noise_account(windows: Windows, fit: Fit) -> dict[str, Any]:
-    channels = [name for name in CHANNELS if name in {*fit.noise.relative, *fit.noise.absolute}]
-    given = windows.samples.noise
-    return {
-        name: {
-            "relative": float(fit.noise.relative.get(name, 0.0)),
-            "absolute": float(fit.noise.absolute.get(name, 0.0)),
-            "unit": CHANNELS[name].unit.symbol,  # type: ignore[union-attr]
-            "given": name in given,
-        }
-        for name in channels
-    }
-
-
-def _segment(fit: Fit, j: int) -> dict[str, Any]:
-    """Return the soil of a window as far as the table has no column for it."""
-    entry: dict[str, Any] = {"segment": j + 1}
-    for parameter, key, unit, scale in SHOWN:
-        for part, column in (("", fit.values.get(parameter)), ("_se", fit.errors.get(parameter))):
-            known = column is not None and np.isfinite(column[j])
-            entry[f"{key}{part}{unit}"] = float(column[j]) * scale if column is not None and known else None
-    for name, column in ((name, fit.values[name]) for name in fit.values if name not in fit.model.soil):
-        entry[name] = float(column[j]) if np.isfinite(column[j]) else None
-        entry[f"{name}_se"] = float(fit.errors[name][j]) if np.isfinite(column[j]) else None
-    entry["at_bound"] = [name for name, there in fit.bounded.items() if bool(there[j])]
-    entry["not_fixed_by_data"] = [name for name in fit.names if bool(fit.undetermined[name][j])]
-    ratio = fit.chi2[j] / fit.dof[j] if fit.dof[j] > 0.0 else np.nan
-    entry["chi2_per_dof"] = float(ratio) if np.isfinite(ratio) else None
-    return entry

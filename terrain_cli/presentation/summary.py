@@ -84,7 +84,7 @@ def _group(
     distance = table["distance_m"][rows]
     pooled = estimation.pool(estimates, rows)
     long = rows[found != "too-few-samples"]
-    separable = rows[~np.isin(found, ("too-few-samples", "not-separable"))]
+    separable = rows[(found != "too-few-samples") & estimates.separable[rows]]
     return {
         "terrain": terrain,
         "wheel": wheel,
@@ -175,8 +175,8 @@ def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str
 
 
 def _addition(name: str, table: Table) -> str:
-    """Say of the rows that are not separable whether their strength is known."""
-    if name != "not-separable":
+    """Say of the rows that do not tell c from φ whether their strength is known."""
+    if name not in {"not-separable", "prior-bound"}:
         return ""
     rows = np.array([status == name for status in table["status"]], dtype=bool)
     strength, error = (
@@ -269,7 +269,7 @@ _KNOWN = 0.5
 MEANINGS = {
     "ill-conditioned": "c and φ depend on the penalty of the ridge; trust the strength",
     "not-separable": "c and φ cannot be told apart here; a load that varies more would help",
-    "out-of-range": "c is negative, or φ is outside 0 to 60°, which no soil has; try `terrain-est diagnose`",
+    "out-of-range": "c is negative or φ outside 0 to 60°, which no soil has: noise if within its error, else a wrong model",
     "at-bound": "a parameter is at the edge of what soils have; try `terrain-est diagnose`",
     "prior-bound": "c or φ is not told by the data, and left empty",
     "model-misses": "the model does not fit these samples; try `terrain-est diagnose`",

@@ -135,7 +135,7 @@ def read_source(
     if most is not None and begin is not None and rest is not None:
         result = Excerpt(most // 2, in_parts(request, begin, rest, check)).samples()
     else:
-        result = _whole(request, begin, check)
+        result = _whole(request, begin, check, compared=compared)
         if most is not None and sum(map(len, result)) > most:
             result = Excerpt(most // 2, result).samples()
     if not any(len(samples) for samples in result):
@@ -176,7 +176,7 @@ def read_parts(
     begin, rest = _begun(request, rows if any("time" in some for some in feeds) else None)
     if begin is not None and rest is not None:
         return in_parts(request, begin, rest, check)
-    result = _whole(request, begin, check)
+    result = _whole(request, begin, check, compared=False)
     if not any(len(samples) for samples in result):
         raise _nothing(request)
     return result
@@ -225,10 +225,12 @@ def _begun(request: Request, rows: int | None) -> tuple[list[Batch] | None, Iter
     return raw_columns.begin(request.layout.source, names, rows)
 
 
-def _whole(request: Request, begin: list[Batch] | None, check: Callable[[list[Raw]], None]) -> list[Samples]:
+def _whole(
+    request: Request, begin: list[Batch] | None, check: Callable[[list[Raw]], None], *, compared: bool
+) -> list[Samples]:
     layout, rover = request.layout, request.rover
     raws = read_raw(layout, rover, request.channels, request.extras, wheels=request.wheels, batches=begin)
-    if request.effects is not None:
+    if compared:
         _drop_empty(raws)
     check(raws)
     result = []

@@ -86,6 +86,7 @@ def both(small, monkeypatch, tmp_path):
     def run(table, ending="parquet", **settings):
         path = tmp_path / f"run.{ending}"
         table.to_parquet(path, index=False) if ending == "parquet" else table.to_csv(path, index=False)
+        settings = {"method": "least-squares", **settings}
         found = []
         for rows in (1000, 10**9):
             monkeypatch.setattr(long_log, "MOST_ROWS", rows)
@@ -108,7 +109,7 @@ def assert_same(found, whole):
 
 
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
-@pytest.mark.parametrize("settings", [{}, {"method": "ridge"}, {"segments": "terrain"}])
+@pytest.mark.parametrize("settings", [{}, {"method": "ridge"}, {"segments": "terrain"}, {"at_stress": 7.0}])
 def test_reaches_make_the_table_of_the_whole_log(both, ending, settings):
     found, whole = both(dirty(drive(LENGTHS)), ending, **settings)
     assert_same(found, whole)
@@ -189,6 +190,14 @@ def test_what_needs_the_whole_log_gets_it_with_a_word(both, settings, because):
     assert first == second
     assert f"a long log, read whole: {because}" in found.account["wheels"][0]["remarks"][0]
     assert whole.account["wheels"][0]["remarks"] == []
+
+
+def test_the_line_stands_in_for_the_full_model_with_a_word(both):
+    found, whole = both(drive((2000, 2000)), method="auto")
+    assert set(whole.table["method"]) == {"wong-reece"}
+    assert set(found.table["method"]) <= {"least-squares", "ridge"}
+    remark = found.account["wheels"][0]["remarks"][0]
+    assert remark.startswith("a log of more than 1,000 rows: c and φ are from the line")
 
 
 def test_steady_test_points_are_read_whole(both):

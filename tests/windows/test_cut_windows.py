@@ -79,7 +79,7 @@ def test_a_load_step_on_one_soil_is_no_new_terrain(model):
 def test_a_steady_drive_on_flat_ground_is_one_window_that_gives_the_strength():
     drive = one_wheel([(DRY_SAND, 60.0)], load=constant(80.0), slip=constant(0.3), noise=0.03, model="linear")
     wheel, log = samples_of(drive)
-    (row,) = terrain.estimate(terrain.segment(wheel)).to_dict("records")
+    (row,) = terrain.estimate(terrain.segment(wheel), "least-squares").to_dict("records")
     assert row["status"] == "not-separable"
     truth = log.strength(row["sigma_star_kPa"] * 1e3).mean() / 1e3
     assert row["strength_kPa"] == pytest.approx(truth, rel=0.02)

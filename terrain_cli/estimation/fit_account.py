@@ -1,0 +1,95 @@
+"""What a wheel was fitted with, as the summary shows it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli.vocabulary.channels import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from terrain_cli.estimation.wheel_fit import Fit
+    from terrain_cli.models import ModelFile
+    from terrain_cli.windows.cut_windows import Windows
+
+#: Parameters of the soil that the summary shows by segment: key, unit in it, and that unit in SI.
+_SHOWN = (
+    ("shear_modulus", "k", "_mm", 1e3),
+    ("stiffness", "keq", "_kPa_per_m_n", 1e-3),
+    ("sinkage_exponent", "n", "", 1.0),
+)
+
+
+def account(
+    windows: Windows, file: ModelFile, fit: Fit, held: Mapping[str, float], because: Mapping[str, str]
+) -> dict[str, Any]:
+    """Say what a wheel was fitted with, as the summary shows it.
+
+    Parameters
+    ----------
+    held : dict of str to float
+        Parameters that were not sought.
+    because : dict of str to str
+        Why, where the file does not say so.
+    """
+    own = [name for name in file.model.parameters if name not in file.local]
+    names = [*own, *(name for name in file.shared if name not in own)]
+    return {
+        "base": file.model.base,
+        "effects": [effect.id for effect in file.model.effects],
+        "parameters": {name: _parameter(name, file, fit, held, because.get(name)) for name in names},
+        "noise": _noise_account(windows, fit),
+        "missed": int(np.count_nonzero(fit.excess > 1.0)),
+        "unsettled": int(np.count_nonzero(~fit.converged & (fit.n > 0))),
+        "segments": [_segment(fit, j) for j in range(len(fit))],
+    }
+
+
+def _parameter(
+    name: str, file: ModelFile, fit: Fit, held: Mapping[str, float], because: str | None
+) -> dict[str, Any]:
+    factor = file.factor(name)
+    entry = {"unit": file.units[name], "held": name in held, "because": because}
+    if name in held:
+        return {"value": held[name] / factor, "se": None, **entry, "fixed_by_data": None}
+    return {
+        "value": fit.shared[name] / factor,
+        "se": fit.shared_errors[name] / factor,
+        **entry,
+        # The same in all windows, save that nothing is determined in one without samples.
+        "fixed_by_data": not bool(fit.undetermined[name].all()),
+    }
+
+
+def _noise_account(windows: Windows, fit: Fit) -> dict[str, Any]:
+    channels = [name for name in CHANNELS if name in {*fit.noise.relative, *fit.noise.absolute}]
+    given = windows.samples.noise
+    return {
+        name: {
+            "relative": float(fit.noise.relative.get(name, 0.0)),
+            "absolute": float(fit.noise.absolute.get(name, 0.0)),
+            "unit": CHANNELS[name].unit.symbol,  # type: ignore[union-attr]
+            "given": name in given,
+        }
+        for name in channels
+    }
+
+
+def _segment(fit: Fit, j: int) -> dict[str, Any]:
+    """Return the soil of a window as far as the table has no column for it."""
+    entry: dict[str, Any] = {"segment": j + 1}
+    for parameter, key, unit, scale in _SHOWN:
+        for part, column in (("", fit.values.get(parameter)), ("_se", fit.errors.get(parameter))):
+            known = column is not None and np.isfinite(column[j])
+            entry[f"{key}{part}{unit}"] = float(column[j]) * scale if column is not None and known else None
+    for name, column in ((name, fit.values[name]) for name in fit.values if name not in fit.model.soil):
+        entry[name] = float(column[j]) if np.isfinite(column[j]) else None
+        entry[f"{name}_se"] = float(fit.errors[name][j]) if np.isfinite(column[j]) else None
+    entry["at_bound"] = [name for name, there in fit.bounded.items() if bool(there[j])]
+    entry["not_fixed_by_data"] = [name for name in fit.names if bool(fit.undetermined[name][j])]
+    ratio = fit.chi2[j] / fit.dof[j] if fit.dof[j] > 0.0 else np.nan
+    entry["chi2_per_dof"] = float(ratio) if np.isfinite(ratio) else None
+    return entry
