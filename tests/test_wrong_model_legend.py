@@ -10,14 +10,18 @@ from terrain_cli.presentation import summary
 
 def table(strength, error, status="not-separable"):
     n = len(strength)
-    return {"status": [status] * n, "strength_kPa": np.array(strength), "strength_se_kPa": np.array(error)}
+    return {
+        "status": [status] * n,
+        "strength_at_stress_kPa": np.array(strength),
+        "strength_at_stress_se_kPa": np.array(error),
+    }
 
 
 @pytest.mark.parametrize(
     ("strength", "error", "says"),
     [
-        ([3.0, 2.0], [0.1, 0.3], "would help; the strength at σ* holds"),
-        ([3.0, 2.0], [0.1, 2.3], "would help; the strength at σ* holds where its error is small"),
+        ([3.0, 2.0], [0.1, 0.3], "would help; the strength holds"),
+        ([3.0, 2.0], [0.1, 2.3], "would help; the strength holds where its error is small"),
         ([3.0, -2.0], [9.0, 0.3], "would help; nor does it tell the strength"),
         ([np.nan], [np.nan], "would help; nor does it tell the strength"),
     ],
@@ -44,9 +48,9 @@ def test_the_strength_holds_only_where_it_is_known(strength, error, says):
                     "c_se_kPa",
                     "phi_deg",
                     "phi_se_deg",
-                    "strength_kPa",
-                    "strength_se_kPa",
-                    "sigma_star_kPa",
+                    "strength_at_stress_kPa",
+                    "strength_at_stress_se_kPa",
+                    "stress_kPa",
                 )
             ),
         }

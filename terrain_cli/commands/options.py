@@ -106,8 +106,8 @@ method = click.option(
     type=click.Choice(METHODS),
     default=METHODS[0],
     show_default=True,
-    help="Estimator of c, φ and strength. auto: the full model, or what --model says; for long tables and the "
-    "linear model least squares, and ridge where that is ill-conditioned. recursive: Kalman filter. "
+    help="Estimator of c, φ and strength. auto: the full model, or what --model says; for long tables and "
+    "the linear model least squares, and ridge where that is ill-conditioned. recursive: Kalman filter. "
     "wong-reece: the full model, however long the log.",
 )
 min_samples = click.option(

@@ -33,14 +33,15 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Where the stress under the rim is greatest, θm = (c1 + c2 i) θ1, as far as soils differ in it: c1, c2 of 0.18,
-#: 0.32 in loose sand and 0.43, 0.32 in compact sand (Wong & Reece 1967); 0.5, 0 in Iagnemma et al. 2004.
+#: Where the stress under the rim is greatest, θm = (c1 + c2 i) θ1, as soils differ in it: 0.18, 0.32
+#: in loose sand and 0.43, 0.32 in compact sand (Wong & Reece 1967); 0.5, 0 in Iagnemma et al. 2004.
 _PEAK = "max-stress-angle"
 _PEAK_ANGLE = {f"{_PEAK}.c1": (0.4, 0.15), f"{_PEAK}.c2": (0.2, 0.2)}
 
 #: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors of 1 % and
 #: less, which no model deserves.
 _MOST = 4_000
+
 
 @dataclass(frozen=True)
 class Fitted:
@@ -188,8 +189,7 @@ def estimate(
     channels = _channels(windows, file)
     held, because = _held(windows.samples.geometry, file, [channels])
     fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust)
-    estimates = with_strengths(_with_soil(fit, line), whole, at_stress)
-    return Fitted(_untold_left_out(fit, estimates), account(windows, file, fit, held, because))
+    return Fitted(of_fit(fit, line, whole, at_stress), account(windows, file, fit, held, because))
 
 
 def _fitted(windows: Windows) -> Windows:
@@ -338,7 +338,18 @@ def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noi
     )
 
 
-def _with_soil(fit: Fit, line: WindowEstimates) -> WindowEstimates:
+def of_fit(
+    fit: Fit, line: WindowEstimates, windows: Windows, at_stress: float | None = None
+) -> WindowEstimates:
+    """Return what the table of windows says of a fit.
+
+    Parameters
+    ----------
+    line : WindowEstimates
+        Of the same windows; keeps its columns of least squares and ridge.
+    at_stress : float, optional
+        As for `estimate`.
+    """
     from terrain_cli.estimation import wheel_fit
 
     soil: dict[str, Any] = {
@@ -350,11 +361,9 @@ def _with_soil(fit: Fit, line: WindowEstimates) -> WindowEstimates:
             (f"{parameter}_se", fit.errors[parameter]),
         )
     }
-    return replace(wheel_fit.as_window_estimates(fit, line), n=fit.n, **soil)
-
-
-def _untold_left_out(fit: Fit, estimates: WindowEstimates) -> WindowEstimates:
-    """Leave c and φ empty where their number is that of the prior, or of a single sample."""
+    estimates = replace(wheel_fit.as_window_estimates(fit, line), n=fit.n, **soil)
+    estimates = with_strengths(estimates, windows, at_stress)
+    # c and φ stay empty where their number is that of the prior, or of a single sample.
     every = np.full(len(fit), fill_value=True)
     c, phi = (fit.told.get(name, every) & (fit.n > 1) for name in ("cohesion", "tan_phi"))
     return replace(

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Steps of the typical stress, by decade: logs of one rover then have one stress, and their strengths compare.
+#: Steps of the typical stress, by decade: so that logs of one rover have one stress.
 _STEPS = np.log10([1.0, 2.0, 5.0, 10.0])
 
 
@@ -58,8 +58,11 @@ def with_strengths(
     at_stress : float, optional
         In Pa; the typical stress under this wheel if not given.
     """
-    geometry, measured = windows.samples.geometry.wheel, windows.measured()
-    stress = mean_stress(measured["load"], measured["sinkage"], geometry.radius, geometry.width)
+    geometry, measured = windows.samples.geometry.wheel, windows.samples.channels
+    # A comparison does without a channel that the model predicts.
+    unknown = np.full(len(windows.samples), np.nan)
+    load, sinkage = (measured.get(name, unknown)[windows.rows] for name in ("load", "sinkage"))
+    stress = mean_stress(load, sinkage, geometry.radius, geometry.width)
     filled = np.diff(windows.bounds) > 0
     low, high = np.full((2, len(windows)), np.nan)
     if filled.any():

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 #: Layer → columns by which QGIS can colour it, the first unless asked for another.
 STYLES = {
-    "segments": ("strength_kPa", "c_kPa", "phi_deg"),
+    "segments": ("strength_at_stress_kPa", "strength_kPa", "c_kPa", "phi_deg"),
     "samples": ("slip", "sinkage_m", "load_N", "torque_Nm"),
 }
 _MCAP = ".mcap"

@@ -47,8 +47,14 @@ COLUMNS = (
         "phi_ls_deg",
     ),
     *("c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number", "k_mm", "sigma_star_kPa", "strength_kPa"),
-    *("strength_se_kPa", "stress_kPa", "strength_at_stress_kPa", "strength_at_stress_se_kPa", "torque_rmse_Nm"),
-    *( "x_m", "y_m", "longitude_deg", "latitude_deg", "WKT"),
+    *(
+        "strength_se_kPa",
+        "stress_kPa",
+        "strength_at_stress_kPa",
+        "strength_at_stress_se_kPa",
+        "torque_rmse_Nm",
+    ),
+    *("x_m", "y_m", "longitude_deg", "latitude_deg", "WKT"),
 )
 #: Of a table of samples: channel → column.
 _SAMPLE_COLUMNS = {

@@ -83,6 +83,9 @@ def _group(
     status = found.tolist()
     distance = table["distance_m"][rows]
     pooled = estimation.pool(estimates, rows)
+    stresses = np.unique(estimates.stress[rows])
+    stress = float(stresses[0]) if len(stresses) == 1 else np.nan
+    mapped, mapped_se = pooled.strength_at(stress)
     long = rows[found != "too-few-samples"]
     separable = rows[(found != "too-few-samples") & estimates.separable[rows]]
     return {
@@ -109,6 +112,9 @@ def _group(
             "sigma_star_kPa": _shown(pooled.sigma_star / 1e3),
             "strength_kPa": _shown(pooled.strength / 1e3),
             "strength_se_kPa": _shown(pooled.strength_se / 1e3),
+            "stress_kPa": _shown(stress / 1e3),
+            "strength_at_stress_kPa": _shown(mapped / 1e3),
+            "strength_at_stress_se_kPa": _shown(mapped_se / 1e3),
             "strength_between_kPa": _shown(pooled.strength_between / 1e3),
             "phi_between_deg": _degrees(pooled.phi_between),
         },
@@ -179,16 +185,12 @@ def _addition(name: str, table: Table) -> str:
     if name not in {"not-separable", "prior-bound"}:
         return ""
     rows = np.array([status == name for status in table["status"]], dtype=bool)
-    strength, error = (
-        np.asarray(table[column], dtype=float)[rows] for column in ("strength_kPa", "strength_se_kPa")
-    )
+    strength, error = (np.asarray(table[column], dtype=float)[rows] for column in _MAPPED[:2])
     known = error <= _KNOWN * strength
     if known.all():
-        return "; the strength at σ* holds"
+        return "; the strength holds"
     return (
-        "; the strength at σ* holds where its error is small"
-        if known.any()
-        else "; nor does it tell the strength"
+        "; the strength holds where its error is small" if known.any() else "; nor does it tell the strength"
     )
 
 
@@ -231,7 +233,7 @@ def _terrain_rows(entries: Sequence[dict[str, Any]]) -> list[tuple[str, ...]]:
                 _metres(entry["distance_m"]),
                 _plus_minus(pooled["c_kPa"], pooled["c_se_kPa"], 2),
                 _plus_minus(pooled["phi_deg"], pooled["phi_se_deg"], 1),
-                _strength(pooled["strength_kPa"], pooled["strength_se_kPa"], pooled["sigma_star_kPa"]),
+                _strength(*(pooled[name] for name in _MAPPED)),
             )
         )
     return rows
@@ -253,9 +255,7 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
                 row["status"],
                 _plus_minus(_shown(row["c_kPa"]), _shown(row["c_se_kPa"]), 2),
                 _plus_minus(_shown(row["phi_deg"]), _shown(row["phi_se_deg"]), 1),
-                _strength(
-                    *(_shown(row[name]) for name in ("strength_kPa", "strength_se_kPa", "sigma_star_kPa"))
-                ),
+                _strength(*(_shown(row[name]) for name in _MAPPED)),
             )
         )
     return rows
@@ -263,13 +263,14 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
 
 #: Segments listed for a person at the most; the table has them all.
 LISTED = 40
-_ESTIMATES = ("c [kPa]", "φ [°]", "strength at σ* [kPa]")
+_ESTIMATES = ("c [kPa]", "φ [°]", "strength [kPa]")
+_MAPPED = ("strength_at_stress_kPa", "strength_at_stress_se_kPa", "stress_kPa")
 #: Error of a strength, as a share of it, up to which it is known.
 _KNOWN = 0.5
 MEANINGS = {
     "ill-conditioned": "c and φ depend on the penalty of the ridge; trust the strength",
     "not-separable": "c and φ cannot be told apart here; a load that varies more would help",
-    "out-of-range": "c is negative or φ outside 0 to 60°, which no soil has: noise if within its error, else a wrong model",
+    "out-of-range": "c is negative or φ outside 0 to 60°: noise if within its error, else a wrong model",
     "at-bound": "a parameter is at the edge of what soils have; try `terrain-est diagnose`",
     "prior-bound": "c or φ is not told by the data, and left empty",
     "model-misses": "the model does not fit these samples; try `terrain-est diagnose`",
@@ -289,4 +290,4 @@ def _metres(distance: float | None) -> str:
 
 def _strength(strength: float | None, error: float | None, stress: float | None) -> str:
     shown = _plus_minus(strength, error, 2)
-    return shown if stress is None else f"{shown} at {stress:.2f}"
+    return shown if stress is None else f"{shown} at {stress:.4g} kPa"

@@ -235,8 +235,8 @@ class LongWheel:
         remarks = list(remarks)
         if self._settings.automatic:
             remarks.append(
-                f"a log of more than {MOST_ROWS:,} rows: c and φ are from the line, whose errors take k and the "
-                "stresses for true; --method wong-reece fits the full model, with the log in memory"
+                f"a log of more than {MOST_ROWS:,} rows: c and φ are from the line, whose errors take k and "
+                "the stresses for true; --method wong-reece fits the full model, with the log in memory"
             )
         if self._cut:
             remarks.append(

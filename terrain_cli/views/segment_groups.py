@@ -190,10 +190,15 @@ def tested(table: Table) -> NDArray[np.intp]:
     return np.flatnonzero(np.isfinite(value) & (pivot > 0.0))
 
 
+def mapped_strength(table: Table) -> tuple[str, Array]:
+    """Return the strength of each segment at the stress at which segments compare, in kPa, with its label."""
+    stresses = {value for value in map(float, table["stress_kPa"]) if np.isfinite(value)}
+    where = f"{stresses.pop():.4g} kPa" if len(stresses) == 1 else "the typical stress of its wheel"
+    return f"strength at {where} (kPa)", np.asarray(table["strength_at_stress_kPa"], dtype=float)
+
+
 def strength(table: Table, row: int, stress: Array) -> tuple[Array, Array]:
     """Return the strength of a segment's soil under normal stresses, with its standard error.
-
-    The line pivots about σ*, where strength and slope are uncorrelated.
 
     Parameters
     ----------
@@ -207,8 +212,7 @@ def strength(table: Table, row: int, stress: Array) -> tuple[Array, Array]:
     """
     slope = np.tan(np.radians(table["phi_deg"][row]))
     slope_error = np.radians(table["phi_se_deg"][row]) * (1.0 + slope**2)
-    away = stress - table["sigma_star_kPa"][row]
-    return (
-        table["strength_kPa"][row] + slope * away,
-        np.hypot(table["strength_se_kPa"][row], slope_error * away),
-    )
+    error = table["c_se_kPa"][row]
+    mixed = table["corr_c_phi"][row] * error * slope_error if error * slope_error > 0.0 else 0.0
+    variance = error**2 + 2.0 * stress * mixed + (stress * slope_error) ** 2
+    return table["c_kPa"][row] + slope * stress, np.sqrt(np.maximum(variance, 0.0))

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from terrain_cli.estimation import WindowEstimates
-from terrain_cli.estimation.estimators import estimate_lines
-from terrain_cli.estimation.wheel_fit import as_window_estimates
+from terrain_cli.estimation.estimators import estimate_lines, of_fit
 from terrain_cli.presentation import segment_table
 
 if TYPE_CHECKING:
@@ -57,8 +56,7 @@ def table(comparison: Comparison) -> segment_table.Table:
 def _of_wheel(wheel: WheelComparison) -> dict[str, Any]:
     windows, fit = wheel.windows, wheel.fit
     line = estimate_lines(windows) if windows.lined else _no_line(len(windows))
-    fitted = as_window_estimates(fit, line)
-    return segment_table.table(windows, replace(fitted, n=fit.n, shear_modulus=fit.values["shear_modulus"]))
+    return segment_table.table(windows, of_fit(fit, line, windows))
 
 
 def _no_line(n: int) -> WindowEstimates:

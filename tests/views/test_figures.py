@@ -120,7 +120,7 @@ def test_track(comparison):
     figure = figures.track(soil_table.table(comparison), {"rms misfit of torque (N m)": misfit})
     drawn(figure)
     said = texts(figure)
-    for text in ("x (m)", "y (m)", "strength at σ* (kPa)", "rms misfit of torque (N m)", "front-left"):
+    for text in ("x (m)", "y (m)", "strength at 10 kPa (kPa)", "rms misfit of torque (N m)", "front-left"):
         assert text in said
     maps = [axes for axes in figure.axes if axes.get_aspect() == 1.0]
     assert len(maps) == 4

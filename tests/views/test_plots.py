@@ -27,7 +27,7 @@ EXPECTED = {
     "residual-drawbar-pull": ("load W (N)", "measured − predicted drawbar pull DP (N)"),
     "residual-sinkage": ("time t (s)", "measured − predicted sinkage z (mm)"),
     "strength": ("cohesion c (kPa)", "friction angle φ (°)", "normal stress σ (kPa)"),
-    "track-torque": ("x (m)", "strength at σ* (kPa)", "rms misfit of torque (N m)"),
+    "track-torque": ("x (m)", "strength at 10 kPa (kPa)", "rms misfit of torque (N m)"),
     "track-drawbar-pull": ("rms misfit of drawbar pull (N)",),
     "track-sinkage": ("rms misfit of sinkage (mm)",),
     "rim-stress": ("angle from the vertical θ (°), forward positive", "stress (kPa)"),

@@ -57,6 +57,17 @@ class PooledEstimate:
     phi_mean: float = np.nan
     phi_spread: float = np.nan
 
+    def strength_at(self, stress: float) -> tuple[float, float]:
+        """Return the strength under a normal stress and its standard error, all in Pa.
+
+        Parameters
+        ----------
+        stress : float
+        """
+        slope, away = np.tan(self.phi), stress - self.sigma_star
+        error = np.hypot(self.strength_se, away * self.phi_se * (1.0 + slope**2))
+        return float(self.strength + away * slope), float(error)
+
 
 def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledEstimate:
     """Combine windows by generalised least squares with random effects.
@@ -66,10 +77,10 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     between windows (DerSimonian & Kacker 2007). What the sensors' noise does to φ is the same
     in every window: it is not averaged out.
 
-    All windows whose errors are known take part, each with what its data alone say: a prior that counted
-    once in every window would weigh more than the data of them all. One that cannot tell c from φ still knows its
-    strength, and strengths at several stresses fix the line between them; leaving out negative
-    c would bias c. Windows of too few samples are passed over.
+    All windows whose errors are known take part, each with what its data alone say: a prior that
+    counted once in every window would weigh more than the data of them all. One that cannot tell c
+    from φ still knows its strength, and strengths at several stresses fix the line between them;
+    leaving out negative c would bias c. Windows of too few samples are passed over.
 
     Parameters
     ----------

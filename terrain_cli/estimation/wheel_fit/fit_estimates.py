@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _LEAST = 1e-6
 
 
-def _without_priors(fit: Fit) -> dict[str, Array]:
+def _without_priors(fit: Fit) -> dict[str, Any]:
     """Return what the data alone say of c and tan φ: their posterior by its priors (Bayes).
 
     Along an axis of variance v and mean m, in terms of the priors, the data alone have the variance

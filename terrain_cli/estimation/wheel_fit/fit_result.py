@@ -161,12 +161,13 @@ class Fit:
     @property
     def separable(self) -> NDArray[np.bool_]:
         """Whether the data, without a prior on φ, tell c from φ: φ is then open by no more than ± 6°."""
-        return np.asarray((self.phi_open <= LARGEST_PHI_OPEN) & self.converged & self._told)
+        widest = np.fmax(self.phi_open, self.phi_se)
+        return np.asarray((widest <= LARGEST_PHI_OPEN) & self.converged & self._told)
 
     @property
     def _told(self) -> NDArray[np.bool_]:
         told = [self.told[name] for name in ("cohesion", "tan_phi") if name in self.told]
-        return np.all([np.ones(len(self), dtype=bool), *told], axis=0)
+        return np.asarray(np.all([np.ones(len(self), dtype=bool), *told], axis=0))
 
     @property
     def status(self) -> NDArray[np.str_]:

@@ -45,7 +45,7 @@ def track(table: Mapping[str, Any], misfit: Mapping[str, ArrayLike]) -> Figure |
         return None
     key = list(zip(table["source"], table["wheel"], strict=True))
     wheels = list(dict.fromkeys(key))[:MOST_WHEELS]
-    shown = {"strength at σ* (kPa)": np.asarray(table["strength_kPa"], dtype=float)}
+    shown = dict([segment_groups.mapped_strength(table)])
     shown |= {label: np.asarray(values, dtype=float) for label, values in misfit.items()}
     every = np.concatenate([path for path in paths if len(path)])
     across, up, stretch = segment_groups.frame(table, every)

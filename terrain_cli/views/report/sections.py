@@ -187,7 +187,7 @@ def _soil(content: _Content) -> Section:
     shown = content.thinned
     parts: list[Table | Chart] = []
     if any(shown["WKT"]):
-        maps = {"strength at σ* (kPa)": np.asarray(shown["strength_kPa"], dtype=float)}
+        maps = dict([segment_groups.mapped_strength(shown)])
         for name, what in content.units.items():
             maps[f"misfit of {what.words}{what.in_unit}"] = content.misfits[name][content.kept]
         parts += [
@@ -210,7 +210,7 @@ def _soil(content: _Content) -> Section:
         parts.append(
             Chart(
                 "Shear strength, marked at σ*",
-                "Line of shear strength over normal stress for each segment; the table has strength and σ*.",
+                "Line of shear strength over normal stress for each segment; the table has numbers.",
                 soil_charts.strength(shown, content.chosen),
             )
         )
@@ -230,17 +230,18 @@ def _segments(content: _Content) -> Table:
                 for value, error in (
                     ("c_kPa", "c_se_kPa"),
                     ("phi_deg", "phi_se_deg"),
-                    ("strength_kPa", "strength_se_kPa"),
+                    ("strength_at_stress_kPa", "strength_at_stress_se_kPa"),
                 )
             ),
-            *(quantities.number(float(table[name][row])) for name in ("sigma_star_kPa", "k_mm")),
+            quantities.number(float(table["k_mm"][row])),
             *(quantities.number(float(misfit[row])) for misfit in content.misfits.values()),
             str(table["status"][row]),
         )
         for row in kept
     ]
+    strength, _ = segment_groups.mapped_strength(table)
     head = (
-        *("Segment", "Terrain", "Samples", "c (kPa)", "φ (°)", "strength at σ* (kPa)", "σ* (kPa)", "k (mm)"),
+        *("Segment", "Terrain", "Samples", "c (kPa)", "φ (°)", strength, "k (mm)"),
         *(f"misfit of {what.symbol}{what.in_unit}" for what in content.units.values()),
         "Status",
     )
