@@ -33,10 +33,14 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Where the stress under the rim is greatest, θm = (c1 + c2 i) θ1, as soils differ in it: 0.18, 0.32
+#: The shape of the contact, as far as soils differ in it. It ends at the lowest point, or before or behind it (θ2 = −c3 θ1;
+#: the height of the rut is 0.05 to 0.1 of the sinkage in soil that stays compacted, c3 = 0.2 to 0.3: Ishigami et al. 2007).
+#: The stress under the rim is greatest at θm = (c1 + c2 i) θ1: 0.18, 0.32
 #: in loose sand and 0.43, 0.32 in compact sand (Wong & Reece 1967); 0.5, 0 in Iagnemma et al. 2004.
-_PEAK = "max-stress-angle"
-_PEAK_ANGLE = {f"{_PEAK}.c1": (0.4, 0.15), f"{_PEAK}.c2": (0.2, 0.2)}
+_SHAPE = {
+    "max-stress-angle": {"c1": (0.4, 0.15), "c2": (0.2, 0.2)},
+    "rear-contact": {"c3": (0.0, 0.2)},
+}
 
 #: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors of 1 % and
 #: less, which no model deserves.
@@ -112,17 +116,18 @@ def choose(
 def full_model() -> ModelFile:
     """Return the full model of which nothing is taken for known.
 
-    Bekker, Janosi–Hanamoto and Wong–Reece, with k, keq and n unknown, and the angle of greatest stress
-    too: in each window within what is published (`_PEAK_ANGLE`).
+    Bekker, Janosi–Hanamoto and Wong–Reece, with k, keq and n unknown, and the shape of the contact too:
+    in each window within what is published (`_SHAPE`).
     """
     from terrain_cli import effects, models
     from terrain_cli.mechanics.wheel_model import Model
 
+    expected = {f"{effect}.{name}": of for effect, each in _SHAPE.items() for name, of in each.items()}
     return models.ModelFile(
-        model=Model("wong-reece", (effects.find(_PEAK),)),
-        effects=(_PEAK,),
-        priors={name: models.Prior(*expected) for name, expected in _PEAK_ANGLE.items()},
-        local=tuple(_PEAK_ANGLE),
+        model=Model("wong-reece", tuple(effects.find(effect) for effect in _SHAPE)),
+        effects=tuple(_SHAPE),
+        priors={name: models.Prior(*known) for name, known in expected.items()},
+        local=tuple(expected),
     )
 
 

@@ -42,7 +42,7 @@ def account(
         "effects": [effect.id for effect in file.model.effects],
         "parameters": {name: _parameter(name, file, fit, held, because.get(name)) for name in names},
         "noise": _noise_account(windows, fit),
-        "missed": int(np.count_nonzero(fit.excess > 1.0)),
+        "missed": int(np.count_nonzero(fit.missed)),
         "unsettled": int(np.count_nonzero(~fit.converged & (fit.n > 0))),
         "segments": [_segment(fit, j) for j in range(len(fit))],
     }

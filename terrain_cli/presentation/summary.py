@@ -209,8 +209,8 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
             lines.append(f"    {name} = {entry['value']:.4g} ± {entry['se']:.2g}{unit}{known}")
     if model.get("missed"):
         lines.append(
-            f"    the model misses {counted(model['missed'], 'segment')} by far more than noise, and little "
-            "is learnt there: see terrain-est diagnose"
+            f"    the model misses {counted(model['missed'], 'segment')} by far more than noise: see "
+            "terrain-est diagnose"
         )
     if model["unsettled"]:
         lines.append(f"    the fit did not settle in {counted(model['unsettled'], 'segment')}")

@@ -165,6 +165,11 @@ class Fit:
         return np.asarray((widest <= LARGEST_PHI_OPEN) & self.converged & self._told)
 
     @property
+    def missed(self) -> NDArray[np.bool_]:
+        """Whether what the model leaves is larger, or lasts longer, than many samples of noise."""
+        return np.asarray((self.excess > 1.0) | (self.inflation > MISSED))
+
+    @property
     def _told(self) -> NDArray[np.bool_]:
         told = [self.told[name] for name in ("cohesion", "tan_phi") if name in self.told]
         return np.asarray(np.all([np.ones(len(self), dtype=bool), *told], axis=0))
@@ -180,7 +185,7 @@ class Fit:
                 ~((self.values["cohesion"] >= 0.0) & (phi >= 0.0) & (phi <= LARGEST_PHI)),
                 at_bound,
                 ~self._told,
-                (self.excess > 1.0) | (self.inflation > MISSED),
+                self.missed,
                 ~self.separable,
                 self.condition_number > LARGEST_CONDITION,
             ],

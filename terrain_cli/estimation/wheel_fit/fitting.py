@@ -149,7 +149,7 @@ def fit(
         if learner is not None:
             problem, dof = _learn(problem, data, learner, learner.rounds)
     order = _order(problem.noise, data)
-    found, converged = _all(problem, data, order, correlated=correlated)
+    found, converged = _all(problem, data, order, correlated=correlated, tempered=by_differences)
     if isinstance(learner, LikelyNoise):
         found = _widened(problem, data, found, learner.others())
     spread = float(student(np.array([dof]))[0]) / 1.959964 if learner else 1.0
@@ -189,7 +189,7 @@ def _order(noise: Noise, data: FitData) -> int | None:
 
 
 def _all(
-    problem: Problem, data: FitData, order: int | None, *, correlated: bool
+    problem: Problem, data: FitData, order: int | None, *, correlated: bool, tempered: bool
 ) -> tuple[Posterior, NDArray[np.bool_]]:
     """Fit all windows: together where they share something, else in groups that bound the memory."""
     groups = [np.arange(len(data.windows))] if problem.unknowns.shared else list(data.blocks(_GROUP))
@@ -198,7 +198,9 @@ def _all(
         part = data if len(group) == len(data.windows) else data.only(group)
         state = _search(problem, part, order)
         found = posterior(problem, part, state, order=order, correlated=correlated)
-        parts.append(mend(problem, part, state, found, order=order, correlated=correlated))
+        parts.append(
+            mend(problem, part, state, found, order=order, correlated=correlated, tempered=tempered)
+        )
         converged.append(state.converged)
     one = parts[0]
     together = {

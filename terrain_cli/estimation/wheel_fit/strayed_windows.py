@@ -1,6 +1,6 @@
 """Windows in which the quick search ends at an impossible soil, and their second search.
 
-They are sought again, downhill from several beginnings. Where the model misses a window by so much
+They are sought again, downhill from several beginnings. If asked for, where the model misses a window by so much
 that its errors would be larger than those of the priors alone, the noise of that window is taken to
 be as large as its residuals in the long run: the priors then weigh as much as they know more, and
 what the data cannot tell stays within what soils are.
@@ -44,7 +44,14 @@ _ROUNDS, _TOGETHER, _RAISED = 10, 2, 5.0
 
 
 def mend(
-    problem: Problem, data: FitData, state: State, found: Posterior, *, order: int | None, correlated: bool
+    problem: Problem,
+    data: FitData,
+    state: State,
+    found: Posterior,
+    *,
+    order: int | None,
+    correlated: bool,
+    tempered: bool,
 ) -> Posterior:
     """Fit those windows anew in which the search went astray.
 
@@ -54,6 +61,8 @@ def mend(
         Changed in place.
     found : Posterior
         What follows from it, by `posterior`.
+    tempered : bool
+        Raise the noise of windows that the model misses.
 
     Returns
     -------
@@ -69,6 +78,8 @@ def mend(
         ends = _best(problem, part, state.t[at], state.common, order)
         put(state, ends, at, data.rows_of(at))
         found = _put(found, posterior(problem, part, ends, order=order, correlated=correlated), at)
+    if not tempered:
+        return found
     # What is shared follows from all windows, and few times suffice for that.
     for _ in range(_TOGETHER if unknowns.shared else 0):
         wide = _useless(found)
