@@ -1,6 +1,6 @@
 """The full wheel–soil model once more, for studies of many soils: other code than the one that is fitted.
 
-Equations [1] to [9] of Iagnemma et al. 2004 with θm = θ1/2 and θ2 = 0, by a composite
+Equations [1] to [9] of Iagnemma et al. 2004 with θm = (c1 + c2 i) θ1 and θ2 = −c3 θ1, by a composite
 Gauss–Legendre rule whose panels shrink towards the free end of each arc, roots by false position,
 derivatives by complex steps. Its integrals are compared with the adaptive ones of tests/simulator
 wherever it is used (`error_of_sample`); it must not import terrain_cli.
@@ -19,6 +19,8 @@ RADIUS, WIDTH = paper.WHEEL.radius, paper.WHEEL.width
 #: A wheel deeper than this is stuck.
 DEEPEST = math.radians(80.0)
 PARAMETERS = ("cohesion", "tan_phi", "shear_modulus", "stiffness", "sinkage_exponent")
+#: c1, c2 and c3 of the paper.
+SHAPE = (0.5, 0.0, 0.0)
 _BLOCK = 2048
 _STEP = 1e-30
 
@@ -61,43 +63,43 @@ def table():
     return Soils(*(column.ravel() for column in columns))
 
 
-def _of_block(soils, sinkage, slip, wheel):
+def _of_block(soils, sinkage, slip, wheel, shape):
     radius, width = wheel
+    c1, c2, c3 = shape
     c, tan_phi, k, keq, n = (column[:, None] for column in soils)
     entry = np.arccos(1.0 - sinkage / radius)[:, None]
     grip = (1.0 - slip)[:, None]
-    half = 0.5 * entry
-    front, rear = entry - half * _SHARE, half * _SHARE
-    # cos θ − cos θ1 without cancelling where θ nears θ1.
-    rise = 2.0 * np.sin(entry - 0.5 * half * _SHARE) * np.sin(0.5 * half * _SHARE)
+    before = (1.0 - c1 - c2 * slip[:, None]) * entry
+    behind = entry - before + c3 * entry
+    front, rear = entry - before * _SHARE, behind * _SHARE - c3 * entry
+    # cos θe − cos θ1 without cancelling where θe nears θ1; θe of the rear arc is θ of the front one.
+    rise = 2.0 * np.sin(entry - 0.5 * before * _SHARE) * np.sin(0.5 * before * _SHARE)
     sigma = keq * np.exp(n * np.log(radius * rise))
     total = []
-    for theta in (front, rear):
+    for theta, arc in ((front, before), (rear, behind)):
         travel = radius * (entry - theta - grip * (np.sin(entry) - np.sin(theta)))
         tau = (c + sigma * tan_phi) * (1.0 - np.exp(-travel / k))
         cos, sin = np.cos(theta), np.sin(theta)
-        total.append(
-            [(part * _WEIGHT).sum(axis=1) for part in (sigma * cos + tau * sin, tau, tau * cos - sigma * sin)]
-        )
-    length = half[:, 0] * radius * width
-    load, torque, pull = (length * (a + b) for a, b in zip(*total, strict=True))
+        parts = (sigma * cos + tau * sin, tau, tau * cos - sigma * sin)
+        total.append([arc[:, 0] * (part * _WEIGHT).sum(axis=1) for part in parts])
+    load, torque, pull = (radius * width * (a + b) for a, b in zip(*total, strict=True))
     return load, radius * torque, pull
 
 
-def forces(soils, sinkage, slip, wheel=(RADIUS, WIDTH)):
+def forces(soils, sinkage, slip, wheel=(RADIUS, WIDTH), shape=SHAPE):
     """Return W in N, T in N m and DP in N of samples, shape (3, n); complex where an argument is.
 
-    `wheel` is its radius and width in m.
+    `wheel` is its radius and width in m, `shape` c1, c2 and c3.
     """
     kind = np.result_type(*soils, sinkage, slip, float)
     found = np.empty((3, len(sinkage)), dtype=kind)
     for start in range(0, len(sinkage), _BLOCK):
         part = slice(start, start + _BLOCK)
-        found[:, part] = _of_block(soils.take(part), sinkage[part], slip[part], wheel)
+        found[:, part] = _of_block(soils.take(part), sinkage[part], slip[part], wheel, shape)
     return found
 
 
-def sinkage(soils, load, slip, wheel=(RADIUS, WIDTH)):
+def sinkage(soils, load, slip, wheel=(RADIUS, WIDTH), shape=SHAPE):
     """Return the sinkages in m under loads in N by false position on log W over log z (Illinois)."""
     low, high = (
         np.full(len(load), math.log(1e-8)),
@@ -106,7 +108,7 @@ def sinkage(soils, load, slip, wheel=(RADIUS, WIDTH)):
     wanted = np.log(load)
 
     def excess(place):
-        return np.log(forces(soils, np.exp(place), slip, wheel)[0]) - wanted
+        return np.log(forces(soils, np.exp(place), slip, wheel, shape)[0]) - wanted
 
     at_low, at_high = excess(low), excess(high)
     if np.any(at_high < 0.0):

@@ -119,7 +119,11 @@ def test_the_full_model_is_closer_to_the_truth_than_the_line(terrain_est_here, h
     document = summary()
     assert (document["settings"]["method"], document["settings"]["model"]) == ("wong-reece", None)
     model = by_wheel(document)
-    assert (model["base"], model["effects"], model["parameters"]) == ("wong-reece", ["max-stress-angle", "rear-contact"], {})
+    assert (model["base"], model["effects"], model["parameters"]) == (
+        "wong-reece",
+        ["max-stress-angle", "rear-contact"],
+        {},
+    )
     for entry, soil in zip(document["terrains"], SOILS, strict=True):
         assert entry["terrain"] == soil.name
         assert entry["k_mm"]["mean"] == pytest.approx(18.0, rel=0.2)

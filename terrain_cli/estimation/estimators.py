@@ -10,9 +10,9 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.errors import InputError, UsageError
+from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
 from terrain_cli.estimation.strength import with_strengths
-from terrain_cli.models.assumptions import K_FACTOR
 from terrain_cli.rover import NOISY
 from terrain_cli.telemetry.derive.effect_inputs import CONSTANTS
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: The shape of the contact, as far as soils differ in it. It ends at the lowest point, or before or behind it (θ2 = −c3 θ1;
-#: the height of the rut is 0.05 to 0.1 of the sinkage in soil that stays compacted, c3 = 0.2 to 0.3: Ishigami et al. 2007).
+#: The shape of the contact, as far as soils differ in it. It ends at the lowest point, or before or behind it
+#: (θ2 = −c3 θ1; c3 = 0.2 to 0.3 in soil that stays compacted: Ishigami et al. 2007).
 #: The stress under the rim is greatest at θm = (c1 + c2 i) θ1: 0.18, 0.32
 #: in loose sand and 0.43, 0.32 in compact sand (Wong & Reece 1967); 0.5, 0 in Iagnemma et al. 2004.
 _SHAPE = {
@@ -189,29 +189,12 @@ def estimate(
     of_line = cast("LineMethod", "auto" if file else method)
     line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)
     if file is None:
-        return Fitted(with_strengths(line, windows, at_stress))
-    whole, windows = windows, _fitted(windows)
+        return Fitted(with_strengths(with_assumptions(line, windows.on_line(), of_line), windows, at_stress))
+    whole, windows = windows, windows.thinned(_MOST)
     channels = _channels(windows, file)
     held, because = _held(windows.samples.geometry, file, [channels])
     fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust)
     return Fitted(of_fit(fit, line, whole, at_stress), account(windows, file, fit, held, because))
-
-
-def _fitted(windows: Windows) -> Windows:
-    """Return the windows with no more samples than a fit needs."""
-    count = np.diff(windows.bounds)
-    if not np.any(count > _MOST):
-        return windows
-    step = np.maximum(-(-count // _MOST), 1)
-    place = np.arange(len(windows.rows)) - np.repeat(windows.bounds[:-1], count)
-    chosen = np.flatnonzero(place % np.repeat(step, count) == 0)
-    return replace(
-        windows,
-        rows=windows.rows[chosen],
-        bounds=np.searchsorted(chosen, windows.bounds),
-        x=windows.x[chosen],
-        y=windows.y[chosen],
-    )
 
 
 def _channels(windows: Windows, file: ModelFile) -> dict[str, Array]:
@@ -270,7 +253,11 @@ def _priors(samples: Samples, file: ModelFile) -> dict[str, Prior]:
     # Only whole models need this: it takes as long to import as a short log to estimate.
     from terrain_cli.estimation.wheel_fit import Prior
 
-    return {"shear_modulus": Prior.factor(samples.geometry.shear_modulus, K_FACTOR), **file.priors}
+    geometry = samples.geometry
+    return {
+        "shear_modulus": Prior.factor(geometry.shear_modulus, geometry.shear_modulus_factor),
+        **file.priors,
+    }
 
 
 def _held(

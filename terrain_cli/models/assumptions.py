@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 from terrain_cli.errors import ConfigurationError, UsageError
 from terrain_cli.mechanics.prior import Prior
 from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.vocabulary.choices import K_FACTOR
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 STRESSES, MODULUS = "linearised-stresses", "assumed-shear-modulus"
-#: The k of rover.toml is expected to be right within this factor (one standard deviation).
-K_FACTOR = 2.0
 _K = "shear_modulus"
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli import estimation
+from terrain_cli.estimation import assumed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -325,13 +325,7 @@ def trace(windows: Windows) -> Table:
     """
     windows = windows.on_line()
     samples, rows = windows.samples, windows.rows
-    steps = estimation.recursive(
-        windows.x,
-        windows.y,
-        windows.bounds,
-        **windows.measured(),
-        correlated=samples.time is not None,
-    )
+    steps = assumed.trace(windows)
     return {
         "source": [samples.source] * len(rows),
         "wheel": [samples.wheel] * len(rows),

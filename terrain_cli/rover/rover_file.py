@@ -21,7 +21,7 @@ from terrain_cli.toml import strict
 from terrain_cli.toml.strict import choice, flag, number, require, table, tables, text, vector
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, unit_hint
-from terrain_cli.vocabulary.choices import BASES, METHODS, SEGMENTS, SOIL_BOUNDS
+from terrain_cli.vocabulary.choices import BASES, K_FACTOR, METHODS, SEGMENTS, SOIL_BOUNDS
 
 if TYPE_CHECKING:
     from terrain_cli.toml.strict import Rule
@@ -82,11 +82,13 @@ def _rover(path: Path, content: dict[str, Any]) -> Rover:
         own = _motor({**motor, **given.pop("motor", {})}, f"{path}: wheels.{name}.motor")
         channels = {**default.channels, **given.pop("channels", {})}
         wheels[name] = replace(default, name=name, channels=channels, motor=own, **given)
+    modulus, factor = content.get("soil", {}).get("shear_modulus", (None, K_FACTOR))
     return Rover(
         path=path,
         default=default,
         wheels=wheels,
-        shear_modulus=content.get("soil", {}).get("shear_modulus"),
+        shear_modulus=modulus,
+        shear_modulus_factor=factor,
         vehicle=content.get("vehicle"),
         max_gap=content.get("sampling", {}).get("max_gap"),
         steady=content.get("sampling", {}).get("steady", False),
@@ -192,6 +194,14 @@ def _noise(channel: str) -> Rule:
     return rule
 
 
+def _modulus(value: Any, place: str) -> tuple[float, float]:
+    if not isinstance(value, dict):
+        return _K(value, place), K_FACTOR
+    given = _K_WITHIN(value, place)
+    require(given, place, "value")
+    return given["value"], given.get("factor", K_FACTOR)
+
+
 def _constant(value: Any, place: str) -> Any:
     return text(value, place) if isinstance(value, str) else _ANY(value, place)
 
@@ -267,6 +277,8 @@ _ENTRY = table(
         "offset": _ANY,
     }
 )
+_K = number("a positive length in m, from 0.0001 to 1", *SOIL_BOUNDS["shear_modulus"])
+_K_WITHIN = table({"value": _K, "factor": number("a factor above 1, such as 1.5", 1.001, 100.0)})
 _FILE = table(
     {
         "wheel": table(_WHEEL),
@@ -277,9 +289,7 @@ _FILE = table(
         ),
         "soil": table(
             {
-                "shear_modulus": number(
-                    "a positive length in m, from 0.0001 to 1", *SOIL_BOUNDS["shear_modulus"]
-                )
+                "shear_modulus": _modulus,
             }
         ),
         "channels": _CHANNELS,

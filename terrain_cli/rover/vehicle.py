@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.choices import K_FACTOR
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -161,6 +162,8 @@ class Rover:
         [wheels.NAME], complete with what they take from the default.
     shear_modulus : float or None
         k of [soil] in m.
+    shear_modulus_factor : float
+        Within which it is expected to be right (one standard deviation).
     max_gap : float or None
         [sampling]: longest time in s over which a channel is interpolated.
     steady : bool
@@ -175,6 +178,7 @@ class Rover:
     default: Wheel = field(default_factory=Wheel)
     wheels: Mapping[str, Wheel] = field(default_factory=dict)
     shear_modulus: float | None = None
+    shear_modulus_factor: float = K_FACTOR
     vehicle: Vehicle | None = None
     max_gap: float | None = None
     steady: bool = False

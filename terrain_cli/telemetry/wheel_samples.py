@@ -9,6 +9,7 @@ import numpy as np
 
 from formats import Labels
 from terrain_cli.telemetry.raw_columns import take
+from terrain_cli.vocabulary.choices import K_FACTOR
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ class Geometry(NamedTuple):
         In m.
     gravity : float
         In m/s².
+    shear_modulus_factor : float
+        Within which k is expected to be right (one standard deviation).
     """
 
     radius: float
@@ -58,6 +61,7 @@ class Geometry(NamedTuple):
     grouser_height: float = 0.0
     grouser_count: int = 0
     gravity: float = STANDARD_GRAVITY
+    shear_modulus_factor: float = K_FACTOR
 
     @property
     def line(self) -> LineGeometry:

@@ -20,6 +20,8 @@ CUT_SAMPLES = 10
 FIT_SAMPLES = 5
 #: In m. A window of soil shorter than this is no terrain of its own (Iagnemma et al. 2004, section II).
 MIN_DISTANCE = 0.10
+#: Within which k of rover.toml is expected to be right unless it says otherwise (one standard deviation).
+K_FACTOR = 2.0
 #: φ in rad beyond which no soil is known.
 LARGEST_PHI = math.radians(60.0)
 #: Least and greatest value of each parameter of the soil, in SI units: what is fixed, expected or found is

@@ -80,6 +80,28 @@ class Windows:
         """Which of the usable samples are of a wheel that does not skid, shape (n,)."""
         return np.asarray(at_rows(self.samples.channels["slip"], self.rows) >= 0.0)
 
+    def thinned(self, most: int) -> Windows:
+        """Return the same windows with no more samples than some number, evenly spread.
+
+        Parameters
+        ----------
+        most : int
+            Of each window.
+        """
+        count = np.diff(self.bounds)
+        if not np.any(count > most):
+            return self
+        step = np.maximum(-(-count // most), 1)
+        place = np.arange(len(self.rows)) - np.repeat(self.bounds[:-1], count)
+        chosen = np.flatnonzero(place % np.repeat(step, count) == 0)
+        return replace(
+            self,
+            rows=self.rows[chosen],
+            bounds=np.searchsorted(chosen, self.bounds),
+            x=self.x[chosen],
+            y=self.y[chosen],
+        )
+
     def on_line(self) -> Windows:
         """Return the same windows without the samples of a skidding wheel."""
         driving = self.driving

@@ -103,26 +103,35 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
         *_mean_and_spread(estimates.c[chosen][separable]),
         *_mean_and_spread(estimates.phi[chosen][separable]),
     )
-    cohesion, cohesion_se, tan_phi, tan_se, correlation, bias = columns[:, used]
+    cohesion, cohesion_se, tan_phi, tan_se, correlation, phi_bias = columns[:, used]
     if len(cohesion) == 0:
         return PooledEstimate()
 
-    tan_bias = bias * (1.0 + tan_phi**2)
+    tan_bias = phi_bias * (1.0 + tan_phi**2)
     pivots = -correlation * cohesion_se / np.where(tan_se > 0.0, tan_se, np.inf)
     stress = float(pivots.mean())
+    assumed = estimates.assumed[chosen][used]
     value = np.array([cohesion + stress * tan_phi, tan_phi])
     # A window's strength at its own σ* is uncorrelated with tan φ; moving it to the common
     # stress brings in the error of tan φ, and the shared part of that error.
     lever = np.array([stress - pivots, np.ones_like(pivots)])
-    shared = lever * tan_bias
+    # What is the same in every window: strength and slope, window, cause.
+    bias = np.concatenate(
+        [
+            (lever * tan_bias)[:, :, None],
+            np.stack([assumed[:, 0] + stress * assumed[:, 1], assumed[:, 1]]),
+        ],
+        axis=2,
+    )
+    shared = np.linalg.norm(bias, axis=2)
     own = lever[:, None] * lever * np.maximum(tan_se**2 - tan_bias**2, 0.0)
     own[0, 0] += cohesion_se**2 * (1.0 - correlation**2)
     own[[0, 1], [0, 1]] += (_SMALLEST * np.array([[1.0 + np.abs(value[0]).max()], [1.0]])) ** 2
 
-    between = np.array([_between(value[a], own[a, a], shared[a]) for a in (0, 1)])
+    between = np.array([_between(value[a], own[a, a], bias[a]) for a in (0, 1)])
     own[[0, 1], [0, 1]] += between[:, None] + _UNSURE * (own[[0, 1], [0, 1]] + shared**2)
-    own, each = np.moveaxis(own, -1, 0), shared.T[:, :, None]
-    weight = np.linalg.inv(own + each * shared.T[:, None, :])
+    own, each = np.moveaxis(own, -1, 0), np.moveaxis(bias, 1, 0)
+    weight = np.linalg.inv(own + each @ np.swapaxes(each, 1, 2))
     share = np.linalg.inv(weight.sum(axis=0)) @ weight
     strength, slope = np.einsum("wab,bw->a", share, value)
     # What each independent error does to strength and slope: rounding makes no sum of squares negative.
@@ -157,7 +166,7 @@ def _between(value: Array, own: Array, shared: Array) -> float:
     A shared error scatters the windows only as far as it differs between them. Nothing is known
     of it from one window, or where one window outweighs all others.
     """
-    weight = 1.0 / (own + shared**2)
+    weight = 1.0 / (own + np.sum(shared**2, axis=1))
     total = weight.sum()
     others = weight * (1.0 - weight / total)
     if others.sum() <= _SMALLEST * total:
@@ -166,7 +175,7 @@ def _between(value: Array, own: Array, shared: Array) -> float:
     def scatter(values: Array) -> float:
         return float(np.sum(weight * (values - np.sum(weight * values) / total) ** 2))
 
-    unexplained = scatter(value) - scatter(shared) - np.sum(others * own)
+    unexplained = scatter(value) - sum(map(scatter, shared.T)) - np.sum(others * own)
     return float(max(unexplained, 0.0) / others.sum())
 
 

@@ -94,6 +94,9 @@ class WindowEstimates:
         One stress for all windows of a wheel, and the strength there with its standard error, Pa.
     data_c, data_c_se, data_tan_phi, data_tan_phi_se, data_corr : ndarray
         What the data of the window alone say, without the priors of the full model; c in Pa.
+    assumed : ndarray, shape (w, 2, d)
+        How far c and tan φ move with what the line takes for true, the same in all windows
+        (`assumed.deviations`); without columns where nothing is.
     torque_rmse : ndarray
         Of the torque that c and φ predict, N m.
     phi_low, phi_high : ndarray
@@ -133,6 +136,7 @@ class WindowEstimates:
     data_tan_phi: Array
     data_tan_phi_se: Array
     data_corr: Array
+    assumed: Array
     torque_rmse: Array
     phi_low: Array
     phi_high: Array
@@ -177,9 +181,8 @@ def estimate_windows(
     1 % of the windows, and random variation of the load by ±15 % is called "not-separable" in
     3 % of the windows of 30 samples and less than 1 % of 100.
 
-    They are errors of the data, with the linearised stresses and k taken as true. Against the
-    stresses of Wong and Reece the linearisation alone is off by some 2 to 4 kPa and 2 to 3°, and
-    a k that is 50 % too large by 6 to 11°.
+    They are errors of the data, with the linearised stresses and k taken as true; see
+    `assumed.with_assumptions`.
 
     The error of a ridge estimate is a mean square error: that of the penalised estimator, plus
     its distance to the bounds of φ and to the mean stress, which is where the penalty's bias
@@ -369,4 +372,5 @@ def _estimate(
         data_tan_phi=tan_phi * known,
         data_tan_phi_se=errors.phi * (1.0 + tan_phi**2),
         data_corr=errors.correlation,
+        assumed=np.zeros((len(count), 2, 0)),
     )

@@ -91,6 +91,7 @@ def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
         strength=fit.strength,
         strength_se=fit.strength_se,
         torque_rmse=fit.rmse.get("torque", nothing),
+        assumed=np.zeros((len(fit), 2, 0)),
         # Errors of the channels are in `phi_se`, and average out over windows.
         phi_bias=np.zeros(len(fit)),
     )

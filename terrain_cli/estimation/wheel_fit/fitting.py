@@ -198,9 +198,7 @@ def _all(
         part = data if len(group) == len(data.windows) else data.only(group)
         state = _search(problem, part, order)
         found = posterior(problem, part, state, order=order, correlated=correlated)
-        parts.append(
-            mend(problem, part, state, found, order=order, correlated=correlated, tempered=tempered)
-        )
+        parts.append(mend(problem, part, state, found, order=order, correlated=correlated, tempered=tempered))
         converged.append(state.converged)
     one = parts[0]
     together = {

@@ -1,9 +1,9 @@
 """Windows in which the quick search ends at an impossible soil, and their second search.
 
-They are sought again, downhill from several beginnings. If asked for, where the model misses a window by so much
-that its errors would be larger than those of the priors alone, the noise of that window is taken to
-be as large as its residuals in the long run: the priors then weigh as much as they know more, and
-what the data cannot tell stays within what soils are.
+They are sought again, downhill from several beginnings. If asked for, where the model misses a window
+by so much that its errors would be larger than those of the priors alone, the noise of that window is
+taken to be as large as its residuals in the long run: the priors then weigh as much as they know more,
+and what the data cannot tell stays within what soils are.
 """
 
 from __future__ import annotations

@@ -80,6 +80,7 @@ def assemble(
         wheel.grouser_height,
         wheel.grouser_count,
         rover.vehicle.gravity if rover.vehicle else units.STANDARD_GRAVITY,
+        rover.shear_modulus_factor,
     )
     if not checked:
         _check_clock(source, raw, radius)

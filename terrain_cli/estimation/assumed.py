@@ -1,0 +1,191 @@
+"""What the estimators of the line take for true, and what that may do to c and φ.
+
+They take k for known, and the stresses under the rim for triangles. How far c and tan φ would move is found
+with the same estimator: with k a standard deviation larger and smaller; and on the torques and loads that
+the full model gives the soil that was estimated, which the triangles do not reproduce. Neither averages
+out over samples, nor over windows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli import estimation
+from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.line.window_estimates import LARGEST_PHI_SE
+from terrain_cli.mechanics import contact, linear
+from terrain_cli.vocabulary.choices import LARGEST_PHI
+from terrain_cli.windows.cut_windows import Measured
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.estimation.line.recursive import Trace
+    from terrain_cli.vocabulary.choices import LineMethod
+    from terrain_cli.windows.cut_windows import Windows
+
+    Array = NDArray[np.float64]
+
+#: Samples of a window that tell how far the estimates would move.
+_SOME = 60
+#: c1 and c2 of θm = (c1 + c2 i) θ1: Iagnemma et al. 2004, and loose and compact sand (Wong & Reece 1967).
+_SHAPES = ((0.5, 0.0), (0.18, 0.32), (0.43, 0.32))
+#: n in the middle of Table II of Iagnemma et al. 2004; keq follows from the loads.
+_EXPONENT = 0.85
+#: Nodes on each arc: 1e-4 of the forces.
+_ORDER = 8
+#: Soil that is assumed where the estimate is none: c of at least 0, tan φ of at least this.
+_LEAST_TAN = 0.05
+
+
+def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineMethod) -> WindowEstimates:
+    """Return estimates of the line whose errors include a wrong k and the triangular stresses.
+
+    Parameters
+    ----------
+    estimates : WindowEstimates
+        From `estimation.estimate_windows`.
+    windows : Windows
+        Of them, with as many samples as one likes.
+    """
+    moved = deviations(estimates, windows, method)
+    c_se, phi_se, corr = _wider(estimates, moved)
+    tan_se = phi_se * (1.0 + np.tan(estimates.phi) ** 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pivot = np.maximum(-corr * c_se / tan_se, 0.0)
+    separable = estimates.separable & (phi_se <= LARGEST_PHI_SE)
+    lost = ~separable & np.isin(estimates.status, ("ill-conditioned", "ok"))
+    return replace(
+        estimates,
+        status=np.where(lost, "not-separable", estimates.status),
+        separable=separable,
+        c_se=c_se,
+        phi_se=phi_se,
+        corr=corr,
+        sigma_star=np.where(np.isfinite(pivot), pivot, estimates.sigma_star),
+        assumed=moved,
+    )
+
+
+def trace(windows: Windows) -> Trace:
+    """Follow c and φ sample by sample, with errors that include what each window assumes.
+
+    Parameters
+    ----------
+    windows : Windows
+        Without samples of a skidding wheel.
+
+    Returns
+    -------
+    Trace
+        Of all usable samples (`estimation.recursive`).
+    """
+    samples = windows.samples
+    correlated = samples.time is not None
+    channels = windows.measured()
+    steps = estimation.recursive(windows.x, windows.y, windows.bounds, **channels, correlated=correlated)
+    ends = estimation.estimate_windows(
+        windows.x,
+        windows.y,
+        windows.bounds,
+        **channels,
+        **samples.geometry.line,
+        method="recursive",
+        correlated=correlated,
+    )
+    moved = deviations(ends, windows, "recursive")
+    c_se, phi_se, corr = _wider(steps, np.repeat(moved, np.diff(windows.bounds), axis=0))
+    return replace(steps, c_se=c_se, phi_se=phi_se, corr=corr)
+
+
+def _wider(of: WindowEstimates | Trace, moved: Array) -> tuple[Array, Array, Array]:
+    """Return the errors of c and φ and their correlation with what moves c and tan φ added."""
+    c, t = moved[:, 0], moved[:, 1]
+    slope = 1.0 + np.tan(of.phi) ** 2
+    covariance = np.nan_to_num(of.corr) * of.c_se * of.phi_se * slope + np.sum(c * t, axis=1)
+    c_se = np.sqrt(of.c_se**2 + np.sum(c**2, axis=1))
+    tan_se = np.sqrt((of.phi_se * slope) ** 2 + np.sum(t**2, axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        corr = np.clip(covariance / (c_se * tan_se), -1.0, 1.0)
+    return c_se, tan_se / slope, corr
+
+
+def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod) -> Array:
+    """Return how far c and tan φ move with each assumption, by a standard deviation of it.
+
+    Returns
+    -------
+    ndarray, shape (w, 2, 1 + shapes)
+        c in Pa; 0 where it is not known.
+    """
+    samples, geometry = windows.samples, windows.samples.geometry
+    windows = windows.thinned(_SOME)
+    measured = windows.measured()
+
+    def line(shear_modulus: float, load: Array, torque: Array) -> Array:
+        channels = Measured(load=load, torque=torque, sinkage=measured["sinkage"], slip=measured["slip"])
+        of_wheel = geometry._replace(shear_modulus=shear_modulus).line
+        x, y = linear.line_coordinates(**channels, **of_wheel)
+        found = estimation.estimate_windows(
+            x,
+            y,
+            windows.bounds,
+            **channels,
+            **of_wheel,
+            method=method,
+            min_samples=3,
+            correlated=samples.time is not None,
+        )
+        return np.array([found.c, np.tan(found.phi)])
+
+    k, factor = geometry.shear_modulus, geometry.shear_modulus_factor
+    load, torque = measured["load"], measured["torque"]
+    moved = [0.5 * (line(k * factor, load, torque) - line(k / factor, load, torque))]
+    soil = np.array(
+        [np.maximum(estimates.c, 0.0), np.clip(np.tan(estimates.phi), _LEAST_TAN, np.tan(LARGEST_PHI))]
+    )
+    for shape in _SHAPES:
+        moved.append((line(k, *_under_wheel(windows, soil, shape)) - soil) / np.sqrt(len(_SHAPES)))
+    return np.nan_to_num(np.array(moved).transpose(2, 1, 0), posinf=0.0, neginf=0.0)
+
+
+def _under_wheel(windows: Windows, soil: Array, shape: tuple[float, float]) -> tuple[Array, Array]:
+    """Return load and torque by the full model on soils (c, tan φ), at the sinkages and slips measured."""
+    geometry, measured, count = windows.samples.geometry, windows.measured(), np.diff(windows.bounds)
+    cohesion, tan_phi = (np.repeat(np.nan_to_num(column), count) for column in soil)
+    entry = linear.entry_angle(measured["sinkage"], geometry.radius)
+    number = len(entry)
+
+    def forces(stiffness: Array, c: Array) -> Array:
+        found, _ = contact.forces(
+            contact.Contact(
+                entry_angle=entry,
+                max_stress_angle=(shape[0] + shape[1] * measured["slip"]) * entry,
+                exit_angle=np.zeros(number),
+                slip=measured["slip"],
+                cohesion=c,
+                tan_phi=tan_phi,
+                shear_modulus=np.full(number, geometry.shear_modulus),
+                stiffness=stiffness,
+                sinkage_exponent=np.full(number, _EXPONENT),
+                radius=np.full(number, geometry.radius),
+                shear_radius=np.full(number, geometry.radius),
+            ),
+            geometry.width,
+            order=_ORDER,
+        )
+        return found
+
+    # The forces are linear in keq and c.
+    of_c, of_stiffness = forces(np.zeros(number), cohesion), forces(np.ones(number), np.zeros(number))
+    carried = np.maximum(measured["load"] - of_c[0], 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        stiffness = segment_sum(carried * of_stiffness[0], windows.bounds) / segment_sum(
+            of_stiffness[0] ** 2, windows.bounds
+        )
+    total = of_c + np.repeat(np.nan_to_num(stiffness), count) * of_stiffness
+    return total[0], total[1]
