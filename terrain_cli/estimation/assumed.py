@@ -148,8 +148,8 @@ def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod)
     soil = np.array(
         [np.maximum(estimates.c, 0.0), np.clip(np.tan(estimates.phi), _LEAST_TAN, np.tan(LARGEST_PHI))]
     )
-    for shape in _SHAPES:
-        moved.append((line(k, *_under_wheel(windows, soil, shape)) - soil) / np.sqrt(len(_SHAPES)))
+    scale = np.sqrt(len(_SHAPES))
+    moved += [(line(k, *_under_wheel(windows, soil, shape)) - soil) / scale for shape in _SHAPES]
     return np.nan_to_num(np.array(moved).transpose(2, 1, 0), posinf=0.0, neginf=0.0)
 
 
