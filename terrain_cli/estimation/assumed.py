@@ -57,6 +57,8 @@ def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineM
     tan_se = phi_se * (1.0 + np.tan(estimates.phi) ** 2)
     with np.errstate(divide="ignore", invalid="ignore"):
         pivot = np.maximum(-corr * c_se / tan_se, 0.0)
+    (size_c, size_t), mixed = (np.sqrt(np.sum(moved**2, axis=2)).T, np.sum(moved[:, 0] * moved[:, 1], axis=1))
+    both = size_c * size_t
     separable = estimates.separable & (phi_se <= LARGEST_PHI_SE)
     lost = ~separable & np.isin(estimates.status, ("ill-conditioned", "ok"))
     return replace(
@@ -67,7 +69,9 @@ def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineM
         phi_se=phi_se,
         corr=corr,
         sigma_star=np.where(np.isfinite(pivot), pivot, estimates.sigma_star),
-        assumed=moved,
+        assumed_c=size_c,
+        assumed_tan_phi=size_t,
+        assumed_corr=np.clip(np.divide(mixed, both, out=np.zeros_like(both), where=both > 0.0), -1.0, 1.0),
     )
 
 

@@ -50,7 +50,7 @@ def of_data(*, c, c_se, phi, phi_se, corr, phi_bias):
         data_corr=corr,
         status=np.full(len(c), "ok", dtype="<U15"),
         separable=np.full(len(c), fill_value=True),
-        assumed=np.zeros((len(c), 2, 0)),
+        **dict.fromkeys(("assumed_c", "assumed_tan_phi", "assumed_corr"), np.zeros(len(c))),
     )
 
 

@@ -110,19 +110,18 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     tan_bias = phi_bias * (1.0 + tan_phi**2)
     pivots = -correlation * cohesion_se / np.where(tan_se > 0.0, tan_se, np.inf)
     stress = float(pivots.mean())
-    assumed = estimates.assumed[chosen][used]
+    assumed_c, assumed_t, assumed_corr = (
+        getattr(estimates, name)[chosen][used] for name in ("assumed_c", "assumed_tan_phi", "assumed_corr")
+    )
+    # Two causes at most: one that moves both, one that moves the slope alone.
+    slopes = assumed_t * np.array([assumed_corr, np.sqrt(1.0 - assumed_corr**2)])
+    assumed = np.array([[assumed_c + stress * slopes[0], stress * slopes[1]], slopes])
     value = np.array([cohesion + stress * tan_phi, tan_phi])
     # A window's strength at its own σ* is uncorrelated with tan φ; moving it to the common
     # stress brings in the error of tan φ, and the shared part of that error.
     lever = np.array([stress - pivots, np.ones_like(pivots)])
     # What is the same in every window: strength and slope, window, cause.
-    bias = np.concatenate(
-        [
-            (lever * tan_bias)[:, :, None],
-            np.stack([assumed[:, 0] + stress * assumed[:, 1], assumed[:, 1]]),
-        ],
-        axis=2,
-    )
+    bias = np.concatenate([(lever * tan_bias)[:, :, None], np.moveaxis(assumed, 1, 2)], axis=2)
     shared = np.linalg.norm(bias, axis=2)
     own = lever[:, None] * lever * np.maximum(tan_se**2 - tan_bias**2, 0.0)
     own[0, 0] += cohesion_se**2 * (1.0 - correlation**2)

@@ -94,9 +94,9 @@ class WindowEstimates:
         One stress for all windows of a wheel, and the strength there with its standard error, Pa.
     data_c, data_c_se, data_tan_phi, data_tan_phi_se, data_corr : ndarray
         What the data of the window alone say, without the priors of the full model; c in Pa.
-    assumed : ndarray, shape (w, 2, d)
-        How far c and tan φ move with what the line takes for true, the same in all windows
-        (`assumed.deviations`); without columns where nothing is.
+    assumed_c, assumed_tan_phi, assumed_corr : ndarray
+        Errors of c in Pa and tan φ from what the line takes for true (`assumed.deviations`), the same in
+        all windows, and their correlation; 0 where nothing is.
     torque_rmse : ndarray
         Of the torque that c and φ predict, N m.
     phi_low, phi_high : ndarray
@@ -136,7 +136,9 @@ class WindowEstimates:
     data_tan_phi: Array
     data_tan_phi_se: Array
     data_corr: Array
-    assumed: Array
+    assumed_c: Array
+    assumed_tan_phi: Array
+    assumed_corr: Array
     torque_rmse: Array
     phi_low: Array
     phi_high: Array
@@ -372,5 +374,5 @@ def _estimate(
         data_tan_phi=tan_phi * known,
         data_tan_phi_se=errors.phi * (1.0 + tan_phi**2),
         data_corr=errors.correlation,
-        assumed=np.zeros((len(count), 2, 0)),
+        **dict.fromkeys(("assumed_c", "assumed_tan_phi", "assumed_corr"), np.zeros(len(count))),
     )

@@ -91,7 +91,9 @@ def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
         strength=fit.strength,
         strength_se=fit.strength_se,
         torque_rmse=fit.rmse.get("torque", nothing),
-        assumed=np.zeros((len(fit), 2, 0)),
+        assumed_c=np.zeros(len(fit)),
+        assumed_tan_phi=np.zeros(len(fit)),
+        assumed_corr=np.zeros(len(fit)),
         # Errors of the channels are in `phi_se`, and average out over windows.
         phi_bias=np.zeros(len(fit)),
     )
