@@ -179,6 +179,7 @@ def estimate(
     folds: int | None = None,
     model: ModelFile | str | Path | None = None,
     robust: bool = False,
+    at_stress: float | None = None,
 ) -> pd.DataFrame:
     """Estimate cohesion and friction angle in every window.
 
@@ -190,9 +191,11 @@ def estimate(
     folds : int, optional
         Choose δ of the ridge over so many contiguous blocks instead of leaving one sample out.
     model : ModelFile, str or Path, optional
-        A base or a model file instead of the linear model; each wheel is fitted on its own.
+        A base or a model file instead of the full model; each wheel is fitted on its own.
     robust : bool
         Give wild samples little weight in the fit of the whole model.
+    at_stress : float, optional
+        Normal stress in kPa for ``strength_at_stress_kPa``; by default the typical one under the wheel.
 
     Returns
     -------
@@ -201,8 +204,11 @@ def estimate(
     """
     several = [cut] if isinstance(cut, Windows) else list(cut)
     file = estimators.choose(method, model, robust=robust)
+    stress = None if at_stress is None else 1e3 * at_stress
     fits = [
-        estimators.estimate(one, method, file, min_samples=min_samples, folds=folds, robust=robust)
+        estimators.estimate(
+            one, method, file, min_samples=min_samples, folds=folds, robust=robust, at_stress=stress
+        )
         for one in several
     ]
     tables = [segment_table.table(one, fit.estimates) for one, fit in zip(several, fits, strict=True)]

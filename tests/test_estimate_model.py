@@ -403,3 +403,29 @@ def test_in_a_notebook(here, plain):
         terrain.estimate(cut, "ridge", model=model)
     (entry, _) = terrain.summarise(cut, model=model)
     assert entry["k_mm"]["mean"] == pytest.approx(18.0, rel=0.2)
+
+
+def test_strengths_are_compared_at_the_stress_that_is_asked_for(terrain_est_here, here, plain):
+    write_csv(plain, here / "run.csv", terrain=True)
+    options = ("estimate", "run.csv", "--segments", "terrain")
+    rows = table(terrain_est_here(*options, "--at-stress", "7"))
+    (here / "rover.toml").write_text(ROVER + "[estimate]\nat-stress = 7\n", "utf-8")
+    pd.testing.assert_frame_equal(table(terrain_est_here(*options)), rows)
+    assert set(rows["stress_kPa"]) == {7.0}
+    for row, soil in zip(rows.itertuples(), SOILS, strict=True):
+        off = row.strength_at_stress_kPa - soil.strength(7e3) / 1e3
+        assert abs(off) < 3.0 * row.strength_at_stress_se_kPa
+    done = terrain_est_here(*options, "--at-stress", "-1")
+    assert done.returncode == 2
+
+
+def test_what_the_data_do_not_tell_is_left_empty(terrain_est_here, here, plain):
+    # Two soils taken for one: what is left is so large that the data tell less than was known beforehand.
+    write_csv(plain, here / "run.csv")
+    done = terrain_est_here("estimate", "run.csv", "--segments", "none")
+    (row,) = table(done).itertuples()
+    assert row.status == "prior-bound"
+    assert math.isnan(row.phi_deg)
+    assert math.isnan(row.phi_se_deg)
+    assert 0.0 < row.strength_kPa < 15.0
+    assert "prior-bound: c or φ is not told by the data, and left empty" in done.stderr

@@ -69,8 +69,8 @@ def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineM
         phi_se=phi_se,
         corr=corr,
         sigma_star=np.where(np.isfinite(pivot), pivot, estimates.sigma_star),
-        assumed_c=size_c,
-        assumed_tan_phi=size_t,
+        assumed_c_se=size_c,
+        assumed_tan_phi_se=size_t,
         assumed_corr=np.clip(np.divide(mixed, both, out=np.zeros_like(both), where=both > 0.0), -1.0, 1.0),
     )
 

@@ -5,9 +5,13 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from drives import GEOMETRY, drive
+from simulator import Soil, forces, sinkage_under
+from simulator.paper import WHEEL
 
+import terrain_cli as terrain
 from terrain_cli.estimation import estimate_windows, pool
 from terrain_cli.mechanics.linear import line_coordinates
 
@@ -50,7 +54,7 @@ def of_data(*, c, c_se, phi, phi_se, corr, phi_bias):
         data_corr=corr,
         status=np.full(len(c), "ok", dtype="<U15"),
         separable=np.full(len(c), fill_value=True),
-        **dict.fromkeys(("assumed_c", "assumed_tan_phi", "assumed_corr"), np.zeros(len(c))),
+        **dict.fromkeys(("assumed_c_se", "assumed_tan_phi_se", "assumed_corr"), np.zeros(len(c))),
     )
 
 
@@ -179,3 +183,28 @@ def test_errors_of_any_size_pool_to_finite_ones():
             assert np.isfinite(getattr(pooled, name)), (trial, name)
         for name in ("c_se", "phi_se"):
             assert 0.0 < getattr(pooled, name) < np.inf, (trial, name)
+
+
+def test_a_prior_counts_once_and_not_in_every_window(tmp_path):
+    # Clay of Table I of the paper; each window is too steady to tell c from φ.
+    clay = Soil("clay", 4140.0, np.radians(13.0), 0.010, 13.2e3, 692.2e3, 0.5, c1=0.5, c2=0.0)
+    rng = np.random.default_rng(7)
+    rows = []
+    for load, slip in rng.uniform((80.0, 0.2), (100.0, 0.4), (25, 2)):
+        sinkage = sinkage_under(clay, WHEEL, load, slip)
+        exact = np.array([load, forces(clay, WHEEL, sinkage, slip).torque, sinkage, slip])
+        rows.append(exact * (1.0 + 0.02 * rng.standard_normal((40, 4))))
+    table = pd.DataFrame(np.concatenate(rows), columns=["load", "torque", "sinkage", "slip"])
+    table["time"] = np.arange(len(table)) / 10.0
+    (tmp_path / "rover.toml").write_text(
+        f"[wheel]\nradius = {WHEEL.radius}\nwidth = {WHEEL.width}\n[soil]\nshear_modulus = 0.012\n"
+    )
+    (samples,) = terrain.from_frame(table, tmp_path / "rover.toml")
+    windows = terrain.segment(samples, "fixed", window_samples=40)
+    assert len(windows) == 25
+    (entry,) = terrain.summarise(windows)
+    pooled = entry["pooled"]
+    assert abs(pooled["phi_deg"] - 13.0) < 2.0 * pooled["phi_se_deg"]
+    assert abs(pooled["c_kPa"] - 4.14) < 2.0 * pooled["c_se_kPa"]
+    strength = 4.14 + pooled["stress_kPa"] * np.tan(np.radians(13.0))
+    assert abs(pooled["strength_at_stress_kPa"] - strength) < 2.0 * pooled["strength_at_stress_se_kPa"]

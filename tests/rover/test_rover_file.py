@@ -369,3 +369,20 @@ def test_reading_it_imports_nothing_heavy():
     code = "import terrain_cli.rover, sys; print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
+
+
+def test_the_shear_modulus_may_be_given_within_a_factor(tmp_path):
+    path = tmp_path / "rover.toml"
+    path.write_text("[soil]\nshear_modulus = { value = 0.018, factor = 1.5 }\n")
+    assert (load(path).shear_modulus, load(path).shear_modulus_factor) == (0.018, 1.5)
+    path.write_text("[soil]\nshear_modulus = 0.018\n")
+    assert (load(path).shear_modulus, load(path).shear_modulus_factor) == (0.018, 2.0)
+    for wrong in (
+        "{ factor = 1.5 }",
+        "{ value = 0.018, factor = 0.9 }",
+        "{ value = 18 }",
+        "{ value = 0.018, se = 1 }",
+    ):
+        path.write_text(f"[soil]\nshear_modulus = {wrong}\n")
+        with pytest.raises(ConfigurationError, match=r"soil\.shear_modulus"):
+            load(path)

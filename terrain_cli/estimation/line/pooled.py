@@ -77,8 +77,8 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     between windows (DerSimonian & Kacker 2007). What the sensors' noise does to φ is the same
     in every window: it is not averaged out.
 
-    All windows whose errors are known take part, each with what its data alone say: a prior that
-    counted once in every window would weigh more than the data of them all. One that cannot tell c
+    All windows whose errors are known take part. What all of them take for true, such as the priors of
+    the full model, makes the same error in each: it is not averaged out either. One that cannot tell c
     from φ still knows its strength, and strengths at several stresses fix the line between them;
     leaving out negative c would bias c. Windows of too few samples are passed over.
 
@@ -111,7 +111,8 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     pivots = -correlation * cohesion_se / np.where(tan_se > 0.0, tan_se, np.inf)
     stress = float(pivots.mean())
     assumed_c, assumed_t, assumed_corr = (
-        getattr(estimates, name)[chosen][used] for name in ("assumed_c", "assumed_tan_phi", "assumed_corr")
+        getattr(estimates, name)[chosen][used]
+        for name in ("assumed_c_se", "assumed_tan_phi_se", "assumed_corr")
     )
     # Two causes at most: one that moves both, one that moves the slope alone.
     slopes = assumed_t * np.array([assumed_corr, np.sqrt(1.0 - assumed_corr**2)])

@@ -93,10 +93,11 @@ class WindowEstimates:
     stress, strength_at_stress, strength_at_stress_se : ndarray
         One stress for all windows of a wheel, and the strength there with its standard error, Pa.
     data_c, data_c_se, data_tan_phi, data_tan_phi_se, data_corr : ndarray
-        What the data of the window alone say, without the priors of the full model; c in Pa.
-    assumed_c, assumed_tan_phi, assumed_corr : ndarray
-        Errors of c in Pa and tan φ from what the line takes for true (`assumed.deviations`), the same in
-        all windows, and their correlation; 0 where nothing is.
+        c in Pa and tan φ, also where the table leaves them empty, with the errors that each window
+        has of its own, from noise.
+    assumed_c_se, assumed_tan_phi_se, assumed_corr : ndarray
+        The errors that all windows have in common, from what is taken for true: k and the stresses of
+        the line (`assumed.deviations`), and the priors of the full model.
     torque_rmse : ndarray
         Of the torque that c and φ predict, N m.
     phi_low, phi_high : ndarray
@@ -136,8 +137,8 @@ class WindowEstimates:
     data_tan_phi: Array
     data_tan_phi_se: Array
     data_corr: Array
-    assumed_c: Array
-    assumed_tan_phi: Array
+    assumed_c_se: Array
+    assumed_tan_phi_se: Array
     assumed_corr: Array
     torque_rmse: Array
     phi_low: Array
@@ -374,5 +375,5 @@ def _estimate(
         data_tan_phi=tan_phi * known,
         data_tan_phi_se=errors.phi * (1.0 + tan_phi**2),
         data_corr=errors.correlation,
-        **dict.fromkeys(("assumed_c", "assumed_tan_phi", "assumed_corr"), np.zeros(len(count))),
+        **dict.fromkeys(("assumed_c_se", "assumed_tan_phi_se", "assumed_corr"), np.zeros(len(count))),
     )

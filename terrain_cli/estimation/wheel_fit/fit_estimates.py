@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from terrain_cli.estimation.wheel_fit.fit_result import between
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -16,43 +18,19 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-#: Least share of the prior's variance that the data take away along an axis: they never say nothing at all.
-_LEAST = 1e-6
-
-
-def _without_priors(fit: Fit) -> dict[str, Any]:
-    """Return what the data alone say of c and tan φ: their posterior by its priors (Bayes).
-
-    Along an axis of variance v and mean m, in terms of the priors, the data alone have the variance
-    v / (1 − v) and the mean m / (1 − v).
-    """
-    names = ("cohesion", "tan_phi")
-    value = np.array([fit.values[name] for name in names]).T
-    error = np.array([fit.errors[name] for name in names]).T
-    prior = np.array([fit.priors.get(name, (0.0, np.inf)) for name in names])
-    mean, sd = prior[:, 0], np.where(np.isfinite(prior[:, 1]), prior[:, 1], 1.0)
-    free = np.isfinite(prior[:, 1])
-    scaled = error / sd
-    covariance = scaled[:, :, None] * scaled[:, None, :]
-    covariance[:, 0, 1] *= np.nan_to_num(fit.correlation(*names))
-    covariance[:, 1, 0] = covariance[:, 0, 1]
-    known = np.isfinite(covariance).all(axis=(1, 2)) & free.all()
-    variance, axes = np.linalg.eigh(np.where(known[:, None, None], covariance, 0.5 * np.eye(2)))
-    left = np.maximum(1.0 - variance, _LEAST)
-    along = np.einsum("wab,wa->wb", axes, np.where(known[:, None], (value - mean) / sd, 0.0))
-    alone = mean + sd * np.einsum("wab,wb->wa", axes, along / left)
-    wide = np.einsum("wab,wb,wcb->wac", axes, variance / left, axes)
-    wide_se = np.sqrt(np.einsum("waa->wa", wide))
-    value = np.where(known[:, None], alone, value)
-    corr = np.where(known, wide[:, 0, 1] / (wide_se[:, 0] * wide_se[:, 1]), fit.correlation(*names))
-    error = np.where(known[:, None], sd * wide_se, error)
-    return {
-        "data_c": value[:, 0],
-        "data_c_se": error[:, 0],
-        "data_tan_phi": value[:, 1],
-        "data_tan_phi_se": error[:, 1],
-        "data_corr": corr,
-    }
+def _parted(fit: Fit) -> dict[str, Any]:
+    """Return c and tan φ with the errors from noise, and those from priors."""
+    found: dict[str, Any] = {"data_c": fit.values["cohesion"], "data_tan_phi": fit.values["tan_phi"]}
+    for part, covariance in (("data", fit.covariance - fit.by_priors), ("assumed", fit.by_priors)):
+        var_c, cov, var_t = (
+            between(fit.names, covariance, a, b)
+            for a, b in (("cohesion", "cohesion"), ("cohesion", "tan_phi"), ("tan_phi", "tan_phi"))
+        )
+        c, t = (np.sqrt(np.maximum(variance, 0.0)) for variance in (var_c, var_t))
+        both = c * t
+        corr = np.clip(np.divide(cov, both, out=np.zeros_like(both), where=both > 0.0), -1.0, 1.0)
+        found |= {f"{part}_c_se": c, f"{part}_tan_phi_se": t, f"{part}_corr": corr}
+    return found
 
 
 def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
@@ -81,7 +59,7 @@ def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
         method=np.full(len(fit), fit.model.base),
         status=fit.status,
         separable=fit.separable,
-        **_without_priors(fit),
+        **_parted(fit),
         c=fit.values["cohesion"],
         c_se=fit.errors["cohesion"],
         phi=fit.phi,
@@ -91,9 +69,6 @@ def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
         strength=fit.strength,
         strength_se=fit.strength_se,
         torque_rmse=fit.rmse.get("torque", nothing),
-        assumed_c=np.zeros(len(fit)),
-        assumed_tan_phi=np.zeros(len(fit)),
-        assumed_corr=np.zeros(len(fit)),
         # Errors of the channels are in `phi_se`, and average out over windows.
         phi_bias=np.zeros(len(fit)),
     )

@@ -52,6 +52,8 @@ class Fit:
         Parameters sought: each window's own, then the shared ones.
     covariance : ndarray, shape (w, p, p)
         Of these, in their own units; shared ones and their influence on the others included.
+    by_priors : ndarray, shape (w, p, p)
+        The part of `covariance` that comes from priors which are off: the same in all windows of one soil.
     shared_covariance : ndarray, shape (q, q)
     sigma_star, strength, strength_se : ndarray, shape (w,)
         Stress at which the strength c + σ* tan φ is not correlated with tan φ, or 0 where that is
@@ -99,6 +101,7 @@ class Fit:
     shared_errors: dict[str, float]
     names: tuple[str, ...]
     covariance: Array
+    by_priors: Array
     shared_covariance: Array
     sigma_star: Array
     strength: Array
@@ -146,7 +149,7 @@ class Fit:
         ndarray, shape (w,)
             NaN where one of them is fixed.
         """
-        cov, var_a, var_b = (_between(self.names, self.covariance, x, y) for x, y in ((a, b), (a, a), (b, b)))
+        cov, var_a, var_b = (between(self.names, self.covariance, x, y) for x, y in ((a, b), (a, a), (b, b)))
         bottom = np.sqrt(var_a * var_b)
         ratio = np.divide(cov, bottom, out=np.full_like(cov, np.nan), where=bottom > 0.0)
         return np.asarray(np.clip(ratio, -1.0, 1.0))
@@ -204,6 +207,7 @@ class Parameters:
     shared_errors: dict[str, float]
     names: tuple[str, ...]
     covariance: Array
+    by_priors: Array
     shared_covariance: Array
     sigma_star: Array
     strength: Array
@@ -237,13 +241,14 @@ def parameters(
     windows = len(found.t)
     unknowns, q = (*sought.local, *sought.shared), len(sought.shared)
     names = tuple(u.name for u in unknowns)
-    inside = _no_wider(normal_equations.covariance(found.own, found.gain, found.shared) * spread**2)
+    inside = normal_equations.covariance(found.own, found.gain, found.shared) * spread**2
     t = np.concatenate([found.t, np.broadcast_to(found.common, (windows, q))], axis=1)
     width = np.sqrt(np.maximum(np.einsum("waa->wa", inside), 0.0))
     blank = np.where(known, 1.0, np.nan)
     units = np.array([u.slope(t[:, column]) for column, u in enumerate(unknowns)])
     units = units.reshape(len(unknowns), windows)
-    covariance = inside * units.T[:, :, None] * units.T[:, None, :] * blank[:, None, None]
+    scale = units.T[:, :, None] * units.T[:, None, :] * blank[:, None, None]
+    covariance = inside * scale
     values, errors, undetermined, told, bounded = {}, {}, {}, {}, {}
     for column, unknown in enumerate(unknowns):
         name, there = unknown.name, t[:, column]
@@ -266,7 +271,7 @@ def parameters(
     shared_errors = np.sqrt(np.diagonal(shared_covariance)).tolist()
     pivot = {"cohesion", "tan_phi"} <= set(names)
     var_c, cov, var_t = (
-        _between(names, covariance, a, b)
+        between(names, covariance, a, b)
         for a, b in (("cohesion", "cohesion"), ("cohesion", "tan_phi"), ("tan_phi", "tan_phi"))
     )
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -280,6 +285,8 @@ def parameters(
         shared_errors={u.name: error for u, error in zip(sought.shared, shared_errors, strict=True)},
         names=names,
         covariance=covariance,
+        # The estimate leans towards the prior means by the share that is not known from the data.
+        by_priors=inside @ inside * scale,
         shared_covariance=shared_covariance,
         sigma_star=sigma_star,
         strength=values["cohesion"] + sigma_star * values["tan_phi"],
@@ -290,14 +297,6 @@ def parameters(
         bounded=bounded,
         phi_open=_open(names, found.sure, values["tan_phi"], unknowns) * blank,
     )
-
-
-def _no_wider(covariance: Array) -> Array:
-    """Return covariances that are along no axis wider than that of the priors, which is 1."""
-    size, axes = np.linalg.eigh(covariance)
-    if not (size > 1.0).any():
-        return covariance
-    return np.asarray((axes * np.minimum(size, 1.0)[:, None, :]) @ np.swapaxes(axes, 1, 2))
 
 
 def _open(names: tuple[str, ...], sure: Array, tan_phi: Array, unknowns: Sequence[Unknown]) -> Array:
@@ -314,7 +313,14 @@ def _open(names: tuple[str, ...], sure: Array, tan_phi: Array, unknowns: Sequenc
     return np.asarray(alone * unknowns[column].sd / (1.0 + tan_phi**2))
 
 
-def _between(names: tuple[str, ...], covariance: Array, a: str, b: str) -> Array:
+def between(names: tuple[str, ...], covariance: Array, a: str, b: str) -> Array:
+    """Return the covariance of two parameters in each window; 0 where one of them is not sought.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the rows of `covariance`, shape (w, p, p).
+    """
     if a not in names or b not in names:
         return np.zeros(len(covariance))
     return covariance[:, names.index(a), names.index(b)]

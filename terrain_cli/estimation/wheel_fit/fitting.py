@@ -152,6 +152,8 @@ def fit(
     found, converged = _all(problem, data, order, correlated=correlated, tempered=by_differences)
     if isinstance(learner, LikelyNoise):
         found = _widened(problem, data, found, learner.others())
+    if not by_differences:
+        found = _no_wider(found)
     spread = float(student(np.array([dof]))[0]) / 1.959964 if learner else 1.0
     known = data.count > 0
     about = parameters((*model.soil, *local), sought, found, known, spread)
@@ -249,6 +251,22 @@ def _widened(problem: Problem, data: FitData, found: Posterior, others: Iterable
             shared=found.shared + np.outer(common, common),
         )
     return found
+
+
+def _no_wider(found: Posterior) -> Posterior:
+    """Return a posterior that is along no axis wider than the prior, whose variance is 1.
+
+    Where the data are worth so little for their misfit, the mean goes back to that of the prior.
+    """
+    size, axes = np.linalg.eigh(found.own)
+    if not (size > 1.0).any():
+        return found
+    along = np.einsum("wab,wa->wb", axes, found.t) / np.maximum(size, 1.0)
+    return replace(
+        found,
+        t=np.einsum("wab,wb->wa", axes, along),
+        own=(axes * np.minimum(size, 1.0)[:, None, :]) @ np.swapaxes(axes, 1, 2),
+    )
 
 
 def _room(variance: Array, way: Array) -> Array:

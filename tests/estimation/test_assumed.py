@@ -1,0 +1,75 @@
+"""What the paper's estimators take for true, in their errors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from wheel_samples import WHEEL, free
+
+import terrain_cli as terrain
+
+MODULUS = 0.02
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return free(12, 40, 5)
+
+
+@pytest.fixture(scope="module")
+def table(truth):
+    columns = truth.measured(2, 0.005)
+    columns.pop("drawbar_pull")
+    labels = np.repeat([f"soil {j:02d}" for j in range(12)], 40)
+    return pd.DataFrame(columns | {"time": np.arange(480) / 10.0, "terrain": labels})
+
+
+def cut(table, folder, modulus=f"{MODULUS}"):
+    (folder / "rover.toml").write_text(
+        f"[wheel]\nradius = {WHEEL.radius}\nwidth = {WHEEL.width}\n[soil]\nshear_modulus = {modulus}\n"
+    )
+    (samples,) = terrain.from_frame(table, folder / "rover.toml")
+    return terrain.segment(samples, "terrain")
+
+
+@pytest.mark.parametrize("method", ["least-squares", "ridge", "recursive"])
+def test_the_errors_hold_on_soils_whose_k_and_stresses_are_others(truth, table, tmp_path, method):
+    # Soils of Table II: k is 10 to 30 mm, the stresses are not triangles.
+    found = terrain.estimate(cut(table, tmp_path), method)
+    c = (found["c_kPa"] - truth.cohesion / 1e3) / found["c_se_kPa"]
+    phi = (found["phi_deg"] - np.degrees(truth.phi)) / found["phi_se_deg"]
+    assert np.mean(np.abs(c) < 2.0) >= 0.75
+    assert np.mean(np.abs(phi) < 2.0) >= 0.75
+    ok = found["status"] == "ok"
+    assert not (ok & ((np.abs(c) > 4.0) | (np.abs(phi) > 4.0))).any()
+
+
+def test_a_better_known_k_makes_errors_smaller(table, tmp_path):
+    wide = terrain.estimate(cut(table, tmp_path), "least-squares")
+    said = terrain.estimate(cut(table, tmp_path, "{ value = 0.02, factor = 2 }"), "least-squares")
+    pd.testing.assert_frame_equal(wide, said)
+    narrow = terrain.estimate(cut(table, tmp_path, "{ value = 0.02, factor = 1.05 }"), "least-squares")
+    np.testing.assert_allclose(narrow["phi_deg"], wide["phi_deg"])
+    assert (narrow["phi_se_deg"] < wide["phi_se_deg"]).all()
+    assert narrow["phi_se_deg"].median() < 0.8 * wide["phi_se_deg"].median()
+
+
+def test_a_trace_ends_with_the_errors_of_the_table(table, tmp_path):
+    windows = cut(table, tmp_path)
+    ends = terrain.trace(windows).groupby("segment", sort=False).last()
+    rows = terrain.estimate(windows, "recursive")
+    for name in ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg"):
+        np.testing.assert_allclose(ends[name], rows[name], rtol=1e-6)
+
+
+def test_what_is_assumed_does_not_average_out(table, tmp_path):
+    # One soil in twelve windows.
+    one = table.assign(terrain=np.repeat([f"part {j:02d}" for j in range(4)], 120))
+    windows = cut(one.iloc[:480], tmp_path)
+    rows = terrain.estimate(windows, "least-squares")
+    (entry,) = (e for e in terrain.summarise(windows, "least-squares") if e["terrain"] == "part 00")
+    assert entry["pooled"]["phi_se_deg"] == pytest.approx(rows["phi_se_deg"][0], rel=0.3)
+    assert math.isfinite(entry["pooled"]["strength_at_stress_kPa"])
