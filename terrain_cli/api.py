@@ -205,12 +205,9 @@ def estimate(
     several = [cut] if isinstance(cut, Windows) else list(cut)
     file = estimators.choose(method, model, robust=robust)
     stress = None if at_stress is None else 1e3 * at_stress
-    fits = [
-        estimators.estimate(
-            one, method, file, min_samples=min_samples, folds=folds, robust=robust, at_stress=stress
-        )
-        for one in several
-    ]
+    fits = estimators.estimate_all(
+        several, method, file, min_samples=min_samples, folds=folds, robust=robust, at_stress=stress
+    )
     tables = [segment_table.table(one, fit.estimates) for one, fit in zip(several, fits, strict=True)]
     return pd.DataFrame(segment_table.join(tables))
 
@@ -255,7 +252,7 @@ def summarise(
     """
     several = [cut] if isinstance(cut, Windows) else list(cut)
     file = estimators.choose(method, model, robust=robust)
-    fits = [estimators.estimate(one, method, file, min_samples=min_samples, robust=robust) for one in several]
+    fits = estimators.estimate_all(several, method, file, min_samples=min_samples, robust=robust)
     estimates = [fit.estimates for fit in fits]
     tables = [segment_table.table(one, part) for one, part in zip(several, estimates, strict=True)]
     return summaries.terrains(segment_table.join(tables), estimation.join(estimates))

@@ -252,7 +252,7 @@ def site(folder, body):
 @pytest.mark.parametrize(
     ("body", "options", "says"),
     [
-        ("time.sleep(600)", ("--timeout", "3"), "in/b.csv: took longer than 3 s"),
+        ("time.sleep(600)", ("--timeout", "8"), "in/b.csv: took longer than 8 s"),
         ("data = bytearray(20_000_000_000)", ("--memory", "4"), "in/b.csv: out of memory"),
         ("os.kill(os.getpid(), 9)", (), "in/b.csv: its worker was killed (SIGKILL; out of memory?)"),
     ],

@@ -12,11 +12,10 @@ import pytest
 
 from terrain_cli import models, rover
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.estimation import estimators
 from terrain_cli.estimation.wheel_fit import DEFAULT
 from terrain_cli.models.model_file import SOIL_UNITS
 from terrain_cli.presentation import summary
-from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary import choices, units
 from terrain_cli.vocabulary.channels import CHANNELS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -113,7 +112,7 @@ def test_priors_are_those_of_the_estimator():
     assert "n {:g} ± {:g}".format(DEFAULT["sinkage_exponent"].mean, DEFAULT["sinkage_exponent"].sd) in PAGE
     middle, spread = np.exp(DEFAULT["stiffness"].of_logarithm())
     assert f"keq within a factor of {spread:.3g} of {middle * 1e-6:.3g} MPa/m^n" in PAGE
-    assert estimators.K_FACTOR == 2.0
+    assert choices.K_FACTOR == 2.0
 
 
 def test_every_status_is_explained():

@@ -156,7 +156,7 @@ def test_segments_and_samples_in_one_geopackage(folder, run):
     assert (first["load_N"], first["sinkage_m"]) == pytest.approx((log["load"], log["sinkage"]), rel=1e-6)
     styles = pyogrio.read_dataframe("soil.gpkg", layer="layer_styles")
     assert styles[styles["useAsDefault"]][["f_table_name", "styleName"]].to_numpy().tolist() == [
-        ["segments", "strength_kPa"],
+        ["segments", "strength_at_stress_kPa"],
         ["samples", "slip"],
     ]
 

@@ -61,6 +61,12 @@ class Fitted:
     account: dict[str, Any] | None = None
 
 
+def common_stress(stress: float | None, fitted: Fitted) -> float | None:
+    """Return the stress in Pa at which the next wheel of a log is compared: that given, or the last one."""
+    found = fitted.estimates.stress
+    return stress if stress is not None or len(found) == 0 or np.isnan(found[0]) else float(found[0])
+
+
 def choose(
     method: Method, model: ModelFile | str | Path | None = None, *, robust: bool = False
 ) -> ModelFile | None:
@@ -195,6 +201,22 @@ def estimate(
     held, because = _held(windows.samples.geometry, file, [channels])
     fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust)
     return Fitted(of_fit(fit, line, whole, at_stress), account(windows, file, fit, held, because))
+
+
+def estimate_all(
+    several: Sequence[Windows],
+    method: Method = "auto",
+    file: ModelFile | None = None,
+    *,
+    at_stress: float | None = None,
+    **options: Any,
+) -> list[Fitted]:
+    """Estimate the soils of several wheels, with strengths at one stress for all; as for `estimate`."""
+    fits: list[Fitted] = []
+    for windows in several:
+        fits.append(estimate(windows, method, file, at_stress=at_stress, **options))
+        at_stress = common_stress(at_stress, fits[-1])
+    return fits
 
 
 def _channels(windows: Windows, file: ModelFile) -> dict[str, Array]:

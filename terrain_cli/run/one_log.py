@@ -97,7 +97,7 @@ def run(
             wheels[0].remarks.append(f"a long log, read whole: {hindrance}")
     outcome = Outcome(table={}, account=_of_source(source) | {"wheels": []})
     tables = []
-    count = 0
+    count, stress = 0, settings.stress
     for samples in wheels:
         progress(f"wheel {samples.wheel}")
         placed = locations.locate(samples, settings.places) if settings.places else None
@@ -121,8 +121,10 @@ def run(
             min_samples=settings.min_samples,
             folds=settings.folds,
             robust=settings.robust,
-            at_stress=settings.stress,
+            at_stress=stress,
         )
+        # Wheels of one log are compared at one stress.
+        stress = estimators.common_stress(stress, fitted)
         outcome.account["wheels"][-1]["model"] = fitted.account
         tables.append(segment_table.table(cut, fitted.estimates))
         outcome.estimates.append(fitted.estimates)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -50,13 +50,20 @@ def table(comparison: Comparison) -> segment_table.Table:
     dict of str to list or ndarray
         The columns of `segment_table.COLUMNS`.
     """
-    return segment_table.join([_of_wheel(wheel) for wheel in comparison.wheels])
+    tables: list[segment_table.Table] = []
+    stress: float | None = None
+    for wheel in comparison.wheels:
+        tables.append(_of_wheel(wheel, stress))
+        known = tables[-1]["stress_kPa"]
+        if stress is None and len(known) and np.isfinite(known[0]):
+            stress = 1e3 * float(known[0])
+    return segment_table.join(tables)
 
 
-def _of_wheel(wheel: WheelComparison) -> dict[str, Any]:
+def _of_wheel(wheel: WheelComparison, stress: float | None) -> segment_table.Table:
     windows, fit = wheel.windows, wheel.fit
     line = estimate_lines(windows) if windows.lined else _no_line(len(windows))
-    return segment_table.table(windows, of_fit(fit, line, windows))
+    return segment_table.table(windows, of_fit(fit, line, windows, stress))
 
 
 def _no_line(n: int) -> WindowEstimates:

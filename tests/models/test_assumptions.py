@@ -11,8 +11,8 @@ import pytest
 
 from terrain_cli import effects, models
 from terrain_cli.errors import ConfigurationError, UsageError
-from terrain_cli.estimation import estimators
 from terrain_cli.models import ASSUMPTIONS, ModelFile, Prior
+from terrain_cli.vocabulary import choices
 
 K = 0.018
 LINEAR, FULL = models.build("linear"), models.build("wong-reece")
@@ -58,7 +58,7 @@ def test_modulus_lifted_is_expected_within_a_factor(file, k):
     assert MODULUS not in made(lifted)
     mean, sd = lifted.priors["shear_modulus"].of_logarithm()
     assert math.exp(mean) == pytest.approx(k, rel=1e-3)
-    assert math.exp(sd) == pytest.approx(estimators.K_FACTOR, rel=1e-3)
+    assert math.exp(sd) == pytest.approx(choices.K_FACTOR, rel=1e-3)
 
 
 def test_what_is_not_made_is_not_lifted():

@@ -117,10 +117,12 @@ def test_a_region_wider_than_the_axes_is_told_of(comparison):
 
 def test_track(comparison):
     misfit = sample_pairs.misfit(comparison, "torque")
-    figure = figures.track(soil_table.table(comparison), {"rms misfit of torque (N m)": misfit})
+    table = soil_table.table(comparison)
+    figure = figures.track(table, {"rms misfit of torque (N m)": misfit})
     drawn(figure)
     said = texts(figure)
-    for text in ("x (m)", "y (m)", "strength at 10 kPa (kPa)", "rms misfit of torque (N m)", "front-left"):
+    strength = f"strength at {table['stress_kPa'][0]:g} kPa (kPa)"
+    for text in ("x (m)", "y (m)", strength, "rms misfit of torque (N m)", "front-left"):
         assert text in said
     maps = [axes for axes in figure.axes if axes.get_aspect() == 1.0]
     assert len(maps) == 4

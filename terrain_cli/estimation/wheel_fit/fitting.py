@@ -15,7 +15,7 @@ from terrain_cli.estimation.wheel_fit.channel_noise import Noise
 from terrain_cli.estimation.wheel_fit.damped_search import descend
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
-from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, solve
+from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, limits, solve
 from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.noise_differences import ScaledDifferences
 from terrain_cli.estimation.wheel_fit.noise_likelihood import LikelyNoise
@@ -153,7 +153,7 @@ def fit(
     if isinstance(learner, LikelyNoise):
         found = _widened(problem, data, found, learner.others())
     if not by_differences:
-        found = _no_wider(found)
+        found = _no_wider(problem, found)
     spread = float(student(np.array([dof]))[0]) / 1.959964 if learner else 1.0
     known = data.count > 0
     about = parameters((*model.soil, *local), sought, found, known, spread)
@@ -253,18 +253,21 @@ def _widened(problem: Problem, data: FitData, found: Posterior, others: Iterable
     return found
 
 
-def _no_wider(found: Posterior) -> Posterior:
+def _no_wider(problem: Problem, found: Posterior) -> Posterior:
     """Return a posterior that is along no axis wider than the prior, whose variance is 1.
 
     Where the data are worth so little for their misfit, the mean goes back to that of the prior.
     """
-    size, axes = np.linalg.eigh(found.own)
+    size, axes = np.linalg.eigh(0.5 * (found.own + np.swapaxes(found.own, 1, 2)))
+    # Nearly exact data leave rounding of either sign.
+    size = np.abs(size)
     if not (size > 1.0).any():
         return found
     along = np.einsum("wab,wa->wb", axes, found.t) / np.maximum(size, 1.0)
+    low, high, _ = limits(problem.unknowns.local)
     return replace(
         found,
-        t=np.einsum("wab,wb->wa", axes, along),
+        t=np.clip(np.einsum("wab,wb->wa", axes, along), low, high),
         own=(axes * np.minimum(size, 1.0)[:, None, :]) @ np.swapaxes(axes, 1, 2),
     )
 

@@ -1,9 +1,9 @@
 """Windows in which the quick search ends at an impossible soil, and their second search.
 
-They are sought again, downhill from several beginnings. If asked for, where the model misses a window
-by so much that its errors would be larger than those of the priors alone, the noise of that window is
-taken to be as large as its residuals in the long run: the priors then weigh as much as they know more,
-and what the data cannot tell stays within what soils are.
+They are sought again, downhill from several beginnings. Where the model misses a window by so much that
+it ends at a soil that nobody knows (or, if asked for, that its errors would be larger than those of the
+priors alone), the noise of that window is taken to be as large as its residuals in the long run: the
+priors then weigh as much as they know more, and what the data cannot tell stays within what soils are.
 """
 
 from __future__ import annotations
@@ -38,6 +38,9 @@ _SOME, _ROUGH = 12, 6
 _HOPELESS = 100.0
 #: Standard deviation, in that of the prior, from which on the prior alone knows more.
 _USELESS = 1.01
+#: Prior standard deviations from the prior mean beyond which no soil is known: c above 22 kPa, k sixteen
+#: times that of rover.toml. Judged.
+_FAR = 4.0
 #: Times that the noise of a window is raised, the first ones together with all that shares something
 #: with it, and by how much at least: in the end no more is known than beforehand.
 _ROUNDS, _TOGETHER, _RAISED = 10, 2, 5.0
@@ -62,7 +65,7 @@ def mend(
     found : Posterior
         What follows from it, by `posterior`.
     tempered : bool
-        Raise the noise of windows that the model misses.
+        Raise the noise of all windows of which the priors alone would know more.
 
     Returns
     -------
@@ -78,11 +81,9 @@ def mend(
         ends = _best(problem, part, state.t[at], state.common, order)
         put(state, ends, at, data.rows_of(at))
         found = _put(found, posterior(problem, part, ends, order=order, correlated=correlated), at)
-    if not tempered:
-        return found
     # What is shared follows from all windows, and few times suffice for that.
     for _ in range(_TOGETHER if unknowns.shared else 0):
-        wide = _useless(found)
+        wide = _useless(found, tempered=tempered)
         if not wide.any():
             break
         _raise(data, found, wide)
@@ -90,7 +91,7 @@ def mend(
         put(state, ends, np.arange(len(lost)), np.arange(state.latent.shape[1]))
         found = posterior(problem, data, state, order=order, correlated=correlated)
     alone = replace(problem, unknowns=_held(unknowns, state))
-    _temper(problem, alone, data, state, found, order)
+    _temper(problem, alone, data, state, found, order, tempered=tempered)
     return found
 
 
@@ -101,10 +102,12 @@ def _temper(
     state: State,
     found: Posterior,
     order: int | None,
+    *,
+    tempered: bool,
 ) -> None:
     """Raise the noise of windows until their errors are no larger than those of the priors, in place."""
     for _ in range(_ROUNDS):
-        wide = _useless(found)
+        wide = _useless(found, tempered=tempered)
         if not wide.any():
             return
         _raise(data, found, wide)
@@ -115,11 +118,14 @@ def _raise(data: FitData, found: Posterior, wide: NDArray[np.bool_]) -> None:
     data.excess[wide] = np.maximum(found.inflation, _RAISED * data.excess)[wide]
 
 
-def _useless(found: Posterior) -> NDArray[np.bool_]:
-    """Tell where the model misses, and a standard error is larger than that of the prior alone."""
+def _useless(found: Posterior, *, tempered: bool) -> NDArray[np.bool_]:
+    """Tell where the model misses, and ends at no known soil or, if asked for, knows less than the priors."""
+    missed = found.inflation > MISSED
+    if not tempered:
+        return np.asarray(np.any(np.abs(found.t) > _FAR, axis=1) & missed)
     whole = covariance(found.own, found.gain, found.shared)
     variance = np.einsum("waa->wa", whole)[:, : found.t.shape[1]]
-    return np.asarray(np.any(~(variance <= _USELESS**2), axis=1) & (found.inflation > MISSED))
+    return np.asarray(np.any(~(variance <= _USELESS**2), axis=1) & missed)
 
 
 def _held(unknowns: Unknowns, state: State) -> Unknowns:
