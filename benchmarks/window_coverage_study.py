@@ -55,7 +55,8 @@ NOISES, ROUGHNESS, SAMPLES, RATE = (0.01, 0.03, 0.10), ("white", "AR(1) 0.95", "
 WEATHER = {
     "outliers: 2 % at 10 standard deviations": {"outliers": 0.02},
     "noise of AR(1) 0.8": {"memory": 0.8},
-    "slip 0.03 too large": {"offset": 0.03},
+    "slip 0.03 too large, and this is stated": {"offset": 0.03, "stated": True},
+    "slip 0.03 too large, and nobody knows": {"offset": 0.03},
     "quantised in steps of 5 %": {"step": 0.05},
     "load at a fifth of the rate": {"slow": 5},
     "contact behind the axle, c3 = 0.25": {"behind": 0.25},
@@ -117,7 +118,7 @@ def window(rng, roughness, pull, noise, *, samples=SAMPLES, behind=0.0, **weathe
         name: sensed(values, name, noises[name], size[name], rng, **weather)
         for name, values in channels.items()
     }
-    if depth.max() > DEEPEST * radius or min(table["sinkage"].min(), table["load"].min()) <= 0.0:
+    if depth.max() > DEEPEST * radius or min(np.nanmin(table[name]) for name in ("sinkage", "load")) <= 0.0:
         return None
     return Window(soil, (radius, width), pd.DataFrame(table | {"time": np.arange(samples) / RATE}), noises)
 
@@ -138,17 +139,20 @@ def sensed(values, name, deviation, size, rng, *, outliers=0.0, memory=0.0, offs
             * size
         )
     if name == "load" and slow > 1:
-        found = np.interp(np.arange(len(found)), np.arange(0, len(found), slow), found[::slow])
+        found = np.where(np.arange(len(found)) % slow, np.nan, found)
     return found
 
 
-def judged(drawn, noise, folder):
+def judged(drawn, noise, folder, offset=0.0):
     """Return how many standard errors c, φ and strength are off, the relative error said of the strength, and `ok`."""
     radius, width = drawn.wheel
     lines = [f"[wheel]\nradius = {radius}\nwidth = {width}\n[soil]\nshear_modulus = {GUESSED_K}\n[noise]"]
+    if offset and "slip" not in noise:
+        lines.append(f"slip = {{ offset = {offset} }}")
     for name, value in noise.items():
         unit = f', unit = "{UNITS[name]}"' if name in UNITS else ""
-        lines.append(f"{name} = {{ absolute = {value}{unit} }}")
+        further = f", offset = {offset}" if name == "slip" else ""
+        lines.append(f"{name} = {{ absolute = {value}{further}{unit} }}")
     rover = Path(folder, "rover.toml")
     rover.write_text("\n".join(lines) + "\n", encoding="utf-8")
     (samples,) = terrain.from_frame(drawn.table, rover)
@@ -165,14 +169,16 @@ def judged(drawn, noise, folder):
 
 
 def cell(number, noise, roughness, pull, seed, weather):
+    weather = dict(weather)
+    offset = weather["offset"] if weather.pop("stated", False) else 0.0
     rng = np.random.default_rng([seed, round(1000 * noise), ROUGHNESS.index(roughness), pull])
     learnt, told = [], []
     with TemporaryDirectory() as folder:
         while len(learnt) < number:
             drawn = window(rng, roughness, pull, noise, **weather)
             if drawn:
-                learnt.append(judged(drawn, {}, folder))
-                told.append(judged(drawn, drawn.noise, folder))
+                learnt.append(judged(drawn, {}, folder, offset))
+                told.append(judged(drawn, drawn.noise, folder, offset))
     return np.array(learnt, float), np.array(told, float)
 
 

@@ -1,24 +1,24 @@
 """What the estimators of the line take for true, and what that may do to c and φ.
 
 They take k for known, and the stresses under the rim for triangles. How far c and tan φ would move is found
-with the same estimator: with k a standard deviation larger and smaller; and on the torques and loads that
-the full model gives the soil that was estimated, which the triangles do not reproduce. Neither averages
-out over samples, nor over windows.
+with the same estimator: with k, and each sensor whose offset is not known, a standard deviation larger and
+smaller; and on the torques and loads that the full model gives the soil that was estimated, which the
+triangles do not reproduce. None averages out over samples, nor over windows.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.window_estimates import LARGEST_PHI_SE
+from terrain_cli.estimation.sensor_offsets import offsets
 from terrain_cli.mechanics import contact, linear
 from terrain_cli.vocabulary.choices import LARGEST_PHI
-from terrain_cli.windows.cut_windows import Measured
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.line.recursive import Trace
     from terrain_cli.vocabulary.choices import LineMethod
-    from terrain_cli.windows.cut_windows import Windows
+    from terrain_cli.windows.cut_windows import Measured, Windows
 
     Array = NDArray[np.float64]
 
@@ -123,15 +123,15 @@ def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod)
 
     Returns
     -------
-    ndarray, shape (w, 2, 1 + shapes)
+    ndarray, shape (w, 2, 1 + offsets + shapes)
         c in Pa; 0 where it is not known.
     """
     samples, geometry = windows.samples, windows.samples.geometry
     windows = windows.thinned(_SOME)
     measured = windows.measured()
 
-    def line(shear_modulus: float, load: Array, torque: Array) -> Array:
-        channels = Measured(load=load, torque=torque, sinkage=measured["sinkage"], slip=measured["slip"])
+    def line(shear_modulus: float, **changed: Array) -> Array:
+        channels = cast("Measured", {**measured, **changed})
         of_wheel = geometry._replace(shear_modulus=shear_modulus).line
         x, y = linear.line_coordinates(**channels, **of_wheel)
         found = estimation.estimate_windows(
@@ -147,17 +147,20 @@ def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod)
         return np.array([found.c, np.tan(found.phi)])
 
     k, factor = geometry.shear_modulus, geometry.shear_modulus_factor
-    load, torque = measured["load"], measured["torque"]
-    moved = [0.5 * (line(k * factor, load, torque) - line(k / factor, load, torque))]
+    moved = [0.5 * (line(k * factor) - line(k / factor))]
+    for name, size in offsets(samples).items():
+        if name in measured:
+            column = cast("dict[str, Array]", measured)[name]
+            moved.append(0.5 * (line(k, **{name: column + size}) - line(k, **{name: column - size})))
     soil = np.array(
         [np.maximum(estimates.c, 0.0), np.clip(np.tan(estimates.phi), _LEAST_TAN, np.tan(LARGEST_PHI))]
     )
     scale = np.sqrt(len(_SHAPES))
-    moved += [(line(k, *_under_wheel(windows, soil, shape)) - soil) / scale for shape in _SHAPES]
+    moved += [(line(k, **_under_wheel(windows, soil, shape)) - soil) / scale for shape in _SHAPES]
     return np.nan_to_num(np.array(moved).transpose(2, 1, 0), posinf=0.0, neginf=0.0)
 
 
-def _under_wheel(windows: Windows, soil: Array, shape: tuple[float, float]) -> tuple[Array, Array]:
+def _under_wheel(windows: Windows, soil: Array, shape: tuple[float, float]) -> dict[str, Array]:
     """Return load and torque by the full model on soils (c, tan φ), at the sinkages and slips measured."""
     geometry, measured, count = windows.samples.geometry, windows.measured(), np.diff(windows.bounds)
     cohesion, tan_phi = (np.repeat(np.nan_to_num(column), count) for column in soil)
@@ -192,4 +195,4 @@ def _under_wheel(windows: Windows, soil: Array, shape: tuple[float, float]) -> t
             of_stiffness[0] ** 2, windows.bounds
         )
     total = of_c + np.repeat(np.nan_to_num(stiffness), count) * of_stiffness
-    return total[0], total[1]
+    return {"load": total[0], "torque": total[1]}

@@ -12,6 +12,7 @@ from terrain_cli import estimation
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.estimation.assumed import with_assumptions
 from terrain_cli.estimation.fit_account import account
+from terrain_cli.estimation.sensor_offsets import with_offsets
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.rover import NOISY
 from terrain_cli.telemetry.derive.effect_inputs import CONSTANTS
@@ -198,6 +199,7 @@ def estimate(
         return Fitted(with_strengths(with_assumptions(line, windows.on_line(), of_line), windows, at_stress))
     whole, windows = windows, windows.thinned(_MOST)
     channels = _channels(windows, file)
+    file = with_offsets(file, windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust)
     return Fitted(of_fit(fit, line, whole, at_stress), account(windows, file, fit, held, because))
@@ -266,7 +268,7 @@ def assumed(
         every.append(there)
         measured |= there.keys() & set(NOISY)
     samples = several[0].samples
-    given = {name: samples.noise[name] for name in measured & samples.noise.keys()}
+    given = {name: noise for name, noise in samples.noise.items() if name in measured and noise.known}
     held, _ = _held(samples.geometry, file, every)
     return held, _priors(samples, file), _noise(given) if given.keys() == measured else None
 
@@ -328,7 +330,7 @@ def _fit(
             min_samples=min_samples,
         )
 
-    given = {name: noise for name, noise in samples.noise.items() if name in channels}
+    given = {name: noise for name, noise in samples.noise.items() if name in channels and noise.known}
     try:
         if not set(NOISY) & (channels.keys() - given.keys()):
             return run(_noise(given))

@@ -72,7 +72,7 @@ def _noise_account(windows: Windows, fit: Fit) -> dict[str, Any]:
             "relative": float(fit.noise.relative.get(name, 0.0)),
             "absolute": float(fit.noise.absolute.get(name, 0.0)),
             "unit": CHANNELS[name].unit.symbol,  # type: ignore[union-attr]
-            "given": name in given,
+            "given": name in given and given[name].known,
         }
         for name in channels
     }

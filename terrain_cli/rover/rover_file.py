@@ -179,17 +179,22 @@ def _unit(symbol: str, channel: str, place: str) -> Unit:
 def _noise(channel: str) -> Rule:
     def rule(value: Any, place: str) -> SensorNoise:
         values = _NOISE(value, place)
-        if not {"relative", "absolute"} & values.keys():
+        if not values.keys() - {"unit"}:
             raise ConfigurationError(
-                f"{place}: give relative or absolute or both", hint="such as { relative = 0.02 }"
+                f"{place}: give relative, absolute or offset, or several of them",
+                hint="such as { relative = 0.02 }",
             )
-        absolute = values.get("absolute", 0.0)
-        if "unit" in values:
-            # A standard deviation: no offset, as between K and °C.
-            absolute *= _unit(values["unit"], channel, f"{place}.unit").factor
-        elif "absolute" in values and CHANNELS[channel].dimension != "ratio":
-            raise ConfigurationError(f"{place}: unit of absolute is missing", hint=unit_hint(channel))
-        return SensorNoise(values.get("relative", 0.0), absolute)
+        # Standard deviations: no zero point, as between K and °C.
+        factor = _unit(values["unit"], channel, f"{place}.unit").factor if "unit" in values else 1.0
+        amounts = [name for name in ("absolute", "offset") if name in values]
+        if amounts and "unit" not in values and CHANNELS[channel].dimension != "ratio":
+            raise ConfigurationError(f"{place}: unit of {amounts[0]} is missing", hint=unit_hint(channel))
+        return SensorNoise(
+            values.get("relative", 0.0),
+            values.get("absolute", 0.0) * factor,
+            values.get("offset", 0.0) * factor,
+            known=bool({"relative", "absolute"} & values.keys()),
+        )
 
     return rule
 
@@ -260,6 +265,7 @@ _NOISE = table(
     {
         "relative": number("a share from 0 to 1", 0.0, 1.0),
         "absolute": number("a number from 0 to 1e20", 0.0, 1e20),
+        "offset": number("a number from 0 to 1e20", 0.0, 1e20),
         "unit": text,
     }
 )

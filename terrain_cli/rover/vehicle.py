@@ -59,7 +59,7 @@ class ChannelEntry:
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """Standard deviation of a sensor's noise; both parts add in quadrature.
+    """Standard deviation of a sensor's noise, whose relative and absolute parts add in quadrature.
 
     Parameters
     ----------
@@ -67,10 +67,16 @@ class SensorNoise:
         As a share of the value.
     absolute : float
         In the channel's SI unit.
+    offset : float
+        Standard deviation of a constant offset, in the same unit.
+    known : bool
+        Whether the noise is known, and not the offset alone.
     """
 
     relative: float = 0.0
     absolute: float = 0.0
+    offset: float = 0.0
+    known: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

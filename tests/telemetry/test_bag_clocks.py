@@ -31,7 +31,7 @@ from wheel_bags import (
 from terrain_cli import telemetry
 
 
-def test_topics_at_unequal_rates_meet_on_the_clock_of_the_torque(write_bag, rover_of):
+def test_topics_at_unequal_rates_meet_on_the_slowest_clock(write_bag, rover_of):
     slow, fast = np.arange(0.0, 4.91, 0.25), np.round(np.arange(0.0, 5.0, 0.02), 6)
     fast = fast[(fast <= 2.0) | (fast > 3.0)]
     path = write_bag(
@@ -41,16 +41,25 @@ def test_topics_at_unequal_rates_meet_on_the_clock_of_the_torque(write_bag, rove
         odometry(),
     )
     samples = one(path, rover_of(CONTRACT.replace("load ", "# ")))
-    np.testing.assert_allclose(samples.time, TIME, atol=1e-9)
-    gap = (TIME > 2.0 + 1e-9) & (TIME < 3.0 + 1e-9)
-    expect(samples, load=np.where(gap, np.nan, 80.0 + 2.0 * TIME))
-    inside = slow[-1] + 1e-9 >= TIME
-    expect(samples, sinkage=np.where(inside, 1e-3 * (10.0 + TIME), np.nan))
-    assert samples.reasons() == {"no load": gap.sum(), "no sinkage": N - inside.sum()}
+    np.testing.assert_allclose(samples.time, slow, atol=1e-9)
+    gap = (slow > 2.0 + 1e-9) & (slow < 3.0 + 1e-9)
+    torque = np.interp(slow, TIME, TORQUE["wheel_fl"])
+    expect(
+        samples, load=np.where(gap, np.nan, 80.0 + 2.0 * slow), sinkage=1e-3 * (10.0 + slow), torque=torque
+    )
+    assert samples.reasons() == {"no load": gap.sum()}
     # Nothing usable for a second: what lies behind it is another stretch.
-    assert samples.stretch[samples.usable].tolist() == [0] * 21 + [1] * (len(samples.usable) - 21)
+    assert samples.stretch[samples.usable].tolist() == [0] * 9 + [1] * (len(samples.usable) - 9)
+    (remark,) = (text for text in samples.remarks if "rates of their own" in text)
+    assert "sinkage has a value every 0.25 s, and its 20 messages are the samples" in remark
     wider = CONTRACT.replace("load ", "# ") + "[sampling]\nmax_gap = 1.5\n"
-    assert one(path, rover_of(wider)).reasons() == {"no sinkage": N - inside.sum()}
+    assert one(path, rover_of(wider)).reasons() == {}
+
+
+def test_a_topic_that_loses_messages_is_no_slower_clock(write_bag, rover_of):
+    few = np.delete(TIME, np.arange(5, N, 5))
+    path = write_bag(joint_states(), floats("/wheel_fl/sinkage", 10.0 + few, time=few), odometry())
+    np.testing.assert_allclose(one(path, rover_of(CONTRACT)).time, TIME, atol=1e-9)
 
 
 def test_a_log_clock_that_is_not_the_headers_clock(write_bag, rover_of):

@@ -1,4 +1,4 @@
-"""The channels of each wheel of a bag: topics at unequal rates, brought to the clock of the torque."""
+"""The channels of each wheel of a bag: topics at unequal rates, brought to one clock."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from formats import LOG_TIME, Labels
 from terrain_cli.telemetry import alignment, raw_columns
 from terrain_cli.telemetry.channel_sources import CLOCKS
+from terrain_cli.telemetry.read import own_clocks
 from terrain_cli.telemetry.wheel_names import match_name
 from terrain_cli.telemetry.wheel_samples import Raw
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
@@ -201,6 +202,13 @@ def _wheel(
     clock = next((channel for channel in (*CLOCKS, *series) if channel in series), None)
     if clock is None:
         return raw
+    slowest = own_clocks.slowest({channel: time for channel, (time, _) in series.items()})
+    if slowest:
+        clock, interval = slowest
+        raw.remarks.append(
+            f"wheel {name}: topics have rates of their own: {clock} has a value every {interval:.3g} s, "
+            f"and its {len(series[clock][0])} messages are the samples; the others are interpolated there"
+        )
     time = series[clock][0]
     # What comes out is the caller's own, whatever wheels share a topic.
     raw.time = time.copy()

@@ -1,8 +1,8 @@
-"""Columns of a table that were sampled on clocks of their own, slower than its rows.
+"""Channels that were sampled on clocks of their own: topics of a bag, columns of a table.
 
-A table may have a row for every time at which anything was measured. An empty cell is then no lost
-value, if it stands between two ticks of its column's clock. The rows of the slowest column are the samples,
-and faster ones are interpolated there: so no value is counted more often than it was measured.
+The times of the slowest channel are the samples, and faster ones are interpolated there: so no value is
+counted more often than it was measured. A table may have a row for every time at which anything was measured;
+an empty cell is then no lost value, if it stands between two ticks of its column's clock.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from terrain_cli.telemetry.channel_sources import CLOCKS
 from terrain_cli.telemetry.wheel_samples import Notice
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -91,7 +91,7 @@ class OwnClocks:
         ).astype(np.intp)
         raw.select(rows)
         interpolated = np.zeros(len(rows), dtype=bool)
-        counted = _counted(raw)
+        counted = _measured(raw)
         for name, interval in self.intervals.items():
             if name not in there or there[name][rows].all():
                 continue
@@ -169,7 +169,7 @@ def find(raw: Raw) -> OwnClocks | None:
     if raw.time is None or len(raw) < 2:
         return None
     there = {name: mask for name, mask in _filled(raw.channels).items() if mask.any()}
-    counted = {name: there[name] for name in _counted(raw) if name in there}
+    counted = {name: there[name] for name in _measured(raw) if name in there}
     sparse = [name for name, mask in counted.items() if np.count_nonzero(mask) < _SPARSE * len(raw)]
     if not sparse:
         return None
@@ -195,15 +195,40 @@ def _filled(channels: Mapping[str, Array]) -> dict[str, Mask]:
     return {name: ~np.isnan(values) for name, values in channels.items()}
 
 
-def _counted(raw: Raw) -> list[str]:
+def _measured(raw: Raw) -> list[str]:
+    return _counted([name for name in raw.channels if raw.feeds[name].constant is None])
+
+
+def _counted(measured: Collection[str]) -> list[str]:
     """Return the measured channels that make a sample, in the order of `CLOCKS`."""
 
     def parts() -> Iterator[str]:
         for name, sources in _MADE_OF.items():
-            yield from (name,) if name in raw.channels else sources
+            yield from (name,) if name in measured else sources
 
-    found = [name for name in parts() if name in raw.channels and raw.feeds[name].constant is None]
+    found = [name for name in parts() if name in measured]
     return sorted(found, key=lambda name: CLOCKS.index(name) if name in CLOCKS else len(CLOCKS))
+
+
+def slowest(times: Mapping[str, Array]) -> tuple[str, float] | None:
+    """Return the slowest of the channels that make a sample, and its usual interval in s.
+
+    Parameters
+    ----------
+    times : mapping of str to ndarray
+        Of the samples of each channel, in s. The first of `CLOCKS` among them is the usual clock.
+
+    Returns
+    -------
+    (str, float) or None
+        None where no channel is clearly slower than the usual clock.
+    """
+    intervals = {name: _interval(times[name])[0] for name in _counted(times)}
+    if not intervals:
+        return None
+    name = max(intervals, key=intervals.__getitem__)
+    usual = next(iter(intervals.values()))
+    return (name, intervals[name]) if intervals[name] > _INTERVALS * usual > 0.0 else None
 
 
 def _interval(time: Array) -> tuple[float, bool]:
