@@ -1,0 +1,66 @@
+"""A sensor's offset of stated size is an unknown of the full model, and an error of the line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from wheel_samples import WHEEL, free
+
+import terrain_cli as terrain
+from terrain_cli.estimation import estimators
+
+WINDOWS, SAMPLES, OFFSET = 12, 60, 0.04
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return free(WINDOWS, SAMPLES, 11)
+
+
+@pytest.fixture(scope="module")
+def off(truth, tmp_path_factory):
+    """Return how many standard errors c and φ are off, and the errors, with some rows of [noise]."""
+    columns = truth.measured(3, 0.01)
+    columns["slip"] = columns["slip"] + OFFSET
+    labels = np.repeat([f"soil {j:02d}" for j in range(WINDOWS)], SAMPLES)
+    time = np.arange(WINDOWS * SAMPLES) / 10.0
+    table = pd.DataFrame(columns | {"time": time, "terrain": labels})
+    folder = tmp_path_factory.mktemp("offset")
+
+    def estimate(noise, method):
+        (folder / "rover.toml").write_text(
+            f"[wheel]\nradius = {WHEEL.radius}\nwidth = {WHEEL.width}\n"
+            f"[soil]\nshear_modulus = 0.02\n[noise]\n{noise}\n"
+        )
+        (samples,) = terrain.from_frame(table, folder / "rover.toml")
+        windows = terrain.segment(samples, "terrain")
+        found = terrain.estimate(windows, method)
+        c = (found["c_kPa"] - truth.cohesion / 1e3) / found["c_se_kPa"]
+        phi = (found["phi_deg"] - np.degrees(truth.phi)) / found["phi_se_deg"]
+        return c, phi, found["phi_se_deg"], windows
+
+    return estimate
+
+
+def test_the_errors_of_the_full_model_hold_with_it(off):
+    c, phi, *_ = off("", "auto")
+    unsaid = np.mean((np.abs(c) < 2.0) & (np.abs(phi) < 2.0))
+    c, phi, *_ = off(f"slip = {{ offset = {OFFSET} }}", "auto")
+    said = np.mean((np.abs(c) < 2.0) & (np.abs(phi) < 2.0))
+    assert unsaid < 0.6
+    assert said >= 0.75
+
+
+@pytest.mark.parametrize("method", ["least-squares", "ridge", "recursive"])
+def test_it_widens_the_errors_of_the_line(off, method):
+    *_, narrow, _ = off("", method)
+    *_, wide, _ = off(f"slip = {{ offset = {OFFSET} }}\nload = {{ offset = 10, unit = 'N' }}", method)
+    assert (wide > narrow).all()
+
+
+def test_noise_is_learnt_where_only_an_offset_is_stated(off):
+    *_, windows = off(f"slip = {{ offset = {OFFSET} }}", "auto")
+    model = estimators.estimate(windows, file=estimators.full_model()).account
+    assert not any(entry["given"] for entry in model["noise"].values())
+    assert all("slip-offset.offset" in segment for segment in model["segments"])
