@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 _PIECE, _FEWEST, _LEAST_KEPT = 1000, 4, 200
 
 
+#: What every verb reads of a log, and what effects follow: without them a soil would seem to change with it.
+FOLLOWED = ("slip", "angular_velocity", "pitch", "roll", "yaw_rate")
 #: Windows of one input, some 1.5 kB each with their rows; judged: more than anyone reads, in 3 GB.
 MOST = 2_000_000
 
@@ -256,12 +258,20 @@ def cut(
             min_distance=MIN_DISTANCE if window_distance is None else window_distance,
             before=before,
         )
+        changes = segmentation.needed(
+            x[lined_up], y[lined_up], [column[lined_up] for column in _followed(samples, index)], changes, own
+        )
         # A wheel that skids between two soils belongs to the first: no line tells.
         inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
         bounds = segmentation.whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))
     else:
         bounds = segmentation.whole_windows(len(rows), breaks=breaks)
     return Windows(samples, rows, bounds, x, y)
+
+
+def _followed(samples: Samples, index: NDArray[np.intp] | slice) -> list[NDArray[np.float64]]:
+    """Return what the line of a soil may seem to follow where the model lacks an effect."""
+    return [samples.channels[name][index] for name in FOLLOWED if name in samples.channels]
 
 
 def check_number(source: str, count: int) -> None:

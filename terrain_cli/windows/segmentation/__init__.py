@@ -1,6 +1,7 @@
 """Windows of homogeneous terrain along one wheel's drive."""
 
 from terrain_cli.windows.segmentation.change_points import PENALTY, TOLERANCE, change_points
+from terrain_cli.windows.segmentation.explained_cuts import needed
 from terrain_cli.windows.segmentation.plain_windows import fixed_windows, label_windows, whole_windows
 
 __all__ = [
@@ -9,5 +10,6 @@ __all__ = [
     "change_points",
     "fixed_windows",
     "label_windows",
+    "needed",
     "whole_windows",
 ]
