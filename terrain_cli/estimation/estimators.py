@@ -121,21 +121,29 @@ def choose(
 
 
 def full_model() -> ModelFile:
-    """Return the full model of which nothing is taken for known.
-
-    Bekker, Janosi–Hanamoto and Wong–Reece, with k, keq and n unknown, and the shape of the contact too:
-    in each window within what is published (`_SHAPE`).
-    """
-    from terrain_cli import effects, models
+    """Return the full model of Bekker, Janosi–Hanamoto and Wong–Reece without effects."""
+    from terrain_cli import models
     from terrain_cli.mechanics.wheel_model import Model
 
-    expected = {f"{effect}.{name}": of for effect, each in _SHAPE.items() for name, of in each.items()}
-    return models.ModelFile(
-        model=Model("wong-reece", tuple(effects.find(effect) for effect in _SHAPE)),
-        effects=tuple(_SHAPE),
-        priors={name: models.Prior(*known) for name, known in expected.items()},
-        local=tuple(expected),
-    )
+    return models.ModelFile(model=Model("wong-reece"))
+
+
+def with_contact(file: ModelFile) -> ModelFile:
+    """Return a model in which the shape of the contact is sought in every window, within what is published.
+
+    A model says nothing of the shape unless it has those effects itself, and the triangles of the base
+    "linear" have none.
+    """
+    from terrain_cli import effects, models
+
+    if file.model.base != "wong-reece":
+        return file
+    there = {effect.id for effect in file.model.effects}
+    shapes = {effect: of for effect, of in _SHAPE.items() if effect not in there}
+    expected = {f"{effect}.{name}": of for effect, each in shapes.items() for name, of in each.items()}
+    model = replace(file.model, effects=(*file.model.effects, *(effects.find(effect) for effect in shapes)))
+    priors = {name: models.Prior(*known) for name, known in expected.items()}
+    return replace(file, model=model, priors={**file.priors, **priors}, local=(*file.local, *expected))
 
 
 def estimate_lines(
@@ -199,7 +207,7 @@ def estimate(
         return Fitted(with_strengths(with_assumptions(line, windows.on_line(), of_line), windows, at_stress))
     whole, windows = windows, windows.thinned(_MOST)
     channels = _channels(windows, file)
-    file = with_offsets(file, windows.samples, channels)
+    file = with_offsets(with_contact(file), windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust)
     return Fitted(of_fit(fit, line, whole, at_stress), account(windows, file, fit, held, because))

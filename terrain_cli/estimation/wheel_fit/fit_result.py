@@ -9,7 +9,7 @@ import numpy as np
 
 from terrain_cli.estimation.line.window_estimates import LARGEST_CONDITION, LARGEST_PHI_OPEN, STATUSES
 from terrain_cli.estimation.wheel_fit import normal_equations
-from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED
+from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, SLOW
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
@@ -90,6 +90,8 @@ class Fit:
         "sinkage", where measured: measured less predicted, and predicted, from the measured
         channels. NaN in samples not used.
     rmse : dict of str to ndarray, shape (w,)
+    slow : ndarray, shape (w,)
+        Share of the residuals' scatter that goes on from one sample to the next (`excess_scatter`).
     converged : ndarray of bool, shape (w,)
     """
 
@@ -120,6 +122,7 @@ class Fit:
     residuals: dict[str, Array]
     prediction: dict[str, Array]
     rmse: dict[str, Array]
+    slow: Array
     converged: NDArray[np.bool_]
     min_samples: int
 
@@ -169,8 +172,9 @@ class Fit:
 
     @property
     def missed(self) -> NDArray[np.bool_]:
-        """Whether what the model leaves is larger, or lasts longer, than many samples of noise."""
-        return np.asarray((self.excess > 1.0) | (self.inflation > MISSED))
+        """Whether what the model leaves lasts for many samples of noise, and is not small beside it."""
+        large = (self.slow > SLOW) | (self.chi2 * (1.0 - SLOW) > self.dof)
+        return np.asarray((self.excess > 1.0) | ((self.inflation > MISSED) & large))
 
     @property
     def _told(self) -> NDArray[np.bool_]:

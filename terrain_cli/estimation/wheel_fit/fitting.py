@@ -13,6 +13,7 @@ from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.wheel_fit import starts
 from terrain_cli.estimation.wheel_fit.channel_noise import Noise
 from terrain_cli.estimation.wheel_fit.damped_search import descend
+from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
 from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, limits, solve
@@ -157,7 +158,7 @@ def fit(
     spread = float(student(np.array([dof]))[0]) / 1.959964 if learner else 1.0
     known = data.count > 0
     about = parameters((*model.soil, *local), sought, found, known, spread)
-    residuals, prediction, rmse = _residuals(
+    residuals, prediction, rmse, slow = _residuals(
         problem, data, found.t, found.common, rows, int(np.asarray(bounds)[-1])
     )
     return Fit(
@@ -173,6 +174,7 @@ def fit(
         residuals=residuals,
         prediction=prediction,
         rmse=rmse,
+        slow=slow if correlated else np.zeros(len(data.windows)),
         converged=converged,
         min_samples=min_samples,
     )
@@ -374,10 +376,10 @@ def _settled(problem: Problem, data: FitData, begun: State, order: int | None) -
 
 def _residuals(
     problem: Problem, data: FitData, t: Array, common: Array, rows: NDArray[np.intp], n: int
-) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
-    """Return residuals, predictions and root mean squares at the measured channels."""
+) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array], Array]:
+    """Return residuals, predictions, root mean squares and slow shares at the measured channels."""
     prediction = problem.predict(data, t, common, by=False, order=_order(problem.noise, data))
-    residuals, predicted, rmse = {}, {}, {}
+    residuals, predicted, rmse, left = {}, {}, {}, np.zeros_like(data.measured)
     for row, output in enumerate(data.outputs):
         name = "load" if output == BALANCE else output
         difference = data.measured[row] - value(getattr(prediction, output))
@@ -386,6 +388,7 @@ def _residuals(
         residuals[name], predicted[name] = np.full((2, n), np.nan)
         residuals[name][rows], predicted[name][rows] = difference, number
         count = segment_sum(data.seen[row].astype(float), data.bounds)
-        power = segment_sum(np.nan_to_num(difference) ** 2, data.bounds)
+        left[row] = np.nan_to_num(difference)
+        power = segment_sum(left[row] ** 2, data.bounds)
         rmse[name] = np.sqrt(np.divide(power, count, out=np.full_like(power, np.nan), where=count > 0.0))
-    return residuals, predicted, rmse
+    return residuals, predicted, rmse, slow_share(left, data.bounds)

@@ -44,6 +44,9 @@ _SPARSE = 0.6
 _REGULAR, _NEAR, _STEPS = 2 / 3, 0.2, 8
 #: Half way between one interval and two: jitter is bridged, a lost value is not. A slower clock is beyond it.
 _INTERVALS = 1.5
+#: The same for topics of a bag. Of rough loads interpolated between every second sample of the torque, 95 %
+#: intervals of φ covered 94 and 100 of 100; of every third 68 and 78, of every fourth 62 and 75.
+_SLOWER = 2.5
 #: Rows in which two columns would meet by chance, and the share of them in which columns meet that avoid
 #: each other: 1 of 8 is so by chance in 3 of 1000 tables (Poisson distribution).
 _MEETINGS, _AVOID = 8, 1 / 8
@@ -228,7 +231,7 @@ def slowest(times: Mapping[str, Array]) -> tuple[str, float] | None:
         return None
     name = max(intervals, key=intervals.__getitem__)
     usual = next(iter(intervals.values()))
-    return (name, intervals[name]) if intervals[name] > _INTERVALS * usual > 0.0 else None
+    return (name, intervals[name]) if intervals[name] > _SLOWER * usual > 0.0 else None
 
 
 def _interval(time: Array) -> tuple[float, bool]:

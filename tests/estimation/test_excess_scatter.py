@@ -1,0 +1,52 @@
+"""How long residuals last: noise that forgets is not taken for a slow misfit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from terrain_cli.estimation.wheel_fit.excess_scatter import memory, slow_share
+
+SERIES, N = 400, 300
+BOUNDS = np.array([0, N])
+
+
+def remembering(rng, decay, share=1.0):
+    """Return series of variance 1: a first-order process with this share of it, the rest white."""
+    series = rng.standard_normal((SERIES, N))
+    slow = series.copy()
+    for step in range(1, N):
+        slow[:, step] = decay * slow[:, step - 1] + np.sqrt(1.0 - decay**2) * series[:, step]
+    return np.sqrt(share) * slow + np.sqrt(1.0 - share) * rng.standard_normal((SERIES, N))
+
+
+def test_white_noise_is_never_taken_for_a_long_memory():
+    found = memory(np.random.default_rng(1).standard_normal((SERIES, N)), BOUNDS)
+    assert np.mean(found > 1.0) < 0.05
+    assert found.max() < 4.0
+
+
+@pytest.mark.parametrize(("decay", "share"), [(0.8, 1.0), (0.9, 0.5), (0.9, 1.0)])
+def test_a_true_memory_is_found(decay, share):
+    found = memory(remembering(np.random.default_rng(2), decay, share), BOUNDS)
+    truth = 1.0 + 2.0 * share * decay / (1.0 - decay)
+    assert 0.6 * truth < np.median(found) < 1.5 * truth
+
+
+def test_pieces_of_one_series_have_one_memory():
+    rows = remembering(np.random.default_rng(3), 0.8).reshape(1, -1)
+    bounds = np.arange(SERIES + 1) * N
+    assert memory(rows, bounds, together=True).shape == (1, 1)
+    assert memory(rows, bounds, together=True)[0, 0] == pytest.approx(9.0, rel=0.15)
+    assert memory(rows, bounds).shape == (1, SERIES)
+
+
+def test_the_share_that_is_slow():
+    rows = remembering(np.random.default_rng(4), 0.97, 0.5)[:3]
+    assert slow_share(rows, BOUNDS)[0] == pytest.approx(
+        max((r[1:] * r[:-1]).sum() / (r**2).sum() for r in rows)
+    )
+    # Not across the bounds.
+    alternating = np.array([[1.0, 1.0, -1.0, -1.0]])
+    np.testing.assert_allclose(slow_share(alternating, np.array([0, 2, 4])), 0.5)
+    np.testing.assert_allclose(slow_share(np.zeros((2, 4)), np.array([0, 4])), 0.0)
