@@ -156,7 +156,10 @@ def _convergence(traces: Sequence[Mapping[str, Any]]) -> Iterator[Picture]:
     from terrain_cli.views import figures
 
     several = len(traces) > 1
+    drawn = []
     for number, trace in enumerate(traces, 1):
         if len(trace["segment"]) and np.isfinite(trace["c_kPa"]).any():
             wheel = re.sub(r"[^\w-]+", "_", str(trace["wheel"][0]))[:40]
             yield f"convergence-{number}-{wheel}" if several else "convergence", figures.convergence(trace)
+            drawn.append(trace)
+    yield "convergence-of-all", figures.convergence_of_all(drawn)

@@ -81,8 +81,13 @@ def moments(comparison: Comparison) -> list[Moment]:
         Of the first few wheels whose sinkage is measured; none of the linear base, whose stresses
         are triangles.
     """
-    found = (_moment(wheel) for wheel in comparison.wheels if wheel.model.base == "wong-reece")
-    return [moment for moment in found if moment is not None][:MOST_MOMENTS]
+    several = len({wheel.source for wheel in comparison.wheels}) > 1
+    found = []
+    for wheel in comparison.wheels:
+        moment = _moment(wheel) if wheel.model.base == "wong-reece" else None
+        if moment is not None:
+            found.append(moment._replace(title=f"{wheel.source}\n{moment.title}") if several else moment)
+    return found[:MOST_MOMENTS]
 
 
 def _moment(wheel: WheelComparison) -> Moment | None:

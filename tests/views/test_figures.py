@@ -162,6 +162,60 @@ def test_convergence(comparison):
     assert phi[-1] == pytest.approx(trace["phi_deg"][int(x[-1]) - 1])
 
 
+def first_segments(wheel, most, **columns):
+    """Return the trace of the first segments of a wheel, with other columns put in their place."""
+    trace = segment_table.trace(wheel.windows)
+    here = np.asarray(trace["segment"]) <= most
+    own = {name: np.full(here.sum(), value) for name, value in columns.items()}
+    return {name: np.asarray(values)[here] for name, values in trace.items()} | own
+
+
+def named(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_convergence_of_all(comparison):
+    traces = [first_segments(wheel, 2) for wheel in comparison.wheels]
+    figure = figures.convergence_of_all(traces)
+    drawn(figure)
+    assert [axes.get_ylabel() for axes in figure.axes] == ["cohesion c (kPa)", "friction angle φ (°)"]
+    assert named(figure) == [
+        "front-left segment 1",
+        "front-left segment 2",
+        "front-right segment 1",
+        "front-right segment 2",
+    ]
+    # The last line begins with the first sample of its segment, and ends in sight.
+    (line,) = (line for line in figure.axes[1].get_lines() if line.get_label() == "front-right segment 2")
+    x, phi = line.get_xydata().T
+    assert x[0] == 1
+    assert len(x) == np.count_nonzero(traces[1]["segment"] == 2)
+    assert phi[-1] == pytest.approx(traces[1]["phi_deg"][-1])
+    low, high = figure.axes[1].get_ylim()
+    assert low < phi[-1] < high
+
+
+def test_convergence_of_logs_is_named_after_them(comparison):
+    logs = ["sand.csv", "clay.csv", "loam.csv", "snow.csv"]
+    figure = figures.convergence_of_all(
+        [first_segments(comparison.wheels[0], 1, source=log) for log in logs],
+    )
+    drawn(figure)
+    assert named(figure) == logs
+
+
+def test_convergence_of_what_is_not_told(comparison):
+    wheel = comparison.wheels[0]
+    nothing = dict.fromkeys(("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg"), np.nan)
+    drawn(figures.convergence_of_all([first_segments(wheel, 1), first_segments(wheel, 1, **nothing)]))
+
+
+def test_one_segment_or_too_many_are_not_drawn_over_one_another(comparison):
+    one = first_segments(comparison.wheels[0], 1)
+    for traces in ([], [one], [one] * 8):
+        assert figures.convergence_of_all(traces) is None
+
+
 def test_rim_stress(comparison):
     figure = figures.rim_stress(soil_table.moments(comparison))
     drawn(figure)
@@ -170,6 +224,15 @@ def test_rim_stress(comparison):
     assert angle[0] == pytest.approx(0.0, abs=1.0)
     # θm = θ1/2 without effects.
     assert angle[np.argmax(normal)] == pytest.approx(angle[-1] / 2.0, rel=0.05)
+
+
+def test_rim_stress_names_the_log_of_several(comparison):
+    wheel = comparison.wheels[0]
+    two = replace(comparison, wheels=[replace(wheel, source=f"{soil}.csv") for soil in ("sand", "clay")])
+    figure = figures.rim_stress(soil_table.moments(two))
+    drawn(figure)
+    assert [axes.get_title("left").splitlines()[0] for axes in figure.axes] == ["sand.csv", "clay.csv"]
+    assert "run.csv" not in texts(figures.rim_stress(soil_table.moments(comparison)))
 
 
 @pytest.mark.parametrize("name", ["$x^2$ <script> {} %s \\alpha", "a\nb 速度"])

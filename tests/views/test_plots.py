@@ -92,6 +92,12 @@ def test_estimates(comparison, tmp_path):
     ]
     written = {path.name for path in plots.write(outcomes, tmp_path)}
     assert {"strength.png", "track.svg", "convergence-1-front-left.png"} <= written
+    # Some forty segments cannot be told apart.
+    assert "convergence-of-all.png" not in written
+    for outcome in outcomes:
+        (trace,) = outcome.trace
+        outcome.trace[0] = {name: values[:50] for name, values in trace.items()}
+    assert "convergence-of-all.svg" in {path.name for path in plots.write(outcomes, tmp_path / "few")}
     # Without the recursive estimate there is nothing that converges.
     alone = plots.write([Outcome(table=outcomes[0].table, account={})], tmp_path / "alone")
     assert {path.stem for path in alone} == {"strength", "track"}

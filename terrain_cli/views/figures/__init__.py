@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from terrain_cli.views.figures.agreement import predicted_measured, residuals
 from terrain_cli.views.figures.ladder_figure import errors
-from terrain_cli.views.figures.recursion import convergence
+from terrain_cli.views.figures.recursion import convergence, convergence_of_all
 from terrain_cli.views.figures.rim_stress import rim_stress
 from terrain_cli.views.figures.soil_strength import strength
 from terrain_cli.views.figures.track import track
 
-__all__ = ["convergence", "errors", "predicted_measured", "residuals", "rim_stress", "strength", "track"]
+__all__ = [
+    "convergence",
+    "convergence_of_all",
+    "errors",
+    "predicted_measured",
+    "residuals",
+    "rim_stress",
+    "strength",
+    "track",
+]

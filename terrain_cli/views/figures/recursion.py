@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from terrain_cli.views import binning, segment_groups
-from terrain_cli.views.chart_style import COLOURS, FAINT, INK
+from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
@@ -22,6 +22,21 @@ if TYPE_CHECKING:
 MOST_SAMPLES = 3_000
 #: With more segments than this their limits would hide the lines.
 MOST_LIMITS = 40
+
+
+class _Quantity(NamedTuple):
+    """What one panel shows: columns of the trace, the label of the axis, and the most it may span."""
+
+    value: str
+    error: str
+    label: str
+    widest: tuple[float, float]
+
+
+_QUANTITIES = (
+    _Quantity("c_kPa", "c_se_kPa", "cohesion c (kPa)", (-np.inf, np.inf)),
+    _Quantity("phi_deg", "phi_se_deg", "friction angle φ (°)", (-90.0, 90.0)),
+)
 
 
 def convergence(trace: Mapping[str, Any]) -> Figure:
@@ -35,16 +50,12 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
     figure = Figure(figsize=(7.2, 4.8))
     upper, lower = figure.subplots(2, 1, sharex=True)
     number = np.asarray(trace["segment"])
-    starts = np.flatnonzero(np.diff(number, prepend=number[0] - 1)) if len(number) else np.empty(0, int)
+    starts = _starts(number)
     shown = binning.some(len(number), MOST_SAMPLES)
     # A thinned line would else bridge two segments.
     shown = np.union1d(shown, starts)
-    for axes, name, label, colour, widest in (
-        (upper, "c", "cohesion c (kPa)", COLOURS[0], (-np.inf, np.inf)),
-        (lower, "phi", "friction angle φ (°)", COLOURS[1], (-90.0, 90.0)),
-    ):
-        unit = "kPa" if name == "c" else "deg"
-        value, error = (np.asarray(trace[f"{name}{part}_{unit}"], float) for part in ("", "_se"))
+    for axes, quantity, colour in zip((upper, lower), _QUANTITIES, COLOURS, strict=False):
+        value, error = (np.asarray(trace[name], float) for name in (quantity.value, quantity.error))
         low, high = value - 1.96 * error, value + 1.96 * error
         axes.fill_between(
             shown + 1, low[shown], high[shown], color=colour, alpha=0.25, linewidth=0.0, label="± 1.96 s.e."
@@ -52,14 +63,75 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
         axes.plot(shown + 1, value[shown], color=colour, label="estimate")
         if len(starts) <= MOST_LIMITS:
             _limits(axes, number, starts, name_them=axes is upper)
-        _focus(axes, value, error, starts, widest)
-        axes.set_ylabel(label)
+        _focus(axes, value, error, starts, quantity.widest)
+        axes.set_ylabel(quantity.label)
         axes.legend(loc="lower right", ncols=2)
     lower.set_xlabel("sample")
     lower.set_xlim(1, max(len(number), 2))
     where = ", ".join(f"{key} {trace[key][0]}" for key in ("source", "wheel") if len(number))
     figure.suptitle(where, fontsize=9.0, x=0.01, ha="left")
     return figure
+
+
+def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
+    """Draw c and φ of all segments over one another, each from its own first sample.
+
+    Parameters
+    ----------
+    traces : sequence of mapping
+        Each as for `convergence`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure or None
+        None where there is one segment only, or there are more than can be told apart.
+    """
+    parts = [part for trace in traces for part in _segments(trace)]
+    if not 1 < len(parts) <= len(COLOURS):
+        return None
+    longest = max(len(part["segment"]) for part in parts)
+    # Errors stand beside the lines: bands over one another would hide what they are of.
+    beside = longest * (1.02 + 0.02 * np.arange(len(parts) + 1))
+    figure = Figure(figsize=(7.2, 4.8))
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for axes, quantity in zip((upper, lower), _QUANTITIES, strict=True):
+        for j, (part, name) in enumerate(zip(parts, _names(parts), strict=True)):
+            value = part[quantity.value]
+            shown = binning.some(len(value), MOST_SAMPLES)
+            axes.plot(shown + 1, value[shown], color=COLOURS[j], linestyle=LINES[j], label=name)
+        last = np.array([part[quantity.value][-1] for part in parts])
+        reach = 1.96 * np.nan_to_num([part[quantity.error][-1] for part in parts])
+        for j in range(len(parts)):
+            style = {"color": COLOURS[j], "marker": MARKERS[j], "markersize": 3.0, "capsize": 2.0}
+            axes.errorbar(beside[j], last[j], reach[j], **style)
+        # A soil that is hardly told is no reason to press the others flat.
+        reach = np.minimum(reach, 3.0 * np.median(reach))
+        low, high = binning.limits(last - reach, last + reach, np.zeros(1), margin=0.05)
+        axes.set_ylim(max(low, quantity.widest[0]), min(high, quantity.widest[1]))
+        axes.axvline(longest, color=FAINT, linewidth=0.8)
+        axes.set_ylabel(quantity.label)
+    above = {"transform": upper.get_xaxis_transform(), "fontsize": 7.5, "color": INK, "ha": "right"}
+    upper.text(beside[-1], 1.02, "± 1.96 s.e.", **above)
+    lower.set(xlabel="sample of the segment", xlim=(1, beside[-1]))
+    figure.legend(*upper.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _segments(trace: Mapping[str, Any]) -> list[dict[str, NDArray[Any]]]:
+    """Take a trace apart."""
+    columns = {name: np.asarray(values) for name, values in trace.items()}
+    rows = np.arange(len(columns["segment"]))
+    parts = np.split(rows, _starts(columns["segment"])[1:])
+    return [{name: values[part] for name, values in columns.items()} for part in parts if len(part)]
+
+
+def _names(parts: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Name segments by what tells them apart."""
+    rows = [
+        (str(part["source"][0]), str(part["wheel"][0]), f"segment {part['segment'][0]}") for part in parts
+    ]
+    differs = [len(set(column)) > 1 for column in zip(*rows, strict=True)]
+    return [" ".join(text for text, told in zip(row, differs, strict=True) if told) for row in rows]
 
 
 def _limits(axes: Axes, number: Any, starts: NDArray[np.intp], *, name_them: bool) -> None:
@@ -92,3 +164,8 @@ def _focus(
     reach = np.minimum(room, 3.0 * np.median(room))
     low, high = segment_groups.usual(np.concatenate([last - reach, last + reach]))
     axes.set_ylim(max(low, widest[0]), min(high, widest[1]))
+
+
+def _starts(number: NDArray[Any]) -> NDArray[np.intp]:
+    """Return the first sample of each segment."""
+    return np.flatnonzero(np.diff(number, prepend=number[0] - 1)) if len(number) else np.empty(0, int)
