@@ -125,6 +125,11 @@ class FitData:
         spread = np.repeat(self.count / np.maximum(count, 1), count)
         return np.repeat(self.bounds[:-1], count) + ((place + 0.5) * spread).astype(np.intp), count
 
+    def thinned(self, most: int) -> FitData:
+        """Return evenly spread samples of every window, so many at the most."""
+        rows, count = self.thin(most)
+        return self.take(rows, count, np.arange(len(count)))
+
     def blocks(self, size: int = _BLOCK) -> Iterator[NDArray[np.intp]]:
         """Yield runs of whole windows.
 

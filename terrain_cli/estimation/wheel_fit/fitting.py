@@ -1,4 +1,4 @@
-"""The steps of a fit: noise, starting values, search, errors."""
+"""The steps of a fit: noise, search, errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from terrain_cli.estimation.line.correlation import student
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.wheel_fit import starts
 from terrain_cli.estimation.wheel_fit.channel_noise import Noise
-from terrain_cli.estimation.wheel_fit.damped_search import descend
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
@@ -22,9 +21,10 @@ from terrain_cli.estimation.wheel_fit.noise_differences import ScaledDifferences
 from terrain_cli.estimation.wheel_fit.noise_likelihood import LikelyNoise
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
-from terrain_cli.estimation.wheel_fit.strayed_windows import mend, put
+from terrain_cli.estimation.wheel_fit.strayed_windows import mend
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.estimation.wheel_fit.wild_samples import wild_samples
+from terrain_cli.estimation.wheel_fit.window_search import enough_nodes, search, settled_search
 from terrain_cli.mechanics.dual import value
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
@@ -34,25 +34,17 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.gauss_newton import State
     from terrain_cli.mechanics.prior import Prior
     from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
 
     Array = NDArray[np.float64]
 
-#: Nodes on each arc that are enough where the noise is above `_FINE`: forces right to 1e-4.
-_COARSE, _FINE = 6, 1e-3
-#: Samples of each window, and iterations, that bring the search near.
-_SOME, _ROUGH = 5, 3
-#: Rounds that bring the noise near enough to tell what is none.
-_NEAR = 8
+#: Rounds, and steps of the search in each, that bring the noise near enough to tell what is none.
+_NEAR, _NEAR_STEPS = 8, 2
 #: Samples of a window that tell what leads its fit astray, and what other noise does to it.
 _ENOUGH = 200
-#: Windows, and samples of them, that tell the noise: enough to know it by 2 %.
-_TELLING, _TELLING_SAMPLES = 200, 6_000
-#: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
-#: windows above which it is the model, not the search, that fails.
-_BAD, _FEW_BAD = 6.0, 0.2
+#: Samples that bring the noise near, and how many of a window tell noise from soil.
+_NEAR_SAMPLES, _EACH = 600, 30
 #: Samples fitted at a time, where windows share nothing.
 _GROUP = 100_000
 
@@ -141,16 +133,18 @@ def fit(
     if noise is None:
         differences = by_differences
         learner = ScaledDifferences(data, ordered=correlated) if differences else LikelyNoise(data, size)
-    dof = np.inf
-    if learner is not None:
-        problem, dof = _learn(problem, data, learner, learner.rounds if by_differences else _NEAR)
+    dof, begun = np.inf, None
+    if isinstance(learner, ScaledDifferences):
+        problem, dof, _ = _learn(problem, data, learner)
+    elif learner is not None:
+        problem, dof, begun = _learn(problem, data, learner, near=True)
     if not by_differences:
-        data, rows = _without_wild(problem, data, rows)
+        data, rows = _without_wild(problem, data, rows, begun)
         problem = replace(problem, robust=robust)
         if learner is not None:
-            problem, dof = _learn(problem, data, learner, learner.rounds)
-    order = _order(problem.noise, data)
-    found, converged = _all(problem, data, order, correlated=correlated, tempered=by_differences)
+            problem, dof, begun = _learn(problem, data, learner)
+    order = enough_nodes(problem.noise, data)
+    found, converged = _all(problem, data, order, begun, correlated=correlated, tempered=by_differences)
     if isinstance(learner, LikelyNoise):
         found = _widened(problem, data, found, learner.others())
     if not by_differences:
@@ -180,27 +174,21 @@ def fit(
     )
 
 
-def _order(noise: Noise, data: FitData) -> int | None:
-    """Return how many nodes the noise of what is predicted is worth."""
-    for output in data.outputs:
-        name = "load" if output == BALANCE else output
-        if name in data.channels:
-            size = float(np.sqrt(np.mean(data.channels[name] ** 2))) if len(data.channels[name]) else 1.0
-            deviation = float(np.sqrt(noise.variance(name, np.array([size]))[0]))
-            if deviation < _FINE * size:
-                return None
-    return _COARSE
-
-
 def _all(
-    problem: Problem, data: FitData, order: int | None, *, correlated: bool, tempered: bool
+    problem: Problem,
+    data: FitData,
+    order: int | None,
+    begun: tuple[Array, Array] | None,
+    *,
+    correlated: bool,
+    tempered: bool,
 ) -> tuple[Posterior, NDArray[np.bool_]]:
     """Fit all windows: together where they share something, else in groups that bound the memory."""
     groups = [np.arange(len(data.windows))] if problem.unknowns.shared else list(data.blocks(_GROUP))
     parts, converged = [], []
     for group in groups or [np.arange(0)]:
         part = data if len(group) == len(data.windows) else data.only(group)
-        state = _search(problem, part, order)
+        state = search(problem, part, order, begun and (begun[0][group], begun[1]))
         found = posterior(problem, part, state, order=order, correlated=correlated)
         parts.append(mend(problem, part, state, found, order=order, correlated=correlated, tempered=tempered))
         converged.append(state.converged)
@@ -215,12 +203,12 @@ def _all(
 
 
 def _without_wild(
-    problem: Problem, data: FitData, rows: NDArray[np.intp]
+    problem: Problem, data: FitData, rows: NDArray[np.intp], begun: tuple[Array, Array] | None
 ) -> tuple[FitData, NDArray[np.intp]]:
     """Return the samples that are not too far from a robust fit for noise."""
-    order = _order(problem.noise, data)
-    some = _thinned(data, _ENOUGH)
-    wild = wild_samples(problem, data, _search(problem, some, order), order)
+    order = enough_nodes(problem.noise, data)
+    some = data.thinned(_ENOUGH)
+    wild = wild_samples(problem, data, search(problem, some, order, begun), order)
     if not wild.any():
         return data, rows
     kept = np.flatnonzero(~wild)
@@ -228,19 +216,14 @@ def _without_wild(
     return data.take(kept, np.diff(bounds), np.arange(len(bounds) - 1)), rows[kept]
 
 
-def _thinned(data: FitData, most: int) -> FitData:
-    rows, count = data.thin(most)
-    return data.take(rows, count, np.arange(len(count)))
-
-
 def _widened(problem: Problem, data: FitData, found: Posterior, others: Iterable[Noise]) -> Posterior:
     """Add what a standard error of the noise does to the unknowns to their covariance.
 
     It does nearly the same with some of the samples as with all. In the end no less is known than beforehand.
     """
-    order = _order(problem.noise, data)
-    some = _thinned(data, _ENOUGH)
-    begun = _settled(problem, some, initial(some, found.t, found.common), order)
+    order = enough_nodes(problem.noise, data)
+    some = data.thinned(_ENOUGH)
+    begun = settled_search(problem, some, initial(some, found.t, found.common), order)
     for noise in others:
         there = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
         elsewhere = solve(replace(problem, noise=noise), some, there, order=order)
@@ -281,66 +264,33 @@ def _room(variance: Array, way: Array) -> Array:
     return np.asarray(share.min(axis=-1, initial=1.0, keepdims=True))
 
 
-def _search(problem: Problem, data: FitData, order: int | None) -> State:
-    """Find the most probable unknowns, from several beginnings where one does not suffice."""
-    t, common = starts.centre(problem, data)
-    begun = [common, *starts.of_shapes(problem, common)]
-    if len(begun) > 1:
-        ends = [_towards(problem, data, t, one, order) for one in begun]
-        return min(ends, key=lambda end: float(end.merit.sum() + np.sum(end.common**2)))
-    state = _towards(problem, data, t, common, order)
-    if problem.unknowns.shared:
-        return state
-    return _elsewhere(problem, data, state, common, order)
-
-
-def _towards(problem: Problem, data: FitData, t: Array, common: Array, order: int | None) -> State:
-    """Search from one beginning: with few samples and nodes, then with all."""
-    some = _thinned(data, _SOME)
-    rough = solve(problem, some, initial(some, t, common), order=_COARSE, iterations=_ROUGH)
-    state = solve(problem, data, initial(data, rough.t, rough.common), order=_COARSE)
-    if order != _COARSE:
-        state = solve(problem, data, state, order=order)
-    return state
-
-
-def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, order: int | None) -> State:
-    """Search again, from elsewhere, in the windows that fit badly."""
-    t = state.t
-    usual = segment_sum(data.seen.sum(axis=0).astype(float), data.bounds) + t.shape[1]
-    bad = np.flatnonzero(~state.converged | (state.merit > usual + _BAD * np.sqrt(2.0 * usual)))
-    if len(bad) == 0 or len(bad) > max(_FEW_BAD * len(t), 5):
-        return state
-    again = data.only(bad)
-    rows = data.rows_of(bad)
-    for other in starts.others(problem, again, common):
-        tried = solve(problem, again, initial(again, other, common), order=order)
-        better = tried.converged & ((tried.merit < state.merit[bad] - 0.1) | ~state.converged[bad])
-        at = bad[better]
-        state.t[at], state.merit[at], state.converged[at] = tried.t[better], tried.merit[better], True
-        inside = np.repeat(better, again.count)
-        state.latent[:, rows[inside]] = tried.latent[:, inside]
-    return state
-
-
 def _learn(
-    problem: Problem, data: FitData, learner: LikelyNoise | ScaledDifferences, rounds: int
-) -> tuple[Problem, float]:
-    """Learn the noise of the sensors; return it in the problem, and the degrees of freedom that told it."""
+    problem: Problem,
+    data: FitData,
+    learner: LikelyNoise | ScaledDifferences,
+    *,
+    near: bool = False,
+) -> tuple[Problem, float, tuple[Array, Array]]:
+    """Learn the noise of the sensors; return the problem with it, its degrees of freedom, and the unknowns.
+
+    `near` is enough to tell what is none.
+    """
     problem = replace(problem, noise=learner.noise)
+    ends = starts.centre(problem, data)
     filled = np.flatnonzero(data.count > 0)
     if len(filled) == 0:
-        return problem, 1.0
-    sample = data.only(filled[np.unique(np.linspace(0, len(filled) - 1, _TELLING).astype(int))])
-    sample = _thinned(sample, _TELLING_SAMPLES // len(sample.windows))
+        return problem, 1.0, ends
+    most = _NEAR_SAMPLES if near else learner.samples
+    telling = filled[np.unique(np.linspace(0, len(filled) - 1, most // _EACH).astype(int))]
+    sample = data.only(telling)
+    sample = sample.thinned(most // len(sample.windows))
     local = len(problem.unknowns.local)
-    t, common = starts.centre(problem, sample)
-    state, dof = initial(sample, t, common), 1.0
-    if next(starts.of_shapes(problem, common), None) is not None:
-        state = _search(problem, sample, _order(problem.noise, sample))
-    for _ in range(rounds):
-        order = _order(problem.noise, sample)
-        state = _settled(problem, sample, state, order)
+    state, dof = initial(sample, *starts.centre(problem, sample)), 1.0
+    if next(starts.of_shapes(problem, state.common), None) is not None:
+        state = search(problem, sample, enough_nodes(problem.noise, sample))
+    for _ in range(_NEAR if near else learner.rounds):
+        order = enough_nodes(problem.noise, sample)
+        state = settled_search(problem, sample, state, order)
         learner.begin(sample)
         normal = accumulate(
             problem, sample, state.t, state.common, state.latent, order=order, each=learner.add
@@ -354,31 +304,15 @@ def _learn(
         problem = replace(problem, noise=learner.noise)
         if settled:
             break
-    return problem, dof
-
-
-def _settled(problem: Problem, data: FitData, begun: State, order: int | None) -> State:
-    """Search from where the last one ended, by steps that never go uphill where the quick ones get lost.
-
-    Residuals of a search that is lost say nothing of the noise, and differ with the last digit.
-    """
-    state = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
-    state = solve(problem, data, state, order=order)
-    lost = np.flatnonzero(~state.converged)
-    if len(lost) == 0:
-        return state
-    if problem.unknowns.shared:
-        return descend(problem, data, begun.t, begun.common, order=order)
-    ends = descend(problem, data.only(lost), begun.t[lost], begun.common, order=order)
-    put(state, ends, lost, data.rows_of(lost))
-    return state
+    ends[0][telling[state.converged]] = state.t[state.converged]
+    return problem, dof, (ends[0], state.common)
 
 
 def _residuals(
     problem: Problem, data: FitData, t: Array, common: Array, rows: NDArray[np.intp], n: int
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array], Array]:
     """Return residuals, predictions, root mean squares and slow shares at the measured channels."""
-    prediction = problem.predict(data, t, common, by=False, order=_order(problem.noise, data))
+    prediction = problem.predict(data, t, common, by=False, order=enough_nodes(problem.noise, data))
     residuals, predicted, rmse, left = {}, {}, {}, np.zeros_like(data.measured)
     for row, output in enumerate(data.outputs):
         name = "load" if output == BALANCE else output

@@ -43,6 +43,8 @@ class ScaledDifferences:
     """
 
     rounds = ROUNDS
+    #: Of all windows together, enough to know the noise by 2 %.
+    samples = 6_000
 
     def __init__(self, data: FitData, *, ordered: bool) -> None:
         self._ordered = ordered
