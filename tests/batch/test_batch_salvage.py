@@ -54,6 +54,7 @@ def logs(tmp_path_factory):
 def run(logs, tmp_path, monkeypatch, capfd):
     """Return a function that runs the command beside the logs, and returns exit code, stdout and stderr."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TERRAIN_EST_METHOD", missions.METHOD)
     monkeypatch.setattr(batches, "LocalPool", missions.Inline)
     shutil.copytree(logs, "in")
 
