@@ -12,13 +12,7 @@ if TYPE_CHECKING:
 
 
 class Arrivals:
-    """Tells inputs that have come to rest from those that are still written.
-
-    Parameters
-    ----------
-    settle : float
-        Seconds for which size and stamp must stay as they are.
-    """
+    """Tells inputs whose size and stamp stayed for `settle` seconds from those that are still written."""
 
     def __init__(self, settle: float) -> None:
         self._settle = settle
@@ -26,15 +20,7 @@ class Arrivals:
         self._seen: dict[str, tuple[object, float, bool]] = {}
 
     def rested(self, items: Sequence[Input], now: float | None = None) -> list[Input]:
-        """Return the inputs that are at rest and were not returned before.
-
-        Parameters
-        ----------
-        items : sequence of Input
-            All that are there now.
-        now : float, optional
-            On the monotonic clock.
-        """
+        """Return the inputs that are at rest and were not returned before."""
         now = time.monotonic() if now is None else now
         found = []
         for item in items:

@@ -39,25 +39,8 @@ _STEM_BYTES = 120
 class Folder:
     """The folder of a batch, as the manifest describes it.
 
-    Parameters
-    ----------
-    writable : bool
-        Whether to make and lock the folder. Read only, it may be missing, and another process may
-        be writing to it.
-
-    Attributes
-    ----------
-    latest : dict of str to ManifestEntry
-        The entry that holds, by location; in the order in which they were written.
-    holders : dict of (str, str) to str
-        The location that stands for a content (hash) under a configuration.
-    kept : dict of (str, str) to tuple
-        Pointer to the record of a content under a configuration.
-
-    Raises
-    ------
-    CannotWriteError
-        Another batch holds it, or nothing can be written here.
+    Only where it is writable is it made and locked: it may be missing, or another process may be writing to
+    it.
     """
 
     def __init__(self, path: str, *, writable: bool = True) -> None:
@@ -140,47 +123,21 @@ class Folder:
             self.kept[key] = entry.record
 
     def add(self, entry: ManifestEntry) -> None:
-        """Write an entry of the manifest.
-
-        Raises
-        ------
-        CannotWriteError
-        """
+        """Write an entry of the manifest."""
         self.manifest.add(entry)
         self._note(entry)
 
     def record(self, key: tuple[str, str]) -> bytes | None:
-        """Return what was computed of a content under a configuration.
-
-        Returns
-        -------
-        bytes or None
-            None if nothing was, or it is damaged.
-        """
+        """Return what was computed of a content under a configuration; None if there is nothing whole."""
         kept = self.kept.get(key)
         return self.records.read(kept) if kept and self.records else None
 
     def put(self, name: str, data: bytes) -> None:
-        """Write a file whole.
-
-        Parameters
-        ----------
-        name : str
-            Below the folder.
-
-        Raises
-        ------
-        CannotWriteError
-        """
+        """Write a file below the folder whole."""
         durable_files.put(data, self.state / _NEW, self.path / name)
 
     def publish(self, name: str) -> None:
-        """Put a file that lies ready in `state` beside the manifest.
-
-        Raises
-        ------
-        CannotWriteError
-        """
+        """Put a file that lies ready in `state` beside the manifest."""
         durable_files.place(self.state / name, self.path / name)
 
     @property
@@ -193,24 +150,13 @@ class Folder:
         durable_files.put(note, self.state / _NEW, self.state / _ASSEMBLED)
 
     def remove(self, name: str | None) -> None:
-        """Remove a file that is not to be taken for a result any more.
-
-        Raises
-        ------
-        CannotWriteError
-        """
+        """Remove a file that is not to be taken for a result any more."""
         # A manifest that someone has changed is not to lead out of the folder.
         if name and re.fullmatch(rf"{RESULTS}/[^/]+", name):
             durable_files.remove(self.path / name)
 
     def has_result(self, entry: ManifestEntry, name: str) -> bool:
-        """Tell whether the result of an input is there as it was written.
-
-        Parameters
-        ----------
-        name : str
-            Where it belongs.
-        """
+        """Tell whether the result of an input is there as it was written, where it belongs."""
         if entry.result != name:
             return False
         try:
@@ -227,12 +173,7 @@ class Folder:
 def belongs(root: Path, file: str) -> bool:
     """Tell whether a file has a name that a batch into a folder writes.
 
-    Parameters
-    ----------
-    root : Path
-        The folder, without links.
-    file : str
-        Links in its name are followed; what is at the end of one may belong there, or the link itself.
+    Links in its name are followed; what is at the end of one may belong there, or the link itself.
     """
     above, own = os.path.split(file)
     itself = Path(os.path.realpath(above), own)
@@ -255,15 +196,8 @@ def is_batch(path: str) -> bool:
 def result_name(location: str, kind: str) -> str:
     """Return where the result of an input belongs, below the folder.
 
-    Parameters
-    ----------
-    kind : {"parquet", "csv"}
-
-    Returns
-    -------
-    str
-        Its own name for people, and a hash of all of its location: inputs of one name in two
-        folders have two results, and none leads out of the folder.
+    Its own name for people, and a hash of all of its location: inputs of one name in two folders have two
+    results, and none leads out of the folder.
     """
     own = location.rstrip("/").rpartition("/")[2]
     readable = re.sub(r"[^\w.+=-]", "_", own, flags=re.ASCII).lstrip(".")[:_STEM_BYTES] or "input"

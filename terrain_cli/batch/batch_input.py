@@ -11,24 +11,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Input:
-    """One input, as it was found.
+    """One input, as it was found."""
 
-    Parameters
-    ----------
-    path : str
-        As it was named, for people and for the column `source`.
-    location : str
-        Its absolute path, or its address: what makes it the same input next time.
-    size : int or None
-        Bytes; of a folder, of all its files.
-    stamp : str or None
-        Changes when the input is written; None where nothing tells.
-    problem : FormatError or None
-        Why it cannot be read.
-    """
-
-    path: str
-    location: str
-    size: int | None
-    stamp: str | None
-    problem: FormatError | None = None
+    path: str  # As it was named, for people and for the column `source`
+    location: str  # Its absolute path, or its address: what makes it the same input next time
+    size: int | None  # Bytes; of a folder, of all its files
+    stamp: str | None  # Changes when the input is written; None where nothing tells
+    problem: FormatError | None = None  # Why it cannot be read

@@ -36,36 +36,19 @@ _PAUSE = 10
 
 @dataclass(frozen=True, kw_only=True)
 class Order:
-    """How a batch is to be run.
+    """How a batch is to be run."""
 
-    Parameters
-    ----------
-    kind : {"parquet", "csv"}
-        Of the results.
-    also : tuple of str
-        Further kinds of the mission table.
-    scheduler : str or None
-        Of a Dask cluster, in place of processes here.
-    timeout : float or None
-        Seconds that one input may take.
-    memory : int or None
-        Bytes that one worker may take.
-    largest : int
-        Bytes that are copied from a store at the most.
-    settle : float or None
-        To go on taking what arrives: seconds for which an input must have stayed as it is.
-    """
-
-    kind: str = "parquet"
-    also: tuple[str, ...] = ()
+    kind: str = "parquet"  # "parquet" or "csv": of the results
+    also: tuple[str, ...] = ()  # Further kinds of the mission table
     jobs: int = 1
     scheduler: str | None = None
-    timeout: float | None = None
-    memory: int | None = None
-    largest: int = int(COPY_GB * 1e9)
+    timeout: float | None = None  # Seconds that one input may take
+    memory: int | None = None  # Bytes that one worker may take
+    largest: int = int(COPY_GB * 1e9)  # Bytes that are copied from a store at the most
     force: bool = False
     retry_failed: bool = False
     fail_fast: bool = False
+    # To go on taking what arrives: seconds for which an input must have stayed as it is
     settle: float | None = None
 
     def wish(self, configuration: Configuration) -> decisions.Wish:
@@ -83,13 +66,7 @@ class Order:
 def preview(
     items: Sequence[Input], directory: str, configuration: Configuration, order: Order
 ) -> list[tuple[str, Input]]:
-    """Return what would be done, and why.
-
-    Parameters
-    ----------
-    directory : str
-        Of the batch; it need not be there.
-    """
+    """Return what would be done, and why; the folder need not be there."""
     with Folder(directory, writable=False) as folder:
         wish = order.wish(configuration)
         reasons = [
@@ -106,28 +83,9 @@ def run(
     order: Order,
     report: Callable[[Tally], None] = lambda _: None,
 ) -> Tally:
-    """Do what is new or changed among some inputs, and assemble the mission table.
+    """Do what is new or changed among inputs found under some names, and assemble the mission table.
 
-    Parameters
-    ----------
-    names : sequence of str
-        As `input_discovery.discover` takes them.
-    found : sequence of Input
-        What it finds.
-    directory : str
-        Made if it is not there.
-    report : callable
-        Called several times a second with how far it is.
-
-    Raises
-    ------
-    NotFoundError
-        There are no inputs at all.
-    CannotWriteError
-        Another batch is at work in the folder, or the disk is full. Whatever ends a batch, what it
-        has finished is kept.
-    TerrainError
-        The cluster cannot be used; the table cannot be assembled.
+    `report` is called several times a second. Whatever ends a batch, what it has finished is kept.
     """
     if order.settle is None and found and all(item.problem for item in found):
         raise next(item.problem for item in found if item.problem)

@@ -26,24 +26,14 @@ _LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow", "rosbags")
 
 @dataclass(frozen=True)
 class Configuration:
-    """What is the same for all inputs of a batch.
-
-    Parameters
-    ----------
-    settings : Settings
-        As they were given.
-    model : ModelFile or None
-        The model that `settings` name, read once: a file that is changed during a batch changes
-        nothing of it.
-    document : dict
-        All that decides on the numbers, for JSON.
-    """
+    """What is the same for all inputs of a batch."""
 
     rover: Rover
-    settings: Settings
+    settings: Settings  # As they were given
+    # The model that `settings` name, read once: a file that is changed during a batch changes nothing of it
     model: ModelFile | None
     crs: str | None
-    document: dict[str, Any]
+    document: dict[str, Any]  # All that decides on the numbers, for JSON
 
     @property
     def hash(self) -> str:
@@ -63,13 +53,7 @@ class Configuration:
 
 
 def gather(rover: Rover, settings: Settings, crs: str | None) -> Configuration:
-    """Read all that decides on the numbers.
-
-    Raises
-    ------
-    UsageError, ConfigurationError
-        As from `estimators.choose`.
-    """
+    """Read all that decides on the numbers."""
     file = estimators.choose(settings.method, settings.model, robust=settings.robust)
     model = None
     if file is not None:

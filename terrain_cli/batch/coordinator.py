@@ -45,31 +45,20 @@ class _Case:
 
 @dataclass(kw_only=True)
 class Tally:
-    """How far a batch has come.
+    """How far a batch has come."""
 
-    Parameters
-    ----------
-    total : int
-        Inputs for which something is to be done.
-    counts : Counter
-        Of those finished: "ok", "restored", "failed", "duplicate". Of the others: "as before", and
-        "failed before".
-    bytes_total, bytes_done : int
-        With something for each input, however small.
-    failures : dict of str to ManifestEntry
-        Those of the inputs of this run that failed, now or before and unchanged; by location.
-    salvaged : list of ManifestEntry
-        Those of the damaged inputs that were read in this run.
-    remarks : dict of str to list of str
-        What was remarked on inputs of this run, and on which.
-    """
-
-    total: int = 0
+    total: int = 0  # Inputs for which something is to be done
+    # Of those finished: "ok", "restored", "failed", "duplicate". Of the others: "as before", and "failed
+    # before".
     counts: Counter[str] = field(default_factory=Counter)
+    # bytes_total, bytes_done: with something for each input, however small
     bytes_total: int = 0
     bytes_done: int = 0
+    # Those of the inputs of this run that failed, now or before and unchanged; by location
     failures: dict[str, ManifestEntry] = field(default_factory=dict)
+    # Those of the damaged inputs that were read in this run
     salvaged: list[ManifestEntry] = field(default_factory=list)
+    # What was remarked on inputs of this run, and on which
     remarks: dict[str, list[str]] = field(default_factory=dict)
 
     @property
@@ -102,13 +91,7 @@ class Keeper:
         self._sizes = Counter(entry.size for entry in folder.latest.values() if entry.sha256)
 
     def add(self, items: Iterable[Input]) -> None:
-        """Take on inputs.
-
-        Raises
-        ------
-        CannotWriteError
-            As from `step`.
-        """
+        """Take on inputs."""
         cases = []
         for item in items:
             entry = self._folder.latest.get(item.location)
@@ -135,21 +118,7 @@ class Keeper:
         return not (self._queue or self._ready or self._running)
 
     def step(self, seconds: float) -> None:
-        """Send out what can be done, and write down what was.
-
-        Parameters
-        ----------
-        seconds : float
-            To wait for an answer, at the most.
-
-        Raises
-        ------
-        CannotWriteError
-            The disk is full, or nothing can be written for another reason. What is in the folder
-            is whole.
-        TerrainError
-            There are no workers any more.
-        """
+        """Send out what can be done, wait some seconds at the most, and write down what was done."""
         self._send()
         for ticket, reply in self._pool.collect(seconds):
             self._answered(*self._running.pop(ticket), reply)
@@ -323,12 +292,7 @@ class Keeper:
             self._count(case, entry)
 
     def lost(self) -> None:
-        """Write down what was kept before, is damaged now, and was not among the inputs.
-
-        Raises
-        ------
-        CannotWriteError
-        """
+        """Write down what was kept before, is damaged now, and was not among the inputs."""
         for entry in list(self._folder.latest.values()):
             if entry.status == "ok" and (str(entry.sha256), entry.configuration) not in self._folder.kept:
                 text = f"{entry.path}: what was kept of it is damaged"

@@ -38,22 +38,7 @@ class SchedulerError(TerrainError):
 
 
 class Cluster:
-    """The workers of a Dask scheduler.
-
-    Parameters
-    ----------
-    address : str
-        Such as ``tcp://host:8786``.
-    timeout, memory
-        As for `LocalPool`.
-
-    Raises
-    ------
-    ConfigurationError
-        The extra is not installed.
-    SchedulerError
-        The scheduler cannot be reached, has no workers, or versions differ.
-    """
+    """The workers of a Dask scheduler, of the same versions as this program."""
 
     def __init__(self, address: str, timeout: float | None = None, memory: int | None = None) -> None:
         try:
@@ -108,18 +93,7 @@ class Cluster:
         future.add_done_callback(self._done.put)
 
     def collect(self, seconds: float) -> list[tuple[int, Reply]]:
-        """Return what was done.
-
-        Parameters
-        ----------
-        seconds : float
-            To wait at the most.
-
-        Raises
-        ------
-        SchedulerError
-            The scheduler has gone.
-        """
+        """Return what was done, after some seconds at the most."""
         done = []
         try:
             future = self._done.get(timeout=seconds)
@@ -216,15 +190,7 @@ def _check_versions(address: str, client: Any) -> None:
 
 
 def run_apart(task: Task, timeout: float | None, memory: int | None) -> Reply:
-    """Do a task in a process beside the worker: what the cluster calls.
-
-    Parameters
-    ----------
-    timeout : float or None
-        Seconds.
-    memory : int or None
-        Bytes.
-    """
+    """Do a task in a process beside the worker: what the cluster calls."""
     child: Child | None = getattr(_of_thread, "child", None)
     if child is None or not child.alive or _of_thread.limits != (timeout, memory):
         if child is not None:

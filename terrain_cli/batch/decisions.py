@@ -16,38 +16,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Wish:
-    """What a batch is asked for.
+    """What a batch is asked for."""
 
-    Parameters
-    ----------
-    configuration : str
-        Hash of what decides on the numbers.
-    twin : str
-        That of the same but for --salvage, which makes no difference to a whole input.
-    kind : {"parquet", "csv"}
-        Of the results.
-    force : bool
-        Do again what is done.
-    retry_failed : bool
-        Do again what failed, although nothing has changed.
-    """
-
-    configuration: str
-    twin: str = ""
+    configuration: str  # Hash of what decides on the numbers
+    twin: str = ""  # That of the same but for --salvage, which makes no difference to a whole input
     salvage: bool = False
-    kind: str = "parquet"
-    force: bool = False
-    retry_failed: bool = False
+    kind: str = "parquet"  # "parquet" or "csv": of the results
+    force: bool = False  # Do again what is done
+    retry_failed: bool = False  # Do again what failed, although nothing has changed
 
 
 def reason(item: Input, folder: Folder, wish: Wish) -> str | None:
-    """Say why something is to be done for an input.
-
-    Returns
-    -------
-    str or None
-        None if what the manifest says of it still holds.
-    """
+    """Say why something is to be done for an input; None if what the manifest says of it still holds."""
     entry = folder.latest.get(item.location)
     if entry is None:
         return "new"
@@ -69,13 +49,7 @@ def reason(item: Input, folder: Folder, wish: Wish) -> str | None:
 
 
 def key(sha256: str, folder: Folder, wish: Wish) -> tuple[str, str]:
-    """Return under which configuration a content is known, or else will be.
-
-    Returns
-    -------
-    (str, str)
-        Of `Folder.holders` and `Folder.kept`.
-    """
+    """Return under which configuration a content is known, or else will be: the key of `Folder.holders`."""
     own, other = (sha256, wish.configuration), (sha256, wish.twin)
     holder = folder.latest.get(folder.holders.get(other, ""))
     return other if own not in folder.holders and holder and _regardless(holder, wish) else own

@@ -50,13 +50,7 @@ def read_all(path: Path) -> bytes:
 
 
 def lines(path: Path) -> Iterator[bytes]:
-    """Read a file line by line; nothing if it is not there.
-
-    Yields
-    ------
-    bytes
-        With the end of the line, where it has one.
-    """
+    """Read a file line by line, ends of lines included; nothing if it is not there."""
     with explained(str(path)):
         try:
             stream = path.open("rb")
@@ -74,27 +68,7 @@ def write_all(descriptor: int, data: bytes) -> None:
 
 
 def append(descriptor: int, size: int, data: bytes, path: str) -> int:
-    """Add to the end of a file, all or nothing.
-
-    Parameters
-    ----------
-    descriptor : int
-        Of a file opened to be added to.
-    size : int
-        Of the file now.
-    path : str
-        For the message.
-
-    Returns
-    -------
-    int
-        Bytes added.
-
-    Raises
-    ------
-    CannotWriteError
-        The file is as it was.
-    """
+    """Add to the end of a file of some size, all or nothing; `path` is for the message."""
     with explained(path):
         try:
             write_all(descriptor, data)
@@ -106,17 +80,7 @@ def append(descriptor: int, size: int, data: bytes, path: str) -> int:
 
 
 def put(data: bytes, temporary: Path, target: Path) -> None:
-    """Write a file whole. A link at its place is replaced, not followed.
-
-    Parameters
-    ----------
-    temporary : Path
-        On the same disk; overwritten, and gone afterwards.
-
-    Raises
-    ------
-    CannotWriteError
-    """
+    """Write a file whole, by way of a temporary one on the same disk. A link at its place is replaced."""
     with explained(str(target)):
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW, 0o666)
         try:
@@ -132,24 +96,14 @@ def put(data: bytes, temporary: Path, target: Path) -> None:
 
 
 def place(temporary: Path, target: Path) -> None:
-    """Put a file that is complete where it belongs.
-
-    Raises
-    ------
-    CannotWriteError
-    """
+    """Put a file that is complete where it belongs."""
     with explained(str(target)):
         # Its name is on the disk when the manifest, which is written next, is: in that order.
         os.replace(temporary, target)  # noqa: PTH105 - as all writes here, by the system's own name
 
 
 def remove(path: Path) -> None:
-    """Remove a file that may be there.
-
-    Raises
-    ------
-    CannotWriteError
-    """
+    """Remove a file that may be there."""
     with explained(str(path)):
         try:
             os.unlink(path)  # noqa: PTH108

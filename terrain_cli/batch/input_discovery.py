@@ -22,22 +22,9 @@ _BLOCK = 1 << 20
 
 
 def discover(names: Sequence[str]) -> list[Input]:
-    """Find the inputs that names stand for.
+    """Find the inputs that names or addresses stand for, in the order given, nothing twice.
 
-    Parameters
-    ----------
-    names : sequence of str
-        As `formats.expand` takes them, and addresses such as ``s3://bucket/day1/*.bag``.
-
-    Returns
-    -------
-    list of Input
-        In the order given, nothing twice. What is not there is an input with a problem.
-
-    Raises
-    ------
-    UsageError
-        The standard input, which cannot be read again.
+    What is not there is an input with a problem. The standard input cannot be read again: UsageError.
     """
     found: dict[str, Input] = {}
     for name in names:
@@ -99,12 +86,7 @@ def _files(folder: str) -> Iterator[str]:
 
 
 def content_hash(path: str) -> str:
-    """Return the hash of what a file holds, or of the files of a folder and their names in it.
-
-    Raises
-    ------
-    NotFoundError, FormatError
-    """
+    """Return the hash of what a file holds, or of the files of a folder and their names in it."""
     digest = sha256()
     try:
         if Path(path).is_dir():
@@ -126,13 +108,7 @@ def _of_file(path: str) -> str:
 
 
 def check_unchanged(item: Input) -> None:
-    """Make sure that an input is still what it was when it was found.
-
-    Raises
-    ------
-    NotFoundError
-        It is gone, or was written since.
-    """
+    """Make sure that an input is still there, and what it was when it was found."""
     now = local(item.location)
     if now.problem:
         raise now.problem

@@ -21,72 +21,36 @@ Status = Literal["ok", "failed", "duplicate"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManifestEntry:
-    """What became of one input; the last entry of a location holds.
-
-    Parameters
-    ----------
-    path : str
-        As it was named.
-    location : str
-        Its absolute path, or its address.
-    size : int or None
-        Bytes; of a folder, of all its files.
-    stamp : str or None
-        Changes when the input is written; None where nothing tells.
-    sha256 : str or None
-        Hash of the content; None where it could not be read.
-    configuration : str
-        Hash of what decides on the numbers; `configurations/` says what it stands for.
-    versions : dict of str to str
-        Of this program and what it computes with.
-    status : {"ok", "failed", "duplicate"}
-    duplicate_of : str or None
-        The path of the input with the same content.
-    exit_code : int or None
-        What `terrain-est estimate` would have ended with; None of a duplicate.
-    passing : bool
-        The error may be gone next time: a worker was killed or hung, memory or a disk was short.
-    recovered : float or None
-        Share that --salvage read of a damaged input; None where nothing tells, and of whole ones.
-    recovered_of : str or None
-        What it is a share of; None of whole inputs.
-    warnings : list of str
-        What `terrain-est estimate` would have remarked.
-    seconds : float
-        Spent on it by the worker.
-    result : str or None
-        Its result file, below the folder of the batch.
-    record : tuple of (int, int, str) or None
-        Where the rows of the mission table are kept: offset, bytes and hash.
-    finished : str
-        ISO 8601, UTC.
-    """
+    """What became of one input; the last entry of a location holds."""
 
     path: str
-    location: str
-    size: int | None
-    stamp: str | None
-    sha256: str | None
-    configuration: str
-    versions: dict[str, str]
+    location: str  # Its absolute path, or its address
+    size: int | None  # Bytes; of a folder, of all its files
+    stamp: str | None  # Changes when the input is written; None where nothing tells
+    sha256: str | None  # Hash of the content; None where it could not be read
+    configuration: str  # Hash of what decides on the numbers; `configurations/` says what it stands for
+    versions: dict[str, str]  # Of this program and what it computes with
     status: Status
-    duplicate_of: str | None = None
+    duplicate_of: str | None = None  # The path of the input with the same content
     error_class: str | None = None
     error: str | None = None
     hint: str | None = None
-    exit_code: int | None = None
+    exit_code: int | None = None  # What `terrain-est estimate` would have ended with; None of a duplicate
+    # The error may be gone next time: a worker was killed or hung, memory or a disk was short
     passing: bool = False
     samples: int | None = None
     set_aside: int | None = None
     segments: int | None = None
+    # Share that --salvage read of a damaged input; None where nothing tells, and of whole ones
     recovered: float | None = None
-    recovered_of: str | None = None
-    warnings: list[str] = field(default_factory=list)
+    recovered_of: str | None = None  # What it is a share of; None of whole inputs
+    warnings: list[str] = field(default_factory=list)  # What `terrain-est estimate` would have remarked
     seconds: float = 0.0
-    result: str | None = None
+    result: str | None = None  # Its result file, below the folder of the batch
     result_bytes: int | None = None
+    # Where the rows of the mission table are kept: offset, bytes and hash
     record: tuple[int, int, str] | None = None
-    finished: str = ""
+    finished: str = ""  # ISO 8601, UTC
 
     def line(self) -> bytes:
         """Return the line of the manifest, with its end."""
@@ -103,13 +67,7 @@ _NEEDED = frozenset({"path", "location", "size", "stamp", "sha256", "configurati
 
 
 def parse(line: bytes) -> ManifestEntry | None:
-    """Read a line of the manifest.
-
-    Returns
-    -------
-    ManifestEntry or None
-        None for a line that no batch wrote whole.
-    """
+    """Read a line of the manifest; None for one that no batch wrote whole."""
     try:
         values: Any = json.loads(line)
     except ValueError:
@@ -128,19 +86,10 @@ def parse(line: bytes) -> ManifestEntry | None:
 
 
 class Manifest:
-    """The manifest of a batch.
+    """The entries of a batch, in the order in which they were written.
 
-    Parameters
-    ----------
-    writable : bool
-        Whether to mend a last line that a kill cut off, and to add entries.
-
-    Attributes
-    ----------
-    entries : list of ManifestEntry
-        In the order in which they were written.
-    unreadable : list of int
-        Lines, from 1, that say nothing: their inputs count as never seen.
+    `unreadable` lines, from 1, say nothing: their inputs count as never seen. Only where it is writable is a
+    last line that a kill cut off mended.
     """
 
     def __init__(self, path: Path, *, writable: bool = True) -> None:
@@ -169,13 +118,7 @@ class Manifest:
                     os.ftruncate(self._descriptor, self._size)
 
     def add(self, entry: ManifestEntry) -> None:
-        """Write an entry, so that it outlasts a loss of power.
-
-        Raises
-        ------
-        CannotWriteError
-            Nothing of it is left in the file.
-        """
+        """Write an entry, so that it outlasts a loss of power, or nothing of it."""
         if self._descriptor < 0:
             raise CannotWriteError(str(self._path), "was opened to be read")
         self._size += append(self._descriptor, self._size, entry.line(), str(self._path))

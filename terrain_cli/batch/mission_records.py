@@ -33,11 +33,8 @@ _SI = "si:"
 class Records:
     """The file of records.
 
-    Parameters
-    ----------
-    end : int, optional
-        Where the last record ends that the manifest knows; what follows is forgotten. Only to
-        be read if not given.
+    `end` is where the last record ends that the manifest knows; what follows is forgotten. Without it the
+    file is only to be read.
     """
 
     def __init__(self, path: Path, end: int | None = None) -> None:
@@ -51,25 +48,13 @@ class Records:
                 self._size = end
 
     def add(self, record: bytes) -> Pointer:
-        """Add a record, so that it outlasts a loss of power.
-
-        Raises
-        ------
-        CannotWriteError
-            The file is as it was.
-        """
+        """Add a record, so that it outlasts a loss of power; or leave the file as it was."""
         offset = self._size
         self._size += append(self._descriptor, offset, record, str(self._path))
         return offset, len(record), _digest(record)
 
     def read(self, pointer: Pointer) -> bytes | None:
-        """Return a record.
-
-        Returns
-        -------
-        bytes or None
-            None if it is not there any more as it was written.
-        """
+        """Return a record; None if it is not there any more as it was written."""
         offset, length, digest = pointer
         parts = []
         while length > 0:
@@ -91,17 +76,7 @@ def _digest(record: bytes) -> str:
 
 
 def encode(table: Table, estimates: WindowEstimates, account: dict[str, Any]) -> bytes:
-    """Write a record.
-
-    Parameters
-    ----------
-    table : dict
-        From `results.join`.
-    estimates : WindowEstimates
-        Behind its rows.
-    account : dict
-        From `pipeline.run`.
-    """
+    """Write a record."""
     import pyarrow as pa
 
     columns = {
@@ -120,13 +95,7 @@ def encode(table: Table, estimates: WindowEstimates, account: dict[str, Any]) ->
 
 
 def decode(record: bytes, path: str) -> tuple[Table, WindowEstimates, dict[str, Any]]:
-    """Read a record.
-
-    Parameters
-    ----------
-    path : str
-        The source that its rows are given.
-    """
+    """Read a record; its rows get the source `path`."""
     import pyarrow as pa
 
     from terrain_cli.estimation import WindowEstimates

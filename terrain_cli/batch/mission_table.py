@@ -36,19 +36,11 @@ _WHOLE = frozenset({"segment", "n_samples", "n_rejected"})
 
 @dataclass(frozen=True)
 class MissionPart:
-    """One content of the mission.
-
-    Parameters
-    ----------
-    path : str
-        The first of its names.
-    configuration : str
-        It was computed with.
-    """
+    """One content of the mission."""
 
     path: str
     record: Pointer
-    configuration: str
+    configuration: str  # It was computed with
 
 
 def parts(folder: Folder) -> list[MissionPart]:
@@ -106,19 +98,7 @@ def _order(entry: ManifestEntry) -> tuple[list[tuple[int, int | str]], str]:
 
 @dataclass(frozen=True, kw_only=True)
 class Assemble:
-    """Write the table and the summary, ready to be put in their place.
-
-    In a process of its own: the keeper stays small, and can be interrupted.
-
-    Parameters
-    ----------
-    folder : str
-        Of the batch.
-    account : dict
-        From `account`.
-    kinds : sequence of str
-        Of the table: "parquet" and others that `formats.output_kind` knows.
-    """
+    """Writes table and summary ready to be placed, in a process of its own: the keeper stays small."""
 
     folder: str
     parts: Sequence[MissionPart]

@@ -29,23 +29,7 @@ def is_address(name: str) -> bool:
 
 
 def discover(name: str) -> list[Input]:
-    """Find the inputs that an address stands for.
-
-    Parameters
-    ----------
-    name : str
-        Of an object, a pattern, or a folder whose logs are taken.
-
-    Returns
-    -------
-    list of Input
-        In natural order. What is not there is an input with a problem.
-
-    Raises
-    ------
-    ConfigurationError
-        fsspec, or what it needs for this kind of store, is not installed.
-    """
+    """Find what an address, a pattern or a folder stands for, in natural order."""
     store, path = _open(name)
     try:
         if "*" in path or "[" in path or ("?" in path and not name.startswith("http")):
@@ -83,25 +67,7 @@ def _look(store: Any, address: str) -> Input:
 
 @contextmanager
 def copied(item: Input, largest: int) -> Iterator[str]:
-    """Keep a copy of an object while it is read.
-
-    Parameters
-    ----------
-    largest : int
-        Bytes at the most; nothing that a store says is believed.
-
-    Yields
-    ------
-    str
-        Leads to the copy.
-
-    Raises
-    ------
-    NotFoundError
-        There is no such object, or the store does not answer.
-    CannotWriteError
-        It is larger than allowed, or there is no room for it.
-    """
+    """Keep a copy of an object while it is read; of so many bytes at the most, whatever the store says."""
     store, path = _open(item.location)
     if item.size is not None and item.size > largest:
         raise too_large(item.path, largest)

@@ -44,20 +44,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Child:
-    """A worker process, seen from its parent.
-
-    Parameters
-    ----------
-    timeout : float or None
-        Seconds that one task may take.
-    memory : int or None
-        Bytes of address space that the process may take.
-
-    Attributes
-    ----------
-    ready : bool
-        It has started and waits for a task.
-    """
+    """A worker process, seen from its parent; `ready` once it waits for a task."""
 
     def __init__(self, timeout: float | None = None, memory: int | None = None) -> None:
         self._timeout = timeout
@@ -107,13 +94,9 @@ class Child:
         self._tell(task)
 
     def collect(self) -> Reply | None:
-        """Take what has arrived, and end a process that is out of time.
+        """Take what has arrived, and end a process that is out of time; None until there is a whole answer.
 
-        Returns
-        -------
-        Reply or None
-            None as long as there is no whole answer. That a process has become ready, or died
-            before it was, shows in `ready` and `alive`.
+        That a process has become ready, or died before it was, shows in `ready` and `alive`.
         """
         try:
             data = self._link.recv(_BLOCK)
@@ -218,13 +201,7 @@ def _exactly(link: socket.socket, size: int) -> bytearray:
 
 
 def serve(link: socket.socket, parent: int, memory: int | None) -> None:
-    """Do tasks until there are none: the life of a worker process.
-
-    Parameters
-    ----------
-    parent : int
-        Number of the process that started this one.
-    """
+    """Do tasks until there are none: the life of a worker process."""
     _die_with(parent)
     if memory is not None:
         import resource

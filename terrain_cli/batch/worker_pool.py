@@ -34,17 +34,7 @@ class Pool(Protocol):
 
 
 class LocalPool:
-    """Processes on this machine.
-
-    A process that dies or hangs costs its own task, and is replaced.
-
-    Parameters
-    ----------
-    timeout : float or None
-        Seconds that one task may take.
-    memory : int or None
-        Bytes that one process may take.
-    """
+    """Processes on this machine. One that dies or hangs costs its own task, and is replaced."""
 
     def __init__(self, jobs: int, timeout: float | None = None, memory: int | None = None) -> None:
         self._jobs = jobs
@@ -75,13 +65,7 @@ class LocalPool:
         self._busy[Child(*self._limits)] = ticket, task
 
     def collect(self, seconds: float) -> list[tuple[int, Reply]]:
-        """Return what was done.
-
-        Parameters
-        ----------
-        seconds : float
-            To wait at the most.
-        """
+        """Return what was done, after some seconds at the most."""
         now = time.monotonic()
         patience = min([seconds, *(max(child.deadline - now, 0.0) for child in self._busy)])
         wait([child.fileno() for child in self._busy], patience)

@@ -25,41 +25,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Failure:
-    """Why there is no result.
-
-    Parameters
-    ----------
-    exit_code : int
-        What `terrain-est estimate` would have ended with.
-    passing : bool
-        It may be gone next time.
-    """
+    """Why there is no result."""
 
     error_class: str
     error: str
     hint: str = ""
-    exit_code: int = 1
-    passing: bool = False
+    exit_code: int = 1  # What `terrain-est estimate` would have ended with
+    passing: bool = False  # It may be gone next time
 
 
 @dataclass(kw_only=True)
 class Reply:
-    """What a worker hands back.
+    """What a worker hands back."""
 
-    Parameters
-    ----------
-    sha256 : str or None
-        Hash of the content, as far as it was read.
-    result, record : bytes
-        The file of the result, and the record for the mission table.
-    samples, set_aside, segments, recovered, recovered_of, warnings, seconds
-        As in `Entry`.
-    """
-
-    sha256: str | None = None
+    sha256: str | None = None  # Hash of the content, as far as it was read
     failure: Failure | None = None
+    # result, record: the file of the result, and the record for the mission table
     result: bytes = b""
     record: bytes = b""
+    # samples, set_aside, segments, recovered, recovered_of, warnings, seconds: as in `Entry`
     samples: int | None = None
     set_aside: int | None = None
     segments: int | None = None
@@ -69,13 +53,7 @@ class Reply:
     seconds: float = 0.0
 
     def tell(self, account: dict[str, Any]) -> None:
-        """Take what there is to tell from the account of an input.
-
-        Parameters
-        ----------
-        account : dict
-            From `one_log.run`.
-        """
+        """Take what there is to tell from the account of an input."""
         wheels, salvage = account["wheels"], account["salvage"]
         self.samples = sum(wheel["samples"] for wheel in wheels)
         self.set_aside = sum(wheel["samples"] - wheel["used"] for wheel in wheels)
@@ -94,26 +72,14 @@ class Task(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Job:
-    """What is the same for all inputs of a batch.
-
-    Parameters
-    ----------
-    settings : Settings
-        With the model itself, which a worker need not find.
-    kind : {"parquet", "csv"}
-        Of the results.
-    largest : int
-        Bytes that are copied from a store at the most.
-    versions : dict of str to str
-        Of the keeper.
-    """
+    """What is the same for all inputs of a batch."""
 
     rover: Rover
     settings: Settings
     crs: str | None
-    kind: str
-    largest: int
-    versions: dict[str, str] = field(default_factory=dict)
+    kind: str  # "parquet" or "csv": of the results
+    largest: int  # Bytes that are copied from a store at the most
+    versions: dict[str, str] = field(default_factory=dict)  # Of the keeper
 
 
 @dataclass(frozen=True)
@@ -201,18 +167,7 @@ def as_file(table: Table, job: Job) -> bytes:
 
 @contextmanager
 def opened(item: Input, largest: int) -> Iterator[str]:
-    """Give the path of an input, which must be what it was when it was found.
-
-    Parameters
-    ----------
-    largest : int
-        Bytes that are copied from a store at the most.
-
-    Raises
-    ------
-    NotFoundError
-        It is not there, or changed while it was read.
-    """
+    """Give the path of an input, or of a copy of it; it must be what it was when it was found."""
     if remote_inputs.is_address(item.location):
         with remote_inputs.copied(item, largest) as copy:
             yield copy
@@ -242,13 +197,7 @@ class WorkerDiffersError(TerrainError):
 
 
 def failure(error: BaseException, path: str = "", label: str = "") -> Failure:
-    """Say why a task failed.
-
-    Parameters
-    ----------
-    path, label : str
-        Where the worker read the input, and how people name it.
-    """
+    """Say why a task failed, and name the input not by `path` but by its `label`."""
     name = type(error).__name__
     if _memory_was_short(error):
         return Failure(

@@ -28,17 +28,8 @@ def of_gain(gain: Array) -> float:
     """Return how often chance gives such a gain on held-out blocks (Student's t).
 
     Of a few blocks one can gain so much that their mean is doubtful, though all of them gain: there it also
-    counts how many of all choices of their signs give as much (Fisher 1935, The Design of Experiments).
-
-    Parameters
-    ----------
-    gain : ndarray, shape (blocks,)
-        Loss of one model less that of another.
-
-    Returns
-    -------
-    float
-        One-sided; 1 for a single block.
+    counts how many of all choices of their signs give as much (Fisher 1935, The Design of Experiments). The
+    gain, by block, is the loss of one model less that of another; of a single block the answer is 1.
     """
     from scipy.special import stdtr
 
@@ -55,13 +46,9 @@ def of_gain(gain: Array) -> float:
 def of_order(data: Ground, seed: int) -> float:
     """Return how often steady points in another order would leave as smooth a residual.
 
-    A score needs some ten blocks to stand out; six points that rise from slip to slip are no chance
-    either, as noise would be the same in whatever order they are put.
-
-    Returns
-    -------
-    float
-        Of the wheel that is least likely; 1 where none was measured at steady points.
+    A score needs some ten blocks to stand out; six points that rise from slip to slip are no chance either,
+    as noise would be the same in whatever order they are put. Told is the wheel that is least likely; 1 where
+    none was measured at steady points.
     """
     least = 1.0
     for wheel, part, rows, solution in zip(data.wheels, data.data, data.rows, data.base, strict=True):
@@ -77,15 +64,9 @@ def of_order(data: Ground, seed: int) -> float:
 def of_points(left: Array, places: Between, seed: int) -> float:
     """Return how often points in another order would leave as smooth a residual in some channel.
 
-    The measure is the ratio of squared steps to the variance of von Neumann (1941, Annals of
-    Mathematical Statistics 12, 367). All channels of a point move together, as noise of its load or slip
-    is in all of them.
-
-    Parameters
-    ----------
-    left : ndarray, shape (n, c)
-    places : Between
-        Points are mixed within their lines.
+    The measure is the ratio of squared steps to the variance of von Neumann (1941, Annals of Mathematical
+    Statistics 12, 367). All channels of a point move together, as noise of its load or slip is in all of
+    them. Points, the rows of `left`, are mixed within their lines.
     """
     count = np.bincount(places.line)
     middle = np.stack([np.bincount(places.line, column) / count for column in left.T], axis=1)

@@ -28,20 +28,7 @@ def listed(
     hypotheses: Sequence[Hypothesis],
     family: Sequence[str],
 ) -> list[Candidate]:
-    """List every candidate that can be tested.
-
-    Parameters
-    ----------
-    base : Refit
-        Of the model as it is.
-    ranked : sequence of (Hypothesis, Refit)
-        Those that were fitted, the best first.
-
-    Returns
-    -------
-    list of Candidate
-        In the order of `ranked`; then the others, by what they explain to first order.
-    """
+    """List every candidate that can be tested: those ranked, then the others by what they explain."""
     count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
     beyond = float(base.loss.sum()) - count
     # Where all is noise, there is nothing to explain a share of.
@@ -102,19 +89,10 @@ def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
 
 
 def pooled(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Average values by their errors.
+    """Average values with their standard errors.
 
-    Parameters
-    ----------
-    found : sequence of (float, float)
-        Values with their standard errors.
-
-    Returns
-    -------
-    float, float
-        The mean and its standard error, by as much larger as the values differ by more than their
-        errors (Birge, Physical Review 40, 1932): what one wheel has and the others have not is known
-        of none of them.
+    The error of the mean is larger by as much as the values differ by more than their errors (Birge, Physical
+    Review 40, 1932): what one wheel has and the others have not is known of none of them.
     """
     values, errors = np.transpose(found)
     weight = np.where(np.isfinite(errors) & (errors > 0.0), errors, 1.0) ** -2.0

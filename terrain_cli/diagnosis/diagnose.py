@@ -43,24 +43,9 @@ def diagnose(
 ) -> Diagnosis:
     """Find out what a model lacks.
 
-    Parameters
-    ----------
-    wheels : sequence of Windows
-        With usable samples, read for a comparison. Inputs of the same wheel are joined: what is the
-        wheel's or its sensors' is the same in all of them, soils are not.
-    effects : sequence of Effect, optional
-        That may be missing; the catalogue if not given.
-    seed : int
-        Of all that is drawn.
-    progress : callable
-        Called with the name of each step before it begins.
-    early : callable
-        Called with the scores of all effects as soon as they are known, long before the refits end.
-
-    Raises
-    ------
-    InputError
-        Nothing that the model predicts was measured.
+    Inputs of the same wheel are joined: what is the wheel's or its sensors' is the same in all of them, soils
+    are not. `effects` may be missing; by default those of the catalogue. `early` gets the scores of all
+    effects, long before the refits end. Raises InputError where nothing that the model predicts was measured.
     """
     every = list(catalogues.catalogue().values() if effects is None else effects)
     there = {effect.id for effect in file.model.effects}

@@ -47,28 +47,14 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnosedLog:
-    """What is known of the data before any effect is fitted.
+    """What is known of the data before any effect is fitted."""
 
-    Parameters
-    ----------
-    data : Ground
-        The samples on the soils that were chosen, with the model as it is.
-    block : list of ndarray of int, shape (n,)
-        Block of every usable sample of each wheel.
-    comparison : Comparison
-        Of the model as it is, each segment on a soil of its own.
-    hypotheses : list of Hypothesis
-        What may be missing.
-    failures : list of Finding
-        Where the model fails on these soils.
-    """
-
-    data: Ground
-    block: list[Index]
-    comparison: Comparison
+    data: Ground  # The samples on the soils that were chosen, with the model as it is
+    block: list[Index]  # shape (n,): block of every usable sample of each wheel
+    comparison: Comparison  # Of the model as it is, each segment on a soil of its own
     hypotheses: Sequence[Hypothesis]
     not_testable: list[NotTestable]
-    failures: list[Finding] = field(default_factory=list)
+    failures: list[Finding] = field(default_factory=list)  # Where the model fails on these soils
     screened: Screened | None = None
 
     @property

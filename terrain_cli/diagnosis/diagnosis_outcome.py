@@ -19,25 +19,15 @@ Verdict = Literal["none", "effect", "family", "unknown"]
 
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
-    """Something that the model may lack, and the model that has it.
-
-    Parameters
-    ----------
-    fixed : mapping of str to float
-        Parameters held in it, in SI units.
-    effects : tuple of Effect
-        That it adds; none where an assumption of the base is lifted instead.
-    others : tuple of Hypothesis
-        Other ways to lift an assumption.
-    """
+    """Something that the model may lack, and the model that has it."""
 
     id: str
     title: str
     model: Model
-    fixed: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)  # Parameters held in it, in SI units
     priors: Mapping[str, Prior] = field(default_factory=dict)
-    effects: tuple[Effect, ...] = ()
-    others: tuple[Hypothesis, ...] = ()
+    effects: tuple[Effect, ...] = ()  # That it adds; none where an assumption of the base is lifted instead
+    others: tuple[Hypothesis, ...] = ()  # Other ways to lift an assumption
 
     @property
     def parameters(self) -> dict[str, Parameter]:
@@ -63,16 +53,9 @@ class Hypothesis:
 
 
 class Size(NamedTuple):
-    """A parameter of an effect, as the data have it.
+    """A parameter of an effect, as the data have it."""
 
-    Parameters
-    ----------
-    value, se : float
-        In `unit`; NaN where the data do not tell.
-    unit : str
-        In which a person reads it.
-    """
-
+    # value, se: in `unit`; NaN where the data do not tell
     value: float
     se: float
     unit: str
@@ -80,109 +63,61 @@ class Size(NamedTuple):
 
 @dataclass(frozen=True)
 class Alarm:
-    """Whether anything is missing at all.
-
-    Parameters
-    ----------
-    p_value : float
-        How often chance gives a score as strong for any candidate, or any channel and driver.
-    level : float
-        Below which it is raised, if the held-out error agrees.
-    gain, gain_se : float
-        What the strongest candidate takes off the held-out loss, in units of the noise's variance,
-        summed over all blocks; and its standard error.
-    """
+    """Whether anything is missing at all."""
 
     raised: bool
-    p_value: float
-    level: float
+    p_value: float  # How often chance gives a score as strong for any candidate, or any channel and driver
+    level: float  # Below which it is raised, if the held-out error agrees
+    # gain, gain_se: what the strongest candidate takes off the held-out loss, in units of the noise's
+    # variance, summed over all blocks; and its standard error
     gain: float
     gain_se: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """An effect that may be what is missing.
+    """An effect that may be what is missing."""
 
-    Parameters
-    ----------
-    effect, title : str
-        Its id, and what it is called.
-    score : float
-        Largest |t| of its parameters' scores, without a refit.
-    p_value : float
-        How often chance gives such a score for any candidate.
-    surviving : float
-        Share of the square of its signature that is left when the soil is fitted anew.
-    explained : float
-        Part of the misfit beyond noise that it accounts for when all is fitted together; NaN where
-        there is none.
-    loss : float
-        Held-out loss relative to that of the model without it: mean over samples, in units of the
-        noise's variance; negative is better.
-    heldout : dict of str to float
-        Channel → root mean square of the held-out error with it, SI.
-    sizes : dict of str to Size
-        Its parameters.
-    refitted : bool
-        Whether it was fitted together with everything else; else all is to first order.
-    """
-
+    # effect, title: its id, and what it is called
     effect: str
     title: str
-    score: float
-    p_value: float
-    surviving: float
+    score: float  # Largest |t| of its parameters' scores, without a refit
+    p_value: float  # How often chance gives such a score for any candidate
+    surviving: float  # Share of the square of its signature that is left when the soil is fitted anew
+    # Part of the misfit beyond noise that it accounts for when all is fitted together; NaN where there is
+    # none
     explained: float
+    # Held-out loss relative to that of the model without it: mean over samples, in units of the noise's
+    # variance; negative is better
     loss: float
     loss_se: float
-    heldout: dict[str, float]
+    heldout: dict[str, float]  # Channel → root mean square of the held-out error with it, SI
     sizes: dict[str, Size]
-    refitted: bool
+    refitted: bool  # Whether it was fitted together with everything else; else all is to first order
     in_family: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class UnknownEffect:
-    """What no effect of the catalogue explains.
+    """What no effect of the catalogue explains."""
 
-    Parameters
-    ----------
-    channel, driver : str
-        `driver` is empty where it follows none.
-    form : str
-        Shape in which it follows: "linear", "saturating", "step", …
-    explained : float
-        Part of the misfit beyond noise.
-    draft : str
-        A TOML file of an effect that `model add` takes.
-    """
-
+    # channel, driver: `driver` is empty where it follows none
     channel: str
     driver: str
-    form: str
-    explained: float
+    form: str  # Shape in which it follows: "linear", "saturating", "step", …
+    explained: float  # Part of the misfit beyond noise
     sentence: str
-    draft: str
+    draft: str  # A TOML file of an effect that `model add` takes
 
 
 @dataclass(frozen=True)
 class NextDrive:
-    """A drive that tells two effects apart.
-
-    Parameters
-    ----------
-    manoeuvre : str
-        For a person: what to drive.
-    power : float
-        Probability that it names the right one of the two, were it driven for as long as said.
-    settings : dict
-        The same for the program: what `terrain-est simulate` takes, as far as it can be said so.
-    """
+    """A drive that tells two effects apart."""
 
     pair: tuple[str, str]
-    manoeuvre: str
-    power: float
+    manoeuvre: str  # For a person: what to drive
+    power: float  # Probability that it names the right one of the two, were it driven for as long as said
+    # The same for the program: what `terrain-est simulate` takes, as far as it can be said so
     settings: dict[str, Any] = field(default_factory=dict)
 
 
@@ -195,39 +130,22 @@ class NotTestable(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """What a model lacks, as far as the data can tell.
+    """What a model lacks, as far as the data can tell."""
 
-    Parameters
-    ----------
-    comparison : Comparison
-        Of the model as it is.
-    verdict : {"none", "effect", "family", "unknown"}
-    effect : str or None
-        One name, only where the data support one.
-    family : tuple of str
-        Those that the data cannot tell apart, the best first.
-    candidates : list of Candidate
-        The best first.
-    sentence : str
-        The verdict for a person.
-    together : tuple of str
-        Two effects that, both added, predict better than any alone, and than any draft; else none.
-    fitted, heldout : dict of str to float
-        Channel → root mean square of the error of the model as it is, SI: fitted, and held out. Found as
-        those of the candidates are.
-    """
-
-    comparison: Comparison
+    comparison: Comparison  # Of the model as it is
     alarm: Alarm
     verdict: Verdict
-    effect: str | None
-    family: tuple[str, ...]
-    candidates: list[Candidate]
+    effect: str | None  # One name, only where the data support one
+    family: tuple[str, ...]  # Those that the data cannot tell apart, the best first
+    candidates: list[Candidate]  # The best first
     unknown: UnknownEffect | None
     next_drive: list[NextDrive]
     not_testable: list[NotTestable]
     warnings: list[str]
     sentence: str
+    # Two effects that, both added, predict better than any alone, and than any draft; else none
     together: tuple[str, ...] = ()
+    # fitted, heldout: channel → root mean square of the error of the model as it is, SI: fitted, and held
+    # out. Found as those of the candidates are.
     fitted: Mapping[str, float] = field(default_factory=dict)
     heldout: Mapping[str, float] = field(default_factory=dict)

@@ -52,34 +52,17 @@ _BEND = 0.3
 
 @dataclass(frozen=True)
 class Draft:
-    """A law that may be added.
-
-    Parameters
-    ----------
-    changes : str
-        A quantity.
-    driver : str
-        Empty for one that follows nothing.
-    form : str
-        One of `FORMS`.
-    text : str
-        The file.
-    """
+    """A law that may be added."""
 
     changes: str
-    driver: str
-    form: str
+    driver: str  # Empty for one that follows nothing
+    form: str  # One of `FORMS`
     text: str
     effect: Effect
 
 
 def drivers(wheel: FittedWheel) -> dict[str, Array]:
-    """Return what a draft may follow: numbers that vary and that a law can read.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n,)
-    """
+    """Return what a draft may follow: numbers that vary and that a law can read."""
     found = {}
     no_cause = _NO_CAUSE if wheel.one_soil is None else _NO_CAUSE | {DRIVEN_BEFORE}
     for name, driver in wheel.drivers.items():
@@ -95,19 +78,9 @@ def screen(
 ) -> Iterator[tuple[str, str, str, dict[str, Array]]]:
     """Yield the signatures of all drafts without writing them.
 
-    What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves.
-
-    Parameters
-    ----------
-    values : mapping of str to ndarray, shape (n,)
-        Of the drivers, at the rows.
-    channels, rows
-        As for `signatures.of_effects`.
-
-    Yields
-    ------
-    tables : dict of str to ndarray, shape (n, columns)
-        By channel.
+    What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves. What a law Q + a h(driver)
+    leaves in the channels is h times what Q + a leaves: tables by channel, shape (n, columns). `values` are
+    the drivers' at the rows.
     """
     shown = [name for name in SHOWN if name in wheel.measured]
     inner = [name for name in IN_THE_GROUND if name in wheel.model.soil]
@@ -173,17 +146,7 @@ def _spread(column: Array) -> float:
 def usual(changes: str, measured: Array) -> float:
     """Return how large a law may well be.
 
-    Parameters
-    ----------
-    changes : str
-        A quantity.
-    measured : ndarray
-        What was measured of it, of any length; empty where it is none of the channels.
-
-    Returns
-    -------
-    float
-        In the quantity's SI unit; of a property of the soil as a part of it.
+    In the quantity's SI unit; of a property of the soil as a part of it. `measured` may have any length.
     """
     if changes not in SHOWN:
         return _OF_SOIL
@@ -204,22 +167,7 @@ def _threshold(column: Array) -> float:
 def write(  # noqa: C901 - one branch for each form
     changes: str, driver: str, form: str, column: Array | None, unit: str = "", *, usual: float
 ) -> Draft | None:
-    """Write a draft.
-
-    Parameters
-    ----------
-    column : ndarray or None
-        Values of the driver.
-    unit : str
-        Of a driver that is no channel, if it is known.
-    usual : float
-        How large the law may well be.
-
-    Returns
-    -------
-    Draft or None
-        None where the units of the driver do not allow the form.
-    """
+    """Write a draft of some usual size; None where the units of the driver do not allow the form."""
     shown = changes in SHOWN
     own = QUANTITIES[changes] if shown else "1"
     of = _unit(driver, unit)

@@ -27,23 +27,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of the columns of one wheel.
+    """Scores of the columns of one wheel."""
 
-    Parameters
-    ----------
-    blocks : ndarray, shape (blocks, m)
-    cross : ndarray, shape (m, m)
-        Products of what is left of the signatures.
-    surviving : ndarray, shape (m,)
-        Share of the square of each that is left.
-    shrunk : float
-        Standard deviation of the residuals over that of the noise, for what was fitted to them.
-    """
-
-    blocks: Array
-    cross: Array
-    surviving: Array
-    shrunk: float
+    blocks: Array  # shape (blocks, m)
+    cross: Array  # shape (m, m): products of what is left of the signatures
+    surviving: Array  # shape (m,): share of the square of each that is left
+    shrunk: float  # Standard deviation of the residuals over that of the noise, for what was fitted to them
 
     @property
     def total(self) -> Array:
@@ -51,19 +40,9 @@ class Scores:
         return np.asarray(self.blocks.sum(axis=0))
 
     def fit(self, columns: Index, precision: float = 0.0) -> tuple[Array, Array, float]:
-        """Fit some columns together, to first order.
+        """Fit some columns together, to first order, with a prior about the null of some `precision`.
 
-        Parameters
-        ----------
-        precision : float
-            Of a prior about the null, in typical sizes to the power −2.
-
-        Returns
-        -------
-        change : ndarray
-            In typical sizes.
-        explained : float
-            What it takes off the sum of squares of the residuals.
+        Returns the change and its covariance in typical sizes, and what it takes off the sum of squares.
         """
         matrix = self.cross[np.ix_(columns, columns)] + precision * np.eye(len(columns))
         covariance = normal_equations.pseudo_inverse(matrix)
@@ -74,24 +53,11 @@ class Scores:
 def scores(
     residual: Array, soil: Array, columns: Array, window: Index, block: Index, blocks: int
 ) -> tuple[Scores, Array]:
-    """Score columns against the residual of one wheel.
+    """Score columns, shape (n, c, m), against the residual of one wheel, shape (n, c).
 
-    Parameters
-    ----------
-    residual : ndarray, shape (n, c)
-        Of c channels, in units of the noise; 0 where not known.
-    soil : ndarray, shape (n, c, q)
-        Derivatives by what was fitted, window by window.
-    columns : ndarray, shape (n, c, m)
-        Signatures.
-    window, block : ndarray of int, shape (n,)
-    blocks : int
-        Number of blocks over all wheels.
-
-    Returns
-    -------
-    ndarray, shape (n, c, m)
-        What is left of the signatures when the soil is fitted anew.
+    Both are in units of the noise; a residual is 0 where not known. `soil`, shape (n, c, q), has the
+    derivatives by what was fitted, window by window. Also returns what is left of the columns when the soil
+    is fitted anew.
     """
     windows = int(window.max(initial=-1)) + 1
     found = normal_equations.eliminate(
@@ -120,20 +86,10 @@ def scores(
 def test(
     several: Sequence[Scores], testable: Sequence[NDArray[np.bool_]], chance: Sequence[Array], *, seed: int
 ) -> list[tuple[Array, Array]]:
-    """Test all columns of all wheels together against chance.
+    """Test all columns of all wheels, over the same blocks, together against chance.
 
-    Parameters
-    ----------
-    several : sequence of Scores
-        Of each wheel, over the same blocks.
-    testable : sequence of ndarray of bool, shape (m,)
-    chance : sequence of ndarray, shape (blocks, m)
-        Scores of what the strongest candidate leaves.
-
-    Returns
-    -------
-    list of (ndarray, ndarray)
-        Of each wheel: t and p-value of every column; 0 and 1 where it is not tested.
+    `chance` has the scores of what the strongest candidate leaves, shape (blocks, m). Of each wheel: t and
+    p-value of every column; 0 and 1 where it is not tested.
     """
     table, left = (
         np.concatenate([np.where(use, one, 0.0) for one, use in zip(tables, testable, strict=True)], axis=1)

@@ -33,28 +33,16 @@ _QUIET = ("slip", "load", "sinkage", "velocity", "angular_velocity")
 
 @dataclass(frozen=True)
 class Tried:
-    """A draft that was fitted.
-
-    Parameters
-    ----------
-    extra : list of dict of str to ndarray
-        Its driver, where that is no channel.
-    """
+    """A draft that was fitted."""
 
     draft: Draft
     refit: Refit
     hypothesis: Hypothesis
-    extra: list[dict[str, Array]]
+    extra: list[dict[str, Array]]  # Its driver, where that is no channel
 
 
 def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tried]:
-    """Find the laws with one driver that explain most.
-
-    Returns
-    -------
-    list of Tried
-        The best first; empty where none predicts better.
-    """
+    """Find the laws with one driver that explain most, the best first; none that does not predict better."""
     progress("drafting laws")
     ranked: dict[tuple[str, str, str], float] = {}
     columns: dict[str, Array] = {}
@@ -154,35 +142,14 @@ def _plainest(tried: list[Tried], base: Refit) -> list[Tried]:
 
 
 def beats(tried: Sequence[Tried], effect: Refit) -> bool:
-    """Tell whether a draft predicts better than an effect, beyond chance.
-
-    Parameters
-    ----------
-    tried : sequence of Tried
-        The best first.
-    """
+    """Tell whether the best draft predicts better than an effect, beyond chance."""
     return bool(tried) and refit_ranking.beats(tried[0].refit, effect)
 
 
 def verdict(
     base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence[str]
 ) -> tuple[UnknownEffect | None, bool]:
-    """Tell whether a draft explains what no effect does.
-
-    Parameters
-    ----------
-    base, effect : Refit
-        Without anything, and with the best effect of the catalogue.
-    tried : sequence of Tried
-        The best first.
-
-    Returns
-    -------
-    unknown : UnknownEffect or None
-        A draft that predicts better than every effect.
-    alone : bool
-        Whether the effects leave so much that they are none of the story.
-    """
+    """Return a draft that predicts better than every effect, and whether it stands alone."""
     if not tried:
         return None, False
     count = sum(int(np.count_nonzero(one)) for one in base.residuals)

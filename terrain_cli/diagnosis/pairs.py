@@ -33,17 +33,8 @@ def best(
 ) -> list[tuple[Hypothesis, Refit]]:
     """Find two effects that together predict held-out blocks better than any alone.
 
-    Parameters
-    ----------
-    ranked : sequence of (Hypothesis, Refit)
-        Each of them alone.
-    name : str
-        An effect that leaves little; empty where none does. It is tried with any other that promises most.
-
-    Returns
-    -------
-    list of (Hypothesis, Refit)
-        The best first, none that nature could not have.
+    None that nature could not have. `name` is an effect that leaves little, if any: it is tried with any
+    other that promises most.
     """
     alone = {one.id: (one, refit) for one, refit in ranked if one.effects}
     promising = screening.promising_pairs(found, [one for one, _ in alone.values()])
@@ -68,21 +59,8 @@ def told(
     """Return two effects that explain more than anything else, if a name that is clear is none of them.
 
     An effect that imitates two others well leaves little, but those two leave less. One that leaves little
-    because it is there, though not in the form of the catalogue or not alone, goes best with another.
-
-    Parameters
-    ----------
-    fitted : sequence of (Hypothesis, Refit)
-        From `best`.
-    others : sequence of Refit
-        What else there is.
-    name : str
-        The effect that leaves little; empty where none does.
-
-    Returns
-    -------
-    sure : bool
-        They explain more than the name does with any other, beyond chance.
+    because it is there, though not in the form of the catalogue or not alone, goes best with another. The
+    second value: they explain more than the name does with any other, beyond chance.
     """
     if not fitted or name in _ids(fitted[0][0]):
         return (), False
@@ -101,24 +79,9 @@ def on_full_stresses(
 ) -> list[tuple[Hypothesis, Refit]]:
     """Find the effects that predict held-out blocks best once the stresses are no longer linearised.
 
-    What the base linear gets wrong, some effect imitates, and hides another one behind it.
-
-    Parameters
-    ----------
-    data : Ground
-        With the base linear.
-    file : ModelFile
-        The model.
-    effects : sequence of Effect
-        None of which is in it.
-    base : Refit
-        With the stresses of the full model.
-
-    Returns
-    -------
-    list of (Hypothesis, Refit)
-        Assumption and effect together, none that nature could not have. Those as good as the best come first,
-        and of these the ones that did not run to the end of what they can be.
+    What the base linear gets wrong, some effect imitates, and hides another one behind it. Those as good as
+    the best come first, and of these the ones that did not run to the end of what they can be; none that
+    nature could not have.
     """
     modulus = data.wheels[0].windows.samples.geometry.shear_modulus
     full = screening.with_stresses(file, modulus)

@@ -19,17 +19,7 @@ if TYPE_CHECKING:
 
 
 def error(difference: Array) -> float:
-    """Return the standard error of a sum over blocks.
-
-    Parameters
-    ----------
-    difference : ndarray, shape (blocks,)
-
-    Returns
-    -------
-    float
-        Infinite where there is but one block.
-    """
+    """Return the standard error of a sum over blocks; infinite where there is but one."""
     return float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
 
 

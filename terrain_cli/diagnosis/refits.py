@@ -39,19 +39,11 @@ _SHAPES = (0.4, 1.0, 2.5)
 
 @dataclass(frozen=True)
 class Ground:
-    """The data of a diagnosis, in one way of joining segments to soils, with the base fitted.
-
-    Parameters
-    ----------
-    rows : list of ndarray of int
-        Usable samples of each wheel that are taken.
-    block : list of ndarray of int
-        Block of each of these.
-    """
+    """The data of a diagnosis, in one way of joining segments to soils, with the base fitted."""
 
     wheels: list[FittedWheel]
-    rows: list[Index]
-    block: list[Index]
+    rows: list[Index]  # Usable samples of each wheel that are taken
+    block: list[Index]  # Block of each of these
     data: list[SmoothedData]
     base: list[Solution]
 
@@ -63,45 +55,21 @@ class Ground:
 
 @dataclass(frozen=True, kw_only=True)
 class Refit:
-    """A model fitted to the data of a ground.
+    """A model fitted to the data of a ground."""
 
-    Parameters
-    ----------
-    id : str
-        Of the hypothesis; empty for the base.
-    solutions : list of Solution
-        Of each wheel.
-    residuals : list of ndarray, shape (n, c)
-        Of each wheel, held out, in units of the noise; 0 where not known or of no use.
-    predicted : list of dict of str to ndarray, shape (n,)
-        Of each wheel, by channel, held out.
-    loss : ndarray, shape (blocks,)
-        Sum over the block.
-    heldout : dict of str to float
-        Channel → root mean square of the held-out error, SI.
-    """
-
-    id: str
-    solutions: list[Solution]
+    id: str  # Of the hypothesis; empty for the base
+    solutions: list[Solution]  # Of each wheel
+    # shape (n, c): of each wheel, held out, in units of the noise; 0 where not known or of no use
     residuals: list[Array]
-    predicted: list[dict[str, Array]]
-    loss: Array
-    heldout: dict[str, float]
+    predicted: list[dict[str, Array]]  # shape (n,): of each wheel, by channel, held out
+    loss: Array  # shape (blocks,): sum over the block
+    heldout: dict[str, float]  # Channel → root mean square of the held-out error, SI
 
 
 def ground(
     wheels: Sequence[FittedWheel], block: Sequence[Index], most: int, like: Ground | None = None
 ) -> Ground:
-    """Fit the base to evenly thinned samples.
-
-    Parameters
-    ----------
-    block : sequence of ndarray of int, shape (n,)
-    most : int
-        Samples of all wheels that are taken.
-    like : Ground, optional
-        The same data on other soils: its noise is taken, so that losses can be compared.
-    """
+    """Fit the base to evenly thinned samples; with the noise of `like`, so that losses can be compared."""
     step = max(1, -(-sum(len(wheel) for wheel in wheels) // most))
     rows, kept, datas, solutions = [], [], [], []
     blocks = 1 + max(int(one.max(initial=-1)) for one in block)
@@ -143,13 +111,7 @@ def _noise(wheel: FittedWheel, data: SmoothedData, solution: Solution) -> whiten
 
 
 def with_noise_of(data: Ground, best: Refit) -> Ground:
-    """Take what a model leaves for the noise, and fit the base anew.
-
-    Parameters
-    ----------
-    best : Refit
-        Of the model that predicts best.
-    """
+    """Take what the model that predicts best leaves for the noise, and fit the base anew."""
     parts, solutions = [], []
     for part, found, base, wheel in zip(data.data, best.solutions, data.base, data.wheels, strict=True):
         parts.append(smoothed_model.with_noise_of(part, found.residual, comparison_criteria.NOISE_SAMPLES))
@@ -169,13 +131,7 @@ def fitted_errors(data: Ground, one: Refit) -> dict[str, float]:
 
 
 def weighed(data: Ground, one: Refit) -> Refit:
-    """Weigh the held-out errors of a refit by another noise, without fitting again.
-
-    Parameters
-    ----------
-    data : Ground
-        With the noise.
-    """
+    """Weigh the held-out errors of a refit by the noise of `data`, without fitting again."""
     loss, residuals = np.zeros(data.blocks), []
     for index, part in enumerate(data.data):
         errors = smoothed_model.residual(part, one.predicted[index])
@@ -191,18 +147,10 @@ def refit(
     begun: Sequence[Solution] | None = None,
     after: Sequence[Refit] = (),
 ) -> Refit:
-    """Fit a model to the data, and predict every block from the others.
+    """Fit a model, or take the base where there is none, and predict every block from the others.
 
-    Parameters
-    ----------
-    hypothesis : Hypothesis or None
-        None for the base, which is fitted already.
-    extra : sequence of dict of str to ndarray, optional
-        Further channels of each wheel, at the rows taken.
-    begun : sequence of Solution, optional
-        Of the same hypothesis, from which to search.
-    after : sequence of Refit, optional
-        Of parts of it: the search begins at each of them, and at all together.
+    `extra` has further channels of each wheel at the rows taken. The search begins at `begun`, of the same
+    hypothesis, or at each of the refits `after`, of parts of it, and at all together.
     """
     solutions, residuals, predicted = [], [], []
     loss = np.zeros(data.blocks)
@@ -242,17 +190,8 @@ def refit(
 def over_shapes(data: Ground, hypothesis: Hypothesis, one: Refit) -> Refit:
     """Fit a model anew where what only shapes an effect ran to the end of what it can be, and stuck there.
 
-    With the shape held the search is plain: it is let go from the best of several.
-
-    Parameters
-    ----------
-    one : Refit
-        Of it.
-
-    Returns
-    -------
-    Refit
-        The better of both.
+    With the shape held the search is plain: it is let go from the best of several. With the shape held the
+    search is plain: it is let go from the best of several, if that is better.
     """
     shapes = {name: p for name, p in hypothesis.parameters.items() if p.shape}
     if not any(

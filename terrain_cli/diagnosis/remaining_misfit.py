@@ -19,15 +19,7 @@ if TYPE_CHECKING:
 
 
 def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
-    """Test what is left against every driver, in every channel.
-
-    Returns
-    -------
-    p_value : float
-        How often chance leaves as much in any of them.
-    explained : float
-        What the strongest takes off the sum of squares.
-    """
+    """Test what is left against every driver: the p-value, and what the strongest takes off the squares."""
     tables, shrunk, most = [], 1.0, 0.0
     for index, solution in enumerate(one.solutions):
         part, wheel, rows = data.data[index], data.wheels[index], data.rows[index]

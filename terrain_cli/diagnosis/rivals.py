@@ -42,33 +42,15 @@ DRAWS = 60
 
 @dataclass(frozen=True)
 class Rivals:
-    """What the data can tell apart.
+    """What the data can tell apart."""
 
-    Parameters
-    ----------
-    family : tuple of int
-        Places of those that cannot be told from the best, which is the first.
-    earned : bool
-        Whether the best may be named alone.
-    share : ndarray, shape (k,)
-        How often each is found first where it is the truth.
-    """
-
-    family: tuple[int, ...]
-    earned: bool
-    share: Array
+    family: tuple[int, ...]  # Places of those that cannot be told from the best, which is the first
+    earned: bool  # Whether the best may be named alone
+    share: Array  # shape (k,): how often each is found first where it is the truth
 
 
 def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis], seed: int) -> Rivals:
-    """Tell which of several explanations remain.
-
-    Parameters
-    ----------
-    refits : sequence of Refit
-        The best first.
-    hypotheses : sequence of Hypothesis
-        In the same order.
-    """
+    """Tell which of several explanations, the best first, remain."""
     count = len(refits)
     cells = [_Design(data, one, hypothesis) for one, hypothesis in zip(refits, hypotheses, strict=True)]
     # The same draws for every truth and candidate: only what they predict differs.
@@ -190,13 +172,7 @@ def _shown(truth: _Design, part: int, form: float) -> Array:
 
 
 def bent(effect: Array, form: float, like: Array) -> Array:
-    """Return by how much an effect changes when it is bent by a power of its own size.
-
-    Parameters
-    ----------
-    effect, like : ndarray, shape (n, c) and (l, c)
-        `like` is what the effect does where its usual size is told, and kept.
-    """
+    """Return by how much an effect changes when bent by a power of its own size, told and kept in `like`."""
     usual = float(np.sqrt(np.mean((like**2).sum(axis=1))))
     if form == 0.0 or usual == 0.0:
         return np.zeros_like(effect)

@@ -40,26 +40,16 @@ _WIDTH = 5.0
 
 @dataclass(kw_only=True)
 class Screened:
-    """What the scores say of each hypothesis.
+    """What the scores say of each hypothesis."""
 
-    Parameters
-    ----------
-    scores, p_values, surviving, explained : dict of str to float
-        Of those that can be tested.
-    sizes : dict of str to dict of str to Size
-        To first order.
-    blocks : ndarray, shape (blocks, m)
-        Scores of all columns that can be tested, of what the strongest effect leaves.
-    columns : list of _Columns
-        The signatures in each wheel.
-    """
-
+    # scores, p_values, surviving, explained: of those that can be tested
     scores: dict[str, float] = field(default_factory=dict)
     p_values: dict[str, float] = field(default_factory=dict)
     surviving: dict[str, float] = field(default_factory=dict)
     explained: dict[str, float] = field(default_factory=dict)
-    sizes: dict[str, dict[str, Size]] = field(default_factory=dict)
+    sizes: dict[str, dict[str, Size]] = field(default_factory=dict)  # To first order
     not_testable: list[NotTestable] = field(default_factory=list)
+    # shape (blocks, m): scores of all columns that can be tested, of what the strongest effect leaves
     blocks: Array = field(default_factory=lambda: np.zeros((0, 0)))
     columns: list[_Columns] = field(default_factory=list)
 
@@ -67,20 +57,7 @@ class Screened:
 def hypotheses(
     file: ModelFile, wheels: Sequence[FittedWheel], effects: Sequence[Effect]
 ) -> tuple[list[Hypothesis], list[NotTestable]]:
-    """List what a model may lack, as far as the channels are there.
-
-    Parameters
-    ----------
-    wheels : sequence of FittedWheel
-        Fitted.
-    effects : sequence of Effect
-        None of which is in the model.
-
-    Returns
-    -------
-    list of NotTestable
-        Effects whose channels are missing, or which the base cannot have.
-    """
+    """List what a model may lack; and effects whose channels are missing or which the base cannot have."""
     found: list[Hypothesis] = []
     lacking: list[NotTestable] = []
     available = [_available(wheel) for wheel in wheels]
@@ -113,13 +90,7 @@ def hypotheses(
 
 
 def with_stresses(file: ModelFile, shear_modulus: float) -> ModelFile:
-    """Return a model of the base linear with the stresses of the full one, and k estimated as there.
-
-    Parameters
-    ----------
-    shear_modulus : float
-        The k of rover.toml in m.
-    """
+    """Return a model of the base linear with the stresses of the full one, and k estimated as there."""
     for assumption in assumptions.made_by(file, shear_modulus)[::-1]:
         file = assumptions.lifted(file, assumption.id, shear_modulus)
     return file
@@ -159,15 +130,7 @@ def on_changing_soil(every: Sequence[Hypothesis]) -> tuple[list[Hypothesis], lis
 def screen(
     wheels: Sequence[FittedWheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis], seed: int
 ) -> Screened:
-    """Score every hypothesis.
-
-    Parameters
-    ----------
-    wheels : sequence of FittedWheel
-        Fitted.
-    block : sequence of ndarray of int, shape (n,)
-        Of the usable samples of each.
-    """
+    """Score every hypothesis."""
     parts = _columns(wheels, block, hypotheses)
     found = Screened(columns=parts)
     best = _strongest(parts, hypotheses)
@@ -192,20 +155,7 @@ def screen(
 def promising(
     wheels: Sequence[FittedWheel], block: Sequence[Index], hypotheses: Sequence[Hypothesis]
 ) -> list[Hypothesis]:
-    """Order hypotheses by what they explain to first order, assumptions of the base in front.
-
-    Parameters
-    ----------
-    wheels : sequence of FittedWheel
-        Fitted.
-    block : sequence of ndarray of int, shape (n,)
-        Of the usable samples of each.
-
-    Returns
-    -------
-    list of Hypothesis
-        Those that explain something, or of which that is not known before they are fitted.
-    """
+    """Order hypotheses that may explain something; assumptions, of which it is not known, first."""
     parts = _columns(wheels, block, hypotheses)
     gains = {
         one.id: sum(part.explained(one.id) for part in parts) if one.effects else np.inf for one in hypotheses
@@ -214,15 +164,7 @@ def promising(
 
 
 def promising_pairs(found: Screened, hypotheses: Sequence[Hypothesis]) -> list[tuple[Hypothesis, Hypothesis]]:
-    """Order pairs of hypotheses by what they explain together to first order.
-
-    Parameters
-    ----------
-    found : Screened
-        What their scores say, one by one.
-    hypotheses : sequence of Hypothesis
-        None of them an assumption of the base.
-    """
+    """Order pairs of effects by what they explain together to first order."""
     gains = [
         (sum(part.explained(one.id, other.id) for part in found.columns), (one, other))
         for one, other in combinations(hypotheses, 2)

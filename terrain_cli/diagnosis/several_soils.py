@@ -46,18 +46,7 @@ _WILD = 10.0
 def on_fewer(
     cut: Ground, block: Sequence[Index], hypotheses: Sequence[Hypothesis], progress: Callable[[str], None]
 ) -> tuple[Ground, list[Index]]:
-    """Take one soil for each terrain if, with some effect or none, it predicts as well as several.
-
-    Parameters
-    ----------
-    block : sequence of ndarray of int, shape (n,)
-        Of the usable samples of each wheel.
-
-    Returns
-    -------
-    block : list of ndarray of int, shape (n,)
-        In the order of its samples.
-    """
+    """Take one soil for each terrain if, with some effect or none, it predicts as well as several."""
     wheels, blocks = [], []
     for wheel, own in zip(cut.wheels, block, strict=True):
         joined, order = wheel.one_soil or (wheel, slice(None))
@@ -74,18 +63,7 @@ def on_fewer(
 def on_more(
     data: Ground, block: Sequence[Index], hypotheses: Sequence[Hypothesis], progress: Callable[[str], None]
 ) -> tuple[Ground, list[str]]:
-    """Take another soil from a sample on where that predicts better than any effect does on the same.
-
-    Parameters
-    ----------
-    block : sequence of ndarray of int, shape (n,)
-        Of the usable samples of each wheel.
-
-    Returns
-    -------
-    told : list of str
-        Where the soil steps.
-    """
+    """Take another soil, told where, from a sample on if that predicts better than any effect on the same."""
     if data.blocks < criteria.BLOCKS_OF_ALARM:
         return data, []
     found = _with_steps(data, block)
@@ -102,23 +80,9 @@ def as_needed(
     effects: Sequence[Effect] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[Windows], list[str]]:
-    """Return the windows of a comparison on the soils that a model needs.
+    """Return the windows of a comparison on the soils that a model needs, and what has to be said about it.
 
-    Parameters
-    ----------
-    comparison : Comparison
-        Of the model.
-    without : ModelFile, optional
-        The model before it got one effect: where that stands for soils, there are fewer.
-    effects : sequence of Effect
-        That it got.
-
-    Returns
-    -------
-    windows : list of Windows
-        Of each wheel.
-    told : list of str
-        What has to be said about it.
+    `without` is the model before it got one of the effects: where that stands for soils, there are fewer.
     """
     windows = [wheel.windows for wheel in comparison.wheels]
     block = [wheel.blocks for wheel in comparison.wheels]

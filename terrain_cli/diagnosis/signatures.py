@@ -33,35 +33,15 @@ _ON_THE_RIM = frozenset({"normal_stress", "shear_stress"})
 
 @dataclass(frozen=True)
 class Signature:
-    """Derivatives of the predictions by the parameters of an effect.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Qualified names of the parameters, without those that only shape it.
-    tables : dict of str to ndarray, shape (n, len(names))
-        By channel; per typical size of each parameter.
-    """
+    """Derivatives of the predictions by the parameters of an effect."""
 
     effect: Effect
-    names: tuple[str, ...]
-    tables: dict[str, Array]
+    names: tuple[str, ...]  # Qualified names of the parameters, without those that only shape it
+    tables: dict[str, Array]  # shape (n, len(names)): by channel; per typical size of each parameter
 
 
 def of_soil(wheel: FittedWheel, channels: Mapping[str, Array], rows: Index) -> dict[str, Array]:
-    """Differentiate the predictions by the parameters that were fitted.
-
-    Parameters
-    ----------
-    channels : mapping of str to ndarray, shape (n,)
-        Of the rows; without their own noise.
-    rows : ndarray of int, shape (n,)
-        Usable samples.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n, soil + common)
-    """
+    """Differentiate the predictions at some rows by the parameters fitted: by channel, (n, soil + common)."""
     names = (*wheel.soil, *wheel.common)
     return derivatives(
         wheel.model, wheel.geometry, channels, lambda some: wheel.of_samples(rows[some]), names
@@ -69,51 +49,22 @@ def of_soil(wheel: FittedWheel, channels: Mapping[str, Array], rows: Index) -> d
 
 
 class SignatureEvidence(NamedTuple):
-    """Residuals of some samples of a wheel, in units of their noise.
+    """Residuals of some samples of a wheel, in units of their noise."""
 
-    Parameters
-    ----------
-    channels : dict of str to ndarray, shape (n,)
-        Without their own noise.
-    residual : ndarray, shape (n, c)
-        0 where not known.
-    known : ndarray of bool, shape (n, c)
-    soil : ndarray, shape (n, c, q)
-        Derivatives by the parameters that were fitted.
-    """
-
-    channels: dict[str, Array]
+    channels: dict[str, Array]  # shape (n,): without their own noise
     white: Whitening
-    residual: Array
-    known: NDArray[np.bool_]
-    soil: Array
+    residual: Array  # shape (n, c): 0 where not known
+    known: NDArray[np.bool_]  # shape (n, c)
+    soil: Array  # shape (n, c, q): derivatives by the parameters that were fitted
 
     def whitened(self, tables: Mapping[str, Array], width: int) -> Array:
-        """Whiten derivatives, which are 0 in channels that they do not reach.
-
-        Parameters
-        ----------
-        tables : mapping of str to ndarray, shape (n, width)
-            By channel.
-
-        Returns
-        -------
-        ndarray, shape (n, c, width)
-        """
+        """Whiten derivatives (n, width), which are 0 in channels that they do not reach, to (n, c, width)."""
         nothing = np.zeros((len(self.residual), width))
         return self.white({n: np.nan_to_num(tables.get(n, nothing)) for n in self.white.channels}, self.known)
 
 
 def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
-    """Collect what the residuals of some samples of a wheel have to say.
-
-    Parameters
-    ----------
-    wheel : FittedWheel
-        Fitted.
-    rows : ndarray of int, shape (n,)
-        Usable samples.
-    """
+    """Collect what the residuals of some usable samples of a wheel have to say."""
     channels, _ = wheel.smoothed(wheel.memory, rows)
     levels = {name: level.deviation for name, level in wheel.noise.items()}
     white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
@@ -133,18 +84,8 @@ def of_effects(
 ) -> Iterator[Signature]:
     """Differentiate the predictions by the parameters of effects that the model does not have.
 
-    Parameters
-    ----------
-    effects : iterable of Effect
-        Whose channels are there and which the base can have.
-    channels, rows
-        As for `of_soil`.
-
-    Yields
-    ------
-    Signature
-        Of an effect with parameters that only shape it, one for each of several values of these; and one
-        for each other form of its laws.
+    One signature for each of several values of parameters that only shape an effect, and one for each other
+    form of its laws.
     """
     together: list[Effect] = []
     alone: list[Effect] = []
@@ -169,13 +110,7 @@ def leading(effect: Effect) -> list[str]:
 
 
 def possible(model: Model, effect: Effect) -> str:
-    """Tell why a model cannot have an effect.
-
-    Returns
-    -------
-    str
-        Empty if it can.
-    """
+    """Tell why a model cannot have an effect; nothing if it can."""
     try:
         Model(model.base, (*model.effects, effect))
     except TerrainError as error:

@@ -34,22 +34,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Ranked:
-    """Every hypothesis and drafted law fitted, weighed by the noise that the best of them leaves.
-
-    Parameters
-    ----------
-    base : Refit
-        The model as it is.
-    several : list of (Hypothesis, Refit)
-        The best first.
-    drafts : list of Tried
-        Laws of one driver, the best first.
-    """
+    """Every hypothesis and drafted law fitted, weighed by the noise that the best of them leaves."""
 
     log: DiagnosedLog
-    base: Refit
-    several: list[Fitted]
-    drafts: list[outside_catalogue.Tried]
+    base: Refit  # The model as it is
+    several: list[Fitted]  # The best first
+    drafts: list[outside_catalogue.Tried]  # Laws of one driver, the best first
 
     @property
     def data(self) -> Ground:
@@ -69,24 +59,12 @@ class Ranked:
 
 @dataclass(frozen=True, kw_only=True)
 class Family:
-    """The effects that cannot be told from the best one.
+    """The effects that cannot be told from the best one."""
 
-    Parameters
-    ----------
-    members : list of (Hypothesis, Refit)
-        The best first.
-    earned : bool
-        The best one has earned a single name.
-    clear : bool
-        It leaves little, if anything.
-    whole : bool
-        It leaves nothing.
-    """
-
-    members: list[Fitted] = field(default_factory=list)
-    earned: bool = False
-    clear: bool = False
-    whole: bool = False
+    members: list[Fitted] = field(default_factory=list)  # The best first
+    earned: bool = False  # The best one has earned a single name
+    clear: bool = False  # It leaves little, if anything
+    whole: bool = False  # It leaves nothing
 
     @property
     def ids(self) -> tuple[str, ...]:

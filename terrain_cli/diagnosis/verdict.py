@@ -11,58 +11,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """What a diagnosis found once the alarm was raised.
+    """What a diagnosis found once the alarm was raised."""
 
-    Parameters
-    ----------
-    family : tuple of str
-        Effects that cannot be told from the best one, which comes first.
-    earned : bool
-        The best one was named again in the trials, and leaves nothing over.
-    clear : bool
-        The best one leaves little, if anything.
-    law_alone : bool
-        A drafted law predicts better than every effect, of which the best leaves much.
-    pair : tuple of str
-        Two effects that together predict better than anything else; empty if there are none, or if
-        the best one, being clear, is one of them.
-    pair_is_best : bool
-        The pair also predicts better than the best effect does with any other.
-    on_full_stresses : tuple of str
-        Effects that predict better than anything else once the stresses of the base linear are
-        replaced; empty if none does.
-    """
-
-    family: tuple[str, ...] = ()
-    earned: bool = False
-    clear: bool = False
-    law_alone: bool = False
+    family: tuple[str, ...] = ()  # Effects that cannot be told from the best one, which comes first
+    earned: bool = False  # The best one was named again in the trials, and leaves nothing over
+    clear: bool = False  # The best one leaves little, if anything
+    law_alone: bool = False  # A drafted law predicts better than every effect, of which the best leaves much
+    # Two effects that together predict better than anything else; empty if there are none, or if the best
+    # one, being clear, is one of them
     pair: tuple[str, ...] = ()
-    pair_is_best: bool = False
+    pair_is_best: bool = False  # The pair also predicts better than the best effect does with any other
+    # Effects that predict better than anything else once the stresses of the base linear are replaced; empty
+    # if none does
     on_full_stresses: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What is said of it.
-
-    Parameters
-    ----------
-    verdict : {"effect", "family", "unknown"}
-    family : tuple of str
-        The best first; `effect` alone where one name is given.
-    together : tuple of str
-        Two that belong together.
-    tells_law : bool
-        A drafted law is told, alone or beside the family.
-    rivals : {"family", "on_full_stresses", ""}
-        Which of the findings the next drive has to tell apart.
-    """
+    """What is said of it."""
 
     verdict: Verdict
-    family: tuple[str, ...]
-    together: tuple[str, ...] = ()
-    tells_law: bool = True
+    family: tuple[str, ...]  # The best first; `effect` alone where one name is given
+    together: tuple[str, ...] = ()  # Two that belong together
+    tells_law: bool = True  # A drafted law is told, alone or beside the family
+    # "family" or "on_full_stresses" or "": which of the findings the next drive has to tell apart
     rivals: str = "family"
 
     @property
@@ -76,11 +48,6 @@ def decide(found: Findings, stresses: str) -> Decision:
 
     The strongest statement wins: what the base linear gets wrong, then a pair, then a law that stands
     alone, then a single name that was earned, then a family.
-
-    Parameters
-    ----------
-    stresses : str
-        Id of the base linear's assumption of triangular stresses.
     """
     if found.on_full_stresses:
         both = (stresses, found.on_full_stresses[0])

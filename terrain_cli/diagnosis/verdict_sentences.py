@@ -24,12 +24,8 @@ OFFER = "--draft FILE.toml writes the law."
 def verdict(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection[str] = ()) -> str:
     """Say the verdict to a person, and what to do next.
 
-    Parameters
-    ----------
-    failures : sequence of Finding
-        Of the model on the soils of the diagnosis, the strongest first.
-    changed : collection of str
-        Channels that what is most likely missing changes by itself, without the soil.
+    `failures` are of the model on the soils of the diagnosis, the strongest first; `changed` are the channels
+    that what is most likely missing changes by itself, without the soil.
     """
     if diagnosis.verdict == "none":
         if diagnosis.alarm.p_value < diagnosis.alarm.level:
@@ -101,13 +97,7 @@ def _too_few(diagnosis: Diagnosis) -> str:
 
 
 def with_draft(sentence: str, path: str) -> str:
-    """Say where the law of a verdict is, once it was written.
-
-    Parameters
-    ----------
-    sentence : str
-        From `verdict`.
-    """
+    """Say where the law of a verdict is, once it was written."""
     return sentence.replace(OFFER, f"The law is in {path}.")
 
 
@@ -142,13 +132,7 @@ def _told(one: Candidate) -> str:
 
 
 def sizes_text(one: Candidate, sign: str = " ") -> str:
-    """Write the parameters of a candidate, as far as the data tell them.
-
-    Parameters
-    ----------
-    sign : str
-        Between name and value.
-    """
+    """Write the parameters of a candidate, as far as the data tell them."""
     known = {name: size for name, size in one.sizes.items() if math.isfinite(size.value)}
     return ", ".join(f"{name}{sign}{_text(size)}" for name, size in known.items())
 

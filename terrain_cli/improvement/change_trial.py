@@ -42,15 +42,7 @@ if TYPE_CHECKING:
 
 
 def joined(wheels: Sequence[Windows], *files: ModelFile) -> list[Windows]:
-    """Join the inputs of each wheel, so that an effect has one value for a wheel.
-
-    Parameters
-    ----------
-    wheels : sequence of Windows
-        Read for a comparison.
-    *files : ModelFile
-        What their effects use is computed, as far as the channels allow.
-    """
+    """Join the inputs of each wheel: an effect has one value for a wheel. What effects use is computed."""
     return joined_inputs.by_wheel(wheels, [effect for file in files for effect in file.model.effects])
 
 
@@ -62,17 +54,7 @@ def fitted(
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Compare a model file with the windows of some wheels of one rover.
-
-    Parameters
-    ----------
-    wheels : sequence of Windows
-        From `joined`.
-    like : Comparison, optional
-        Whose blocks are taken.
-    progress : callable
-        Called with the name of each step before it begins.
-    """
+    """Compare a model file with the joined windows of some wheels of one rover, on the blocks of `like`."""
     held, priors, noise = estimators.assumed(wheels, file)
     return compare(
         wheels,
@@ -100,22 +82,8 @@ def tried(
 ) -> Step:
     """Fit a model without and with a change, and compare both on blocks left out of the fit.
 
-    Parameters
-    ----------
-    wheels : sequence of Windows
-        With usable samples, read for a comparison.
-    action : {"add", "remove"}
-    changed : sequence of str
-        Ids of effects or assumptions.
-    first : Comparison, optional
-        Of the model before with the same windows, if it is there already.
-    progress : callable
-        Called with the name of each step before it begins.
-
-    Returns
-    -------
-    Step
-        Not kept.
+    `first` is the comparison of the model before with the same windows, if it is there already. The step is
+    not kept yet.
     """
     parts, wheels = wheels, joined(wheels, before, after)
     if first is None:

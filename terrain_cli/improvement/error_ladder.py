@@ -18,30 +18,14 @@ _SIGNS = {"add": "+", "remove": "−"}
 
 @dataclass(frozen=True, kw_only=True)
 class Rung:
-    """One change of a model, as its file remembers it.
+    """One change of a model, as its file remembers it."""
 
-    Parameters
-    ----------
-    number : int
-        From 1.
-    action : str
-        "add", "remove", or empty where the entry is of another hand.
-    label : str
-        What changed: "+ slip-sinkage".
-    because : str
-        Why it was made.
-    data : str
-        On what it was tried, for a person; empty if it was not.
-    channels : list of ChannelChange
-        Empty if it was not tried.
-    """
-
-    number: int
-    action: str
-    label: str
-    because: str
-    data: str
-    channels: list[ChannelChange]
+    number: int  # From 1
+    action: str  # "add", "remove", or empty where the entry is of another hand
+    label: str  # What changed: "+ slip-sinkage"
+    because: str  # Why it was made
+    data: str  # On what it was tried, for a person; empty if it was not
+    channels: list[ChannelChange]  # Empty if it was not tried
 
 
 def rungs(history: Sequence[Mapping[str, Any]]) -> list[Rung]:
@@ -50,13 +34,7 @@ def rungs(history: Sequence[Mapping[str, Any]]) -> list[Rung]:
 
 
 def channels(ladder: Sequence[Rung]) -> list[str]:
-    """Return the channels of which a ladder knows an error.
-
-    Returns
-    -------
-    list of str
-        In the order in which they are shown.
-    """
+    """Return the channels of which a ladder knows an error, in the order in which they are shown."""
     known = {one.name for rung in ladder for one in rung.channels}
     return [name for name in UNITS if name in known]
 

@@ -25,27 +25,18 @@ _UNKNOWN = Interval(np.nan, np.nan, np.nan)
 def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], HeldOutEvidence]:
     """Tell by how much held-out errors differ: of every channel, and of all together.
 
-    Counted are the samples that both models predict. Each block is left out in turn, for both models
-    and all channels at once, so that what makes a block hard for both does not count; how much that
-    moves a result gives its standard error (the jackknife), and Student's t its 95 % interval. So a few
-    blocks can prove what is plain, and nothing else.
+    Counted are the samples that both models predict. Each block is left out in turn, for both models and all
+    channels at once, so that what makes a block hard for both does not count; how much that moves a result
+    gives its standard error (the jackknife), and Student's t its 95 % interval. So a few blocks can prove
+    what is plain, and nothing else.
 
     Channels have different units, and one may miss by far more than its noise. So what is said of all
-    together is the mean of the logarithms of the ratios of their errors, each weighted by its samples:
-    the likelihood of held-out data where the size of each channel's error is not known beforehand.
+    together is the mean of the logarithms of the ratios of their errors, each weighted by its samples: the
+    likelihood of held-out data where the size of each channel's error is not known beforehand.
 
-    Another base reads other channels, and their noise is in what it predicts. So its errors are counted
-    with the noise that reaches the first: what is compared is what a model could have known.
-
-    Parameters
-    ----------
-    first, second : Comparison
-        Of the same windows, on the same blocks.
-
-    Returns
-    -------
-    channels : list of ChannelChange
-        A channel that only one of them predicts has no difference.
+    Another base reads other channels, and their noise is in what it predicts. So its errors are counted with
+    the noise that reaches the first: what is compared is what a model could have known. A channel that only
+    one of them predicts has no difference.
     """
     names = [name for name in UNITS if name in first.channels and name in second.channels]
     sums, lost = _sums(first, second, names)

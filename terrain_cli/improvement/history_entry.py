@@ -21,28 +21,12 @@ _DIGITS = 6
 
 
 def untested(action: Action, changed: Sequence[str], after: ModelFile) -> dict[str, Any]:
-    """Return the entry of a change that was made without data.
-
-    Parameters
-    ----------
-    action : {"add", "remove"}
-    """
+    """Return the entry of a change that was made without data."""
     return _head(action, changed, after, "no data were given") | {"tested": False}
 
 
 def entry(step: Step, because: str) -> dict[str, Any]:
-    """Return the entry of a change that was tried on data.
-
-    Parameters
-    ----------
-    because : str
-        Why it was made.
-
-    Returns
-    -------
-    dict
-        None where not known, which TOML leaves out.
-    """
+    """Return the entry of a change that was tried on data; None, which TOML leaves out, where not known."""
     return _head(step.action, step.changed, step.after, because) | {
         "tested": True,
         "data": data(step),
@@ -111,13 +95,7 @@ def ends(interval: Interval) -> list[float] | None:
 
 
 def means(parameters: Sequence[Estimated]) -> dict[str, dict[str, Any]]:
-    """Average every parameter over the wheels, weighted by what each knows of it.
-
-    Returns
-    -------
-    dict of str to dict
-        By name; none whose errors are not known.
-    """
+    """Average every parameter with a known error over the wheels, weighted by what each knows of it."""
     result: dict[str, dict[str, Any]] = {}
     for name in dict.fromkeys(one.name for one in parameters):
         own = [one for one in parameters if one.name == name]

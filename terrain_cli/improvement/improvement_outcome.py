@@ -30,24 +30,15 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelChange:
-    """The held-out error of a channel, before and after; SI.
-
-    Parameters
-    ----------
-    before, after : Interval
-        Root mean square; NaN where the model does not predict the channel.
-    noise : float
-        What no model could predict.
-    difference : Interval
-        After less before, on the same blocks.
-    """
+    """The held-out error of a channel, before and after; SI."""
 
     name: str
     unit: str
+    # before, after: root mean square; NaN where the model does not predict the channel
     before: Interval
     after: Interval
-    noise: float
-    difference: Interval
+    noise: float  # What no model could predict
+    difference: Interval  # After less before, on the same blocks
 
     @property
     def fell(self) -> bool:
@@ -81,13 +72,7 @@ class ChannelChange:
 
 @dataclass(frozen=True, kw_only=True)
 class Estimated:
-    """A parameter of an effect under one wheel, in the unit of the model file.
-
-    Parameters
-    ----------
-    determined : bool
-        By the data, rather than by what was known beforehand.
-    """
+    """A parameter of an effect under one wheel, in the unit of the model file."""
 
     source: str
     wheel: str
@@ -95,132 +80,77 @@ class Estimated:
     unit: str
     value: float
     se: float
-    determined: bool
+    determined: bool  # By the data, rather than by what was known beforehand
 
 
 @dataclass(frozen=True)
 class Shift:
-    """How far c or φ moved, over all segments, in standard errors.
+    """How far c or φ moved, over all segments, in standard errors."""
 
-    Parameters
-    ----------
-    name : {"c", "phi"}
-    largest, median : float
-        NaN where neither model determines it.
-    where : tuple of (str, str, int) or None
-        Source, wheel and segment (counted from 1) of the largest.
-    """
-
-    name: str
+    name: str  # "c" or "phi"
+    # largest, median: NaN where neither model determines it
     largest: float
     median: float
-    where: tuple[str, str, int] | None
+    where: tuple[str, str, int] | None  # Source, wheel and segment (counted from 1) of the largest
 
 
 class Idle(NamedTuple):
-    """An effect that a model had before a change, and that may as well be absent now.
-
-    Parameters
-    ----------
-    p_value : float
-        Chance that its parameters are as far from their null values although it is absent.
-    """
+    """An effect that a model had before a change, and that may as well be absent now."""
 
     effect: str
-    p_value: float
+    p_value: float  # Chance that its parameters are as far from their null values although it is absent
 
 
 class Lost(NamedTuple):
-    """A segment whose c and φ could be estimated before, and cannot be any more.
-
-    Parameters
-    ----------
-    segment : int
-        Counted from 1.
-    before, after : str
-        Status.
-    """
+    """A segment whose c and φ could be estimated before, and cannot be any more."""
 
     source: str
     wheel: str
-    segment: int
+    segment: int  # Counted from 1
+    # before, after: status
     before: str
     after: str
 
 
 @dataclass(frozen=True)
 class HeldOutEvidence:
-    """What held-out blocks say of two models.
+    """What held-out blocks say of two models."""
 
-    Parameters
-    ----------
-    overall : Interval
-        Ratio of the held-out error after to that before, over all channels: geometric mean, weighted by
-        samples.
-    blocks : int
-        Independent stretches that it rests on.
-    lost : float
-        Share of the samples predicted before that cannot be predicted afterwards.
-    """
-
+    # Ratio of the held-out error after to that before, over all channels: geometric mean, weighted by samples
     overall: Interval
-    blocks: int
-    lost: float
+    blocks: int  # Independent stretches that it rests on
+    lost: float  # Share of the samples predicted before that cannot be predicted afterwards
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """A change of a model, tried on data.
-
-    Parameters
-    ----------
-    action : {"add", "remove"}
-    changed : tuple of str
-        Ids of effects, or of assumptions that are lifted or made again.
-    first, second : Comparison
-        Of these two, on the same blocks.
-    parameters : list of Estimated
-        Of what is changed, where the model has it.
-    shifts : list of Shift
-        Of c, then of φ.
-    undetermined : tuple of str
-        Parameters that the data determined before, or are new, and that they leave open afterwards.
-    sources : tuple of str
-        Inputs.
-    absent : float
-        Chance that its parameters, all together, are as far from their null values although it is
-        absent (Wald's test); NaN where it has none.
-    imitates : tuple of Estimated
-        Parameters of what is changed that came out, beyond doubt, as nature does not have them: they stand
-        for something else.
-    idle : tuple of Idle
-        Effects of the model before that the change has made needless.
-    rivals : tuple of str
-        Effects that the data do not tell from it, by the diagnosis that proposed it.
-    next_drive : NextDrive or None
-        That would.
-    kept : bool
-        Whether the change was made.
-    """
+    """A change of a model, tried on data."""
 
     action: Action
-    changed: tuple[str, ...]
+    changed: tuple[str, ...]  # Ids of effects, or of assumptions that are lifted or made again
     before: ModelFile
     after: ModelFile
+    # first, second: of the model before and after, on the same blocks
     first: Comparison
     second: Comparison
     channels: list[ChannelChange]
     evidence: HeldOutEvidence
-    parameters: list[Estimated] = field(default_factory=list)
-    shifts: list[Shift] = field(default_factory=list)
+    parameters: list[Estimated] = field(default_factory=list)  # Of what is changed, where the model has it
+    shifts: list[Shift] = field(default_factory=list)  # Of c, then of φ
+    # Parameters that the data determined before, or are new, and that they leave open afterwards
     undetermined: tuple[str, ...] = ()
     lost: list[Lost] = field(default_factory=list)
     sources: tuple[str, ...] = ()
+    # Chance that its parameters, all together, are as far from their null values although it is absent
+    # (Wald's test); NaN where it has none
     absent: float = math.nan
+    # Parameters of what is changed that came out, beyond doubt, as nature does not have them: they stand for
+    # something else
     imitates: tuple[Estimated, ...] = ()
-    idle: tuple[Idle, ...] = ()
+    idle: tuple[Idle, ...] = ()  # Effects of the model before that the change has made needless
+    # Effects that the data do not tell from it, by the diagnosis that proposed it
     rivals: tuple[str, ...] = ()
-    next_drive: NextDrive | None = None
+    next_drive: NextDrive | None = None  # The drive that would
     kept: bool = False
 
     @property
@@ -298,16 +228,8 @@ def _outweighs(some: Sequence[ChannelChange], others: Sequence[ChannelChange]) -
 
 @dataclass(frozen=True)
 class Stopped:
-    """Where the loop ended.
-
-    Parameters
-    ----------
-    quiet : bool
-        Whether the alarm is silent.
-    because : str
-        For a person.
-    """
+    """Where the loop ended."""
 
     file: ModelFile
-    quiet: bool
+    quiet: bool  # Whether the alarm is silent
     because: str

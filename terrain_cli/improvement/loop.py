@@ -33,31 +33,14 @@ def until_quiet(
 ) -> Iterator[Step | Stopped]:
     """Add what is missing, effect by effect, and keep only what pays on held-out data.
 
-    Each round asks for a diagnosis of the model as it has become, tries two effects that explain it
-    together, the effect named, or those that the data cannot tell apart from the best one on, and keeps
-    the first of these whose held-out error falls. That proves nothing against the others, which may pay
-    too: the step names them, and the drive that would tell.
-    When the alarm is silent, or nothing pays, every effect that was added is taken out again by way of
-    trial, and stays out unless the held-out error rises.
-
-    Parameters
-    ----------
-    wheels : sequence of Windows
-        With usable samples, read with all that the model and the candidates need.
-    diagnose : callable
-        From wheels and model file to a diagnosis.
-    draft : callable, optional
-        Writes the file of an effect for what no candidate explains, and returns its path, beginning in
-        the folder of the model file. Without it the loop ends there.
-    paths : mapping of str to str, optional
-        Ids of candidates that are no effects of the catalogue → their paths, beginning there too.
-    progress : callable
-        Called with the name of each step before it begins.
-
-    Yields
-    ------
-    Step or Stopped
-        Every change that was tried, kept or not; at last where it ended.
+    Each round asks for a diagnosis of the model as it has become, tries two effects that explain it together,
+    the effect named, or those that the data cannot tell apart from the best one on, and keeps the first of
+    these whose held-out error falls. That proves nothing against the others, which may pay too: the step
+    names them, and the drive that would tell. When the alarm is silent, or nothing pays, every effect that
+    was added is taken out again by way of trial, and stays out unless the held-out error rises. `draft`
+    writes the file of an effect for what no candidate explains, and returns its path, beginning in the folder
+    of the model file, as do `paths` of candidates that are not in the catalogue; without it the loop ends
+    there. Yields every change that was tried, kept or not, and at last where it ended.
     """
     modulus = wheels[0].samples.geometry.shear_modulus
     named = dict(paths or {})

@@ -23,23 +23,13 @@ _K = "shear_modulus"
 
 @dataclass(frozen=True)
 class Assumption:
-    """Something that a model takes for granted, and that the data may deny.
+    """Something that a model takes for granted, and that the data may deny."""
 
-    Parameters
-    ----------
-    id : str
-        Named where an effect is named; no effect has it.
-    explanation : str
-        One paragraph: what is assumed, and what it does to the residuals where it is wrong.
-    settled_by : str
-        The manoeuvre that tells it from its neighbours.
-    """
-
-    id: str
+    id: str  # Named where an effect is named; no effect has it
     title: str
-    explanation: str
+    explanation: str  # One paragraph: what is assumed, and what it does to the residuals where it is wrong
     reference: str
-    settled_by: str
+    settled_by: str  # The manoeuvre that tells it from its neighbours
 
 
 _PAPER = (
@@ -74,18 +64,7 @@ ASSUMPTIONS: dict[str, Assumption] = {
 
 
 def made_by(file: ModelFile, shear_modulus: float) -> list[Assumption]:
-    """Return the assumptions that a model makes.
-
-    Parameters
-    ----------
-    shear_modulus : float
-        The k of rover.toml in m, which a model without a word on k may hold.
-
-    Returns
-    -------
-    list of Assumption
-        That of the shear modulus names the value held.
-    """
+    """Return the assumptions that a model makes; that of k holds rover.toml's (m) where it says nothing."""
     made = [ASSUMPTIONS[STRESSES]] if file.model.base == "linear" else []
     held = _held(file, shear_modulus)
     if held is not None:
@@ -98,18 +77,6 @@ def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
     """Return a model without an assumption.
 
     A k that only the base linear holds, not the file, is estimated by wong-reece.
-
-    Parameters
-    ----------
-    name : str
-        Id of the assumption.
-    shear_modulus : float
-        The k of rover.toml in m.
-
-    Raises
-    ------
-    UsageError
-        No such assumption, or the model does not make it.
     """
     _check(name)
     held = _held(file, shear_modulus)
@@ -123,20 +90,7 @@ def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
 
 
 def imposed(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
-    """Return a model with an assumption that it did not make: the reverse of `lifted`.
-
-    Parameters
-    ----------
-    shear_modulus : float
-        The k of rover.toml in m.
-
-    Raises
-    ------
-    UsageError
-        No such assumption, or the model makes it already.
-    ConfigurationError
-        An effect of the model changes what the base linear does not have.
-    """
+    """Return a model with an assumption that it did not make: the reverse of `lifted`."""
     _check(name)
     if name in {one.id for one in made_by(file, shear_modulus)}:
         raise UsageError(f"the model makes the assumption {name} already")

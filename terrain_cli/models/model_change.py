@@ -21,16 +21,10 @@ T = TypeVar("T")
 
 
 class Changed(NamedTuple):
-    """A model file after a change.
-
-    Parameters
-    ----------
-    ids : tuple of str
-        Effects that it has more or less, and assumptions lifted or made anew.
-    """
+    """A model file after a change."""
 
     file: ModelFile
-    ids: tuple[str, ...]
+    ids: tuple[str, ...]  # Effects that it has more or less, and assumptions lifted or made anew
 
 
 def folder_of(file: ModelFile) -> Path:
@@ -41,20 +35,8 @@ def folder_of(file: ModelFile) -> Path:
 def added(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Changed:
     """Add effects, or lift assumptions of the base.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Ids of the catalogue, paths of effect files that begin in the folder of the model file, or ids
-        of assumptions.
-    shear_modulus : float
-        The k of rover.toml in m, where an assumption is lifted.
-
-    Raises
-    ------
-    UsageError
-        No such effect, or the model has it already.
-    ConfigurationError
-        The file of an effect is wrong, or the base cannot have the effect.
+    `names` are ids of the catalogue or of assumptions, or paths of effect files that begin in the folder of
+    the model file. `shear_modulus` is the k of rover.toml in m.
     """
     # A base without its assumptions may take effects that it does not take with them. That of k comes
     # first: with the full stresses k is no longer assumed.
@@ -76,20 +58,7 @@ def added(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Change
 
 
 def removed(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Changed:
-    """Remove effects with all that the file says of their parameters, or make assumptions again.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Ids, or paths as for `added`.
-
-    Raises
-    ------
-    UsageError
-        The model does not have it.
-    ConfigurationError
-        The base cannot have what is left.
-    """
+    """Remove effects with all that the file says of their parameters, or make assumptions again."""
     ids = []
     for name in names:
         if name in ASSUMPTIONS:

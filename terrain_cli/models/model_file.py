@@ -35,48 +35,23 @@ SOIL_MEANINGS = {
 
 @dataclass(frozen=True, kw_only=True)
 class ModelFile:
-    """A model, and what is known of its parameters.
-
-    Parameters
-    ----------
-    model : Model
-        The base with its effects.
-    effects : tuple of str
-        The effects as the file names them: ids, or paths beside the file.
-    fixed : mapping of str to float
-        Parameters held, in SI units, such as ``shear_modulus`` and ``slip-sinkage.n1``.
-    priors : mapping of str to Prior
-        In SI units; those of k and keq are log-normal.
-    shared : tuple of str
-        Parameters of the soil that are one for all windows of a wheel.
-    local : tuple of str
-        Parameters of effects that have a value of their own in every window.
-    history : tuple of mapping
-        What `model add` and `model remove` did; kept as it is.
-    path : Path, optional
-        None for a base without a file.
-    text : str
-        The file as it was read, so that `save` keeps its comments.
-    """
+    """A model, and what is known of its parameters."""
 
     model: Model = field(default_factory=Model)
-    effects: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()  # The effects as the file names them: ids, or paths beside the file
+    # Parameters held, in SI units, such as ``shear_modulus`` and ``slip-sinkage.n1``
     fixed: Mapping[str, float] = field(default_factory=dict)
+    # In SI units; those of k and keq are log-normal
     priors: Mapping[str, Prior] = field(default_factory=dict)
-    shared: tuple[str, ...] = ()
-    local: tuple[str, ...] = ()
-    history: tuple[Mapping[str, Any], ...] = ()
-    path: Path | None = None
+    shared: tuple[str, ...] = ()  # Parameters of the soil that are one for all windows of a wheel
+    local: tuple[str, ...] = ()  # Parameters of effects that have a value of their own in every window
+    history: tuple[Mapping[str, Any], ...] = ()  # What `model add` and `model remove` did; kept as it is
+    path: Path | None = None  # None for a base without a file
+    # The file as it was read, so that `save` keeps its comments
     text: str = field(default="", repr=False, compare=False)
 
     def factor(self, name: str) -> float:
-        """Return the SI value of one unit of a parameter, as the file writes it.
-
-        Returns
-        -------
-        float
-            1 but for effects of a user whose unit is another than that of SI.
-        """
+        """Return the SI value of one unit of a parameter in the file; 1 but for effects of a user."""
         own = self.model.parameters.get(name)
         return own.factor if own else 1.0
 

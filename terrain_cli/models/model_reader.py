@@ -21,18 +21,7 @@ if TYPE_CHECKING:
 
 
 def resolve(name: str) -> ModelFile:
-    """Return the model that ``--model`` names.
-
-    Parameters
-    ----------
-    name : str
-        A base, or the path of a model file.
-
-    Raises
-    ------
-    ConfigurationError
-        As for `load`.
-    """
+    """Return the model that ``--model`` names: a base, or the path of a model file."""
     for base in BASES:
         if name == base:
             return ModelFile(model=Model(base))
@@ -46,14 +35,7 @@ def resolve(name: str) -> ModelFile:
 
 
 def load(path: str | Path) -> ModelFile:
-    """Read a model file and the effects it names.
-
-    Raises
-    ------
-    ConfigurationError
-        It cannot be read, is of another format, has an unknown key, effect or parameter or an
-        impossible value.
-    """
+    """Read a model file and the effects it names."""
     path = Path(path)
     text = strict.read_text(path)
     content = strict.parse(text, path)
@@ -92,23 +74,7 @@ def load(path: str | Path) -> ModelFile:
 def build(
     base: str, effects: Sequence[str] = (), fixed: Mapping[str, float] | None = None, folder: Path = Path()
 ) -> ModelFile:
-    """Make a model that is not in a file yet.
-
-    Parameters
-    ----------
-    base : {"linear", "wong-reece"}
-    effects : sequence of str
-        Ids, or paths of effect files.
-    fixed : mapping of str to float, optional
-        Parameters held, in SI units.
-    folder : Path
-        Where relative paths begin: that of the model file to be.
-
-    Raises
-    ------
-    ConfigurationError
-        No such effect or parameter, or an impossible value.
-    """
+    """Make a model that is not in a file yet; paths of effects begin in `folder`, values are SI."""
     model = _model(base, effects, folder)
     values = {name: parameter(model, name, value) for name, value in (fixed or {}).items()}
     return ModelFile(model=model, effects=tuple(effects), fixed=values)
@@ -134,20 +100,7 @@ def is_path(name: str) -> bool:
 
 
 def find_effect(name: str, folder: Path = Path()) -> Effect:
-    """Return an effect of the catalogue, or one of a file.
-
-    Parameters
-    ----------
-    name : str
-        An id, or the path of a TOML file.
-    folder : Path
-        Where relative paths begin.
-
-    Raises
-    ------
-    TerrainError
-        There is none of this name, or the file is wrong.
-    """
+    """Return an effect of the catalogue, or one of a file whose path begins in `folder`."""
     if is_path(name):
         return effect_file.load(folder / name)
     return effects.find(name)
@@ -156,15 +109,7 @@ def find_effect(name: str, folder: Path = Path()) -> Effect:
 def flat(table: Any, place: str) -> Iterator[tuple[str, Any, str]]:
     """Flatten a table of parameters, in which effects may have tables of their own.
 
-    Parameters
-    ----------
-    table : dict
-        ``{"slip-sinkage.n1": 0.4}`` or ``{"slip-sinkage": {"n1": 0.4}}``.
-
-    Yields
-    ------
-    (str, object, str)
-        Qualified name, value and place.
+    Of ``{"slip-sinkage.n1": 0.4}`` or ``{"slip-sinkage": {"n1": 0.4}}``: qualified name, value and place.
     """
     for name, value, where in strict.each(table, place):
         if isinstance(value, dict) and not {"mean", "sd"} & value.keys():
@@ -175,27 +120,7 @@ def flat(table: Any, place: str) -> Iterator[tuple[str, Any, str]]:
 
 
 def parameter(model: Model, name: str, value: Any, place: str = "") -> float:
-    """Check a value for a parameter of a model.
-
-    Parameters
-    ----------
-    name : str
-        Of the soil, or qualified: ``slip-sinkage.n1``.
-    value : object
-        In the parameter's unit.
-    place : str
-        For the message.
-
-    Returns
-    -------
-    float
-        In SI units.
-
-    Raises
-    ------
-    ConfigurationError
-        No such parameter, or a value it cannot have.
-    """
+    """Check a value, in the unit of a parameter with a qualified name; return it in SI units."""
     place = place or name
     _known(name, (*model.soil, *model.parameters), place)
     low, high = _bounds(model, name)

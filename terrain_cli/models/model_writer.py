@@ -27,10 +27,6 @@ def save(file: ModelFile, path: str | Path) -> None:
 
     Where it was read from a file, only what has changed since is written anew: comments and order
     stay.
-
-    Raises
-    ------
-    formats.errors.CannotWriteError
     """
     content = edited(file) if file.text else new(file)
     with formats.replacing(str(path)) as temporary, open(temporary, "w", encoding="utf-8") as target:  # noqa: PTH123
@@ -66,13 +62,7 @@ def new(file: ModelFile) -> str:
 
 
 def edited(file: ModelFile) -> str:
-    """Bring the text that a model file was read from up to date.
-
-    Returns
-    -------
-    str
-        The same text but for what has changed; all anew if its layout allows no change.
-    """
+    """Bring the text that a model file was read from up to date; all anew if its layout allows no change."""
     whole = new(file)
     try:
         text = _changed(file)

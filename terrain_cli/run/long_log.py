@@ -41,18 +41,7 @@ _BEHIND = "@behind"
 
 
 def hindrance(settings: Settings, file: ModelFile | None) -> str | None:
-    """Say what needs a log whole.
-
-    Parameters
-    ----------
-    file : ModelFile or None
-        The model that is fitted whole.
-
-    Returns
-    -------
-    str or None
-        None where reaches do.
-    """
+    """Say what needs a log whole; None where reaches do."""
     if file is not None and not settings.automatic:
         return "the whole model learns its noise from all samples of a wheel"
     if settings.whole or settings.places:
@@ -71,18 +60,7 @@ def lean(part: Samples) -> Samples:
 
 
 def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
-    """Work through a log.
-
-    Parameters
-    ----------
-    parts : iterable of Samples
-        From `lean`, of each wheel in turn.
-
-    Returns
-    -------
-    dict of str to LongWheel
-        By their names.
-    """
+    """Work through the lean samples of a log, of each wheel in turn; results by the names of the wheels."""
     wheels: dict[str, LongWheel] = {}
     source = ""
     for part in parts:
@@ -96,13 +74,7 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
 
 
 class LongWheel:
-    """The windows of one wheel so far, and the samples that are not yet in one.
-
-    Parameters
-    ----------
-    settings : Settings
-        With nothing that is a `hindrance`.
-    """
+    """The windows of one wheel so far, and the samples that are not yet in one."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
@@ -122,13 +94,7 @@ class LongWheel:
         return self._rows
 
     def take(self, part: Samples) -> None:
-        """Add the samples that follow.
-
-        Parameters
-        ----------
-        part : Samples
-            From `lean`.
-        """
+        """Add the samples that follow."""
         if self._first is None:
             self._first = part.taken(slice(0, 0))
         usable = part.usable
@@ -224,13 +190,7 @@ class LongWheel:
         return self._estimates[0]
 
     def account(self, remarks: Sequence[str]) -> dict[str, Any]:
-        """Say what became of its samples, as the summary shows it.
-
-        Parameters
-        ----------
-        remarks : sequence of str
-            What a person should know about the input.
-        """
+        """Say what became of its samples, as the summary shows it."""
         assert self._first is not None  # noqa: S101 - a wheel is there once it has samples
         remarks = list(remarks)
         if self._settings.automatic:

@@ -26,30 +26,20 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class Outcome:
-    """What became of one input.
+    """What became of one input."""
 
-    Parameters
-    ----------
-    table : dict
-        The rows of its segments, from `segment_table.table`.
-    account : dict
-        Samples read, used and set aside by wheel and reason, origins of the channels, remarks;
-        as the summary shows it.
-    estimates : list of WindowEstimates
-        Behind the rows of `table`, one for each wheel.
-    rejects, trace, samples : list of dict
-        Tables of the samples set aside, of the recursive estimate, and of the samples of every
-        window where they were asked for, one for each wheel.
-    error : InputError or None
-        Why there are no rows: no sample can be used. The samples set aside are worth keeping then.
-    """
-
-    table: segment_table.Table
+    table: segment_table.Table  # The rows of its segments, from `segment_table.table`
+    # Samples read, used and set aside by wheel and reason, origins of the channels, remarks; as the summary
+    # shows it
     account: dict[str, Any]
+    # Behind the rows of `table`, one for each wheel
     estimates: list[WindowEstimates] = field(default_factory=list)
+    # rejects, trace, samples: tables of the samples set aside, of the recursive estimate, and of the samples
+    # of every window where they were asked for, one for each wheel
     rejects: list[segment_table.Table] = field(default_factory=list)
     trace: list[segment_table.Table] = field(default_factory=list)
     samples: list[segment_table.Table] = field(default_factory=list)
+    # Why there are no rows: no sample can be used. The samples set aside are worth keeping then.
     error: InputError | None = None
 
 
@@ -61,20 +51,7 @@ def run(
     progress: Callable[[str], None] = lambda _: None,
     beside: bool = False,
 ) -> Outcome:
-    """Estimate the soil under every wheel of one input.
-
-    Parameters
-    ----------
-    progress : callable
-        Called with the name of each step before it begins.
-    beside : bool
-        Work through a long log in a second process while this one reads it.
-
-    Raises
-    ------
-    formats.errors.FormatError, TerrainError
-        The input cannot be read.
-    """
+    """Estimate the soil under every wheel of one input; `beside` reading it, where a log is long."""
     progress("reading")
     file = estimators.choose(settings.method, settings.model, robust=settings.robust)
     where = telemetry.Condition(settings.where) if settings.where else None

@@ -39,15 +39,7 @@ def cores() -> int:
 def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
     """Do what `long_log.work` does in another process; in this one where no other can be started.
 
-    Parameters
-    ----------
-    parts : iterable of Samples
-        Is read in this process.
-
-    Raises
-    ------
-    TerrainError
-        What the other process raised; or it was killed.
+    The samples are read here. Raises what the other process raised, or TerrainError if it was killed.
     """
     try:
         other = _Beside(settings)
@@ -60,13 +52,7 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
 
 
 class _Beside:
-    """The other process.
-
-    Raises
-    ------
-    OSError
-        It cannot be started.
-    """
+    """The other process; OSError if it cannot be started."""
 
     def __init__(self, settings: Settings) -> None:
         # Short logs need none of it.

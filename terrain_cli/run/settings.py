@@ -13,51 +13,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """How one input is turned into a table.
-
-    Parameters
-    ----------
-    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
-    segments : {"auto", "fixed", "terrain", "none"}
-    min_samples : int, optional
-        Fewest samples of a window; `CUT_SAMPLES` to cut and `FIT_SAMPLES` to estimate if not given.
-    window_distance : float, optional
-        In m.
-    folds : int, optional
-        Contiguous blocks for the cross-validation of δ; leave-one-out if not given.
-    wheels : tuple of str
-        Only these; all if empty.
-    model : ModelFile or str, optional
-        "linear", "wong-reece", or a model file; or what it holds, for a process that cannot read it.
-    robust : bool
-        Give wild samples little weight in the fit of the whole model.
-    at_stress : float, optional
-        Stress in kPa at which the strengths of all windows are compared.
-    places : Places, optional
-        Localisation table whose positions the samples get.
-    samples : bool
-        Also keep a table of the samples of every window.
-    whole : bool
-        Also keep, of a long log too, the samples set aside and the recursive estimate.
-    salvage : bool
-        Read what is left of damaged inputs.
-    """
+    """How one input is turned into a table."""
 
     method: Method = "auto"
     segments: Segments = "auto"
+    # Fewest samples of a window; `CUT_SAMPLES` to cut and `FIT_SAMPLES` to estimate if not given
     min_samples: int | None = None
     window_samples: int | None = None
-    window_distance: float | None = None
-    folds: int | None = None
-    wheels: tuple[str, ...] = ()
+    window_distance: float | None = None  # In m
+    folds: int | None = None  # Contiguous blocks for the cross-validation of δ; leave-one-out if not given
+    wheels: tuple[str, ...] = ()  # Only these; all if empty
     where: str | None = None
+    # "linear", "wong-reece", or a model file; or what it holds, for a process that cannot read it
     model: ModelFile | str | None = None
-    robust: bool = False
-    at_stress: float | None = None
-    places: Places | None = None
-    samples: bool = False
-    whole: bool = False
-    salvage: bool = False
+    robust: bool = False  # Give wild samples little weight in the fit of the whole model
+    at_stress: float | None = None  # Stress in kPa at which the strengths of all windows are compared
+    places: Places | None = None  # Localisation table whose positions the samples get
+    samples: bool = False  # Also keep a table of the samples of every window
+    whole: bool = False  # Also keep, of a long log too, the samples set aside and the recursive estimate
+    salvage: bool = False  # Read what is left of damaged inputs
 
     @property
     def automatic(self) -> bool:

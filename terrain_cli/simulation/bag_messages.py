@@ -30,11 +30,6 @@ def topics(log: SimulatedLog) -> list[Topic]:
     Joint states carry torque (effort, N m) and wheel speed, a WrenchStamped for each wheel load
     (force.z) and drawbar pull (force.x), Odometry and Imu what is of the body. A Float64Stamped
     carries any other number, in SI units, under the name of its channel.
-
-    Parameters
-    ----------
-    log : SimulatedLog
-        Simulated for a bag.
     """
     return [*_joint_states(log), *_of_wheels(log), *_of_body(log)]
 

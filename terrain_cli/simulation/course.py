@@ -30,53 +30,28 @@ OF_WHEEL = frozenset({"slip", "load"})
 
 @dataclass(frozen=True)
 class Course:
-    """Time series of the body, at intervals of `profiles.STEP`.
+    """Time series of the body, at intervals of `profiles.STEP`."""
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        In s since the start.
-    body : dict of str to ndarray, shape (n,)
-        velocity, pitch, roll, slip_angle, yaw_rate, acceleration, motor_temperature, heading, x, y,
-        elevation, and travel: metres along the track, which shrink in reverse.
-    """
-
-    time: Array
+    time: Array  # shape (n,): in s since the start
+    # shape (n,): velocity, pitch, roll, slip_angle, yaw_rate, acceleration, motor_temperature, heading, x, y,
+    # elevation, and travel: metres along the track, which shrink in reverse
     body: dict[str, Array]
 
 
 @dataclass(frozen=True)
 class Ride:
-    """Time series of one wheel, at intervals of `profiles.STEP`.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-    smooth : dict of str to ndarray, shape (n,)
-        Load and slip as the soil feels them, the velocity of the wheel centre, and what is of the body.
-    soil : ndarray of int, shape (n,)
-        Index into the soils of the scenario.
-    pass_number : ndarray, shape (n,)
-    """
+    """Time series of one wheel, at intervals of `profiles.STEP`."""
 
     place: Place
-    time: Array
+    time: Array  # shape (n,)
+    # shape (n,): load and slip as the soil feels them, the velocity of the wheel centre, and what is of the
+    # body
     smooth: dict[str, Array]
-    soil: NDArray[np.intp]
-    pass_number: Array
+    soil: NDArray[np.intp]  # shape (n,): index into the soils of the scenario
+    pass_number: Array  # shape (n,)
 
     def at(self, time: Array) -> dict[str, Array]:
-        """Return every series at some times.
-
-        Parameters
-        ----------
-        time : ndarray, shape (m,)
-
-        Returns
-        -------
-        dict of str to ndarray, shape (m,)
-            What jumps ("soil", "pass_number") is as it was at the last point of the time base.
-        """
+        """Return every series at some times; what jumps (soil, pass number) as it was at the last point."""
         last = np.clip(np.floor(time / STEP + 1e-6).astype(int), 0, len(self.time) - 1)
         found = {name: np.interp(time, self.time, values) for name, values in self.smooth.items()}
         return found | {"soil": self.soil[last], "pass_number": self.pass_number[last]}
@@ -106,13 +81,7 @@ def plan(scenario: Scenario) -> Course:
 
 
 def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
-    """Follow one wheel.
-
-    Raises
-    ------
-    ConfigurationError
-        Several soils, and a drive that goes nowhere.
-    """
+    """Follow one wheel."""
     own = _profiles(scenario, place.name, course.time, OF_WHEEL)
     velocity = course.body["velocity"] - place.y * course.body["yaw_rate"]
     smooth_ = {
@@ -127,13 +96,7 @@ def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
 
 
 def body_ride(course: Course) -> Ride:
-    """Follow the origin of the body, for what is measured there.
-
-    Returns
-    -------
-    Ride
-        Without wheel or soil.
-    """
+    """Follow the origin of the body, for what is measured there: no wheel, no soil."""
     from terrain_cli.simulation.scenario import Place
 
     nothing = np.zeros(len(course.time))
@@ -141,19 +104,7 @@ def body_ride(course: Course) -> Ride:
 
 
 def standing(velocity: Array, radius: float) -> NDArray[np.bool_]:
-    """Tell where a wheel stands, as slow as readers of a log take for that.
-
-    Parameters
-    ----------
-    velocity : ndarray, shape (n,)
-        In m/s.
-    radius : float
-        In m.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-    """
+    """Tell where a wheel of some radius stands (m/s, m), as slow as readers of a log take for that."""
     return np.abs(velocity) <= STANDING * radius
 
 

@@ -92,22 +92,9 @@ LOADS = (80.0, 60.0, 40.0, 30.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 
 
 def read(path: str | None, options: Mapping[str, Any], *, seed: int = 0) -> Scenario:
-    """Read what to simulate.
+    """Read what to simulate: options stand above the same keys of the file.
 
-    Parameters
-    ----------
-    path : str or None
-        A TOML file.
-    options : mapping
-        The same keys, which stand above the file; effects, noise and rates are added to those of
-        the file.
-    seed : int
-        If neither says one.
-
-    Raises
-    ------
-    ConfigurationError
-        An unknown key or name, or an impossible value.
+    Effects, noise and rates are added to those of the file. The seed holds if neither says one.
     """
     content: dict[str, Any] = {"seed": seed}
     places_of: dict[str, str] = {}

@@ -31,13 +31,7 @@ _SAMPLES = 400
 
 
 def draw(scenario: Scenario) -> Scenario:
-    """Add an effect and its size, drawn by the seed.
-
-    Raises
-    ------
-    InputError
-        None of the catalogue shows in this drive.
-    """
+    """Add an effect and its size, drawn by the seed."""
     from terrain_cli import effects
 
     rng = generator(scenario.seed, "hidden effect")

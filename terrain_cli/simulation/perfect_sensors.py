@@ -49,17 +49,7 @@ _DEEP = 0.4
 
 
 def check_needs(scenario: Scenario, channels: Iterable[str]) -> None:
-    """Refuse an effect that needs what the drive does not have.
-
-    Parameters
-    ----------
-    channels : iterable of str
-        Those of the drive.
-
-    Raises
-    ------
-    ConfigurationError
-    """
+    """Refuse an effect that needs what the drive does not have."""
     wheel = scenario.geometry
     constants = {"grouser_count": wheel.grouser_count, "grouser_height": wheel.grouser_height}
     known = {*channels, "time", "slip", *(name for name, size in constants.items() if size)}
@@ -73,13 +63,7 @@ def check_needs(scenario: Scenario, channels: Iterable[str]) -> None:
 
 
 class Physics:
-    """What one wheel shows, at any time of its ride.
-
-    Raises
-    ------
-    InputError
-        The soil does not carry the load.
-    """
+    """What one wheel shows, at any time of its ride; InputError where the soil does not carry the load."""
 
     def __init__(self, scenario: Scenario, ride: Ride) -> None:
         self.scenario, self.ride = scenario, ride
@@ -115,16 +99,8 @@ class Physics:
     def at(self, time: Array) -> dict[str, Array]:
         """Return what perfect sensors show.
 
-        Parameters
-        ----------
-        time : ndarray, shape (n,)
-            In s since the start.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (n,)
-            Every channel, "slip" as ω and V give it (NaN where the wheel stands), "soil", and what
-            the soil has: "true_load", "true_slip", "true_sinkage".
+        Every channel, "slip" as ω and V give it (NaN where the wheel stands), "soil", and what the soil has:
+        "true_load", "true_slip", "true_sinkage".
         """
         return self._as_shown(self._travelling(time))
 
@@ -264,21 +240,7 @@ def _without(base: Any, effects: Iterable[Any], *quantities: str) -> Model:
 
 
 def wheel_speed(velocity: Array, slip: Array, radius: float) -> Array:
-    """Return ω of a wheel that moves at V with a slip i: the inverse of `telemetry.derive.slip`.
-
-    Parameters
-    ----------
-    velocity : ndarray, shape (n,)
-        V in m/s.
-    slip : ndarray, shape (n,)
-    radius : float
-        r in m.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In rad/s.
-    """
+    """Return ω (rad/s) of a wheel that moves at V with a slip i: the inverse of `telemetry.derive.slip`."""
     with np.errstate(divide="ignore", invalid="ignore"):
         driving = velocity / (radius * (1.0 - np.minimum(slip, 0.999)))
     return np.where(slip >= 0.0, driving, velocity * (1.0 + slip) / radius)
@@ -290,20 +252,7 @@ def _change(before: Array, after: Array) -> float:
 
 
 def bearable(scenario: Scenario, loads: Iterable[float]) -> float:
-    """Return the first of some mean loads under which no wheel sinks too deep anywhere on the drive.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Its effects are left out.
-    loads : iterable of float
-        In N.
-
-    Returns
-    -------
-    float
-        The last one if the soils bear none.
-    """
+    """Return the first mean load (N) under which no wheel sinks too deep, effects left out; or the last."""
     way = plan(scenario)
     rides = [ride(scenario, way, place) for place in scenario.wheels]
     most = max(float(r.smooth["load"].max()) for r in rides) / scenario.load

@@ -32,34 +32,13 @@ FLANK = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """A quantity over one part of a drive.
-
-    Parameters
-    ----------
-    form : {"ramps", "steps", "swing"}
-    values : tuple of float
-        Of the ramps or steps; of a swing its mean, its amplitude and its period in s.
-    """
+    """A quantity over one part of a drive."""
 
     form: Literal["ramps", "steps", "swing"]
-    values: tuple[float, ...]
+    values: tuple[float, ...]  # Of the ramps or steps; of a swing its mean, its amplitude and its period in s
 
     def over(self, time: Array, duration: float, rng: np.random.Generator) -> Array:
-        """Evaluate the profile.
-
-        Parameters
-        ----------
-        time : ndarray, shape (n,)
-            In s since the part began.
-        duration : float
-            Of the part in s.
-        rng : numpy.random.Generator
-            Gives the phases of a swing.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Evaluate the profile over times since its part began, in s; `rng` gives the phases of a swing."""
         if self.form == "ramps":
             return np.asarray(np.interp(time, np.linspace(0.0, duration, len(self.values)), self.values))
         if self.form == "steps":
@@ -80,18 +59,7 @@ def constant(value: float) -> Profile:
 
 
 def profile_rule(what: str, low: float, high: float) -> Rule:
-    """Return the rule for a profile whose values lie within bounds.
-
-    Parameters
-    ----------
-    what : str
-        What each value must be, in words.
-
-    Returns
-    -------
-    callable
-        Gives a `Profile`.
-    """
+    """Return the rule for a `Profile` with values within bounds, which `what` says in words."""
     number = strict.number(what, low, high)
     swing = strict.table(
         {
@@ -126,28 +94,12 @@ def profile_rule(what: str, low: float, high: float) -> Rule:
 
 
 def generator(seed: int, key: str) -> np.random.Generator:
-    """Return random numbers that stay the same when others are drawn or not.
-
-    Parameters
-    ----------
-    key : str
-        What they are for.
-    """
+    """Return random numbers for `key` that stay the same when others are drawn or not."""
     return np.random.default_rng([seed, zlib.crc32(key.encode())])
 
 
 def smooth(values: Array) -> Array:
-    """Round off the corners and steps of a course, over `FLANK`.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        At intervals of `STEP`.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-    """
+    """Round off the corners and steps of a course (at intervals of `STEP`), over `FLANK`."""
     half = round(FLANK / STEP / 2.0)
     window = np.hanning(2 * half + 3)[1:-1]
     padded = np.pad(values, half, mode="edge")

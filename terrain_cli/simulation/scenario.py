@@ -26,32 +26,16 @@ _ROWS = {1: ("front",), 2: ("front", "rear"), 3: ("front", "middle", "rear")}
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A wheel and where it touches the ground.
-
-    Parameters
-    ----------
-    x, y : float
-        Forward and left of the body's origin, in m.
-    """
+    """A wheel and where it touches the ground."""
 
     name: str
+    # x, y: forward and left of the body's origin, in m
     x: float = 0.0
     y: float = 0.0
 
 
 def places(count: int) -> tuple[Place, ...]:
-    """Place some wheels in rows of two.
-
-    Parameters
-    ----------
-    count : int
-        At least 1.
-
-    Returns
-    -------
-    tuple of Place
-        One wheel alone is named "wheel" and stands at the origin.
-    """
+    """Place some wheels in rows of two; one alone is named "wheel" and stands at the origin."""
     if count == 1:
         return (Place("wheel"),)
     rows = (count + 1) // 2
@@ -66,61 +50,30 @@ def places(count: int) -> tuple[Place, ...]:
 
 @dataclass(frozen=True, slots=True)
 class DrivePart:
-    """A stretch of the drive.
-
-    Parameters
-    ----------
-    duration : float
-        In s.
-    profiles : mapping of str to Profile
-        Every quantity of `prepared_drives.CALM`.
-    """
+    """A stretch of the drive."""
 
     duration: float
-    profiles: Mapping[str, Profile]
+    profiles: Mapping[str, Profile]  # Every quantity of `prepared_drives.CALM`
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A drive, the wheels and soils, the physics, and the sensors.
-
-    Parameters
-    ----------
-    soils : tuple of Soil
-        In turn, over equal distances of the track.
-    geometry : WheelGeometry
-        Of every wheel.
-    load : float
-        Mean load of each wheel in N.
-    speed : float
-        Mean speed in m/s.
-    rate : float
-        Hz, of every channel that `rates` does not name.
-    rates : mapping of str to float
-        channel → Hz.
-    base : {"wong-reece", "linear"}
-    sensors : mapping of str to Sensor
-        By channel; the others are perfect.
-    start : float
-        s since 1970.
-    drawbar_pull : bool
-        Whether it is measured.
-    """
+    """A drive, the wheels and soils, the physics, and the sensors."""
 
     parts: tuple[DrivePart, ...]
-    soils: tuple[Soil, ...]
-    geometry: WheelGeometry
+    soils: tuple[Soil, ...]  # In turn, over equal distances of the track
+    geometry: WheelGeometry  # Of every wheel
     wheels: tuple[Place, ...]
-    load: float
-    speed: float = 0.1
-    rate: float = 20.0
-    rates: Mapping[str, float] = field(default_factory=dict)
+    load: float  # Mean load of each wheel in N
+    speed: float = 0.1  # Mean speed in m/s
+    rate: float = 20.0  # Hz, of every channel that `rates` does not name
+    rates: Mapping[str, float] = field(default_factory=dict)  # channel → Hz
     base: Base = "wong-reece"
     effects: tuple[Chosen, ...] = ()
-    sensors: Mapping[str, Sensor] = field(default_factory=dict)
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)  # By channel; the others are perfect
     seed: int = 0
-    start: float = START
-    drawbar_pull: bool = True
+    start: float = START  # s since 1970
+    drawbar_pull: bool = True  # Whether it is measured
 
     @property
     def duration(self) -> float:

@@ -44,30 +44,13 @@ _AMOUNT = re.compile(r"\s*([-+]?[\d.]+(?:e[-+]?\d+)?)\s*(\S.*)?", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class SensorAmount:
-    """How large an error is.
+    """How large an error is."""
 
-    Parameters
-    ----------
-    share : float
-        Of the true value.
-    absolute : float
-        In the unit of the channel, SI.
-    """
-
-    share: float = 0.0
-    absolute: float = 0.0
+    share: float = 0.0  # Of the true value
+    absolute: float = 0.0  # In the unit of the channel, SI
 
     def at(self, true: Array) -> Array:
-        """Return the amount for each true value.
-
-        Parameters
-        ----------
-        true : ndarray, shape (n,)
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Return the amount for each true value."""
         return np.hypot(self.share * true, self.absolute)
 
     def __bool__(self) -> bool:
@@ -76,58 +59,24 @@ class SensorAmount:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
-    """How a channel errs; all that is given here adds up.
+    """How a channel errs; all that is given here adds up."""
 
-    Parameters
-    ----------
-    white : SensorAmount
-        Standard deviation of noise that has no memory.
-    correlated : SensorAmount
-        Standard deviation of first-order autoregressive noise.
-    correlation_time : float
-        Of that, in s.
-    drift : SensorAmount
-        How far off the channel is at the end of the drive; it grows evenly.
-    outliers : float
-        Share of the samples that are wild.
-    outlier_size : SensorAmount
-        How far those are off, either way.
-    dropouts : float
-        Share of the samples that are lost.
-    dropout_length : float
-        Mean duration of a loss in s; single samples if 0.
-    quantum : float
-        Step in which the channel is reported, in its unit.
-    """
-
+    # Standard deviation of noise that has no memory
     white: SensorAmount = field(default_factory=SensorAmount)
+    # Standard deviation of first-order autoregressive noise
     correlated: SensorAmount = field(default_factory=SensorAmount)
-    correlation_time: float = 1.0
+    correlation_time: float = 1.0  # Of that, in s
+    # How far off the channel is at the end of the drive; it grows evenly
     drift: SensorAmount = field(default_factory=SensorAmount)
-    outliers: float = 0.0
+    outliers: float = 0.0  # Share of the samples that are wild
+    # How far those are off, either way
     outlier_size: SensorAmount = field(default_factory=lambda: SensorAmount(share=2.0))
-    dropouts: float = 0.0
-    dropout_length: float = 0.0
-    quantum: float = 0.0
+    dropouts: float = 0.0  # Share of the samples that are lost
+    dropout_length: float = 0.0  # Mean duration of a loss in s; single samples if 0
+    quantum: float = 0.0  # Step in which the channel is reported, in its unit
 
     def error(self, time: Array, true: Array, duration: float, seed: int, key: str) -> Array:
-        """Return what is added to the true values.
-
-        Parameters
-        ----------
-        time : ndarray, shape (n,)
-            In s since the start of the drive, evenly spaced.
-        true : ndarray, shape (n,)
-        duration : float
-            Of the drive in s.
-        key : str
-            Whose sensor it is.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            NaN where the sample is lost.
-        """
+        """Return what is added to true values at evenly spaced times (s); NaN where the sample is lost."""
         n = len(time)
         total = np.zeros(n)
         if self.white:
@@ -159,17 +108,7 @@ class Sensor:
         return np.fromiter(states, dtype=bool, count=max(n, 1))[:n]
 
     def rounded(self, values: Array) -> Array:
-        """Return values as the sensor reports them.
-
-        Parameters
-        ----------
-        values : ndarray, shape (n,)
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            In whole steps, or with ten digits.
-        """
+        """Return values as the sensor reports them: in whole steps, or with ten digits."""
         if self.quantum:
             digits = max(0, 1 - math.floor(math.log10(self.quantum)))
             # The second rounding takes off the dust of the product, 81.30000000000001.
@@ -177,13 +116,7 @@ class Sensor:
         return ten_digits(values)
 
     def describe(self) -> dict[str, Any]:
-        """Return what differs from a perfect sensor, for the truth.
-
-        Returns
-        -------
-        dict
-            SI units; amounts as {"share", "absolute"}.
-        """
+        """Return what differs from a perfect sensor, for the truth: SI, amounts as {"share", "absolute"}."""
         perfect = asdict(Sensor())
         return {name: value for name, value in asdict(self).items() if value != perfect[name]}
 
@@ -211,31 +144,12 @@ def ten_digits(values: Array) -> Array:
 
 
 def clock(rate: float, duration: float) -> Array:
-    """Return the times at which a channel is sampled.
-
-    Parameters
-    ----------
-    rate : float
-        Hz.
-    duration : float
-        In s.
-
-    Returns
-    -------
-    ndarray
-        In s since the start, in whole microseconds; one at least.
-    """
+    """Return the times (s) at which a channel is sampled, in whole microseconds; one at least."""
     return np.round(np.arange(max(math.floor(duration * rate + 1e-9), 1)) / rate, 6)
 
 
 def amount_rule(channel: str) -> Rule:
-    """Return the rule for an amount: ``0.02`` in the channel's unit, ``"1 mm"`` or ``"3%"``.
-
-    Returns
-    -------
-    callable
-        Gives an `SensorAmount`.
-    """
+    """Return the rule for an amount: ``0.02`` in the channel's unit, ``"1 mm"`` or ``"3%"``."""
     number = strict.number(f"an amount in {CHANNELS[channel].unit.symbol}, at least 0", 0.0)  # type: ignore[union-attr]
 
     def rule(value: Any, place: str) -> SensorAmount:
@@ -269,12 +183,7 @@ def _parts(value: str, place: str) -> tuple[float, str]:
 
 
 def share_rule(value: Any, place: str) -> float:
-    """Read a share: ``0.02`` or ``"2%"``, below 1.
-
-    Raises
-    ------
-    ConfigurationError
-    """
+    """Read a share: ``0.02`` or ``"2%"``, below 1."""
     if isinstance(value, str):
         size, text = _parts(value, place)
         value = size / 100.0 if text == "%" else size if not text else value
@@ -283,13 +192,7 @@ def share_rule(value: Any, place: str) -> float:
 
 
 def sensor_rule(channel: str) -> Rule:
-    """Return the rule for the sensor of a channel: an amount of white noise, or a table.
-
-    Returns
-    -------
-    callable
-        Gives a `Sensor`.
-    """
+    """Return the rule for the sensor of a channel: an amount of white noise, or a table."""
     amount = amount_rule(channel)
     seconds = strict.number("a positive number of seconds", strict.ABOVE_ZERO)
 
@@ -325,12 +228,7 @@ _SENSORS = strict.table({name: sensor_rule(name) for name in NOISY})
 
 
 def sensors_rule(value: Any, place: str) -> dict[str, Sensor]:
-    """Read the noise of all channels: one share for those that are usual, or a table by channel.
-
-    Raises
-    ------
-    ConfigurationError
-    """
+    """Read the noise of all channels: one share for those that are usual, or a table by channel."""
     if isinstance(value, dict):
         sensors: dict[str, Sensor] = _SENSORS(value, place)
         return sensors

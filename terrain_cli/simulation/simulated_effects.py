@@ -36,19 +36,11 @@ PLAUSIBLE = {
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """An effect of a drive.
-
-    Parameters
-    ----------
-    values : mapping of str to float
-        Every parameter by its short name, SI.
-    hidden : bool
-        Drawn at random, and told only in the truth.
-    """
+    """An effect of a drive."""
 
     effect: Effect
-    values: Mapping[str, float] = field(default_factory=dict)
-    hidden: bool = False
+    values: Mapping[str, float] = field(default_factory=dict)  # Every parameter by its short name, SI
+    hidden: bool = False  # Drawn at random, and told only in the truth
 
     def qualified(self) -> dict[str, float]:
         """Return the values by the names that the model has for them."""
@@ -56,13 +48,7 @@ class Chosen:
 
 
 def effects_rule(value: Any, place: str) -> dict[str, dict[str, float]]:
-    """Read the table [effects]: id or file → its parameters.
-
-    Returns
-    -------
-    dict of str to dict
-        Names are not looked up here.
-    """
+    """Read the table [effects]: id or file → its parameters; names are not looked up here."""
     result: dict[str, dict[str, float]] = strict.tables(strict.tables(strict.number("a number")))(
         value, place
     )
@@ -70,22 +56,7 @@ def effects_rule(value: Any, place: str) -> dict[str, dict[str, float]]:
 
 
 def choose(name: str, given: Mapping[str, float], place: str) -> Chosen:
-    """Find an effect and give its parameters values.
-
-    Parameters
-    ----------
-    name : str
-        Of the catalogue, or the path of a TOML file.
-    given : mapping of str to float
-        Parameters that are said; the others have their typical size.
-    place : str
-        For messages.
-
-    Raises
-    ------
-    ConfigurationError
-        No such effect or parameter, or a value out of its bounds.
-    """
+    """Find an effect by id or path; parameters that are not given have their typical size."""
     from terrain_cli import models
 
     try:
@@ -96,20 +67,7 @@ def choose(name: str, given: Mapping[str, float], place: str) -> Chosen:
 
 
 def settle(effect: Effect, given: Mapping[str, float], place: str) -> Chosen:
-    """Give every parameter of an effect a value.
-
-    Parameters
-    ----------
-    given : mapping of str to float
-        By short name; the others get their typical size.
-    place : str
-        For messages.
-
-    Raises
-    ------
-    ConfigurationError
-        No such parameter, or a value out of its bounds.
-    """
+    """Give every parameter of an effect a value, by short name; those not given their typical size."""
     known = {p.name: p for p in effect.parameters}
     for parameter, value in given.items():
         if parameter not in known:
@@ -128,31 +86,14 @@ def settle(effect: Effect, given: Mapping[str, float], place: str) -> Chosen:
 
 
 def typical(parameter: Parameter, name: str = "") -> float:
-    """Return the value of a parameter that a user does not give.
-
-    Parameters
-    ----------
-    name : str
-        Its qualified name.
-
-    Returns
-    -------
-    float
-        In the middle of `PLAUSIBLE`; else one typical size from where the effect is absent.
-    """
+    """Return a value that is not given: in the middle of `PLAUSIBLE`, else one typical size from the null."""
     if name in PLAUSIBLE:
         return 0.5 * sum(PLAUSIBLE[name])
     return parameter.null if parameter.shape else _away(parameter, 1.0)
 
 
 def drawn(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
-    """Draw the size of an effect, as it may occur.
-
-    Returns
-    -------
-    dict of str to float
-        By short name.
-    """
+    """Draw the size of an effect, as it may occur, by short names of its parameters."""
     values = {}
     for parameter in effect.parameters:
         size, side = float(rng.uniform(0.6, 1.6)), float(rng.choice([-1.0, 1.0]))

@@ -35,18 +35,10 @@ TOGETHER: dict[str, tuple[tuple[str, ...], float]] = {
 
 
 class SimulatedSeries(NamedTuple):
-    """A measured channel.
+    """A measured channel."""
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        In s since the start.
-    values : ndarray, shape (n,)
-        SI units; NaN where the sample was lost.
-    """
-
-    time: Array
-    values: Array
+    time: Array  # shape (n,): in s since the start
+    values: Array  # shape (n,): sI units; NaN where the sample was lost
 
 
 class Stretch(NamedTuple):
@@ -59,22 +51,13 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True)
 class SimulatedLog:
-    """What was measured of a drive, and the truth.
-
-    Parameters
-    ----------
-    wheels : dict of str to dict
-        wheel → channel → `SimulatedSeries`.
-    body : dict of str to SimulatedSeries
-        Of the origin of the body.
-    truth : dict of str to dict
-        wheel → what perfect sensors show and what the soil feels, as `Physics.at` gives it, with
-        "time" in s since the start: whenever anything of the wheel was measured.
-    """
+    """What was measured of a drive, and the truth."""
 
     scenario: Scenario
-    wheels: dict[str, dict[str, SimulatedSeries]]
-    body: dict[str, SimulatedSeries]
+    wheels: dict[str, dict[str, SimulatedSeries]]  # wheel → channel → `SimulatedSeries`
+    body: dict[str, SimulatedSeries]  # Of the origin of the body
+    # wheel → what perfect sensors show and what the soil feels, as `Physics.at` gives it, with "time" in s
+    # since the start: whenever anything of the wheel was measured
     truth: dict[str, dict[str, Array]]
     stretches: dict[str, list[Stretch]]
 
@@ -85,18 +68,10 @@ def channels(scenario: Scenario) -> tuple[str, ...]:
 
 
 def rates(scenario: Scenario, *, bag: bool) -> dict[str, float]:
-    """Return the rate of every channel.
+    """Return the rate of every channel in Hz.
 
-    Parameters
-    ----------
-    bag : bool
-        Channels of one message share the highest rate asked for any of them; without one, messages
-        are sent at rates of their own.
-
-    Returns
-    -------
-    dict of str to float
-        Hz.
+    Channels of one message of a bag share the highest rate asked for any of them; other messages are sent at
+    rates of their own.
     """
     if not bag:
         return {name: scenario.rates.get(name, scenario.rate) for name in channels(scenario)}
@@ -108,20 +83,7 @@ def rates(scenario: Scenario, *, bag: bool) -> dict[str, float]:
 
 
 def simulate(scenario: Scenario, *, bag: bool = False) -> SimulatedLog:
-    """Drive and measure; the same scenario always gives the same numbers.
-
-    Parameters
-    ----------
-    bag : bool
-        Sample as the messages of a bag are sent; else as the rows of a table.
-
-    Raises
-    ------
-    InputError
-        A soil does not carry the load, or the effects contradict each other.
-    ConfigurationError
-        An effect needs what the drive does not have.
-    """
+    """Drive and measure, as a bag or a table does; one scenario always gives the same numbers."""
     perfect_sensors.check_needs(scenario, channels(scenario))
     way = course.plan(scenario)
     clocks = {name: clock(rate, scenario.duration) for name, rate in rates(scenario, bag=bag).items()}
@@ -179,13 +141,7 @@ def _stretches(ride: Ride) -> list[Stretch]:
 
 
 def table(log: SimulatedLog) -> dict[str, Array | list[str]]:
-    """Return the log as one table: a row for each wheel and time.
-
-    Returns
-    -------
-    dict of str to sequence
-        By time, then by wheel; NaN where a channel was not measured then.
-    """
+    """Return the log as one table, by time and then by wheel; NaN where a channel was not measured then."""
     parts = []
     for name, measured in log.wheels.items():
         time = log.truth[name]["time"]
@@ -199,11 +155,8 @@ def table(log: SimulatedLog) -> dict[str, Array | list[str]]:
 def truth_table(log: SimulatedLog) -> dict[str, Array | list[str]]:
     """Return the truth as one table, whose rows are those of the log.
 
-    Returns
-    -------
-    dict of str to sequence
-        "time", "wheel", "soil"; what perfect sensors show; "true_load", "true_slip" and
-        "true_sinkage", which the soil has; the parameters of the soil and of the effects.
+    Beside what perfect sensors show it has the soil, what that has of load, slip and sinkage ("true_…"), and
+    the parameters of the soil and of the effects.
     """
     names = (*channels(log.scenario), "slip", "true_load", "true_slip", "true_sinkage")
     soils = log.scenario.soils

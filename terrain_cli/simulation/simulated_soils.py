@@ -18,32 +18,17 @@ _LUNAR = "Wong, Terramechanics and Off-Road Vehicle Engineering, 2nd ed., 2010"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Soil:
-    """What a soil is to a rigid wheel.
-
-    Parameters
-    ----------
-    cohesion : float
-        c in Pa.
-    tan_phi : float
-        Tangent of the internal friction angle φ.
-    shear_modulus : float
-        k of Janosi and Hanamoto in m.
-    sinkage_exponent : float
-        n of Bekker.
-    cohesive_modulus, frictional_modulus : float
-        kc in Pa/m^(n−1) and kφ in Pa/m^n, of Bekker.
-    reference : str
-        Where the values are from.
-    """
+    """What a soil is to a rigid wheel."""
 
     name: str
-    cohesion: float
-    tan_phi: float
-    shear_modulus: float
-    sinkage_exponent: float
+    cohesion: float  # c in Pa
+    tan_phi: float  # Tangent of the internal friction angle φ
+    shear_modulus: float  # k of Janosi and Hanamoto in m
+    sinkage_exponent: float  # n of Bekker
+    # cohesive_modulus, frictional_modulus: kc in Pa/m^(n−1) and kφ in Pa/m^n, of Bekker
     cohesive_modulus: float
     frictional_modulus: float
-    reference: str = ""
+    reference: str = ""  # Where the values are from
 
     @property
     def friction_angle(self) -> float:
@@ -51,18 +36,7 @@ class Soil:
         return math.atan(self.tan_phi)
 
     def values(self, width: float) -> dict[str, float]:
-        """Return the parameters of the wheel–soil model.
-
-        Parameters
-        ----------
-        width : float
-            b of the wheel in m.
-
-        Returns
-        -------
-        dict of str to float
-            SI units; the stiffness is kc/b + kφ.
-        """
+        """Return the parameters of the model in SI units; the stiffness is kc/b + kφ, b the wheel's width."""
         return {
             "cohesion": self.cohesion,
             "tan_phi": self.tan_phi,
@@ -122,13 +96,7 @@ _SOIL = strict.table(
 
 
 def soils_rule(value: Any, place: str) -> dict[str, Soil]:
-    """Read the tables [soils.NAME] of a user.
-
-    Raises
-    ------
-    ConfigurationError
-        A key is unknown or missing, or a value impossible.
-    """
+    """Read the tables [soils.NAME] of a user."""
     return {name: _own(name, inner, where) for name, inner, where in strict.each(value, place)}
 
 
@@ -154,19 +122,7 @@ def _own(name: str, value: Any, place: str) -> Soil:
 
 
 def find(name: str, own: Mapping[str, Soil], place: str) -> Soil:
-    """Find a soil by its name.
-
-    Parameters
-    ----------
-    own : mapping of str to Soil
-        Those of the user, which stand above the published ones.
-    place : str
-        For the message.
-
-    Raises
-    ------
-    ConfigurationError
-    """
+    """Find a soil by its name; those of the user stand above the published ones."""
     known = {**SOILS, **own}
     if name not in known:
         raise ConfigurationError(

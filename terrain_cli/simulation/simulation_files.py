@@ -28,22 +28,7 @@ BAGS = frozenset({"ros1", "mcap", "db3"})
 
 
 def kind_of(destination: str) -> Kind:
-    """Tell from its name how a log is to be written.
-
-    Parameters
-    ----------
-    destination : str
-        "-" is the standard output, which takes CSV, as do pipes and devices.
-
-    Returns
-    -------
-    {"csv", "parquet", "ros1", "mcap", "db3"}
-
-    Raises
-    ------
-    CannotWriteError
-        An ending that is not known.
-    """
+    """Tell from its name how a log is written; "-" takes CSV, as do pipes and devices."""
     path = Path(destination)
     folder = destination.endswith("/")
     packed = path.suffix.lower() in PACKINGS
@@ -61,13 +46,7 @@ def kind_of(destination: str) -> Kind:
 
 
 def write_log(log: SimulatedLog, destination: str) -> None:
-    """Write the telemetry, whole or not at all.
-
-    Parameters
-    ----------
-    log : SimulatedLog
-        Simulated for a bag where the destination is one.
-    """
+    """Write the telemetry, whole or not at all."""
     kind = kind_of(destination)
     if kind in BAGS:
         from formats.output.bag_writer import write_bag
@@ -81,19 +60,9 @@ def write_log(log: SimulatedLog, destination: str) -> None:
 
 
 def write(log: SimulatedLog, destination: str, *, truth: str | None = None, rover: str | None = None) -> None:
-    """Write the log, and what belongs to it: all of them, or none.
+    """Write the log, simulated for a bag where it becomes one, and what belongs to it: all of them, or none.
 
-    Parameters
-    ----------
-    log : SimulatedLog
-        Simulated for a bag where the destination is one.
-    truth : str, optional
-        Takes a table where it ends in .csv or .parquet, else everything as JSON.
-
-    Raises
-    ------
-    CannotWriteError
-        No space, no permission, no such folder.
+    The truth is a table where it ends in .csv or .parquet, else everything as JSON.
     """
     with ExitStack() as stack:
         if truth:

@@ -17,13 +17,7 @@ FORMAT = "terrain-est/truth/1"
 
 
 def document(log: SimulatedLog) -> dict[str, Any]:
-    """Describe the truth behind a log.
-
-    Returns
-    -------
-    dict
-        Ready for JSON; see docs/simulate.md.
-    """
+    """Describe the truth behind a log, ready for JSON; see docs/simulate.md."""
     scenario = log.scenario
     return {
         "format": FORMAT,

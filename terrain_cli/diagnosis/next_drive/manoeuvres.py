@@ -39,24 +39,15 @@ _MIRRORED = ("pitch", "roll")
 
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
-    """What a log is like in the middle.
+    """What a log is like in the middle."""
 
-    Parameters
-    ----------
-    load, speed, slip, sinkage : float
-        N, m/s, 1, m.
-    others : dict of str to float
-        Medians of the further channels, in SI units.
-    radius : float
-        Of the wheel in m.
-    """
-
+    # load, speed, slip, sinkage: N, m/s, 1, m
     load: float
     speed: float
     slip: float
     sinkage: float
-    others: dict[str, float]
-    radius: float
+    others: dict[str, float]  # Medians of the further channels, in SI units
+    radius: float  # Of the wheel in m
 
     @classmethod
     def of(cls, data: SmoothedData) -> Conditions:
@@ -85,21 +76,13 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """A drive.
+    """A drive."""
 
-    Parameters
-    ----------
-    text : str
-        For a person.
-    part : dict
-        A `[[part]]` of a drive file of `terrain-est simulate`; load and speed are shares of `load` and
-        `speed` there, which are those of the conditions.
-    varies : frozenset of str
-        Channels without which it shows nothing; "speed" is that of the wheel or its centre.
-    """
-
-    text: str
+    text: str  # For a person
+    # A `[[part]]` of a drive file of `terrain-est simulate`; load and speed are shares of `load` and `speed`
+    # there, which are those of the conditions
     part: dict[str, Any]
+    # Channels without which it shows nothing; "speed" is that of the wheel or its centre
     varies: frozenset[str] = frozenset()
 
     def possible(self, channels: Collection[str]) -> bool:
@@ -107,13 +90,7 @@ class Manoeuvre:
         return self.varies <= drivers(channels) | {"load", "slip"}
 
     def drive(self, at: Conditions) -> dict[str, Array]:
-        """Drive it, without noise.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (n,)
-            time; load and slip as measured; every channel of the course, counted the way the wheel turns.
-        """
+        """Drive it without noise: time and every channel of the course, counted the way the wheel turns."""
         from terrain_cli import simulation
         from terrain_cli.simulation import course, perfect_sensors
 
@@ -141,13 +118,7 @@ def drivers(channels: Collection[str]) -> frozenset[str]:
 
 
 def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
-    """List manoeuvres, the plainest first.
-
-    Parameters
-    ----------
-    seconds : float
-        Length of each.
-    """
+    """List manoeuvres of some length, the plainest first."""
     warm = round(at.others.get("motor_temperature", 25.0))
     calm = {"duration": seconds, "slip": at.slip, "load": 1.0, "speed": 1.0, "motor_temperature": warm}
     for name in ("pitch", "slip_angle"):

@@ -70,21 +70,13 @@ class PowerLog:
 
 @dataclass(frozen=True)
 class Shown:
-    """What a model predicts of some samples, in units of the noise.
+    """What a model predicts of some samples, in units of the noise."""
 
-    Parameters
-    ----------
-    predicted, effect : ndarray, shape (n, c)
-        `effect` is the part of it that goes with the effect.
-    known : ndarray of bool, shape (n,)
-    sinkage : ndarray, shape (n,)
-        In m; of no samples where it is not measured.
-    """
-
+    # predicted, effect: shape (n, c): `effect` is the part of it that goes with the effect
     predicted: Array
     effect: Array
-    known: NDArray[np.bool_]
-    sinkage: Array
+    known: NDArray[np.bool_]  # shape (n,)
+    sinkage: Array  # shape (n,): in m; of no samples where it is not measured
 
 
 class Side:
@@ -141,19 +133,10 @@ def margins(ground: PowerLog, sides: Sequence[Side], course: Mapping[str, Array]
     """Return by how many deviations a drive leads to the right one of two.
 
     With d the distances by which the new drive takes the wrong and the right one from what is shown, in
-    deviations of the noise, the difference of their squares is normal with a deviation of at most twice
-    the sum of d, so that the right one is nearer with a probability of Φ((d_wrong − d_right)/2): here is
-    that half difference.
-
-    Parameters
-    ----------
-    course : mapping of str to ndarray, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (k, k, forms)
-        Of the truth, the wrong one, and the forms of the truth. Minus infinity where the drive cannot be
-        driven.
+    deviations of the noise, the difference of their squares is normal with a deviation of at most twice the
+    sum of d, so that the right one is nearer with a probability of Φ((d_wrong − d_right)/2): here is that
+    half difference. Shape (k, k, forms): of the truth, the wrong one, and the forms of the truth. Minus
+    infinity where the drive cannot be driven.
     """
     count = len(sides)
     found = np.full((count, count, len(FORMS)), -np.inf)
@@ -200,21 +183,13 @@ def _apart(ground: PowerLog, side: Side, old_gap: Array, new_gap: Array, design:
 
 @dataclass(frozen=True)
 class _Views:
-    """What the models of a family make of a drive.
+    """What the models of a family make of a drive."""
 
-    Parameters
-    ----------
-    coupled : bool
-        Whether what is measured, and so what they make of it, depends on which of them is the truth.
-    slopes : dict of Side to ndarray, shape (n, c, p)
-    step : int
-        Samples for which each one stands.
-    """
-
+    # Whether what is measured, and so what they make of it, depends on which of them is the truth
     coupled: bool
     shown: dict[Side, Shown]
-    slopes: dict[Side, Array]
-    step: int
+    slopes: dict[Side, Array]  # shape (n, c, p)
+    step: int  # Samples for which each one stands
 
     def weight(self, one: Side, other: Side) -> Array | None:
         """Return the weight of every sample, shape (n, 1); None where the two have no answer."""

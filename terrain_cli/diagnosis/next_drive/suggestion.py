@@ -44,25 +44,11 @@ def suggest(
     most: int = 3,
     seconds: float = SECONDS,
 ) -> list[NextDrive]:
-    """Find the drive that tells the best of a family from each of the others.
+    """Find the drive that tells the best of a family, which comes first, from each of the others.
 
-    Of several wheels, the one with most samples drives.
-
-    Parameters
-    ----------
-    pairs : sequence of (Hypothesis, Refit)
-        The family, the best first.
-    most : int
-        Others of the family to tell it from.
-    seconds : float
-        Length of a drive.
-
-    Returns
-    -------
-    list of NextDrive
-        One for each of the others. Where no drive tells, it says so and what does, with the power of the
-        drive that tells most, and without settings. Drives that vary a channel which the log lacks are
-        left out: neither effect reads it.
+    Of several wheels, the one with most samples drives. Where no drive tells, it says so and what does, with
+    the power of the drive that tells most, and without settings. Drives that vary a channel which the log
+    lacks are left out: neither effect reads it.
     """
     if len(pairs) < 2 or most < 1:
         return []

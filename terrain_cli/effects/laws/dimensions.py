@@ -29,15 +29,9 @@ _FORM = "such as N s/rad, kPa, Pa/m^1.5, %/K or N/(m/s); 1 for a plain number"
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """A product of powers.
+    """A product of powers."""
 
-    Parameters
-    ----------
-    powers : tuple of Fraction
-        Of kg, m, s, K, A and m^n.
-    """
-
-    powers: tuple[Fraction, ...] = (Fraction(0),) * len(_BASE)
+    powers: tuple[Fraction, ...] = (Fraction(0),) * len(_BASE)  # Of kg, m, s, K, A and m^n
 
     def __mul__(self, other: Dimension) -> Dimension:
         """Multiply."""
@@ -62,15 +56,9 @@ class Dimension:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """What a unit is in SI.
+    """What a unit is in SI."""
 
-    Parameters
-    ----------
-    factor : float
-        SI value of one.
-    """
-
-    factor: float
+    factor: float  # SI value of one
     dimension: Dimension
 
     def __mul__(self, other: Scale) -> Scale:
@@ -115,23 +103,10 @@ _JOINT = re.compile(r"\s*/\s*|\s*[·*⋅∙]\s*|\s+(?!\))|\.(?=[A-Za-z])")
 
 
 def parse(text: str) -> Scale:
-    """Read the text of a unit.
+    """Read a unit: symbols with powers, joined by spaces or dots, and divided by /.
 
-    Parameters
-    ----------
-    text : str
-        Symbols with powers, joined by spaces or dots, and divided by /: ``N s/rad``, ``kPa``,
-        ``Pa/m^1.5``, ``%/K``, ``N/(m/s)``, ``Pa/m^n``; ``1`` or nothing for a plain number.
-
-    Returns
-    -------
-    Scale
-        K and °C are both a step of one kelvin.
-
-    Raises
-    ------
-    ConfigurationError
-        It is no unit.
+    Such as ``N s/rad``, ``kPa``, ``Pa/m^1.5``, ``%/K``, ``N/(m/s)``, ``Pa/m^n``; ``1`` or nothing for a plain
+    number. K and °C are both a step of one kelvin.
     """
     return _UnitReader(text).unit()
 

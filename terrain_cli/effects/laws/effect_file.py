@@ -40,61 +40,26 @@ _KIND: dict[str, Kind] = {
 
 @dataclass(frozen=True)
 class Understood:
-    """What a file says.
-
-    Parameters
-    ----------
-    units : dict of str to dict of str to str
-        Law by what it changes → unit of each name that it reads.
-    trials : dict of str to Trial
-        Law by what it changes → how it did at the null values.
-    """
+    """What a file says."""
 
     effect: Effect
-    units: dict[str, dict[str, str]]
-    trials: dict[str, Trial]
+    units: dict[str, dict[str, str]]  # Law by what it changes → unit of each name that it reads
+    trials: dict[str, Trial]  # Law by what it changes → how it did at the null values
     warnings: list[str]
 
 
 def load(path: str | Path) -> Effect:
-    """Read an effect.
-
-    Raises
-    ------
-    ConfigurationError
-        Wrong in any way; a place in a law is given by line and column.
-    NotFoundError
-        No such file.
-    """
+    """Read an effect; a place in a law that is wrong is given by line and column."""
     return read(path).effect
 
 
 def parse(text: str, name: str = "draft") -> Effect:
-    """Read an effect that is in no file yet.
-
-    Parameters
-    ----------
-    text : str
-        Of the file.
-    name : str
-        For messages.
-
-    Raises
-    ------
-    ConfigurationError
-        As for `load`.
-    """
+    """Read an effect that is in no file yet."""
     return _Reader(name, text, FILE(strict.parse(text, name), f"{name}: ")).understood().effect
 
 
 def read(path: str | Path) -> Understood:
-    """Read an effect, and say what was understood of it.
-
-    Raises
-    ------
-    ConfigurationError, NotFoundError
-        As for `load`.
-    """
+    """Read an effect, and say what was understood of it."""
     raw = _text(str(path))
     content = FILE(strict.parse(raw, path), f"{path}: ")
     return _Reader(str(path), raw, content).understood()

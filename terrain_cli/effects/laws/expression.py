@@ -20,17 +20,10 @@ CONSTANTS = {"pi": math.pi}
 
 
 class Function(NamedTuple):
-    """A function of the language.
+    """A function of the language."""
 
-    Parameters
-    ----------
-    evaluate : callable
-        Of arrays, or numbers with derivatives.
-    least, most : int
-        Arguments.
-    """
-
-    evaluate: Callable[..., Any]
+    evaluate: Callable[..., Any]  # Of arrays, or numbers with derivatives
+    # least, most: arguments
     least: int = 1
     most: int = 1
 
@@ -102,18 +95,7 @@ def names(node: Node) -> Iterator[ast.Name]:
 
 
 def evaluate(node: Node, q: Mapping[str, Any]) -> Any:
-    """Evaluate a part of a law.
-
-    Parameters
-    ----------
-    q : mapping of str to ndarray, float or Dual
-        Every name that it reads.
-
-    Returns
-    -------
-    ndarray, float or Dual
-        NaN where it is no number.
-    """
+    """Evaluate a part of a law, of arrays or numbers with derivatives; NaN where it is no number."""
     with np.errstate(all="ignore"):
         return _value(node, q)
 

@@ -85,17 +85,7 @@ _NO_PLACE = {
 
 
 class LawError(ConfigurationError):
-    """Something wrong at one place of a law.
-
-    Parameters
-    ----------
-    text : str
-        The whole law.
-    start, end : int
-        The place in it.
-    advice : str
-        What to do about it.
-    """
+    """Something wrong at one place of a law, from `start` to `end`, and the advice what to do about it."""
 
     def __init__(self, problem: str, text: str, start: int, end: int, advice: str = "") -> None:
         self.problem, self.text, self.start, self.end, self.advice = problem, text, start, end, advice
@@ -134,10 +124,7 @@ class _Token(NamedTuple):
 def written(name: str) -> str:
     """Return how a law names a channel or a column: in backticks where the name is no plain word.
 
-    Returns
-    -------
-    str
-        Empty if no law can name it: it is a word of the language, too long, or has backticks of its own.
+    Nothing if no law can name it: it is a word of the language, too long, or has backticks of its own.
     """
     if name in RESERVED or len(name) > _LONGEST_WORD:
         return ""
@@ -147,18 +134,7 @@ def written(name: str) -> str:
 
 
 def parse(text: str) -> Node:
-    """Read a law.
-
-    Returns
-    -------
-    Node
-        A number, not a condition.
-
-    Raises
-    ------
-    LawError
-        It is not of the language, or beyond its bounds.
-    """
+    """Read a law: a number, not a condition."""
     if len(text) > LONGEST:
         raise LawError(f"a law has at most {LONGEST} characters, not {len(text)}", text, LONGEST, LONGEST)
     tokens = list(_tokens(text))

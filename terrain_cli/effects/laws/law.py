@@ -13,16 +13,7 @@ if TYPE_CHECKING:
 class Law:
     """A law read from a text: called with what it reads, it gives the changed quantity.
 
-    Parameters
-    ----------
-    text : str
-        In the language of `terrain_cli.effects.laws.grammar`.
-    factors : mapping of str to float
-        What the further columns of the data are multiplied by to become SI.
-
-    Raises
-    ------
-    LawError
+    `factors` are what the further columns of the data are multiplied by to become SI.
     """
 
     def __init__(self, text: str, factors: Mapping[str, float] | None = None) -> None:
@@ -35,13 +26,7 @@ class Law:
         return Law, (self.text, self.factors)
 
     def __call__(self, q: Mapping[str, Any]) -> Any:
-        """Evaluate it.
-
-        Returns
-        -------
-        ndarray, float or Dual
-            NaN where it is no number.
-        """
+        """Evaluate it, of arrays or numbers with derivatives; NaN where it is no number."""
         if self.factors:
             q = {name: q[name] * self.factors.get(name, 1.0) for name in self.reads}
         return expression.evaluate(self.tree, q)

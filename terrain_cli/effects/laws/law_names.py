@@ -30,17 +30,9 @@ _MEASURED = "measured_"
 
 
 def reached(changes: str) -> dict[str, str]:
-    """Return what is known without being listed among the needs when a quantity is changed.
+    """Return what is known, not being among the needs, when a quantity is changed: name → unit.
 
-    Parameters
-    ----------
-    changes : str
-        One of `QUANTITIES`.
-
-    Returns
-    -------
-    dict of str to str
-        Name → unit: what the model has computed by then, and the wheel's constants.
+    What the model has computed by then, and the wheel's constants.
     """
     order = list(QUANTITIES)
     known = order[: order.index(changes) + 1]
@@ -60,17 +52,9 @@ def reached(changes: str) -> dict[str, str]:
 
 
 def measured(needs: Collection[str], columns: Mapping[str, str]) -> dict[str, str]:
-    """Return what a law may read because its effect needs it.
+    """Return what a law may read because its effect needs it: name → unit.
 
-    Parameters
-    ----------
-    columns : mapping of str to str
-        Units of further columns, where they are stated.
-
-    Returns
-    -------
-    dict of str to str
-        Name → unit. The torque and the drawbar pull are `measured_torque` and `measured_drawbar_pull`.
+    The torque and the drawbar pull are `measured_torque` and `measured_drawbar_pull`.
     """
     return {_MEASURED + name if name in _FORCES else name: _unit(name, columns) for name in needs}
 
@@ -92,13 +76,7 @@ def _unit(name: str, columns: Mapping[str, str]) -> str:
 
 
 def refused_need(name: str) -> str:  # noqa: PLR0911 - one for each reason
-    """Say why a name cannot be among the needs of an effect.
-
-    Returns
-    -------
-    str
-        Nothing if it can.
-    """
+    """Say why a name cannot be among the needs of an effect; nothing if it can."""
     if name in OF_THE_WHEEL:
         return f"{name} is always known"
     if name in ENTRY_ANGLE:
@@ -116,13 +94,7 @@ def refused_need(name: str) -> str:  # noqa: PLR0911 - one for each reason
 
 
 def refused_parameter(name: str) -> str:
-    """Say whose name a parameter would take.
-
-    Returns
-    -------
-    str
-        Nothing if it is free.
-    """
+    """Say whose name a parameter would take; nothing if it is free."""
     if name in RESERVED:
         return "a word of the language of laws"
     if name in CHANNELS or name in ON_DEMAND:
@@ -139,17 +111,7 @@ def _of_the_model() -> set[str]:
 
 
 def unreadable(name: str, changes: str, known: Collection[str], needs: Collection[str]) -> tuple[str, str]:
-    """Say why a law cannot read a name, and what to do about it.
-
-    Parameters
-    ----------
-    changes : str
-        What the law changes.
-    known : collection of str
-        All that it can read.
-    needs : collection of str
-        As the effect lists them.
-    """
+    """Say why a law cannot read a name, and what to do about it."""
     channel = name.removeprefix(_MEASURED) if name.removeprefix(_MEASURED) in _FORCES else name
     if name in _FORCES and changes not in _FORCES:
         return (

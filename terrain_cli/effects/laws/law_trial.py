@@ -62,42 +62,22 @@ _WHOLE = frozenset({"pass_number", "grouser_count"})
 
 
 class Trial(NamedTuple):
-    """How a law did.
+    """How a law did."""
 
-    Parameters
-    ----------
-    deviation : float
-        Largest difference from the quantity at the null values, as a share of it; NaN where the
-        law is nowhere a number.
-    gave, wanted : float
-        There.
-    where : dict of str to float
-        There, what the law reads.
-    skids_only : bool
-        The difference is there only where the wheel skids.
-    no_number : float
-        Share of the samples for which it is no number at the null values.
-    example : dict of str to float
-        One of them.
-    """
-
+    # Largest difference from the quantity at the null values, as a share of it; NaN where the law is nowhere
+    # a number
     deviation: float
+    # gave, wanted: there
     gave: float
     wanted: float
-    where: dict[str, float]
-    skids_only: bool
-    no_number: float
-    example: dict[str, float]
+    where: dict[str, float]  # There, what the law reads
+    skids_only: bool  # The difference is there only where the wheel skids
+    no_number: float  # Share of the samples for which it is no number at the null values
+    example: dict[str, float]  # One of them
 
 
 def at_null(effect: Effect, quantity: str, reads: Collection[str]) -> Trial:
-    """Compare a law with the quantity itself, at the null values of all parameters.
-
-    Parameters
-    ----------
-    reads : collection of str
-        Names that the law reads.
-    """
+    """Compare a law with the quantity itself, at the null values of all parameters."""
     nulls = {parameter.name: parameter.null for parameter in effect.parameters}
     given = inputs({quantity, *reads} - nulls.keys())
     gave, wanted = _called(effect.laws[quantity], {**given, **nulls}), given[quantity]
@@ -121,16 +101,7 @@ def at_null(effect: Effect, quantity: str, reads: Collection[str]) -> Trial:
 def influence(effect: Effect, quantity: str, reads: Collection[str], name: str) -> tuple[float, float]:
     """Measure how much a law changes with a parameter: at the null values, and at typical ones.
 
-    Parameters
-    ----------
-    name : str
-        Of the parameter.
-
-    Returns
-    -------
-    at_null, typical : float
-        Root mean square of the derivative, times the parameter's scale; infinite or NaN where the
-        derivative is.
+    The root mean square of the derivative, times the parameter's scale; infinite or NaN where that is.
     """
     nulls = {p.name: p.null for p in effect.parameters}
     given = inputs({quantity, *reads} - nulls.keys())
@@ -157,17 +128,7 @@ def _called(law: Law, q: Mapping[str, Any]) -> Array:
 
 
 def inputs(names: Collection[str]) -> dict[str, Array]:
-    """Draw ordinary values that go together as in the base model, always the same.
-
-    Parameters
-    ----------
-    names : collection of str
-        Everything that a law reads, further columns included.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (SAMPLES,)
-    """
+    """Draw ordinary values that go together as in the base model, always the same; shape (SAMPLES,)."""
     random = np.random.default_rng(20040829)
 
     def draw(low: float, high: float, *, whole: bool = False) -> Array:

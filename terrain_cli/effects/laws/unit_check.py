@@ -21,25 +21,7 @@ _SHOWN = 40
 
 
 def infer(node: Node, text: str, known: Mapping[str, Dimension]) -> Dimension | None:
-    """Find what a part of a law measures.
-
-    Parameters
-    ----------
-    text : str
-        The whole law.
-    known : mapping of str to Dimension
-        Every name that it reads.
-
-    Returns
-    -------
-    Dimension or None
-        None for a bare 0, which fits any.
-
-    Raises
-    ------
-    LawError
-        Units that do not match, at their place.
-    """
+    """Find what a part of a law measures; None for a bare 0, which fits any. LawError tells the place."""
     return _Inference(text, known).of(node)
 
 

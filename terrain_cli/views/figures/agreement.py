@@ -86,13 +86,7 @@ def _counts(axes: Axes, grid: binning.Grid) -> QuadMesh:
 
 
 def residuals(comparison: Comparison, channel: str) -> Figure:
-    """Draw the residual of a channel against its drivers, with the band of 5 to 95 % about its median.
-
-    Parameters
-    ----------
-    channel : str
-        "torque", "drawbar_pull" or "sinkage".
-    """
+    """Draw the residual of a channel against its drivers, with the band of 5 to 95 % about its median."""
     errors = comparison.channels[channel]
     what = quantities.quantity(channel, errors.unit)
     pooled = sample_pairs.pairs(comparison, channel)

@@ -27,10 +27,7 @@ _APART = 0.18
 def errors(ladder: Sequence[Rung]) -> Figure | None:
     """Draw the held-out error of every channel, step by step, with its 95 % interval and the noise.
 
-    Returns
-    -------
-    matplotlib.figure.Figure or None
-        None where nothing was tried on data.
+    None where nothing was tried on data.
     """
     names = channels(ladder)
     if not names:

@@ -40,13 +40,7 @@ _QUANTITIES = (
 
 
 def convergence(trace: Mapping[str, Any]) -> Figure:
-    """Draw c and φ of one wheel after every sample, each with ± 1.96 standard errors.
-
-    Parameters
-    ----------
-    trace : mapping of str to sequence
-        Columns of `results.trace`, of one wheel.
-    """
+    """Draw c and φ of one wheel after every sample, each with ± 1.96 standard errors."""
     figure = Figure(figsize=(7.2, 4.8))
     upper, lower = figure.subplots(2, 1, sharex=True)
     number = np.asarray(trace["segment"])
@@ -76,15 +70,7 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
 def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
     """Draw c and φ of all segments over one another, each from its own first sample.
 
-    Parameters
-    ----------
-    traces : sequence of mapping
-        Each as for `convergence`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure or None
-        None where there is one segment only, or there are more than can be told apart.
+    None where there is one segment only, or there are more than can be told apart.
     """
     parts = [part for trace in traces for part in _segments(trace)]
     if not 1 < len(parts) <= len(COLOURS):

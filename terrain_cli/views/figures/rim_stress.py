@@ -17,13 +17,7 @@ if TYPE_CHECKING:
 
 
 def rim_stress(moments: Sequence[Moment]) -> Figure:
-    """Draw normal and shear stress along the rim, a panel for each moment.
-
-    Parameters
-    ----------
-    moments : sequence of Moment
-        From `soil_strength.moments`.
-    """
+    """Draw normal and shear stress along the rim, a panel for each moment."""
     columns = min(2, len(moments))
     rows = -(-len(moments) // columns)
     figure = Figure(figsize=(3.8 * columns, 2.9 * rows + 0.3))

@@ -26,13 +26,7 @@ MOST_BANDS = 6
 
 
 def strength(table: Mapping[str, Any]) -> Figure:
-    """Draw c and φ of every segment with their ellipses, and beside it the strength line of each.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        Columns of `results.COLUMNS`.
-    """
+    """Draw c and φ of every segment with their ellipses, and beside it the strength line of each."""
     figure = Figure(figsize=(7.6, 3.9))
     left, right = figure.subplots(1, 2)
     kinds = segment_groups.groups(table, len(COLOURS))

@@ -26,19 +26,9 @@ MOST_LABELS = 12
 
 
 def track(table: Mapping[str, Any], misfit: Mapping[str, ArrayLike]) -> Figure | None:
-    """Draw the track of each wheel twice: coloured by the soil's strength, and by the misfit.
+    """Draw the track of each wheel by the soil's strength, and by misfits; None where no segment has a place.
 
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        Columns of `results.COLUMNS`.
-    misfit : mapping of str to array_like, shape (segments,)
-        What to colour the other maps by, by its label with the unit.
-
-    Returns
-    -------
-    matplotlib.figure.Figure or None
-        None where no segment has a place.
+    `misfit` has a value of each segment, by its label with the unit.
     """
     paths = segment_groups.paths(table)
     if not any(len(path) for path in paths):
