@@ -17,7 +17,7 @@ from pathlib import Path
 from benchmarks import rover_bag
 from benchmarks.alone import alone
 from terrain_cli.batch.batch_folder import result_name
-from terrain_cli.batch.input_discovery import local
+from terrain_cli.batch.batch_inputs import local
 from terrain_cli.batch.manifest import Manifest, parse
 
 SIZES = (1_000, 10_000, 30_000)

@@ -14,7 +14,7 @@ import pytest
 
 from terrain_cli import effects, telemetry
 from terrain_cli import rover as rovers
-from terrain_cli.simulation.prepared_drives import PRESETS
+from terrain_cli.simulation.drive_file import PRESETS
 from terrain_cli.simulation.scenario import START
 
 PAGE = (Path(__file__).resolve().parent.parent / "docs" / "simulate.md").read_text("utf-8")

@@ -10,9 +10,9 @@ from hashlib import sha256
 from typing import TYPE_CHECKING
 
 from formats.limits import COPY_GB
-from terrain_cli.batch import decisions, input_discovery, mission_table
-from terrain_cli.batch.arrivals import Arrivals
+from terrain_cli.batch import batch_folder, batch_inputs, mission_table
 from terrain_cli.batch.batch_folder import CONFIGURATIONS, Folder
+from terrain_cli.batch.batch_inputs import Arrivals
 from terrain_cli.batch.configuration import versions
 from terrain_cli.batch.coordinator import Keeper
 from terrain_cli.batch.worker_pool import LocalPool
@@ -22,7 +22,7 @@ from terrain_cli.errors import TerrainError, UnfinishedError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from terrain_cli.batch.batch_input import Input
+    from terrain_cli.batch.batch_inputs import Input
     from terrain_cli.batch.configuration import Configuration
     from terrain_cli.batch.coordinator import Tally
     from terrain_cli.batch.worker_pool import Pool
@@ -51,9 +51,9 @@ class Order:
     # To go on taking what arrives: seconds for which an input must have stayed as it is
     settle: float | None = None
 
-    def wish(self, configuration: Configuration) -> decisions.Wish:
+    def wish(self, configuration: Configuration) -> batch_folder.Wish:
         """Return what decides on what is to be done."""
-        return decisions.Wish(
+        return batch_folder.Wish(
             configuration=configuration.hash,
             twin=configuration.twin,
             salvage=configuration.settings.salvage,
@@ -70,7 +70,7 @@ def preview(
     with Folder(directory, writable=False) as folder:
         wish = order.wish(configuration)
         reasons = [
-            (decisions.reason(item, folder, wish), item) for item in items if not folder.own(item.location)
+            (batch_folder.reason(item, folder, wish), item) for item in items if not folder.own(item.location)
         ]
     return [(why, item) for why, item in reasons if why is not None]
 
@@ -138,7 +138,7 @@ def _watch(
     next_look = 0.0
     while not (order.fail_fast and keeper.tally.failures):
         if (began := time.monotonic()) >= next_look:
-            here = [item for item in input_discovery.discover(names) if not folder.own(item.location)]
+            here = [item for item in batch_inputs.discover(names) if not folder.own(item.location)]
             keeper.add(arrivals.rested(here))
             # A folder of very many files is not looked at all the time.
             now = time.monotonic()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from formats.errors import NotFoundError
 from formats.recovery import told
-from terrain_cli.batch import decisions
+from terrain_cli.batch import batch_folder
 from terrain_cli.batch.batch_folder import result_name
 from terrain_cli.batch.durable_files import uninterrupted
 from terrain_cli.batch.manifest import ManifestEntry
@@ -18,9 +18,8 @@ from terrain_cli.batch.worker_tasks import Estimate, Failure, Identify, Reply, R
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from terrain_cli.batch.batch_folder import Folder
-    from terrain_cli.batch.batch_input import Input
-    from terrain_cli.batch.decisions import Wish
+    from terrain_cli.batch.batch_folder import Folder, Wish
+    from terrain_cli.batch.batch_inputs import Input
     from terrain_cli.batch.worker_pool import Pool
     from terrain_cli.batch.worker_tasks import Job, Task
 
@@ -95,12 +94,12 @@ class Keeper:
         cases = []
         for item in items:
             entry = self._folder.latest.get(item.location)
-            if decisions.reason(item, self._folder, self._wish) is None and entry:
+            if batch_folder.reason(item, self._folder, self._wish) is None and entry:
                 self._leave(item, entry)
             elif item.problem:
                 self._unreadable(item, entry)
             else:
-                known = entry.sha256 if entry and decisions.same(item, entry) else None
+                known = entry.sha256 if entry and batch_folder.same(item, entry) else None
                 cases.append(_Case(item=item, sha256=known))
         self._sizes.update(case.item.size for case in cases)
         for case in cases:
@@ -123,7 +122,7 @@ class Keeper:
         for ticket, reply in self._pool.collect(seconds):
             self._answered(*self._running.pop(ticket), reply)
         if self.idle and self._copies:
-            copies = [item for item in self._copies if decisions.reason(item, self._folder, self._wish)]
+            copies = [item for item in self._copies if batch_folder.reason(item, self._folder, self._wish)]
             self._copies.clear()
             self.tally.counts["as before"] -= len(copies)
             self.add(copies)
@@ -161,7 +160,7 @@ class Keeper:
         self._decide(case.item.size)
 
     def _key(self, case: _Case) -> tuple[str, str]:
-        return decisions.key(str(case.sha256), self._folder, self._wish)
+        return batch_folder.key(str(case.sha256), self._folder, self._wish)
 
     def _holder(self, case: _Case) -> str:
         return self._folder.holders.get(self._key(case), case.item.location)

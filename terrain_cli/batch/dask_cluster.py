@@ -17,7 +17,7 @@ from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-from terrain_cli.batch.worker import Child
+from terrain_cli.batch.worker_pool import Child
 from terrain_cli.batch.worker_tasks import Failure, Reply
 from terrain_cli.errors import ConfigurationError, TerrainError, UsageError
 

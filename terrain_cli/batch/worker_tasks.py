@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from formats.errors import CannotWriteError, FormatError, NotFoundError, shown
-from terrain_cli.batch import input_discovery, remote_inputs
+from terrain_cli.batch import batch_inputs
 from terrain_cli.errors import TerrainError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from terrain_cli.batch.batch_input import Input
+    from terrain_cli.batch.batch_inputs import Input
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.rover import Rover
     from terrain_cli.run.settings import Settings
@@ -93,7 +93,7 @@ class Identify:
         """Return its hash."""
         started = time.monotonic()
         with opened(self.item, self.job.largest) as path:
-            reply = Reply(sha256=input_discovery.content_hash(path))
+            reply = Reply(sha256=batch_inputs.content_hash(path))
         reply.seconds = time.monotonic() - started
         return reply
 
@@ -112,7 +112,7 @@ class Estimate:
         try:
             _check_versions(self.job.versions)
             with opened(self.item, self.job.largest) as path:
-                reply.sha256 = self.sha256 or input_discovery.content_hash(path)
+                reply.sha256 = self.sha256 or batch_inputs.content_hash(path)
                 self._estimate(path, reply)
         except Exception as error:  # noqa: BLE001 - one input must not stop the rest
             reply.failure = failure(error, path, self.item.path)
@@ -168,13 +168,13 @@ def as_file(table: Table, job: Job) -> bytes:
 @contextmanager
 def opened(item: Input, largest: int) -> Iterator[str]:
     """Give the path of an input, or of a copy of it; it must be what it was when it was found."""
-    if remote_inputs.is_address(item.location):
-        with remote_inputs.copied(item, largest) as copy:
+    if batch_inputs.is_address(item.location):
+        with batch_inputs.copied(item, largest) as copy:
             yield copy
         return
-    input_discovery.check_unchanged(item)
+    batch_inputs.check_unchanged(item)
     yield item.location
-    input_discovery.check_unchanged(item)
+    batch_inputs.check_unchanged(item)
 
 
 def _check_versions(keeper: dict[str, str]) -> None:

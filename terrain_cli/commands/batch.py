@@ -14,7 +14,7 @@ from terrain_cli.processes.signals import ENDINGS, EndedError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from terrain_cli.batch.batch_input import Input
+    from terrain_cli.batch.batch_inputs import Input
     from terrain_cli.batch.batch_run import Order
     from terrain_cli.batch.configuration import Configuration
     from terrain_cli.batch.coordinator import Tally
@@ -115,11 +115,11 @@ def command(context: click.Context, /, **_: Any) -> int:
     However it ends, nothing that was done is lost: the same command goes on from there.
     """
     from formats.limits import largest_copy
-    from terrain_cli.batch import batch_run, configuration, input_discovery
+    from terrain_cli.batch import batch_inputs, batch_run, configuration
     from terrain_cli.run.second_process import cores
 
     names = context.params["inputs"]
-    found = input_discovery.discover(names)
+    found = batch_inputs.discover(names)
     rover = options.load_rover(context.params["rover"], [item.location for item in found] or names)
     options.with_defaults(context, rover.estimate)
     given = context.params

@@ -70,7 +70,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     import formats
     from terrain_cli import effects, models
     from terrain_cli.commands.progress import Progress
-    from terrain_cli.diagnosis import diagnose, verdict_sentences
+    from terrain_cli.diagnosis import diagnose, verdict
     from terrain_cli.presentation import diagnosis_text
 
     given = context.params
@@ -93,7 +93,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     if given["draft"] and found.unknown is not None:
         with formats.replacing(given["draft"]) as temporary:
             Path(temporary).write_text(found.unknown.draft, encoding="utf-8")
-        found = replace(found, sentence=verdict_sentences.with_draft(found.sentence, given["draft"]))
+        found = replace(found, sentence=verdict.with_draft(found.sentence, given["draft"]))
     if given["as_json"]:
         content = diagnosis_text.document(found)
         click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))

@@ -1,7 +1,7 @@
 """Which physical effect a model lacks: alarm, ranking, families, and what no catalogue knows.
 
 `diagnose` and `steps` are the method in its order. The score and the p value of a candidate are made by
-`screening`, its held-out errors by `refits`, families by `rivals`, laws of no known effect by
+`screening`, its held-out errors by `refits`, families by `refit_ranking`, laws of no known effect by
 `drafted_laws`, the answer by `verdict`, and the drive that would settle it by `next_drive`.
 """
 

@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING
 from terrain_cli import effects as catalogues
 from terrain_cli import models
 from terrain_cli.comparison import comparison_criteria
-from terrain_cli.diagnosis import (
-    candidates,
-    refits,
-    steps,
-    verdict,
-    verdict_sentences,
-)
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.diagnosis import refits, steps, verdict
 from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
 from terrain_cli.vocabulary.english import counted
@@ -92,7 +86,7 @@ def diagnose(
             verdict=decision.verdict,
             effect=decision.effect,
             family=decision.family,
-            candidates=candidates.listed(
+            candidates=steps.candidates(
                 ranked.data, ranked.base, log.found, ranked.several, log.hypotheses, decision.family
             ),
             unknown=law.unknown if decision.tells_law else None,
@@ -121,7 +115,7 @@ def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnos
         verdict="none",
         effect=None,
         family=(),
-        candidates=candidates.listed(log.data, base, log.found, several, log.hypotheses, ()),
+        candidates=steps.candidates(log.data, base, log.found, several, log.hypotheses, ()),
         unknown=None,
         next_drive=[],
         not_testable=list(log.not_testable),
@@ -130,7 +124,7 @@ def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnos
         fitted=refits.fitted_errors(log.data, base),
         heldout=base.heldout,
     )
-    return replace(diagnosis, sentence=verdict_sentences.verdict(diagnosis, log.failures))
+    return replace(diagnosis, sentence=verdict.sentence(diagnosis, log.failures))
 
 
 def _told(case: Case, ranked: Ranked, diagnosis: Diagnosis) -> Diagnosis:
@@ -140,4 +134,4 @@ def _told(case: Case, ranked: Ranked, diagnosis: Diagnosis) -> Diagnosis:
         changed: Collection[str] = [diagnosis.unknown.channel]
     else:
         changed = laws.get(diagnosis.family[0], ())
-    return replace(diagnosis, sentence=verdict_sentences.verdict(diagnosis, ranked.log.failures, changed))
+    return replace(diagnosis, sentence=verdict.sentence(diagnosis, ranked.log.failures, changed))

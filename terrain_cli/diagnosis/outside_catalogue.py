@@ -10,7 +10,7 @@ import numpy as np
 
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
-from terrain_cli.diagnosis import effect_scores as scoring
+from terrain_cli.diagnosis import signatures as scoring
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.processes import parallel

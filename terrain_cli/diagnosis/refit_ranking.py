@@ -1,21 +1,36 @@
-"""Refits in their order: which predicts better, and which has parameters that are physically possible."""
+"""Refits in their order: which predicts better, which is physically possible, which cannot be told apart.
+
+Held-out losses say which of two models predicts better. Whether that names the right one is another
+matter: a law is never exactly that of the catalogue, and where a drive leaves two signatures alike, a bent
+form of the one is what the other predicts. So for every rival its effect, at the size fitted, in its own
+and in bent forms, is put into this very drive with the noise of its blocks, all candidates are fitted to
+the outcome, and it is counted how often the best of now comes out ahead by as much as it is now.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import smoothed_covariance
+from terrain_cli.comparison import smoothed_covariance, smoothed_model
+from terrain_cli.comparison.bootstrap import resample, webb_weights
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from numpy.typing import NDArray
 
+    from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
+    from terrain_cli.mechanics.wheel_model import Model
 
     Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
 
 
 def error(difference: Array) -> float:
@@ -63,3 +78,156 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
 def incredible(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     """Tell whether an effect ran to the end of what it can be, or to where nature has none."""
     return at_bounds(hypothesis, one) or imitates(data, hypothesis, one)
+
+
+#: Powers of its own size by which an effect is bent into other forms.
+FORMS = (0.0, 0.5, -0.4)
+#: What a bent effect is at the least and at the most, in its usual sizes.
+_BENT = (0.05, 4.0)
+#: Draws of the noise for each form.
+DRAWS = 60
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """What the data can tell apart."""
+
+    family: tuple[int, ...]  # Places of those that cannot be told from the best, which is the first
+    earned: bool  # Whether the best may be named alone
+    share: Array  # shape (k,): how often each is found first where it is the truth
+
+
+def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis], seed: int) -> Rivals:
+    """Tell which of several explanations, the best first, remain."""
+    count = len(refits)
+    cells = [_Design(data, one, hypothesis) for one, hypothesis in zip(refits, hypotheses, strict=True)]
+    # The same draws for every truth and candidate: only what they predict differs.
+    weights = webb_weights(DRAWS, data.blocks, np.random.default_rng(seed))
+    noise = refits[0].residuals
+    firsts = np.zeros((count, len(FORMS)))
+    mistaken = np.zeros((count, len(FORMS)))
+    stolen = np.zeros(count)
+    now = np.array([one.loss.sum() for one in refits])
+    for truth in range(count):
+        for column, form in enumerate(FORMS):
+            losses = np.stack(
+                [
+                    cell.losses(
+                        [_shown(cells[truth], part, form) for part in range(len(noise))],
+                        noise,
+                        weights,
+                    )
+                    for cell in cells
+                ],
+                axis=1,
+            )
+            first = losses.argmin(axis=1)
+            firsts[truth, column] = np.mean(first == truth)
+            if truth == 0:
+                stolen += np.bincount(first, minlength=count) / (len(first) * len(FORMS))
+            mistaken[truth, column] = np.mean(losses[:, truth] - losses[:, 0] >= now[truth] - now[0])
+    tied = np.array([_tied(one.loss - refits[0].loss, seed) for one in refits])
+    possible = mistaken.max(axis=1) > criteria.RULED_OUT
+    # Whoever would be found in place of the best, were that the truth, is no worse an answer.
+    within = tied | possible | (stolen > criteria.TIED)
+    within[0] = True
+    family = tuple(int(place) for place in np.flatnonzero(within))
+    share = firsts.mean(axis=1)
+    earned = len(family) == 1 and bool(share[0] >= criteria.EARNED)
+    return Rivals(family, earned, share)
+
+
+def _tied(difference: Array, seed: int) -> bool:
+    """Tell whether blocks leave it open which of two losses is smaller."""
+    draws = resample(difference[:, None], lambda drawn: drawn[:, 0], seed=seed)
+    return bool(np.mean(draws <= 0.0) > criteria.TIED)
+
+
+class _Design:
+    """A fitted candidate: what it predicts, and what a change of its parameters does to that."""
+
+    def __init__(self, data: Ground, refit: Refit, hypothesis: Hypothesis) -> None:
+        self.blocks = data.blocks
+        self.parts = []
+        for index, solution in enumerate(refit.solutions):
+            part, base = data.data[index], data.base[index]
+            predicted = _white(part, solution.model, solution.of_samples(part.window))
+            if not hypothesis.effects:
+                absent = _white(part, base.model, base.of_samples(part.window))
+            else:
+                absent = _white(part, solution.model, _absent(hypothesis, solution.of_samples(part.window)))
+            design = widened(solution.design, solution.t.shape[1], part.window, part.windows)
+            self.parts.append(
+                _Part(predicted, predicted - absent, design, data.block[index], self.blocks, solution.spread)
+            )
+
+    def losses(self, shown: Sequence[Array], noise: Sequence[Array], weights: Array) -> Array:
+        """Return held-out losses where something else was shown, over draws of the noise."""
+        total = np.zeros(len(weights))
+        for part, one, residual in zip(self.parts, shown, noise, strict=True):
+            total += part.losses(one, residual, weights)
+        return total
+
+
+class _Part:
+    """One wheel of a design, block by block."""
+
+    def __init__(
+        self, predicted: Array, effect: Array, design: Array, block: Index, blocks: int, spread: float
+    ) -> None:
+        self.predicted, self.effect, self.block, self.blocks = predicted, effect, block, blocks
+        self.design = design
+        self.information = products(design, design, block, blocks)
+        whole = self.information.sum(axis=0) + spread * np.eye(design.shape[2])
+        self.inverse = np.linalg.inv(whole - self.information)
+
+    def scores(self, residual: Array) -> Array:
+        """Return the products of the design and a residual, by block."""
+        return products(self.design, residual[..., None], self.block, self.blocks)[..., 0]
+
+    def losses(self, shown: Array, residual: Array, weights: Array) -> Array:
+        """Return held-out losses of `shown` plus weighted noise, over all draws."""
+        apart = shown - self.predicted
+        one, other = self.scores(apart), self.scores(residual)
+        squares = np.bincount(self.block, (apart**2).sum(axis=1), self.blocks)
+        mixed = np.bincount(self.block, (apart * residual).sum(axis=1), self.blocks)
+        power = np.bincount(self.block, (residual**2).sum(axis=1), self.blocks)
+        own = one[None] + weights[:, :, None] * other[None]
+        left = own.sum(axis=1, keepdims=True) - own
+        moved = np.einsum("bpq,dbq->dbp", self.inverse, left)
+        loss = squares[None] + 2.0 * weights * mixed[None] + weights**2 * power[None]
+        loss = loss - 2.0 * np.einsum("dbp,dbp->db", moved, own)
+        loss = loss + np.einsum("dbp,bpq,dbq->db", moved, self.information, moved)
+        return np.asarray(loss.sum(axis=1))
+
+
+def _white(part: SmoothedData, model: Model, numbers: Mapping[str, Array]) -> Array:
+    """Return what a model predicts, in units of the noise; 0 where nothing is measured."""
+    found, _ = smoothed_model.forecast(model, part, numbers, order=smoothed_model.ORDER)
+    return np.asarray(part.white({name: np.nan_to_num(column) for name, column in found.items()}, part.seen))
+
+
+def _absent(hypothesis: Hypothesis, numbers: Mapping[str, Array]) -> dict[str, Array]:
+    """Return parameters with the effect absent."""
+    own = hypothesis.parameters
+    return {name: np.full_like(v, own[name].null) if name in own else v for name, v in numbers.items()}
+
+
+def _shown(truth: _Design, part: int, form: float) -> Array:
+    """Return what a truth would show, its effect bent by a power of its own size."""
+    one = truth.parts[part]
+    return np.asarray(one.predicted + bent(one.effect, form, one.effect))
+
+
+def bent(effect: Array, form: float, like: Array) -> Array:
+    """Return by how much an effect changes when bent by a power of its own size, told and kept in `like`."""
+    usual = float(np.sqrt(np.mean((like**2).sum(axis=1))))
+    if form == 0.0 or usual == 0.0:
+        return np.zeros_like(effect)
+
+    def bend(some: Array) -> Array:
+        size = np.sqrt((some**2).sum(axis=1)) / usual
+        return np.asarray(some * (np.clip(size, *_BENT) ** form)[:, None])
+
+    norm = np.sqrt((like**2).sum() / max(float((bend(like) ** 2).sum()), 1e-300))
+    return np.asarray(norm * bend(effect) - effect)

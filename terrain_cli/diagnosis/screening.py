@@ -11,12 +11,12 @@ import numpy as np
 from terrain_cli import effects as catalogues
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis import effect_scores as scoring
 from terrain_cli.diagnosis import signatures
+from terrain_cli.diagnosis import signatures as scoring
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable, Size
 from terrain_cli.estimation.wheel_fit.normal_equations import products
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.models import assumptions
+from terrain_cli.models import model_change
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -70,10 +70,10 @@ def hypotheses(
         held = {effect.qualified(p): p.null for p in effect.parameters if p.idle(available)}
         found.append(Hypothesis(id=effect.id, title=effect.title, model=model, fixed=held, effects=(effect,)))
     modulus = wheels[0].windows.samples.geometry.shear_modulus
-    made = assumptions.made_by(file, modulus)
+    made = model_change.made_by(file, modulus)
     for assumption in made:
-        ways = [assumptions.lifted(file, assumption.id, modulus)]
-        if assumption.id == assumptions.STRESSES and len(made) > 1:
+        ways = [model_change.lifted(file, assumption.id, modulus)]
+        if assumption.id == model_change.STRESSES and len(made) > 1:
             ways.append(with_stresses(file, modulus))
         one, *others = [
             Hypothesis(
@@ -91,8 +91,8 @@ def hypotheses(
 
 def with_stresses(file: ModelFile, shear_modulus: float) -> ModelFile:
     """Return a model of the base linear with the stresses of the full one, and k estimated as there."""
-    for assumption in assumptions.made_by(file, shear_modulus)[::-1]:
-        file = assumptions.lifted(file, assumption.id, shear_modulus)
+    for assumption in model_change.made_by(file, shear_modulus)[::-1]:
+        file = model_change.lifted(file, assumption.id, shear_modulus)
     return file
 
 

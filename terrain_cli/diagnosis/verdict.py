@@ -1,12 +1,22 @@
-"""The verdict: one pure function of the evidence, with no computing of its own."""
+"""The verdict: from the findings to a decision, and from that to sentences for a person."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison.finding_sentences import beyond_noise, missed
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.models import STRESSES
+from terrain_cli.vocabulary.english import counted, listed
+
 if TYPE_CHECKING:
-    from terrain_cli.diagnosis.diagnosis_outcome import Verdict
+    from collections.abc import Collection, Sequence
+
+    from terrain_cli.comparison import Finding
+    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis, Size, Verdict
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,3 +75,129 @@ def decide(found: Findings, stresses: str) -> Decision:
     if found.law_alone:
         return Decision(verdict="unknown", family=(), rivals="")
     return Decision(verdict="effect" if found.earned else "family", family=found.family)
+
+
+#: How a verdict ends where a law of its own was drafted.
+OFFER = "--draft FILE.toml writes the law."
+
+
+def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection[str] = ()) -> str:
+    """Say the verdict to a person, and what to do next.
+
+    `failures` are of the model on the soils of the diagnosis, the strongest first; `changed` are the channels
+    that what is most likely missing changes by itself, without the soil.
+    """
+    if diagnosis.verdict == "none":
+        if diagnosis.alarm.p_value < diagnosis.alarm.level:
+            return (
+                "Something stands out, but nothing that is added predicts held-out data better: leave the "
+                "model as it is."
+            )
+        beyond = beyond_noise(diagnosis.comparison, criteria.GROSS) or _too_few(diagnosis)
+        return (
+            f"{beyond[0].upper()}{beyond[1:]}."
+            if beyond
+            else "Nothing is missing that these data could show."
+        )
+    seen = _seen(diagnosis, failures, changed)
+    if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
+        return f"{seen}{diagnosis.unknown.sentence} {OFFER}"
+    named = {one.effect: one for one in diagnosis.candidates}
+    first = named[diagnosis.family[0]]
+    if diagnosis.verdict == "effect":
+        return (
+            f"{seen}Most likely {_told(first)}; add it with: "
+            f"terrain-est model add FILE {first.effect} --data INPUT…"
+        )
+    return seen + _family(diagnosis, first)
+
+
+def _family(diagnosis: Diagnosis, first: Candidate) -> str:
+    """Say what remains of several effects, or of one that is not sure."""
+    others = list(diagnosis.family[1:])
+    better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
+    told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
+    if diagnosis.together:
+        add = f"add both with: terrain-est model add FILE {' '.join(diagnosis.together)} --data INPUT…"
+        better = f" Two effects together explain more than any alone; {add}"
+        if first.effect == STRESSES == diagnosis.together[0]:
+            return f"{told} together with {listed(others, 'or')} explain more than any effect alone; {add}"
+        if {*diagnosis.together} == {first.effect, *others}:
+            both = listed(diagnosis.together)
+            return f"{both[0].upper()}{both[1:]} together explain more than any effect alone; {add}"
+    if not others:
+        blocks = diagnosis.comparison.blocks
+        doubt = (
+            f"{blocks} independent stretches of data are too few to be sure of the name"
+            if blocks < comparison_criteria.FEWEST_BLOCKS
+            else "something is left over, or this very drive would not show it often enough to be sure of "
+            "the name"
+        )
+        return f"Probably {_told(first)}, but {doubt}.{better}"
+    return f"{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
+
+
+def _too_few(diagnosis: Diagnosis) -> str:
+    """Say by how much the model is off where there are too few data to tell noise from what is missing."""
+    blocks = diagnosis.comparison.blocks
+    off = [
+        f"{one.name.replace('_', ' ')} by {one.nrmse:.0%}"
+        for one in diagnosis.comparison.channels.values()
+        if not math.isfinite(one.noise) and one.nrmse > criteria.LARGE_ERROR
+    ]
+    if blocks >= comparison_criteria.FEWEST_BLOCKS or not off:
+        return ""
+    table = (
+        "; the table shows what each effect would leave"
+        if any(one.refitted for one in diagnosis.candidates)
+        else ""
+    )
+    data = counted(blocks, "independent stretch", "es")
+    return f"the model misses {listed(off)} of its size, which {data} of data cannot tell from chance{table}"
+
+
+def with_draft(sentence: str, path: str) -> str:
+    """Say where the law of a verdict is, once it was written."""
+    return sentence.replace(OFFER, f"The law is in {path}.")
+
+
+def _seen(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection[str]) -> str:
+    """Say where the model fails, in a channel where who looks at it finds it.
+
+    The soil that is fitted spreads a misfit: what is wrong in one channel may be explained best by
+    something in another, of a size that nobody measured there.
+    """
+    if not failures:
+        return ""
+    first = failures[0]
+    ratios = {
+        name: diagnosis.heldout[name] / errors.noise
+        for name, errors in diagnosis.comparison.channels.items()
+        if name in diagnosis.heldout and errors.noise > 0.0
+    }
+    most = max(ratios, key=lambda name: ratios[name], default="")
+    if first.channel in changed or ratios.get(most, 0.0) < comparison_criteria.ABOVE_NOISE:
+        told = [first]
+    else:
+        least = 1.0 + criteria.STANDS_OUT * (ratios[most] - 1.0)
+        there = [one for one in failures if ratios.get(one.channel, math.inf) >= least]
+        told = [one for one in there if one is first or one.share >= criteria.TOLD]
+    sentence = told[0].sentence if told else missed(most, diagnosis.heldout[most])
+    return f"{sentence[0].upper()}{sentence[1:]}. "
+
+
+def _told(one: Candidate) -> str:
+    sizes = sizes_text(one, " = ")
+    return f"{one.effect} ({sizes})" if sizes else one.effect
+
+
+def sizes_text(one: Candidate, sign: str = " ") -> str:
+    """Write the parameters of a candidate, as far as the data tell them."""
+    known = {name: size for name, size in one.sizes.items() if math.isfinite(size.value)}
+    return ", ".join(f"{name}{sign}{_text(size)}" for name, size in known.items())
+
+
+def _text(size: Size) -> str:
+    unit = "" if size.unit in ("", "1") else f" {size.unit}"
+    error = f" ± {size.se:.2g}" if size.se == size.se else ""
+    return f"{size.value:.3g}{error}{unit}"

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, InputError
-from terrain_cli.mechanics import contact, rim_forces, roots, triangular
+from terrain_cli.mechanics import contact, dual, rim_forces
+from terrain_cli.mechanics.contact import ORDER, order_for
 from terrain_cli.mechanics.dual import Dual, chain, seed, slopes, value
 from terrain_cli.mechanics.effect import KINDS
-from terrain_cli.mechanics.quadrature import ORDER, order_for
 from terrain_cli.processes.memory import keep_freed
 from terrain_cli.vocabulary.choices import BASES, Base
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
@@ -321,7 +321,7 @@ class _Block:
         """Put torque and pull of the linear base into the quantities."""
         q["sinkage"] = self.true_sinkage(q)
         self.shape_of_contact(q)
-        q["torque"], q["drawbar_pull"] = triangular.forces(q, self.wheel.width)
+        q["torque"], q["drawbar_pull"] = rim_forces.triangular_forces(q, self.wheel.width)
 
     def under_wheel(self, q: dict[str, Any]) -> Any:
         """Put torque and pull into the quantities, and return the load that the soil carries."""
@@ -355,8 +355,8 @@ class _Block:
         def shown(z: Any) -> Any:
             return self.law("sinkage", _Missing({**q, "sinkage": z}))
 
-        true = roots.inverse(shown, value(measured))
-        return roots.implicit(true, shown(seed(true, roots.UNKNOWN)) - measured)
+        true = dual.inverse(shown, value(measured))
+        return dual.implicit(true, shown(seed(true, dual.UNKNOWN)) - measured)
 
     def sought_sinkage(self, q: dict[str, Any], load: Any) -> Any:
         """Find the sinkage at which the soil carries a load; NaN where it carries less."""
@@ -369,7 +369,7 @@ class _Block:
         start = (3.0 * np.maximum(wanted, 0.0) / (stiffness * arc)) ** (1.0 / (exponent + 0.5))
         if self.guess is not None:
             start = np.where(self.guess > 0.0, self.guess, start)
-        true, found = roots.carrying(
+        true, found = dual.carrying(
             lambda z: plain.under_wheel(_Missing({**known, "sinkage": z})),
             wanted,
             np.broadcast_to(start, self.shape),
@@ -377,8 +377,8 @@ class _Block:
         )
         root: Any = true
         if self.by:
-            here = self.under_wheel(_Missing({**q, "sinkage": seed(true, roots.UNKNOWN)}))
-            root = roots.implicit(true, here - load)
+            here = self.under_wheel(_Missing({**q, "sinkage": seed(true, dual.UNKNOWN)}))
+            root = dual.implicit(true, here - load)
         return np.where(found, root, np.full(self.shape, np.nan))
 
     def without_derivatives(self) -> _Block:

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from terrain_cli.models.assumptions import (
+from terrain_cli.models.model_change import (
     ASSUMPTIONS,
     MODULUS,
     STRESSES,
     Assumption,
+    Changed,
+    added,
     imposed,
     lifted,
     made_by,
+    recorded,
+    removed,
 )
-from terrain_cli.models.model_change import Changed, added, recorded, removed
-from terrain_cli.models.model_file import FORMAT, ModelFile, Prior
-from terrain_cli.models.model_reader import build, find_effect, is_path, load, parameter, resolve
+from terrain_cli.models.model_file import (
+    FORMAT,
+    ModelFile,
+    Prior,
+    build,
+    find_effect,
+    is_path,
+    load,
+    parameter,
+    resolve,
+)
 from terrain_cli.models.model_writer import new, save
 
 __all__ = [

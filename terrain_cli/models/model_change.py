@@ -1,15 +1,16 @@
-"""Model files with an effect more, or one less."""
+"""Changes of a model: effects added and removed, assumptions of its base lifted and made again."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-from terrain_cli.errors import UsageError, nearest
+from terrain_cli.errors import ConfigurationError, UsageError, nearest
+from terrain_cli.mechanics.prior import Prior
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.models.assumptions import ASSUMPTIONS, imposed, lifted
-from terrain_cli.models.model_reader import find_effect, is_path
+from terrain_cli.models.model_file import find_effect, is_path
+from terrain_cli.vocabulary.choices import K_FACTOR
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,7 +18,122 @@ if TYPE_CHECKING:
 
     from terrain_cli.models.model_file import ModelFile
 
+
 T = TypeVar("T")
+
+STRESSES, MODULUS = "linearised-stresses", "assumed-shear-modulus"
+_K = "shear_modulus"
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """Something that a model takes for granted, and that the data may deny."""
+
+    id: str  # Named where an effect is named; no effect has it
+    title: str
+    explanation: str  # One paragraph: what is assumed, and what it does to the residuals where it is wrong
+    reference: str
+    settled_by: str  # The manoeuvre that tells it from its neighbours
+
+
+_PAPER = (
+    "Iagnemma, Kang, Shibly & Dubowsky 2004, IEEE Trans. Robotics 20(5), doi 10.1109/TRO.2004.829462, "
+    "equations (10)–(27)"
+)
+
+ASSUMPTIONS: dict[str, Assumption] = {
+    STRESSES: Assumption(
+        STRESSES,
+        "Stresses under the rim are triangles",
+        "The base linear takes normal and shear stress as growing in a straight line from the entry angle "
+        "to their peak at half of it, and as falling in a straight line from there to the bottom. Real "
+        "stresses bend: they follow the pressure–sinkage law, and the shear displacement under each point. "
+        "Torque and drawbar pull are then wrong by an amount that follows slip and entry angle, and c and φ "
+        "take the blame. Lifted, the base is wong-reece, which has no such triangles; it estimates k (unless "
+        "[fixed] holds it), stiffness and sinkage exponent of the soil too, and predicts the sinkage.",
+        _PAPER,
+        "a slip sweep at several loads",
+    ),
+    MODULUS: Assumption(
+        MODULUS,
+        "The shear modulus k is the one assumed",
+        "k, the displacement over which shear stress builds up, is held at the value of rover.toml or of "
+        "[fixed]. A wrong one bends torque and drawbar pull over slip, most of all below 0.2, and moves "
+        "c and φ. Lifted, it is estimated, expected within a factor of two of the value assumed.",
+        "Janosi & Hanamoto 1961, Proc. 1st Int. Conf. Mechanics of Soil–Vehicle Systems, Torino, 707–736; "
+        "the assumption is that of Iagnemma et al. 2004",
+        "a slip sweep through 0 to 0.2, where shear stress still builds up",
+    ),
+}
+
+
+def made_by(file: ModelFile, shear_modulus: float) -> list[Assumption]:
+    """Return the assumptions that a model makes; that of k holds rover.toml's (m) where it says nothing."""
+    made = [ASSUMPTIONS[STRESSES]] if file.model.base == "linear" else []
+    held = _held(file, shear_modulus)
+    if held is not None:
+        known = ASSUMPTIONS[MODULUS]
+        made.append(replace(known, title=f"{known.title}: {1e3 * held:.3g} mm"))
+    return made
+
+
+def lifted(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
+    """Return a model without an assumption.
+
+    A k that only the base linear holds, not the file, is estimated by wong-reece.
+    """
+    _check(name)
+    held = _held(file, shear_modulus)
+    if name == STRESSES and file.model.base == "linear":
+        return replace(file, model=Model("wong-reece", file.model.effects))
+    if name == MODULUS and held is not None:
+        expected = Prior.factor(held, K_FACTOR)
+        prior = Prior(_short(expected.mean), _short(expected.sd))
+        return replace(file, fixed=_without_k(file.fixed), priors={**file.priors, _K: prior})
+    raise UsageError(f"the model does not make the assumption {name}", hint="terrain-est model show tells")
+
+
+def imposed(file: ModelFile, name: str, shear_modulus: float) -> ModelFile:
+    """Return a model with an assumption that it did not make: the reverse of `lifted`."""
+    _check(name)
+    if name in {one.id for one in made_by(file, shear_modulus)}:
+        raise UsageError(f"the model makes the assumption {name} already")
+    if name == MODULUS:
+        shared = tuple(other for other in file.shared if other != _K)
+        file = replace(file, priors=_without_k(file.priors), shared=shared)
+        # The base linear holds it without being told.
+        held = _held(file, shear_modulus) is not None
+        return file if held else replace(file, fixed={**file.fixed, _K: shear_modulus})
+    model = Model("linear", file.model.effects)
+    lost = {*file.fixed, *file.priors, *file.shared} - {*model.soil, *model.parameters}
+    if lost:
+        raise ConfigurationError(
+            f"the base linear has no {', '.join(sorted(lost))}, of which the model file says something",
+            hint="take that out of the file first",
+        )
+    return replace(file, model=model)
+
+
+def _check(name: str) -> None:
+    if name not in ASSUMPTIONS:
+        raise UsageError(f"there is no assumption {name!r}", hint=f"there are {', '.join(ASSUMPTIONS)}")
+
+
+def _held(file: ModelFile, shear_modulus: float) -> float | None:
+    """Return the k that is held, as `fitting` does it; None where it is estimated."""
+    if _K in file.fixed:
+        return file.fixed[_K]
+    said = _K in {*file.priors, *file.shared}
+    return shear_modulus if file.model.base == "linear" and not said else None
+
+
+def _short(value: float) -> float:
+    """Return a number that a person can read in the file."""
+    return float(f"{value:.4g}")
+
+
+def _without_k(table: Mapping[str, T]) -> dict[str, T]:
+    return {name: value for name, value in table.items() if name != _K}
 
 
 class Changed(NamedTuple):

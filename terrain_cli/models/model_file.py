@@ -1,16 +1,25 @@
-"""The content of a model file."""
+"""Model files, read strictly: every key and parameter must be known, and every value possible."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from formats.errors import FormatError
+from terrain_cli import effects
+from terrain_cli.effects.laws import effect_file
+from terrain_cli.errors import ConfigurationError, TerrainError, nearest
 from terrain_cli.mechanics.prior import Prior
 from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.toml import strict
+from terrain_cli.vocabulary.choices import BASES, EFFECT_SCALES, PRIOR_SHARES, SOIL_BOUNDS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from terrain_cli.mechanics.effect import Effect
+
 
 __all__ = ["FORMAT", "SOIL_UNITS", "ModelFile", "Prior"]
 
@@ -66,3 +75,164 @@ class ModelFile:
         """Whether it is the linear model and nothing else, for which the estimators of the line do."""
         beyond = (self.effects, self.fixed, self.priors, self.shared)
         return self.model.base == "linear" and not any(beyond)
+
+
+def resolve(name: str) -> ModelFile:
+    """Return the model that ``--model`` names: a base, or the path of a model file."""
+    for base in BASES:
+        if name == base:
+            return ModelFile(model=Model(base))
+    if not Path(name).exists():
+        near = nearest(name, BASES)
+        raise ConfigurationError(
+            f"{name}: no such model file{near}",
+            hint=f"a model is {' or '.join(BASES)}, or a file: terrain-est model new {name}",
+        )
+    return load(name)
+
+
+def load(path: str | Path) -> ModelFile:
+    """Read a model file and the effects it names."""
+    path = Path(path)
+    text = strict.read_text(path)
+    content = strict.parse(text, path)
+    if content.get("format") != FORMAT:
+        said = f"format is {content['format']!r}" if "format" in content else "format is missing"
+        raise ConfigurationError(f"{path}: {said}", hint=f'this version reads format = "{FORMAT}"')
+    content = _FILE(content, f"{path}: ")
+    strict.require(content, str(path), "base")
+    named = tuple(content.get("effects", ()))
+    model = _model(content["base"], named, path.parent, f"{path}: ")
+    fixed = {
+        name: parameter(model, name, value, where)
+        for name, value, where in flat(content.get("fixed", {}), f"{path}: fixed")
+    }
+    priors = {
+        name: _prior(model, name, value, where)
+        for name, value, where in flat(content.get("priors", {}), f"{path}: priors")
+    }
+    for name in fixed.keys() & priors.keys():
+        raise ConfigurationError(f"{path}: priors.{name}: is held by [fixed]", hint="keep one of the two")
+    shared = tuple(content.get("shared", ()))
+    for index, name in enumerate(shared):
+        _known(name, model.soil, f"{path}: shared[{index}]")
+    return ModelFile(
+        model=model,
+        effects=named,
+        fixed=fixed,
+        priors=priors,
+        shared=shared,
+        history=tuple(content.get("history", ())),
+        path=path,
+        text=text,
+    )
+
+
+def build(
+    base: str, effects: Sequence[str] = (), fixed: Mapping[str, float] | None = None, folder: Path = Path()
+) -> ModelFile:
+    """Make a model that is not in a file yet; paths of effects begin in `folder`, values are SI."""
+    model = _model(base, effects, folder)
+    values = {name: parameter(model, name, value) for name, value in (fixed or {}).items()}
+    return ModelFile(model=model, effects=tuple(effects), fixed=values)
+
+
+def _model(base: Any, named: Sequence[str], folder: Path, place: str = "") -> Model:
+    found = []
+    for index, name in enumerate(named):
+        try:
+            found.append(find_effect(name, folder))
+        except (TerrainError, FormatError) as error:
+            where = f"{place}effects[{index}]: " if place else ""
+            raise ConfigurationError(f"{where}{error}", hint=error.hint) from None
+    try:
+        return Model(base, tuple(found))
+    except TerrainError as error:
+        raise ConfigurationError(f"{place}{error}", hint=error.hint) from None
+
+
+def is_path(name: str) -> bool:
+    """Tell the file of an effect from an id of the catalogue."""
+    return name.endswith(".toml") or "/" in name
+
+
+def find_effect(name: str, folder: Path = Path()) -> Effect:
+    """Return an effect of the catalogue, or one of a file whose path begins in `folder`."""
+    if is_path(name):
+        return effect_file.load(folder / name)
+    return effects.find(name)
+
+
+def flat(table: Any, place: str) -> Iterator[tuple[str, Any, str]]:
+    """Flatten a table of parameters, in which effects may have tables of their own.
+
+    Of ``{"slip-sinkage.n1": 0.4}`` or ``{"slip-sinkage": {"n1": 0.4}}``: qualified name, value and place.
+    """
+    for name, value, where in strict.each(table, place):
+        if isinstance(value, dict) and not {"mean", "sd"} & value.keys():
+            for inner, number, inside in strict.each(value, where):
+                yield f"{name}.{inner}", number, inside
+        else:
+            yield name, value, where
+
+
+def parameter(model: Model, name: str, value: Any, place: str = "") -> float:
+    """Check a value, in the unit of a parameter with a qualified name; return it in SI units."""
+    place = place or name
+    _known(name, (*model.soil, *model.parameters), place)
+    low, high = _bounds(model, name)
+    return _within(model, name, value, place, "a number", low, high)
+
+
+def _bounds(model: Model, name: str) -> tuple[float, float]:
+    """Return the least and the greatest value that a parameter may have, in SI units."""
+    own = model.parameters.get(name)
+    if own is None:
+        return SOIL_BOUNDS[name]
+    farthest = EFFECT_SCALES * own.scale
+    return max(own.lower, own.null - farthest), min(own.upper, own.null + farthest)
+
+
+def _within(model: Model, name: str, value: Any, place: str, what: str, low: float, high: float) -> float:
+    """Check a value in a parameter's own unit against bounds in SI units, and return it in SI units."""
+    own = model.parameters.get(name)
+    factor = own.factor if own else 1.0
+    unit = own.unit if own else SOIL_UNITS[name]
+    in_unit = "" if unit == "1" else f" in {unit}"
+    what = f"{what}{in_unit} from {low / factor:g} to {high / factor:g}"
+    checked: float = strict.number(what, low / factor, high / factor)(value, place)
+    return checked * factor
+
+
+def _known(name: Any, known: Sequence[str], place: str) -> None:
+    if name not in known:
+        raise ConfigurationError(
+            f"{place}: the model has no parameter {name!r}{nearest(str(name), known)}",
+            hint=f"it has {', '.join(known)}",
+        )
+
+
+def _prior(model: Model, name: str, value: Any, place: str) -> Prior:
+    _known(name, (*model.soil, *model.parameters), place)
+    values = _PRIOR(value, place)
+    strict.require(values, place, "mean", "sd")
+    low, high = _bounds(model, name)
+    least, most = (share * (high - low) for share in PRIOR_SHARES)
+    return Prior(
+        _within(model, name, values["mean"], f"{place}.mean", "a number", low, high),
+        _within(model, name, values["sd"], f"{place}.sd", "a standard deviation", least, most),
+    )
+
+
+_PRIOR = strict.table({"mean": strict.number("a number"), "sd": strict.number("a number")})
+_FILE = strict.table(
+    {
+        "format": strict.text,
+        "base": strict.choice(*BASES),
+        "effects": strict.several(strict.text),
+        "shared": strict.several(strict.text),
+        "fixed": strict.tables(lambda value, _: value),
+        "priors": strict.tables(lambda value, _: value),
+        "history": strict.several(strict.tables(lambda value, _: value)),
+    }
+)

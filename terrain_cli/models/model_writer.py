@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import formats
-from terrain_cli.models.model_file import FORMAT, SOIL_UNITS, ModelFile
-from terrain_cli.models.model_reader import flat
+from terrain_cli.models.model_file import FORMAT, SOIL_UNITS, ModelFile, flat
 from terrain_cli.toml import toml_text
 
 if TYPE_CHECKING:

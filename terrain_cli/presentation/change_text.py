@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.improvement import history_entry
+from terrain_cli.improvement import model_history
 from terrain_cli.presentation import change_sentences
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary import quantities
@@ -41,16 +41,16 @@ def document(step: Step) -> dict[str, Any]:
         "pays": step.pays if step.action == "add" else not step.costs,
         "kept": step.kept,
         "model": {"before": step.first.model, "after": step.second.model},
-        "data": history_entry.data(step),
-        "channels": {one.name: history_entry.channel(one) for one in step.channels},
-        "ratio": history_entry.number(step.evidence.overall.value),
-        "ratio_interval": history_entry.ends(step.evidence.overall),
+        "data": model_history.data(step),
+        "channels": {one.name: model_history.channel(one) for one in step.channels},
+        "ratio": model_history.number(step.evidence.overall.value),
+        "ratio_interval": model_history.ends(step.evidence.overall),
         "parameters": [_parameter(one) for one in step.parameters],
-        "absent_p_value": history_entry.number(step.absent),
+        "absent_p_value": model_history.number(step.absent),
         "imitates": [one.name for one in step.imitates],
         "idle": [one._asdict() for one in step.idle],
         "rivals": list(step.rivals),
-        "next_drive": history_entry.drive(step.next_drive),
+        "next_drive": model_history.drive(step.next_drive),
         "shift": {one.name: _shift(one) for one in step.shifts},
         "unidentifiable": {
             "parameters": list(step.undetermined),
@@ -71,7 +71,7 @@ def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
     Parameters
     ----------
     entry : dict
-        From `history_entry.untested`.
+        From `model_history.untested`.
     """
     return {
         "format": FORMAT,
@@ -111,8 +111,8 @@ def _parameter(one: Estimated) -> dict[str, Any]:
         "source": one.source,
         "wheel": one.wheel,
         "name": one.name,
-        "value": history_entry.number(one.value),
-        "se": history_entry.number(one.se),
+        "value": model_history.number(one.value),
+        "se": model_history.number(one.se),
         "unit": one.unit,
         "determined": one.determined,
     }
@@ -121,8 +121,8 @@ def _parameter(one: Estimated) -> dict[str, Any]:
 def _shift(one: Shift) -> dict[str, Any]:
     source, wheel, segment = one.where or (None, None, None)
     return {
-        "largest_se": history_entry.number(one.largest),
-        "median_se": history_entry.number(one.median),
+        "largest_se": model_history.number(one.largest),
+        "median_se": model_history.number(one.median),
         "source": source,
         "wheel": wheel,
         "segment": segment,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.diagnosis.verdict_sentences import sizes_text
+from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.presentation.terminal import aligned
 
 if TYPE_CHECKING:

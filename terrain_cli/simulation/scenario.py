@@ -53,7 +53,7 @@ class DrivePart:
     """A stretch of the drive."""
 
     duration: float
-    profiles: Mapping[str, Profile]  # Every quantity of `prepared_drives.CALM`
+    profiles: Mapping[str, Profile]  # Every quantity of `drive_file.CALM`
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,8 +10,8 @@ from terrain_cli.vocabulary import quantities
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.improvement.error_ladder import Rung
     from terrain_cli.improvement.improvement_outcome import ChannelChange, Interval
+    from terrain_cli.improvement.model_history import Rung
 
 
 def table(ladder: Sequence[Rung]) -> tuple[list[str], list[list[str]]]:

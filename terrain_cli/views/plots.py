@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from terrain_cli.comparison import Comparison
-    from terrain_cli.improvement.error_ladder import Rung
+    from terrain_cli.improvement.model_history import Rung
     from terrain_cli.run.one_log import Outcome
     from terrain_cli.windows.cut_windows import Windows
 

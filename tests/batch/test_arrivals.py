@@ -14,8 +14,7 @@ import missions
 from wheel_table import ROVER
 
 from formats.errors import NotFoundError
-from terrain_cli.batch.arrivals import Arrivals
-from terrain_cli.batch.batch_input import Input
+from terrain_cli.batch.batch_inputs import Arrivals, Input
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import missions
 import pytest
 
-from terrain_cli.batch import input_discovery
+from terrain_cli.batch import batch_inputs
 from terrain_cli.batch.worker_tasks import Estimate, Job
 from terrain_cli.rover import Rover
 from terrain_cli.run.settings import Settings
@@ -197,7 +197,7 @@ def test_other_versions_are_refused(cluster, folder, tmp_path):
 def test_inputs_that_workers_cannot_see(folder, tmp_path):
     """Workers elsewhere, played by a file that is gone when the task begins."""
     path = Path(shutil.copy(folder / "in/b.csv", tmp_path))
-    item = input_discovery.local(str(path))
+    item = batch_inputs.local(str(path))
     path.unlink()
     reply = Estimate(item, Job(rover=Rover(), settings=Settings(), crs=None, kind="csv", largest=0)).run()
     assert (reply.failure.exit_code, reply.failure.passing) == (66, True)

@@ -9,7 +9,7 @@ import numpy as np
 from hidden_drives import LOAD, SPEED, drive_of, ramps, samples_from
 from simulator import simulate, undulation
 
-from terrain_cli.simulation.prepared_drives import CALM, PRESETS
+from terrain_cli.simulation.drive_file import CALM, PRESETS
 from terrain_cli.windows.cut_windows import cut
 
 #: What the words of a part mean here: the profile that they set, in which unit.

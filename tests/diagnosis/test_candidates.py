@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from terrain_cli.diagnosis import candidates
+from terrain_cli.diagnosis import steps
 
 
 @pytest.mark.parametrize(("loss", "share"), [(0.5, np.nan), (1.0, np.nan), (3.0, 0.5)])
@@ -20,6 +20,6 @@ def test_share_of_a_misfit_that_is_there(loss, share):
         sizes={name: {} for name in named},
     )
     hypotheses = [SimpleNamespace(id=name, title=name) for name in ("weak", "strong")]
-    first, second = candidates.listed(None, base, found, [], hypotheses, ())
+    first, second = steps.candidates(None, base, found, [], hypotheses, ())
     assert (first.effect, second.effect) == ("strong", "weak")
     assert first.explained == pytest.approx(share, nan_ok=True)

@@ -16,10 +16,9 @@ from terrain_cli import simulation
 from terrain_cli.comparison import blocks, one_soil_or_several
 from terrain_cli.comparison.compare import fit_wheels
 from terrain_cli.comparison.fit_settings import FitSettings
-from terrain_cli.diagnosis import diagnosis_criteria, refits, screening
+from terrain_cli.diagnosis import diagnosis_criteria, manoeuvres, next_drive, refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
-from terrain_cli.diagnosis.next_drive import manoeuvres, suggestion
-from terrain_cli.diagnosis.next_drive.suggestion import suggest
+from terrain_cli.diagnosis.next_drive import suggest
 from terrain_cli.effects import catalogue
 from terrain_cli.estimation import estimators
 from terrain_cli.mechanics.effect import Effect, Parameter
@@ -168,7 +167,7 @@ def test_of_a_sensor_that_cannot_be_told_from_the_ground_it_asks_for_a_calibrati
         Hypothesis(id=effect.id, title=effect.title, model=model, effects=(effect,))
         for effect in (catalogue()["bulldozing"], OWN["load-gain"])
     )
-    text = suggestion._unsettled(one, other, diagnosis_criteria.LEAST_POWER - 0.1)
+    text = next_drive._unsettled(one, other, diagnosis_criteria.LEAST_POWER - 0.1)
     assert text.endswith("calibrate the load cell with known weights")
 
 
@@ -184,11 +183,11 @@ def test_each_of_the_others_gets_a_drive_and_no_more_than_asked():
 def power(name, manoeuvre, seconds):
     """Return the power of one manoeuvre of a length."""
     data, pairs = case(name)
-    ground = suggestion.PowerLog(data, 0, pairs[0][1])
-    sides = [suggestion.Side(ground, one, refit.solutions[0]) for one, refit in pairs]
+    ground = next_drive.PowerLog(data, 0, pairs[0][1])
+    sides = [next_drive.Side(ground, one, refit.solutions[0]) for one, refit in pairs]
     at = manoeuvres.Conditions.of(data.data[0])
-    table = suggestion.margins(ground, sides, manoeuvres.library(at, seconds)[manoeuvre].drive(at))
-    return suggestion._Pair(*sides, suggestion._both(table[None], 0, 1)).power[0]
+    table = next_drive.margins(ground, sides, manoeuvres.library(at, seconds)[manoeuvre].drive(at))
+    return next_drive._Pair(*sides, next_drive._both(table[None], 0, 1)).power[0]
 
 
 @pytest.mark.parametrize(("name", "manoeuvre"), [("warm", 0), ("load", 2)])
@@ -202,8 +201,8 @@ def test_the_longer_it_is_driven_the_surer(name, manoeuvre):
 def test_noise_that_lasts_makes_it_less_sure():
     data, pairs = case("lasting")
     lasting, white = (
-        suggestion.PowerLog(data, 0, pairs[0][1]),
-        suggestion.PowerLog(case("warm")[0], 0, case("warm")[1][0][1]),
+        next_drive.PowerLog(data, 0, pairs[0][1]),
+        next_drive.PowerLog(case("warm")[0], 0, case("warm")[1][0][1]),
     )
     assert lasting.inflation > 1.8 * white.inflation
     assert power("lasting", 0, 24.0) < power("warm", 0, 24.0)

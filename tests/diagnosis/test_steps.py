@@ -11,7 +11,7 @@ from terrain_cli import effects
 from terrain_cli.comparison import smoothed_fit, smoothed_model, whitening
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.diagnosis import candidates, diagnose, drafted_laws, effect_scores, refits, screening
+from terrain_cli.diagnosis import diagnose, drafted_laws, refits, screening, signatures, steps
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.effects.laws import effect_file
 from terrain_cli.improvement.change_trial import tried
@@ -123,7 +123,7 @@ def test_scores_are_those_of_a_least_squares_fit():
     n, soil, columns = 400, rng.normal(size=(400, 2, 3)), rng.normal(size=(400, 2, 4))
     window, block = np.repeat([0, 1], 200), np.repeat(np.arange(20), 20)
     residual = rng.normal(size=(n, 2))
-    found, left = effect_scores.scores(residual, soil, columns, window, block, 20)
+    found, left = signatures.scores(residual, soil, columns, window, block, 20)
     change, covariance, explained = found.fit(np.array([1, 3]))
     wide = np.zeros((n, 2, 8))
     wide[:200, :, :3], wide[200:, :, 3:6], wide[:, :, 6:] = soil[:200], soil[200:], columns[:, :, [1, 3]]
@@ -248,9 +248,9 @@ def test_where_the_soil_changes_passes_cannot_be_told():
 
 def test_wheels_that_differ_by_more_than_their_errors_make_the_mean_less_sure():
     alike = [(0.31, 0.02), (0.29, 0.02), (0.30, 0.02), (0.30, 0.02)]
-    assert candidates.pooled(alike) == pytest.approx((0.30, 0.01))
-    assert candidates.pooled(alike[:1]) == pytest.approx((0.31, 0.02))
-    mean, se = candidates.pooled([(0.0, 0.002), (0.3, 0.002), (0.0, 0.002), (0.0, 0.002)])
+    assert steps.pooled(alike) == pytest.approx((0.30, 0.01))
+    assert steps.pooled(alike[:1]) == pytest.approx((0.31, 0.02))
+    mean, se = steps.pooled([(0.0, 0.002), (0.3, 0.002), (0.0, 0.002), (0.0, 0.002)])
     # The standard error of four numbers.
     assert (mean, se) == pytest.approx((0.075, np.std([0.0, 0.3, 0.0, 0.0], ddof=1) / 2.0))
 

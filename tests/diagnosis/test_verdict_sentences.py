@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from terrain_cli.diagnosis import verdict_sentences
+from terrain_cli.diagnosis import verdict
 
 THROUGHOUT = "sinkage is under-predicted by 4.3 mm throughout"
 ALONG_SLIP = "drawbar pull is more and more over-predicted as slip rises: by 8.2 N from 0 to 0.6"
@@ -30,7 +30,7 @@ def found(channel, sentence, share):
 
 
 def said(heldout, *failures, changed=()):
-    text = verdict_sentences.verdict(diagnosed(heldout), failures, changed)
+    text = verdict.sentence(diagnosed(heldout), failures, changed)
     return text[: text.index(" Most likely gear-efficiency")]
 
 
@@ -62,14 +62,12 @@ def test_the_strongest_finding_is_told_where_it_shows(heldout, changed):
 
 
 def test_without_a_finding_the_name_comes_first():
-    assert verdict_sentences.verdict(diagnosed((0.4, 5.0, 6e-4)), []).startswith(
-        "Most likely gear-efficiency"
-    )
+    assert verdict.sentence(diagnosed((0.4, 5.0, 6e-4)), []).startswith("Most likely gear-efficiency")
 
 
 def test_two_that_are_missing_together_are_no_alternatives():
     pair = ("gear-efficiency", "slope")
-    assert verdict_sentences.verdict(diagnosed((0.4, 5.0, 6e-4), "family", pair), []) == (
+    assert verdict.sentence(diagnosed((0.4, 5.0, 6e-4), "family", pair), []) == (
         "Gear-efficiency and slope together explain more than any effect alone; add both with: "
         "terrain-est model add FILE gear-efficiency slope --data INPUT…"
     )

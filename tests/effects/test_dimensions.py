@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.effects.laws import dimensions, grammar, unit_check
+from terrain_cli.effects.laws import dimensions, grammar
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.effect import QUANTITIES
 from terrain_cli.vocabulary import units
@@ -138,7 +138,7 @@ KNOWN = {
 
 def infer(law):
     known = {name: dimensions.parse(unit).dimension for name, unit in KNOWN.items()}
-    return unit_check.infer(grammar.parse(law), law, known)
+    return dimensions.infer(grammar.parse(law), law, known)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from scipy.special import chdtrc
 
 from terrain_cli import models, rover, telemetry
 from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
-from terrain_cli.improvement import Stopped, history_entry, until_quiet
+from terrain_cli.improvement import Stopped, model_history, until_quiet
 from terrain_cli.presentation import change_text
 from terrain_cli.toml import toml_text
 from terrain_cli.windows import cut_windows
@@ -103,7 +103,7 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
         "drive for slip-sinkage" in change_text.loop_text([*refused, kept], end)
     )
     whole = change_text.loop([*refused, kept], end)["steps"][-1]
-    entry = history_entry.entry(kept, "")
+    entry = model_history.entry(kept, "")
     for found in (whole, entry):
         assert found["rivals"] == list(kept.rivals)
         assert found["next_drive"]["pair"] == ["drivetrain-friction", "slip-sinkage"]
@@ -114,7 +114,7 @@ def test_one_name_has_no_rivals(sinks):
     (kept,), end = run(sinks, ["slip-sinkage"])
     assert (kept.rivals, kept.next_drive) == ((), None)
     assert "do not tell" not in change_text.loop_text([kept], end)
-    assert history_entry.entry(kept, "")["rivals"] is None
+    assert model_history.entry(kept, "")["rivals"] is None
 
 
 def test_what_does_not_pay_is_never_kept(clean):

@@ -10,8 +10,7 @@ import pytest
 from simulator import Soil, Wheel
 from simulator import wheel as exact
 
-from terrain_cli.mechanics.contact import NAMES, Contact, forces
-from terrain_cli.mechanics.quadrature import order_for
+from terrain_cli.mechanics.contact import NAMES, Contact, forces, order_for
 
 WHEEL = Wheel(radius=0.1, width=0.1)
 

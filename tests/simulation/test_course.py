@@ -9,7 +9,7 @@ import pytest
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation import course, read
-from terrain_cli.simulation.prepared_drives import PRESETS
+from terrain_cli.simulation.drive_file import PRESETS
 from terrain_cli.simulation.profiles import STEP
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation import read
-from terrain_cli.simulation.prepared_drives import PRESETS
+from terrain_cli.simulation.drive_file import PRESETS
 from terrain_cli.simulation.scenario import START
 from terrain_cli.simulation.sensors import Sensor
 from terrain_cli.simulation.simulated_log import channels

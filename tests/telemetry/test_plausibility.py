@@ -15,7 +15,7 @@ from terrain_cli import rover as rovers
 from terrain_cli import telemetry
 from terrain_cli.app import main
 from terrain_cli.errors import InputError
-from terrain_cli.simulation.prepared_drives import PRESETS
+from terrain_cli.simulation.drive_file import PRESETS
 from terrain_cli.simulation.simulated_soils import SOILS
 from terrain_cli.telemetry.derive.doubts import Doubt, ImplausibleError
 from terrain_cli.telemetry.long import long_tables

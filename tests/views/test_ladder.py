@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from terrain_cli.improvement.error_ladder import rungs
+from terrain_cli.improvement.model_history import rungs
 from terrain_cli.views import figures, ladder_table, report
 
 ENTRY = {

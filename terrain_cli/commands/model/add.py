@@ -78,7 +78,7 @@ def add(context: click.Context, /, **_: Any) -> None:
 
 
 def _add(context: click.Context) -> None:
-    from terrain_cli.improvement import history_entry
+    from terrain_cli.improvement import model_history
     from terrain_cli.presentation import change_sentences, change_text
 
     given = context.params
@@ -90,5 +90,5 @@ def _add(context: click.Context) -> None:
     step = replace(step, kept=step.pays or given["keep"])
     if step.kept:
         because = change_sentences.found(step) if step.pays else f"--keep; {change_sentences.found(step)}"
-        change_options.write(given["file"], changed.file, history_entry.entry(step, because))
+        change_options.write(given["file"], changed.file, model_history.entry(step, because))
     change_options.tell(context, change_text.text(step), change_text.document(step))

@@ -165,10 +165,10 @@ def untested(context: click.Context, action: Action, changed: Changed) -> None:
     ----------
     action : {"add", "remove"}
     """
-    from terrain_cli.improvement import history_entry
+    from terrain_cli.improvement import model_history
     from terrain_cli.presentation import change_sentences, change_text
 
-    entry = history_entry.untested(action, changed.ids, changed.file)
+    entry = model_history.untested(action, changed.ids, changed.file)
     sentence = change_sentences.untested(action, changed.ids)
     write(context.params["file"], changed.file, entry)
     tell(context, sentence, change_text.untested(entry, sentence))

@@ -41,7 +41,7 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     noise that no model could predict. A step may have been tried on other data than the one before.
     """
     from terrain_cli.commands.model import change_options
-    from terrain_cli.improvement import error_ladder
+    from terrain_cli.improvement import model_history
     from terrain_cli.views import ladder_table as views
 
     if plot:
@@ -49,7 +49,7 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
 
         optional_libraries.need("plot")
     model = change_options.load(file)
-    rungs = error_ladder.rungs(model.history)
+    rungs = model_history.rungs(model.history)
     if as_json:
         content = {
             "format": FORMAT,

@@ -33,7 +33,7 @@ def remove(context: click.Context, /, **_: Any) -> None:
     that were not fitted. It is removed whatever comes out, as you have asked for it; if the held-out
     error rises, this is said, and `terrain-est model add` brings it back. FILE remembers either.
     """
-    from terrain_cli.improvement import history_entry
+    from terrain_cli.improvement import model_history
     from terrain_cli.presentation import change_sentences, change_text
 
     before, changed = change_options.change(context, "remove")
@@ -42,5 +42,5 @@ def remove(context: click.Context, /, **_: Any) -> None:
         return
     step = replace(change_options.tried(context, "remove", before, changed), kept=True)
     because = f"asked for; {change_sentences.found(step)}"
-    change_options.write(context.params["file"], changed.file, history_entry.entry(step, because))
+    change_options.write(context.params["file"], changed.file, model_history.entry(step, because))
     change_options.tell(context, change_text.text(step), change_text.document(step))

@@ -100,7 +100,7 @@ def _text(document: dict[str, Any]) -> list[str]:
         names = (name if name in document["needs"] else f"{name} (if there)" for name in document["uses"])
         lines.append(f"channels that the effects use: {', '.join(names)}")
     if document["history"]:
-        from terrain_cli.improvement.error_ladder import rungs
+        from terrain_cli.improvement.model_history import rungs
 
         lines.append("history:")
         lines += [

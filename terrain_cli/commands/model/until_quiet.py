@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def run(context: click.Context) -> None:
     """Run the loop on the data of the command line, tell each step, and write the model file at its end."""
-    from terrain_cli.improvement import Stopped, history_entry
+    from terrain_cli.improvement import Stopped, model_history
     from terrain_cli.presentation import change_sentences, change_text
 
     given = context.params
@@ -45,7 +45,7 @@ def run(context: click.Context) -> None:
     kept = [step for step in steps if step.kept]
     if kept:
         entries = [
-            history_entry.entry(
+            model_history.entry(
                 step, "; ".join(["--until-quiet", change_sentences.found(step), *_doubt(step)])
             )
             for step in kept

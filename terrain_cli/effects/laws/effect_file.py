@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from formats.content import failure
 from formats.copies import read_short
 from formats.errors import FormatError
-from terrain_cli.effects.laws import dimensions, expression, grammar, law_names, law_trial, unit_check
+from terrain_cli.effects.laws import dimensions, expression, grammar, law_names, law_trial
 from terrain_cli.effects.laws.effect_keys import FILE, LONGEST_NAME, NAME_FORM
 from terrain_cli.effects.laws.grammar import LawError
 from terrain_cli.effects.laws.law import Law
@@ -239,7 +239,7 @@ class _Reader:
             if place.id not in known:
                 problem, advice = law_names.unreadable(place.id, quantity, known, self.needs)
                 raise LawError(problem, law.text, *expression.span(place), advice)
-        gives, wanted = unit_check.infer(law.tree, law.text, known), known[quantity]
+        gives, wanted = dimensions.infer(law.tree, law.text, known), known[quantity]
         if gives not in (None, wanted):
             problem = f"the law gives {gives}, and {quantity} is {wanted}"
             raise LawError(problem, law.text, *expression.span(law.tree))

@@ -5,8 +5,7 @@ from __future__ import annotations
 from terrain_cli.views.figures.agreement import predicted_measured, residuals
 from terrain_cli.views.figures.ladder_figure import errors
 from terrain_cli.views.figures.recursion import convergence, convergence_of_all
-from terrain_cli.views.figures.rim_stress import rim_stress
-from terrain_cli.views.figures.soil_strength import strength
+from terrain_cli.views.figures.soil_strength import rim_stress, strength
 from terrain_cli.views.figures.track import track
 
 __all__ = [

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from terrain_cli.improvement.error_ladder import channels
+from terrain_cli.improvement.model_history import channels
 from terrain_cli.views.chart_style import COLOURS, INK
 from terrain_cli.views.ladder_table import measured, top
 from terrain_cli.vocabulary import quantities
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from terrain_cli.improvement.error_ladder import Rung
     from terrain_cli.improvement.improvement_outcome import Interval
+    from terrain_cli.improvement.model_history import Rung
 
 #: Distance of before and after from the middle of their step.
 _APART = 0.18

@@ -1,4 +1,4 @@
-"""Cohesion and friction angle with their errors, and the strength they stand for."""
+"""c and φ with their errors, the strength they stand for, and the stress along the rim."""
 
 from __future__ import annotations
 
@@ -11,13 +11,17 @@ from matplotlib.patches import Polygon
 from matplotlib.path import Path
 from matplotlib.transforms import Bbox
 
+from terrain_cli.mechanics.stresses import stresses
 from terrain_cli.views import segment_groups
-from terrain_cli.views.chart_style import COLOURS, LINES, MARKERS
+from terrain_cli.views.chart_style import COLOURS, FAINT, LINES, MARKERS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
+
+    from terrain_cli.views.soil_table import Moment
+
 
 #: With more segments than this, errors would hide the estimates.
 MOST_ERRORS = 60
@@ -121,3 +125,30 @@ def _lines(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
         )
     across, up = segment_groups.strength_limits(table)
     axes.set(xlim=across, ylim=up)
+
+
+def rim_stress(moments: Sequence[Moment]) -> Figure:
+    """Draw normal and shear stress along the rim, a panel for each moment."""
+    columns = min(2, len(moments))
+    rows = -(-len(moments) // columns)
+    figure = Figure(figsize=(3.8 * columns, 2.9 * rows + 0.3))
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for axes in grid.flat[len(moments) :]:
+        axes.remove()
+    for axes, moment in zip(grid.flat, moments, strict=False):
+        seen = stresses(moment.model, moment.wheel, moment.channels, moment.values)
+        angle = np.degrees(seen.angle[:, 0])
+        normal, shear = seen.normal[:, 0] / 1e3, seen.shear[:, 0] / 1e3
+        peak = int(np.argmax(normal))
+        axes.axvline(angle[peak], color=FAINT, linewidth=0.7, linestyle=":")
+        axes.text(
+            angle[peak], 1.0, f"θm = {angle[peak]:.0f}°", transform=axes.get_xaxis_transform(), fontsize=7.5
+        )
+        axes.plot(angle, normal, color=COLOURS[0], label="normal stress σ")
+        axes.plot(angle, shear, color=COLOURS[1], linestyle="--", label="shear stress τ")
+        axes.axhline(0.0, color=FAINT, linewidth=0.6)
+        axes.set(xlabel="angle from the vertical θ (°), forward positive", ylabel="stress (kPa)")
+        axes.set_title(moment.title, pad=14.0, fontsize=8.0)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    return figure

@@ -12,7 +12,7 @@ from terrain_cli.vocabulary.english import counted
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from terrain_cli.improvement.error_ladder import Rung
+    from terrain_cli.improvement.model_history import Rung
 
     Spec = dict[str, Any]
 
@@ -35,7 +35,7 @@ def history(entries: Sequence[Mapping[str, Any]]) -> Section:
     """
     if not entries:
         return Section("history", "How the model came about")
-    from terrain_cli.improvement.error_ladder import channels, rungs
+    from terrain_cli.improvement.model_history import channels, rungs
 
     ladder = rungs(entries)
     head, rows = views.table(ladder)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from terrain_cli.improvement import history_entry
+from terrain_cli.improvement import model_history
 from terrain_cli.improvement.improvement_outcome import ChannelChange, Estimated, Interval
 from terrain_cli.toml import toml_text
 
@@ -25,7 +25,7 @@ def test_wheels_are_averaged_by_what_each_knows():
         )
         for wheel, value, se in (("left", 0.4, 0.1), ("right", 0.6, 0.2), ("rear", math.nan, math.nan))
     ]
-    (mean,) = history_entry.means(wheels).values()
+    (mean,) = model_history.means(wheels).values()
     assert mean["value"] == pytest.approx((0.4 * 4.0 + 0.6) / 5.0)
     assert mean["se"] == pytest.approx(0.1 * 0.2 / math.hypot(0.1, 0.2), rel=1e-5)
     assert (mean["wheels"], mean["lowest"], mean["highest"]) == (2, 0.4, 0.6)
@@ -33,7 +33,7 @@ def test_wheels_are_averaged_by_what_each_knows():
 
 def test_one_wheel_has_no_range_and_none_no_mean():
     one = Estimated(source="run.csv", wheel="left", name="x.a", unit="N", value=3.0, se=0.5, determined=False)
-    assert history_entry.means([one])["x.a"] == {
+    assert model_history.means([one])["x.a"] == {
         "value": 3.0,
         "se": 0.5,
         "unit": "N",
@@ -44,12 +44,12 @@ def test_one_wheel_has_no_range_and_none_no_mean():
     held = Estimated(
         source="run.csv", wheel="left", name="x.a", unit="N", value=3.0, se=0.0, determined=False
     )
-    assert history_entry.means([held]) == {}
+    assert model_history.means([held]) == {}
 
 
 def test_what_is_not_known_is_left_out_of_the_file():
     nothing = Interval(math.nan, math.nan, math.nan)
-    found = history_entry.channel(
+    found = model_history.channel(
         ChannelChange(
             name="sinkage",
             unit="m",
