@@ -59,7 +59,7 @@ class DiagnosedLog:
 
     @property
     def found(self) -> Screened:
-        """The scores of all effects; there once the step `effect_scores` was taken."""
+        """The scores of all effects; there once the step `scores` was taken."""
         assert self.screened is not None  # noqa: S101 - the order of the steps
         return self.screened
 
