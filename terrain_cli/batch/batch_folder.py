@@ -21,14 +21,13 @@ from typing import TYPE_CHECKING, Self
 from formats.errors import CannotWriteError, DamagedError, shown
 from formats.output.whole_files import explained
 from terrain_cli.batch import durable_files
-from terrain_cli.batch.manifest import Manifest, ManifestEntry
-from terrain_cli.batch.mission_records import Records
+from terrain_cli.batch.manifest import Manifest, ManifestEntry, Records
 
 if TYPE_CHECKING:
     from types import TracebackType
 
     from terrain_cli.batch.batch_inputs import Input
-    from terrain_cli.batch.mission_records import Pointer
+    from terrain_cli.batch.manifest import Pointer
 
 
 MANIFEST, RESULTS, CONFIGURATIONS, STATE = "manifest.jsonl", "results", "configurations", ".state"

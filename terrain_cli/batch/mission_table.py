@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from terrain_cli.batch.batch_folder import Folder
-    from terrain_cli.batch.manifest import ManifestEntry
-    from terrain_cli.batch.mission_records import Pointer, Records
+    from terrain_cli.batch.manifest import ManifestEntry, Pointer, Records
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.run.settings import Settings
@@ -167,7 +166,7 @@ class Assemble:
             yield _empty(segment_table.COLUMNS)
 
     def _blocks(self) -> Iterator[list[tuple[Table, WindowEstimates, dict[str, Any]]]]:
-        from terrain_cli.batch.mission_records import Records, decode
+        from terrain_cli.batch.manifest import Records, decode
 
         if not self.parts:
             return

@@ -122,7 +122,7 @@ class Estimate:
 
     def _estimate(self, path: str, reply: Reply) -> None:
         from terrain_cli import estimation
-        from terrain_cli.batch import mission_records
+        from terrain_cli.batch import manifest
         from terrain_cli.run import one_log
 
         outcome = one_log.run(path, self.job.rover, self.job.settings)
@@ -132,7 +132,7 @@ class Estimate:
         table = {**outcome.table, "source": [self.item.path] * len(outcome.table["source"])}
         reply.segments = len(table["source"])
         reply.result = as_file(table, self.job)
-        reply.record = mission_records.encode(table, estimation.join(outcome.estimates), outcome.account)
+        reply.record = manifest.encode(table, estimation.join(outcome.estimates), outcome.account)
 
 
 @dataclass(frozen=True)
@@ -146,9 +146,9 @@ class Restore:
 
     def run(self) -> Reply:
         """Return the result as it was."""
-        from terrain_cli.batch import mission_records
+        from terrain_cli.batch import manifest
 
-        table, _, account = mission_records.decode(self.record, self.item.path)
+        table, _, account = manifest.decode(self.record, self.item.path)
         reply = Reply(sha256=self.sha256, result=as_file(table, self.job), segments=len(table["source"]))
         reply.tell(account)
         return reply

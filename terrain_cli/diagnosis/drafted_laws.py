@@ -16,8 +16,7 @@ from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.screening import DRIVEN_BEFORE
 from terrain_cli.effects.laws import effect_file, grammar
-from terrain_cli.effects.laws.effect_keys import LONGEST_NAME
-from terrain_cli.effects.laws.law_names import ON_DEMAND
+from terrain_cli.effects.laws.law_names import LONGEST_NAME, ON_DEMAND
 from terrain_cli.errors import TerrainError
 from terrain_cli.mechanics.effect import QUANTITIES
 from terrain_cli.toml import toml_text

@@ -95,11 +95,33 @@ class Contact:
 NAMES = tuple(f.name for f in fields(Contact))
 #: 1 + i of a wheel that skids with its brakes on.
 _LOCKED = 1e-3
+_LEAST_RATIO = 1e-9
 
 
 def rolling(slip: Any) -> Any:
     """Return V/(r ω): 1 − i of a wheel that drives, 1/(1 + i) of one that skids (i < 0)."""
     return np.where(slip < 0.0, 1.0 / np.maximum(1.0 + slip, _LOCKED), 1.0 - slip)
+
+
+def slip_of_radius(slip: Any, share: Any) -> Any:
+    """Slip with another rolling radius, for driving and for skidding.
+
+    Driving i = 1 − V/(r ω), skidding i = r ω/V − 1, so V/(r ω) is changed.
+
+    Parameters
+    ----------
+    slip : ndarray or Dual
+        i, computed with the radius r.
+    share : ndarray or Dual
+        The true rolling radius, over r.
+
+    Returns
+    -------
+    ndarray or Dual
+        i with the true rolling radius.
+    """
+    ratio = rolling(slip) / share
+    return np.where(ratio > 1.0, 1.0 / np.maximum(ratio, _LEAST_RATIO) - 1.0, 1.0 - ratio)
 
 
 def forces(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
 #: Where an effect enters: what the soil is, the stress under the rim, the shape of the contact, a
 #: force on the wheel, or what a sensor shows of it.
@@ -41,7 +41,8 @@ SKID = 0.05
 #: What a law reads and gives: arrays, or numbers with derivatives. ``q["slip"]`` is a channel, a
 #: quantity as it stands when the law is reached, a parameter of the effect by its own name, or one of
 #: the wheel's constants.
-Law = Callable[["Mapping[str, Any]"], Any]
+Quantities = Mapping[str, Any]
+Law = Callable[[Quantities], Any]
 
 
 #: Standard errors from its null at which a parameter is on the wrong side of it.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from formats.output.bag_writer import Topic
-from terrain_cli.simulation.matching_rover import JOINTS, identifier, joint
+from terrain_cli.simulation.scenario import JOINTS, identifier, joint
 from terrain_cli.simulation.simulated_log import TOGETHER
 
 if TYPE_CHECKING:

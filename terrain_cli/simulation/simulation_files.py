@@ -12,7 +12,7 @@ import numpy as np
 
 import formats
 from formats.output.packed_csv import PACKINGS, write_packed
-from terrain_cli.simulation import matching_rover
+from terrain_cli.simulation import scenario
 from terrain_cli.simulation import simulated_log as logs
 from terrain_cli.simulation.simulated_log import truth_table
 
@@ -135,7 +135,7 @@ def write(log: SimulatedLog, destination: str, *, truth: str | None = None, rove
             _write_truth(log, stack.enter_context(formats.replacing(truth)))
         if rover:
             temporary = stack.enter_context(formats.replacing(rover))
-            Path(temporary).write_text(matching_rover.text(log.scenario), encoding="utf-8")
+            Path(temporary).write_text(scenario.rover_text(log.scenario), encoding="utf-8")
         write_log(log, destination)
 
 
@@ -150,7 +150,7 @@ def _write_truth(log: SimulatedLog, path: str) -> None:
 def rover_is_in_the_way(destination: Path) -> bool:
     """Tell whether a rover file is there that was not written by this program."""
     try:
-        return not destination.read_text("utf-8").startswith(matching_rover.HEADER)
+        return not destination.read_text("utf-8").startswith(scenario.HEADER)
     except FileNotFoundError:
         return False
     except (OSError, UnicodeDecodeError):

@@ -13,8 +13,8 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from terrain_cli.effects.laws import expression, grammar
+from terrain_cli.effects.laws.effect_file import Law
 from terrain_cli.effects.laws.grammar import LawError
-from terrain_cli.effects.laws.law import Law
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.dual import seed
 

@@ -11,9 +11,8 @@ from formats.content import failure
 from formats.copies import read_short
 from formats.errors import FormatError
 from terrain_cli.effects.laws import dimensions, expression, grammar, law_names, law_trial
-from terrain_cli.effects.laws.effect_keys import FILE, LONGEST_NAME, NAME_FORM
 from terrain_cli.effects.laws.grammar import LawError
-from terrain_cli.effects.laws.law import Law
+from terrain_cli.effects.laws.law_names import FILE, LONGEST_NAME, NAME_FORM
 from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.mechanics.effect import Effect, Kind, Parameter
 from terrain_cli.toml import strict, toml_text
@@ -24,6 +23,29 @@ if TYPE_CHECKING:
 
     from terrain_cli.effects.laws.dimensions import Dimension
     from terrain_cli.effects.laws.law_trial import Trial
+
+
+class Law:
+    """A law read from a text: called with what it reads, it gives the changed quantity.
+
+    `factors` are what the further columns of the data are multiplied by to become SI.
+    """
+
+    def __init__(self, text: str, factors: Mapping[str, float] | None = None) -> None:
+        self.text, self.factors = text, dict(factors or {})
+        self.tree = grammar.parse(text)
+        self.reads = tuple(dict.fromkeys(name.id for name in expression.names(self.tree)))
+
+    def __reduce__(self) -> tuple[type[Law], tuple[str, dict[str, float]]]:
+        """Travel between processes as text."""
+        return Law, (self.text, self.factors)
+
+    def __call__(self, q: Mapping[str, Any]) -> Any:
+        """Evaluate it, of arrays or numbers with derivatives; NaN where it is no number."""
+        if self.factors:
+            q = {name: q[name] * self.factors.get(name, 1.0) for name in self.reads}
+        return expression.evaluate(self.tree, q)
+
 
 #: Largest file, in bytes: a law is a few lines.
 LARGEST_FILE = 65_536

@@ -1,18 +1,106 @@
-"""The names that a user's law may read: of channels, of the model's quantities, of the wheel."""
+"""Keys and names of a user's effect file: what each may be, and which quantities a law may read."""
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+import math
+import re
+from typing import TYPE_CHECKING, Any
 
 from terrain_cli.effects.laws.expression import FUNCTIONS
 from terrain_cli.effects.laws.grammar import RESERVED
-from terrain_cli.errors import nearest
-from terrain_cli.mechanics.effect import QUANTITIES
+from terrain_cli.errors import ConfigurationError, nearest
+from terrain_cli.mechanics.effect import KINDS, QUANTITIES
+from terrain_cli.toml import strict
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
+
+
+_MOST_PARAMETERS = 20
+_MOST_NEEDS = 20
+_ID = re.compile(r"[a-z][a-z0-9]*(?:-[a-z0-9]+)*")
+LONGEST_NAME = 40
+NAME_FORM = f"letters a to z, digits and _, beginning with a letter, up to {LONGEST_NAME} characters"
+
+
+def _id(value: Any, place: str) -> Any:
+    if len(strict.text(value, place)) > LONGEST_NAME or not _ID.fullmatch(value):
+        raise ConfigurationError(
+            f"{place}: {value[:LONGEST_NAME]!r} is no id",
+            hint=f"lower-case words joined by hyphens, up to {LONGEST_NAME} characters, such as cable-drag",
+        )
+    return value
+
+
+def _line(value: Any, place: str) -> Any:
+    """Accept a text of one line: it stands in tables."""
+    if not strict.text(value, place).isprintable():
+        raise ConfigurationError(f"{place}: must be one line of text")
+    return value
+
+
+def _unit_text(value: Any, place: str) -> Any:
+    """Accept any text here; a unit may be empty."""
+    return value if isinstance(value, str) else strict.text(value, place)
+
+
+def _several_needs(value: Any, place: str) -> Any:
+    names = strict.several(_line)(value, place)
+    if len(names) > _MOST_NEEDS:
+        raise ConfigurationError(f"{place}: more than {_MOST_NEEDS}")
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigurationError(f"{place}: {name} is there twice")
+    return names
+
+
+def _bound(value: Any, place: str) -> Any:
+    """Accept a number or an infinity."""
+    return value if value in (math.inf, -math.inf) else strict.number("a number")(value, place)
+
+
+def _parameters(value: Any, place: str) -> Any:
+    checked = strict.tables(_PARAMETER)(value, place)
+    if len(checked) > _MOST_PARAMETERS:
+        raise ConfigurationError(f"{place}: more than {_MOST_PARAMETERS} parameters")
+    return checked
+
+
+def _quantity(value: Any, place: str) -> Any:
+    return strict.choice(*QUANTITIES)(value, place)
+
+
+_PARAMETER = strict.table(
+    {
+        "unit": _unit_text,
+        "null": strict.number("a number"),
+        "scale": strict.number("a positive number", strict.ABOVE_ZERO),
+        "lower": _bound,
+        "upper": _bound,
+        "meaning": _line,
+        "reference": _line,
+    }
+)
+FILE = strict.table(
+    {
+        "id": _id,
+        "title": _line,
+        "kind": strict.choice(*KINDS),
+        "changes": _quantity,
+        "law": strict.text,
+        "laws": strict.table(dict.fromkeys(QUANTITIES, strict.text)),
+        "needs": _several_needs,
+        "columns": strict.tables(_unit_text),
+        "parameters": _parameters,
+        "explanation": strict.text,
+        "shows": _line,
+        "settled_by": _line,
+        "reference": _line,
+    }
+)
+
 
 #: Always known, whatever is measured.
 OF_THE_WHEEL = {"wheel_radius": "m", "width": "m", "gravity": "m/s²"}

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _torque(q: Mapping[str, Any]) -> Any:
+def _torque(q: Quantities) -> Any:
     # Torque is counted positive the way the wheel turns, and so is its acceleration here.
     way = np.where(np.asarray(q.get("angular_velocity", 1.0)) < 0.0, -1.0, 1.0)
     return q["torque"] + q["J"] * way * q["angular_velocity_rate"]

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 #: Of loose dry soil, in kg/m³.
 DENSITY = 1600.0
@@ -26,7 +23,7 @@ def bearing_factors(tan_phi: Any) -> tuple[Any, Any, Any]:
     return (n_q - 1.0) / tan_phi, n_q, 2.0 * (n_q + 1.0) * tan_phi / (1.0 + 0.4 * np.sin(4.0 * phi))
 
 
-def _pull(q: Mapping[str, Any]) -> Any:
+def _pull(q: Quantities) -> Any:
     tan_phi = np.maximum(q["tan_phi"], 0.02)
     n_c, _, n_gamma = bearing_factors(tan_phi)
     flat = 1.0 / (1.0 + tan_phi * tan_phi)

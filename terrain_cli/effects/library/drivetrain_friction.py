@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _torque(q: Mapping[str, Any]) -> Any:
+def _torque(q: Quantities) -> Any:
     # Torque is counted positive the way the wheel turns, so the sign of ω is already in it.
     return q["torque"] + q["Tc"] + q["Bv"] * np.absolute(q.get("angular_velocity", 0.0))
 

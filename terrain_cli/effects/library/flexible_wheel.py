@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from terrain_cli.effects.library._rolling import slip_of_radius
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.contact import slip_of_radius
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 #: Keeps the contact's radius finite where the wheel does not sink, as a share of r.
 _LEAST = 0.02
 
 
-def _slip(q: Mapping[str, Any]) -> Any:
+def _slip(q: Quantities) -> Any:
     return slip_of_radius(q["slip"], 1.0 - q["deflection"])
 
 
-def _radius(q: Mapping[str, Any]) -> Any:
+def _radius(q: Quantities) -> Any:
     r = q["wheel_radius"]
     return q["radius"] * (1.0 + q["deflection"] * r / (q["sinkage"] + _LEAST * r))
 
 
-def _torque(q: Mapping[str, Any]) -> Any:
+def _torque(q: Quantities) -> Any:
     # The stresses of the flattened arc act at the height of the axle, not at the arc's radius.
     return q["torque"] * (1.0 - q["deflection"]) * q["wheel_radius"] / q["radius"]
 

@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _wave(q: Mapping[str, Any], name: str) -> Any:
+def _wave(q: Quantities, name: str) -> Any:
     phase = q["grouser_count"] * q["wheel_angle"]
     return q[f"{name}_sine"] * np.sin(phase) + q[f"{name}_cosine"] * np.cos(phase)
 
 
-def _torque(q: Mapping[str, Any]) -> Any:
+def _torque(q: Quantities) -> Any:
     return q["torque"] + q["load"] * q["wheel_radius"] * _wave(q, "torque")
 
 
-def _pull(q: Mapping[str, Any]) -> Any:
+def _pull(q: Quantities) -> Any:
     return q["drawbar_pull"] + q["load"] * _wave(q, "pull")
 
 
-def _sinkage(q: Mapping[str, Any]) -> Any:
+def _sinkage(q: Quantities) -> Any:
     return q["sinkage"] * (1.0 + _wave(q, "sinkage"))
 
 

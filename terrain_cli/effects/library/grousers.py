@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _radius(q: Mapping[str, Any]) -> Any:
+def _radius(q: Quantities) -> Any:
     return q["shear_radius"] + q["lambda_s"] * q["grouser_height"]
 
 
-def _slip_of_the_rim(q: Mapping[str, Any]) -> Any:
+def _slip_of_the_rim(q: Quantities) -> Any:
     """Return 1 − V/(rω) where 1 − V/(rs ω) was recorded, and the same of a wheel that skids."""
     slip = q["slip"]
     advance = np.where(slip < 0.0, 1.0 / (1.0 + np.minimum(slip, 0.0)), 1.0 - slip)

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 #: m: over this distance to either side of its top the layer sets in.
 _ROUND = 5e-4
 
 
-def _stress(q: Mapping[str, Any]) -> Any:
+def _stress(q: Quantities) -> Any:
     over = q["depth"] - q["top"]
     # A parabola between two straight lines: no kink, and exact away from the top.
     within = np.minimum(np.maximum(over + _ROUND, 0.0), 2.0 * _ROUND)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _load(q: Mapping[str, Any]) -> Any:
+def _load(q: Quantities) -> Any:
     load = q["load"]
     along = load * np.sin(q.get("pitch", 0.0))
     pull = q.get("measured_drawbar_pull", along)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from terrain_cli.mechanics.effect import Effect, Parameter, Sum
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities, Sum
 
 
-def _angle(q: Mapping[str, Any]) -> Any:
+def _angle(q: Quantities) -> Any:
     return q["max_stress_angle"] + (q["c1"] - 0.5 + q["c2"] * q["slip"]) * q["entry_angle"]
 
 

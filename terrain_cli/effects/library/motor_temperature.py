@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 #: T0 in °C: the temperature for which data sheets give the torque constant.
 REFERENCE = 25.0
 
 
-def _torque(q: Mapping[str, Any]) -> Any:
+def _torque(q: Quantities) -> Any:
     constant = 1.0 + q["alpha"] * (q["motor_temperature"] - REFERENCE)
     return q["torque"] / np.maximum(constant, 0.2)
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _packed(quantity: str, q: Mapping[str, Any]) -> Any:
+def _packed(quantity: str, q: Quantities) -> Any:
     """Change a quantity of the soil by a share, all of it after one pass and little more after others."""
     passes = np.expm1(-np.maximum(q["pass_number"], 0.0)) / np.expm1(-1.0)
     return q[quantity] * (1.0 + q[f"{quantity}_gain"] * passes)

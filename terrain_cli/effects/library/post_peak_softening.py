@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _stress(q: Mapping[str, Any]) -> Any:
+def _stress(q: Quantities) -> Any:
     sheared = -np.expm1(-np.absolute(q["shear_displacement"]) / q["length"])
     return q["shear_stress"] * (1.0 - q["loss"] * sheared)
 

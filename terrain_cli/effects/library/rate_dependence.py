@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 #: V0 in m/s: the speed at which the strength is the soil's own.
 REFERENCE = 0.1
 _SLOWEST = 1e-3
 
 
-def _faster(quantity: str, q: Mapping[str, Any]) -> Any:
+def _faster(quantity: str, q: Quantities) -> Any:
     """Change a part of the strength with speed."""
     speed = np.maximum(np.absolute(q["velocity"]), _SLOWEST)
     return q[quantity] * np.maximum(1.0 + q["beta"] * np.log(speed / REFERENCE), 0.1)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _angle(q: Mapping[str, Any]) -> Any:
+def _angle(q: Quantities) -> Any:
     return q["exit_angle"] - q["c3"] * q["entry_angle"]
 
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 _CHANNELS = ("torque", "drawbar_pull", "sinkage")
 
 
-def _late(channel: str, q: Mapping[str, Any]) -> Any:
+def _late(channel: str, q: Quantities) -> Any:
     """Show what was true a little earlier, to first order."""
     return q[channel] - q[f"{channel}_lag"] * q.get(f"{channel}_rate", 0.0)
 

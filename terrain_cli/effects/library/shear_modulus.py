@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _modulus(q: Mapping[str, Any]) -> Any:
+def _modulus(q: Quantities) -> Any:
     return q["shear_modulus"] * (1.0 + q["k1"] * np.absolute(q["slip"]))
 
 

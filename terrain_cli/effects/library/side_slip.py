@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from terrain_cli.mechanics.contact import rolling
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 #: m, a grain: less displacement than this along has no direction.
 _SMALL = 3e-4
@@ -21,7 +18,7 @@ def _mean_share(x: Any) -> Any:
     return -np.expm1(-x) / x
 
 
-def _stress(q: Mapping[str, Any]) -> Any:
+def _stress(q: Quantities) -> Any:
     k, along = q["shear_modulus"], q["shear_displacement"]
     across = q["radius"] * rolling(q["slip"]) * (q["entry_angle"] - q["angle"]) * np.tan(q["slip_angle"])
     square = along * along + _SMALL**2
@@ -29,7 +26,7 @@ def _stress(q: Mapping[str, Any]) -> Any:
     return q["shear_stress"] * _mean_share(both) / _mean_share(alone)
 
 
-def _modulus(q: Mapping[str, Any]) -> Any:
+def _modulus(q: Quantities) -> Any:
     return q["shear_modulus"] * (1.0 + q["k_growth"] * np.absolute(q["slip_angle"]))
 
 

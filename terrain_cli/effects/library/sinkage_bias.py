@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _sinkage(q: Mapping[str, Any]) -> Any:
+def _sinkage(q: Quantities) -> Any:
     return q["sinkage"] + q["offset"]
 
 

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _exponent(q: Mapping[str, Any]) -> Any:
+def _exponent(q: Quantities) -> Any:
     skid = 0.5 * (np.absolute(q["slip"]) - q["slip"])
     return q["sinkage_exponent"] + q["n1"] * np.absolute(q["slip"]) + q["n2"] * skid
 
 
-def _sinkage(q: Mapping[str, Any]) -> Any:
+def _sinkage(q: Quantities) -> Any:
     return q["sinkage"] * (1.0 + q["S"] * np.absolute(q["slip"]))
 
 

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _pressing(q: Mapping[str, Any]) -> Any:
+def _pressing(q: Quantities) -> Any:
     return 1.0 + q["factor"] * (np.cos(q["pitch"]) - 1.0)
 
 
-def _load(q: Mapping[str, Any]) -> Any:
+def _load(q: Quantities) -> Any:
     return q["load"] * _pressing(q)
 
 
-def _pull(q: Mapping[str, Any]) -> Any:
+def _pull(q: Quantities) -> Any:
     weight = q["load"] / np.maximum(_pressing(q), 0.1)
     return q["drawbar_pull"] - q["factor"] * weight * np.sin(q["pitch"])
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 #: σ0 in Pa: the stress at which tan φ is the soil's own.
 REFERENCE = 10e3
 _LEAST = 1.0
 
 
-def _stress(q: Mapping[str, Any]) -> Any:
+def _stress(q: Quantities) -> Any:
     sigma, travel = q["normal_stress"], q["shear_displacement"]
     way = np.where(travel < 0.0, -1.0, 1.0)
     mobilised = -way * np.expm1(-np.absolute(travel) / q["shear_modulus"])

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from terrain_cli.effects.library._rolling import slip_of_radius
-from terrain_cli.mechanics.effect import Effect, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from terrain_cli.mechanics.contact import slip_of_radius
+from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
-def _slip(q: Mapping[str, Any]) -> Any:
+def _slip(q: Quantities) -> Any:
     return slip_of_radius(q["slip"], 1.0 + q["relative_error"])
 
 
