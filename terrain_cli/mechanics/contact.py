@@ -35,13 +35,7 @@ _POWER = 3
 
 
 def order_for(reach: float) -> int:
-    """Return how many nodes on each arc give the forces to 1e-8 of themselves.
-
-    Parameters
-    ----------
-    reach : float
-        Length of the longer arc in terms of the shear modulus: angle · R / k.
-    """
+    """Return how many nodes on each arc give the forces to 1e-8; `reach` is angle · R / k of the longer."""
     return next((order for most, order in _ORDERS if reach <= most), _MOST)
 
 
@@ -49,10 +43,7 @@ def order_for(reach: float) -> int:
 def nodes(order: int = ORDER) -> tuple[Array, Array]:
     """Nodes and weights on (0, 1) for functions that start like a fractional power of u at 0.
 
-    Returns
-    -------
-    u, w : ndarray, shape (order, 1)
-        ∫ f(u) du ≈ Σ w f(u).
+    With u and w of shape (order, 1), ∫ f(u) du ≈ Σ w f(u).
     """
     x, weights = np.polynomial.legendre.leggauss(order)
     s = 0.5 * (x + 1.0)
@@ -63,31 +54,21 @@ def nodes(order: int = ORDER) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact:
-    """What the forces follow from: each a number, or one value per sample.
+    """What the forces follow from: each a number, or one value per sample."""
 
-    Parameters
-    ----------
-    entry_angle, max_stress_angle, exit_angle : ndarray
-        θ1 > θm > θ2 in rad, from the vertical, positive forward.
-    slip : ndarray
-        i; negative where the wheel skids, which turns the shear stress round.
-    cohesion, tan_phi, shear_modulus : ndarray
-        c in Pa, tan φ, k in m.
-    stiffness, sinkage_exponent : ndarray
-        keq = kc/b + kφ in Pa/m^n, and n.
-    radius, shear_radius : ndarray
-        Of the rim that presses and of the surface that shears, in m.
-    """
-
+    # entry_angle, max_stress_angle, exit_angle: θ1 > θm > θ2 in rad, from the vertical, positive forward
     entry_angle: Array
     max_stress_angle: Array
     exit_angle: Array
-    slip: Array
+    slip: Array  # i; negative where the wheel skids, which turns the shear stress round
+    # cohesion, tan_phi, shear_modulus: c in Pa, tan φ, k in m
     cohesion: Array
     tan_phi: Array
     shear_modulus: Array
+    # stiffness, sinkage_exponent: keq = kc/b + kφ in Pa/m^n, and n
     stiffness: Array
     sinkage_exponent: Array
+    # radius, shear_radius: of the rim that presses and of the surface that shears, in m
     radius: Array
     shear_radius: Array
 
@@ -104,21 +85,9 @@ def rolling(slip: Any) -> Any:
 
 
 def slip_of_radius(slip: Any, share: Any) -> Any:
-    """Slip with another rolling radius, for driving and for skidding.
+    """Slip with another rolling radius, whose share of r is given, for driving and for skidding.
 
     Driving i = 1 − V/(r ω), skidding i = r ω/V − 1, so V/(r ω) is changed.
-
-    Parameters
-    ----------
-    slip : ndarray or Dual
-        i, computed with the radius r.
-    share : ndarray or Dual
-        The true rolling radius, over r.
-
-    Returns
-    -------
-    ndarray or Dual
-        i with the true rolling radius.
     """
     ratio = rolling(slip) / share
     return np.where(ratio > 1.0, 1.0 / np.maximum(ratio, _LEAST_RATIO) - 1.0, 1.0 - ratio)

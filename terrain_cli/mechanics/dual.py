@@ -75,11 +75,8 @@ _PLAIN = frozenset(
 class Dual(NDArrayOperatorsMixin):
     """An array and its derivatives.
 
-    Parameters
-    ----------
-    slopes : mapping of str to ndarray
-        Derivative by each quantity it depends on, of a shape that goes with that of `value`; a
-        quantity that is not named has no influence.
+    `slopes` are by each quantity it depends on, of a shape that goes with that of `value`; a quantity that is
+    not named has no influence.
     """
 
     __slots__ = ("slopes", "value")
@@ -154,13 +151,7 @@ def slopes(x: Any) -> dict[str, Any]:
 
 
 def chain(result: Any, parts: list[tuple[Any, Any]]) -> Any:
-    """Give a result its derivatives by the chain rule.
-
-    Parameters
-    ----------
-    parts : list of (ndarray, Dual or ndarray)
-        Derivative of the result by a number, and that number.
-    """
+    """Give a result its derivatives by the chain rule: `parts` are its derivative by a number, and that."""
     total: dict[str, Any] = {}
     for outer, number in parts:
         for name, inner in slopes(number).items():
@@ -239,18 +230,7 @@ def carrying(
 
 
 def inverse(shown: Callable[[Dual], Any], measured: Array) -> Array:
-    """Find what a sensor's law shows as the value measured, by Newton's method.
-
-    Parameters
-    ----------
-    shown : callable
-        What is shown of a true value, with its derivative.
-    measured : ndarray, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (n,)
-    """
+    """Find the true values, shape (n,), that a sensor's law shows as those measured, by Newton's method."""
     true = measured
     for _ in range(_STEPS):
         here = shown(seed(true, UNKNOWN))
@@ -264,11 +244,7 @@ def inverse(shown: Callable[[Dual], Any], measured: Array) -> Array:
 def implicit(root: Array, residual: Any) -> Any:
     """Give a root its derivatives by all that its residual depends on.
 
-    Parameters
-    ----------
-    root : ndarray, shape (n,)
-    residual : Dual
-        What is zero at the root, with its derivatives by the root (`UNKNOWN`) and by all else.
+    `residual` is zero at the root, and has derivatives by the root (`UNKNOWN`) and by all else.
     """
     steep = slopes(residual)[UNKNOWN]
     others = {name: -slope / steep for name, slope in slopes(residual).items() if name != UNKNOWN}

@@ -13,44 +13,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known of a parameter before any data: normal, or log-normal for k and keq.
+    """What is known of a parameter before any data: normal, or log-normal for k and keq."""
 
-    Parameters
-    ----------
-    mean, sd : float
-        Mean and standard deviation in the parameter's own unit, of the log-normal distribution
-        itself where it is one.
-    """
-
+    # mean, sd: mean and standard deviation in the parameter's own unit, of the log-normal distribution itself
+    # where it is one
     mean: float
     sd: float
 
     @classmethod
     def factor(cls, median: float, factor: float) -> Prior:
-        """Return the log-normal prior "`median`, within a factor of `factor`" (one standard deviation).
-
-        Parameters
-        ----------
-        median : float
-            In the parameter's unit, positive.
-        factor : float
-            Above 1.
-        """
+        """Return the log-normal prior "`median`, within a factor of `factor`" (one standard deviation)."""
         spread = float(np.log(factor))
         mean = median * float(np.exp(0.5 * spread**2))
         return cls(mean, mean * float(np.sqrt(np.expm1(spread**2))))
 
     @classmethod
     def of(cls, values: ArrayLike, *, positive: bool = False) -> Prior:
-        """Return the prior with the mean and the variance of some values.
-
-        Parameters
-        ----------
-        values : array_like
-            In the parameter's unit.
-        positive : bool
-            Take mean and variance of the logarithms, for k and keq.
-        """
+        """Return the prior with the mean and the variance of values, or of their logarithms if positive."""
         values = np.asarray(values, dtype=float)
         if positive:
             logs = np.log(values)

@@ -74,21 +74,7 @@ def _left_out(sums: Array) -> float:
 
 
 def wheel_angle(time: ArrayLike, stretch: ArrayLike, angular_velocity: ArrayLike) -> Array:
-    """Integrate the angle through which the wheel has turned since its stretch began.
-
-    Parameters
-    ----------
-    time : array_like, shape (n,)
-        In s.
-    stretch : array_like of int, shape (n,)
-    angular_velocity : array_like, shape (n,)
-        ω in rad/s.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In rad: the trapezoidal rule.
-    """
+    """Integrate the angle (rad) that the wheel turned since its stretch began, by the trapezoidal rule."""
     time, omega = np.asarray(time, dtype=float), np.asarray(angular_velocity, dtype=float)
     stretch = np.asarray(stretch)
     if len(time) == 0:

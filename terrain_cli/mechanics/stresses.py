@@ -20,17 +20,10 @@ if TYPE_CHECKING:
 
 
 class Stresses(NamedTuple):
-    """Under the rim of a wheel, one column for each sample.
+    """Under the rim of a wheel, one column for each sample."""
 
-    Parameters
-    ----------
-    angle : ndarray, shape (nodes, n)
-        θ in rad from the vertical, positive forward, rising down each column.
-    normal, shear : ndarray, shape (nodes, n)
-        σ and τ in Pa.
-    """
-
-    angle: Array
+    angle: Array  # shape (nodes, n): θ in rad from the vertical, positive forward, rising down each column
+    # normal, shear: shape (nodes, n): σ and τ in Pa
     normal: Array
     shear: Array
 

@@ -49,37 +49,21 @@ _BLOCK = 32_000
 
 
 class WheelGeometry(NamedTuple):
-    """Constants of one wheel.
+    """Constants of one wheel."""
 
-    Parameters
-    ----------
-    radius, width : float
-        r and b in m.
-    grouser_height : float
-        In m.
-    gravity : float
-        In m/s².
-    """
-
+    # radius, width: r and b in m
     radius: float
     width: float
-    grouser_height: float = 0.0
+    grouser_height: float = 0.0  # In m
     grouser_count: int = 0
-    gravity: float = STANDARD_GRAVITY
+    gravity: float = STANDARD_GRAVITY  # In m/s²
 
 
 @dataclass(frozen=True)
 class Model:
     """A base and the effects added to it, in their order.
 
-    Parameters
-    ----------
-    base : {"wong-reece", "linear"}
-
-    Raises
-    ------
-    ConfigurationError
-        No such base, an effect twice, or one that changes what the base does not have.
+    ConfigurationError: no such base, an effect twice, or one that changes what the base does not have.
     """
 
     base: Base = "wong-reece"
@@ -135,25 +119,15 @@ class Model:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a model predicts: numbers with derivatives where those were asked for.
+    """What a model predicts: numbers with derivatives where those were asked for."""
 
-    Parameters
-    ----------
-    balance : ndarray or Dual, shape (n,), or None
-        Load that the soil carries at the sinkage measured, less the load that is on it, in N.
-    load : ndarray or Dual, shape (n,), or None
-        The first of these, in N.
-    torque, drawbar_pull : ndarray or Dual, shape (n,)
-        As the sensors show them, in N m and N.
-    sinkage : ndarray or Dual, shape (n,), or None
-        As the sensor shows it, in m; NaN where the soil does not carry the load.
-    """
-
+    # shape (n,): load that the soil carries at the sinkage measured, less the load that is on it, in N
     balance: Any
-    load: Any
+    load: Any  # shape (n,): the first of these, in N
+    # torque, drawbar_pull: shape (n,): as the sensors show them, in N m and N
     torque: Any
     drawbar_pull: Any
-    sinkage: Any
+    sinkage: Any  # shape (n,): as the sensor shows it, in m; NaN where the soil does not carry the load
 
 
 def predict(
