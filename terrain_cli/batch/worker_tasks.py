@@ -43,7 +43,7 @@ class Reply:
     # result, record: the file of the result, and the record for the mission table
     result: bytes = b""
     record: bytes = b""
-    # samples, set_aside, segments, recovered, recovered_of, warnings, seconds: as in `Entry`
+    # samples, set_aside, segments, recovered, recovered_of, warnings, seconds: as in `ManifestEntry`
     samples: int | None = None
     set_aside: int | None = None
     segments: int | None = None

@@ -10,7 +10,6 @@ import numpy as np
 
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
-from terrain_cli.diagnosis import signatures as scoring
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.processes import parallel
@@ -58,7 +57,7 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
         for changes, driver, form, tables in drafted_laws.screen(wheel, values, known.channels, rows):
             width = next(iter(tables.values())).shape[1]
             table = known.whitened(tables, width)
-            found, _ = scoring.scores(known.residual, known.soil, table, wheel.window[rows], one_block, 1)
+            found, _ = signatures.scores(known.residual, known.soil, table, wheel.window[rows], one_block, 1)
             _, _, gain = found.fit(np.arange(width))
             key = (changes, driver, form)
             ranked[key] = ranked.get(key, 0.0) + gain - criteria.FURTHER_PARAMETER * width

@@ -12,7 +12,6 @@ from terrain_cli import effects as catalogues
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import signatures
-from terrain_cli.diagnosis import signatures as scoring
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable, Size
 from terrain_cli.estimation.wheel_fit.normal_equations import products
 from terrain_cli.mechanics.wheel_model import Model
@@ -138,7 +137,9 @@ def screen(
     found.blocks = np.concatenate(
         [one[:, part.testable] for one, part in zip(left, parts, strict=True)], axis=1
     )
-    tests = scoring.test([part.scores for part in parts], [part.testable for part in parts], left, seed=seed)
+    tests = signatures.test(
+        [part.scores for part in parts], [part.testable for part in parts], left, seed=seed
+    )
     for one in hypotheses:
         if not one.effects:
             _assumed(found, one)
@@ -222,7 +223,7 @@ class _Columns:
             tables.append(known.whitened(signature.tables, count))
         columns = np.concatenate(tables, axis=2)
         self.flat, self.block = known.residual, block[rows]
-        self.scores, self.left = scoring.scores(
+        self.scores, self.left = signatures.scores(
             self.flat, known.soil, columns, wheel.window[rows], self.block, blocks
         )
         power = np.sqrt(np.maximum(np.diag(self.scores.cross), 0.0)) * np.sqrt(step)

@@ -38,7 +38,7 @@ class SimulatedSeries(NamedTuple):
     """A measured channel."""
 
     time: Array  # shape (n,): in s since the start
-    values: Array  # shape (n,): sI units; NaN where the sample was lost
+    values: Array  # shape (n,): SI units; NaN where the sample was lost
 
 
 class Stretch(NamedTuple):
