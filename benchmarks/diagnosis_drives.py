@@ -24,7 +24,8 @@ from terrain_cli.comparison.compare import fit_wheels  # noqa: E402 - as above
 from terrain_cli.comparison.fit_settings import FitSettings  # noqa: E402 - as above
 from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
 from terrain_cli.effects import catalogue  # noqa: E402 - as above
-from terrain_cli.improvement import Stopped, fitted, until_quiet  # noqa: E402 - as above
+from terrain_cli.improvement import Stopped, until_quiet  # noqa: E402 - as above
+from terrain_cli.improvement.change_trial import fitted  # noqa: E402 - as above
 from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above
 from terrain_cli.windows.joined_inputs import by_wheel  # noqa: E402 - as above
 

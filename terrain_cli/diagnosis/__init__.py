@@ -6,25 +6,5 @@
 """
 
 from terrain_cli.diagnosis.diagnose import diagnose
-from terrain_cli.diagnosis.diagnosis_outcome import (
-    Alarm,
-    Candidate,
-    Diagnosis,
-    Hypothesis,
-    NextDrive,
-    NotTestable,
-    Size,
-    UnknownEffect,
-)
 
-__all__ = [
-    "Alarm",
-    "Candidate",
-    "Diagnosis",
-    "Hypothesis",
-    "NextDrive",
-    "NotTestable",
-    "Size",
-    "UnknownEffect",
-    "diagnose",
-]
+__all__ = ["diagnose"]

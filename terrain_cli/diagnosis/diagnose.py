@@ -61,7 +61,7 @@ def diagnose(
     if not alarm.raised:
         return _silent(case, ranked.log, ranked.base, alarm)
     family = steps.family(case, ranked)
-    law = steps.outside_the_catalogue(ranked, family)
+    law, law_alone = steps.outside_the_catalogue(ranked, family)
     two = steps.two_at_once(case, ranked, family)
     full = steps.on_full_stresses(case, ranked, two)
     decision = verdict.decide(
@@ -69,7 +69,7 @@ def diagnose(
             family=family.ids,
             earned=family.earned,
             clear=family.clear,
-            law_alone=law.alone,
+            law_alone=law_alone,
             pair=two.ids,
             pair_is_best=two.is_best,
             on_full_stresses=tuple(one.id for one, _ in full),
@@ -89,7 +89,7 @@ def diagnose(
             candidates=steps.candidates(
                 ranked.data, ranked.base, log.found, ranked.several, log.hypotheses, decision.family
             ),
-            unknown=law.unknown if decision.tells_law else None,
+            unknown=law if decision.tells_law else None,
             next_drive=steps.next_drives(case, ranked, rivals),
             not_testable=list(log.not_testable),
             warnings=list(log.comparison.warnings),

@@ -48,7 +48,7 @@ def best(
         progress(f"fitting with {first.id} and {second.id}")
         after = [alone[one.id][1] for one in (first, second)]
         refit = refits.refit(data, pair, after=after)
-        if not (refit_ranking.at_bounds(pair, refit) or refit_ranking.imitates(data, pair, refit)):
+        if not refit_ranking.incredible(data, pair, refit):
             fitted.append((pair, refit))
     return sorted(fitted, key=lambda one: float(one[1].loss.sum()))
 
@@ -86,11 +86,7 @@ def on_full_stresses(
     modulus = data.wheels[0].windows.samples.geometry.shear_modulus
     full = screening.with_stresses(file, modulus)
     several = [
-        replace(
-            one,
-            fixed={**full.fixed, **one.fixed},
-            priors={**full.priors, **one.priors},
-        )
+        replace(one, fixed={**full.fixed, **one.fixed}, priors={**full.priors, **one.priors})
         for one in screening.hypotheses(full, data.wheels, effects)[0]
         if one.effects
     ]

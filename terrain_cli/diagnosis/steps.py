@@ -73,14 +73,6 @@ class Family:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LawFound:
-    """A drafted law that predicts better than every effect, and whether it stands alone."""
-
-    unknown: UnknownEffect | None
-    alone: bool
-
-
-@dataclass(frozen=True, kw_only=True)
 class Two:
     """Two effects that belong together, and all pairs that were fitted, the best first."""
 
@@ -177,10 +169,9 @@ def family(case: Case, ranked: Ranked) -> Family:
     )
 
 
-def outside_the_catalogue(ranked: Ranked, found: Family) -> LawFound:
-    """Tell whether a drafted law explains what no effect does."""
-    unknown, alone = outside_catalogue.verdict(ranked.base, ranked.best, ranked.drafts, found.ids)
-    return LawFound(unknown=unknown, alone=alone)
+def outside_the_catalogue(ranked: Ranked, found: Family) -> tuple[UnknownEffect | None, bool]:
+    """Return a drafted law that explains what no effect does, and whether it stands alone."""
+    return outside_catalogue.verdict(ranked.base, ranked.best, ranked.drafts, found.ids)
 
 
 def two_at_once(case: Case, ranked: Ranked, found: Family) -> Two:
@@ -291,10 +282,7 @@ def candidates(
 
     done = {one.id for one, _ in ranked}
     rest = [candidate(one, None) for one in hypotheses if one.id in found.p_values and one.id not in done]
-    return [
-        *(candidate(one, refit) for one, refit in ranked),
-        *sorted(rest, key=lambda one: one.loss),
-    ]
+    return [*(candidate(one, refit) for one, refit in ranked), *sorted(rest, key=lambda one: one.loss)]
 
 
 def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:

@@ -54,18 +54,15 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], H
             column = names.index(name)
             before, after = (_exp(_interval(roots[column, k], others[:, column, k])) for k in (0, 1))
             change = _interval(_change(roots[column]), _change(others[:, column]))
-            channels.append(
-                ChannelChange(
-                    name=name, unit=UNITS[name], before=before, after=after, noise=noise, difference=change
-                )
-            )
         elif levels:
-            before, after = _alone(first, name), _alone(second, name)
-            channels.append(
-                ChannelChange(
-                    name=name, unit=UNITS[name], before=before, after=after, noise=noise, difference=_UNKNOWN
-                )
+            before, after, change = _alone(first, name), _alone(second, name), _UNKNOWN
+        else:
+            continue
+        channels.append(
+            ChannelChange(
+                name=name, unit=UNITS[name], before=before, after=after, noise=noise, difference=change
             )
+        )
     return channels, HeldOutEvidence(overall, len(sums), lost)
 
 

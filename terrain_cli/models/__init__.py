@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from terrain_cli.mechanics.prior import Prior
 from terrain_cli.models.model_change import (
     ASSUMPTIONS,
     MODULUS,
@@ -9,28 +10,14 @@ from terrain_cli.models.model_change import (
     Assumption,
     Changed,
     added,
-    imposed,
-    lifted,
-    made_by,
     recorded,
     removed,
 )
-from terrain_cli.models.model_file import (
-    FORMAT,
-    ModelFile,
-    Prior,
-    build,
-    find_effect,
-    is_path,
-    load,
-    parameter,
-    resolve,
-)
-from terrain_cli.models.model_writer import new, save
+from terrain_cli.models.model_file import ModelFile, build, find_effect, is_path, load, resolve
+from terrain_cli.models.model_writer import save
 
 __all__ = [
     "ASSUMPTIONS",
-    "FORMAT",
     "MODULUS",
     "STRESSES",
     "Assumption",
@@ -40,13 +27,8 @@ __all__ = [
     "added",
     "build",
     "find_effect",
-    "imposed",
     "is_path",
-    "lifted",
     "load",
-    "made_by",
-    "new",
-    "parameter",
     "recorded",
     "removed",
     "resolve",

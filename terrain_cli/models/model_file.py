@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from terrain_cli.mechanics.effect import Effect
 
 
-__all__ = ["FORMAT", "SOIL_UNITS", "ModelFile", "Prior"]
-
 FORMAT = "terrain-est/model/1"
 #: Parameters of the soil with the unit of their values.
 SOIL_UNITS = {

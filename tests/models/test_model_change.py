@@ -11,7 +11,7 @@ import pytest
 
 from terrain_cli import effects, models
 from terrain_cli.errors import ConfigurationError, UsageError
-from terrain_cli.models import ASSUMPTIONS, ModelFile, Prior
+from terrain_cli.models import ASSUMPTIONS, ModelFile, Prior, model_change
 from terrain_cli.vocabulary import choices
 
 K = 0.018
@@ -20,7 +20,7 @@ STRESSES, MODULUS = ASSUMPTIONS
 
 
 def made(file):
-    return [one.id for one in models.made_by(file, K)]
+    return [one.id for one in model_change.made_by(file, K)]
 
 
 @pytest.mark.parametrize(
@@ -39,14 +39,14 @@ def test_which_a_model_makes(file, expected):
 
 
 def test_the_value_held_is_named():
-    assert models.made_by(LINEAR, K)[1].title == "The shear modulus k is the one assumed: 18 mm"
-    assert models.made_by(replace(FULL, fixed={"shear_modulus": 0.01}), K)[0].title.endswith(": 10 mm")
+    assert model_change.made_by(LINEAR, K)[1].title == "The shear modulus k is the one assumed: 18 mm"
+    assert model_change.made_by(replace(FULL, fixed={"shear_modulus": 0.01}), K)[0].title.endswith(": 10 mm")
 
 
 def test_stresses_lifted():
-    assert models.lifted(LINEAR, STRESSES, K) == FULL
+    assert model_change.lifted(LINEAR, STRESSES, K) == FULL
     own = replace(LINEAR, fixed={"shear_modulus": 0.01}, priors={"tan_phi": Prior(0.5, 0.1)})
-    lifted = models.lifted(own, STRESSES, K)
+    lifted = model_change.lifted(own, STRESSES, K)
     assert (lifted.model.base, lifted.fixed, lifted.priors) == ("wong-reece", own.fixed, own.priors)
     # k is held in the file: that is another assumption.
     assert made(lifted) == [MODULUS]
@@ -54,7 +54,7 @@ def test_stresses_lifted():
 
 @pytest.mark.parametrize(("file", "k"), [(LINEAR, K), (replace(FULL, fixed={"shear_modulus": 0.01}), 0.01)])
 def test_modulus_lifted_is_expected_within_a_factor(file, k):
-    lifted = models.lifted(file, MODULUS, K)
+    lifted = model_change.lifted(file, MODULUS, K)
     assert MODULUS not in made(lifted)
     mean, sd = lifted.priors["shear_modulus"].of_logarithm()
     assert math.exp(mean) == pytest.approx(k, rel=1e-3)
@@ -64,24 +64,24 @@ def test_modulus_lifted_is_expected_within_a_factor(file, k):
 def test_what_is_not_made_is_not_lifted():
     for name in ASSUMPTIONS:
         with pytest.raises(UsageError, match=f"does not make the assumption {name}"):
-            models.lifted(FULL, name, K)
+            model_change.lifted(FULL, name, K)
     with pytest.raises(UsageError, match="no assumption 'gravity'"):
-        models.lifted(LINEAR, "gravity", K)
+        model_change.lifted(LINEAR, "gravity", K)
     with pytest.raises(UsageError, match="already"):
-        models.imposed(LINEAR, STRESSES, K)
+        model_change.imposed(LINEAR, STRESSES, K)
 
 
 @pytest.mark.parametrize("name", ASSUMPTIONS)
 def test_made_again_is_as_before(name):
-    assert models.imposed(models.lifted(LINEAR, name, K), name, K) == LINEAR
+    assert model_change.imposed(model_change.lifted(LINEAR, name, K), name, K) == LINEAR
 
 
 def test_full_model_may_be_held_to_an_assumption():
-    assert models.imposed(FULL, MODULUS, K).fixed == {"shear_modulus": K}
+    assert model_change.imposed(FULL, MODULUS, K).fixed == {"shear_modulus": K}
     with pytest.raises(ConfigurationError, match="has no stiffness"):
-        models.imposed(replace(FULL, fixed={"stiffness": 1e6}), STRESSES, K)
+        model_change.imposed(replace(FULL, fixed={"stiffness": 1e6}), STRESSES, K)
     with pytest.raises(ConfigurationError, match="which the base linear does not have"):
-        models.imposed(models.build("wong-reece", ["slip-sinkage"]), STRESSES, K)
+        model_change.imposed(models.build("wong-reece", ["slip-sinkage"]), STRESSES, K)
 
 
 def test_effects_that_only_the_full_model_takes_come_after_the_lift():
@@ -96,7 +96,7 @@ def test_a_lifted_model_is_written_and_read(tmp_path):
     path.write_text(
         'format = "terrain-est/model/1"\nbase = "linear"   # the paper\n[fixed]\nshear_modulus = 0.01\n'
     )
-    lifted = models.lifted(models.lifted(models.load(path), STRESSES, K), MODULUS, K)
+    lifted = model_change.lifted(model_change.lifted(models.load(path), STRESSES, K), MODULUS, K)
     models.save(lifted, path)
     read = models.load(path)
     assert (read.model.base, read.fixed, read.priors) == ("wong-reece", {}, lifted.priors)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from terrain_cli import effects, models
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics import wheel_model as mechanics
-from terrain_cli.models import ModelFile, Prior
+from terrain_cli.models import ModelFile, Prior, model_writer
 from terrain_cli.vocabulary import choices
 
 HEAD = 'format = "terrain-est/model/1"\n'
@@ -434,6 +434,6 @@ def test_nothing_is_written_where_nothing_has_changed(write):
 
 def test_a_new_file_explains_itself(tmp_path):
     file = models.build("wong-reece", ["slip-sinkage"], {"shear_modulus": 0.018})
-    text = models.new(file)
+    text = model_writer.new(file)
     assert tomllib.loads(text)["fixed"] == {"shear_modulus": 0.018}
     assert "cohesion (Pa), tan_phi (1), shear_modulus (m)" in text
