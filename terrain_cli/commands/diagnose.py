@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -71,7 +70,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli import effects, models
     from terrain_cli.commands.progress import Progress
     from terrain_cli.diagnosis import diagnose, verdict_sentences
-    from terrain_cli.presentation import diagnosis_text
+    from terrain_cli.presentation import diagnosis_text, json_text
 
     given = context.params
     if given["draft"]:
@@ -95,8 +94,7 @@ def command(context: click.Context, /, **_: Any) -> None:
             Path(temporary).write_text(found.unknown.draft, encoding="utf-8")
         found = replace(found, sentence=verdict_sentences.with_draft(found.sentence, given["draft"]))
     if given["as_json"]:
-        content = diagnosis_text.document(found)
-        click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))
+        click.echo(json_text.written(diagnosis_text.document(found)))
     else:
         say(diagnosis_text.text(found))
     if given["draft"] and found.unknown is None:

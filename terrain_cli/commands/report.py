@@ -55,13 +55,15 @@ def command(context: click.Context, /, **_: Any) -> None:
     optional_libraries.need("report")
     from terrain_cli import models
     from terrain_cli.commands.progress import Progress
+    from terrain_cli.improvement import compared
     from terrain_cli.views import report
 
     given = context.params
     file = models.resolve(given["model"])
     with Progress(len(given["inputs"]) + 2, enabled=not given["quiet"]) as progress:
         cut = comparison_options.read(context, [file], progress)
-        comparison = comparison_options.compared(cut, file, given["seed"], progress)
+        tell = partial(progress.say, str(file.path or file.model.base))
+        comparison = compared(cut, file, seed=given["seed"], progress=tell)
         progress.advance()
         say = partial(progress.say, given["output"])
         further = [report.history(file.history)]

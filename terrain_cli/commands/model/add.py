@@ -89,6 +89,6 @@ def _add(context: click.Context) -> None:
     step = change_options.tried(context, "add", before, changed)
     step = replace(step, kept=step.pays or given["keep"])
     if step.kept:
-        because = change_sentences.found(step) if step.pays else f"--keep; {change_sentences.found(step)}"
-        change_options.write(given["file"], changed.file, history_entry.entry(step, because))
+        entry = history_entry.entry(step, change_sentences.reason(step))
+        change_options.write(given["file"], changed.file, entry)
     change_options.tell(context, change_text.text(step), change_text.document(step))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +62,7 @@ def new(file: str, base: str, effects: tuple[str, ...], fixed: tuple[str, ...], 
 
     formats.check_free(file, replace=force)
     folder = Path(file).parent
-    named = [os.path.relpath(name, folder) if models.is_path(name) else name for name in effects]
+    named = models.named_from(effects, folder)
     values: dict[str, Any] = {}
     for text in fixed:
         name, equals, number = text.partition("=")
