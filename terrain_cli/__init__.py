@@ -2,13 +2,14 @@
 
 The steps of the command line are functions here, for a notebook:
 
->>> import terrain_cli as terrain
->>> wheels = terrain.read("run.bag")                                       # doctest: +SKIP
->>> windows = [terrain.segment(wheel) for wheel in wheels]                 # doctest: +SKIP
->>> terrain.estimate(windows)[["wheel", "c_kPa", "phi_deg", "status"]]     # doctest: +SKIP
->>> terrain.compare(windows).failures                                      # doctest: +SKIP
->>> found = terrain.diagnose(windows)                                      # doctest: +SKIP
->>> trial = terrain.add_effect("wong-reece", found.effect, windows)        # doctest: +SKIP
+    import terrain_cli as terrain
+
+    wheels = terrain.read("run.bag")
+    windows = [terrain.segment(wheel) for wheel in wheels]
+    terrain.estimate(windows)[["wheel", "c_kPa", "phi_deg", "status"]]
+    terrain.compare(windows).failures
+    found = terrain.diagnose(windows)
+    trial = terrain.add_effect("wong-reece", found.effect, windows)
 
 Data
     read, from_frame        a log, or a DataFrame, as the samples of each wheel

@@ -208,9 +208,9 @@ def compare(
 
     Examples
     --------
-    >>> result = terrain.compare(windows)  # doctest: +SKIP
-    >>> result.channels[["rmse", "noise", "heldout_rmse"]]  # doctest: +SKIP
-    >>> result.plot("residual-sinkage")  # doctest: +SKIP
+    >>> result = terrain.compare(windows)
+    >>> result.channels[["rmse", "noise", "heldout_rmse"]]
+    >>> result.plot("residual-sinkage")
     """
     files = [as_model(one) for one in (model, against) if one is not None]
     effects = {effect.id: effect for file in files for effect in file.model.effects}

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 from terrain_cli import effects as catalogues
 from terrain_cli import models
 from terrain_cli.api import result_tables
-from terrain_cli.api.logs import as_model, windows_of
+from terrain_cli.api.logs import as_model, silent, windows_of
 from terrain_cli.diagnosis import diagnose as diagnosed
+from terrain_cli.diagnosis.verdict_sentences import sizes_text
 from terrain_cli.presentation import diagnosis_text, json_text
 from terrain_cli.presentation.terminal import escaped
 from terrain_cli.processes import parallel
@@ -31,6 +32,7 @@ _CANDIDATES = (
     *("effect", "title", "score", "p_value", "explained", "surviving"),
     *("heldout_loss", "heldout_loss_se", "refitted", "in_family"),
 )
+_NOT_SHOWN = ["title", "score", "p_value", "heldout_loss", "heldout_loss_se", "refitted"]
 #: Candidates that a notebook shows.
 _SHOWN = 8
 
@@ -131,13 +133,11 @@ class DiagnosisResult:
             f"To tell {' from '.join(one.pair)}: {one.manoeuvre} (power {one.power:.0%})"
             for one in self.next_drive
         ]
-        fitted = self.candidates[self.candidates["refitted"].astype(bool)].head(_SHOWN)
-        shown = fitted.drop(columns=["title", "score", "p_value", "heldout_loss_se", "refitted"])
-        sizes = self.parameters[self.parameters["effect"].isin(shown["effect"])]
-        return result_tables.html(
-            [self.sentence, *drives, *self.found.warnings],
-            {"Candidates": shown, "Their parameters": sizes},
-        )
+        fitted = self.candidates["refitted"].astype(bool)
+        shown = self.candidates[fitted].set_index("effect").drop(columns=_NOT_SHOWN)
+        shown["parameters"] = [sizes_text(one) for one in self.found.candidates if one.refitted]
+        shown = shown.head(_SHOWN)
+        return result_tables.html([self.sentence, *drives, *self.found.warnings], {"Candidates": shown})
 
 
 def diagnose(
@@ -148,7 +148,7 @@ def diagnose(
     rover: Rover | str | Path | None = None,
     seed: int = 0,
     jobs: int = 1,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] | None = None,
 ) -> DiagnosisResult:
     """Find out which physical effect a model lacks.
 
@@ -170,7 +170,7 @@ def diagnose(
         Of all that is drawn at random.
     jobs : int
         Processes that fit; the result is the same.
-    progress : callable
+    progress : callable, optional
         Called with the name of each step before it begins, such as ``print``.
 
     Returns
@@ -191,8 +191,8 @@ def diagnose(
 
     Examples
     --------
-    >>> result = terrain.diagnose(windows)  # doctest: +SKIP
-    >>> result.effect  # doctest: +SKIP
+    >>> result = terrain.diagnose(windows)
+    >>> result.effect
     'slip-sinkage'
     """
     file = as_model(model)
@@ -200,5 +200,5 @@ def diagnose(
     every = {**catalogues.catalogue(), **{effect.id: effect for effect in own}}
     with parallel.jobs(jobs):
         windows = windows_of(data, file.model.effects, rover)
-        found = diagnosed(windows, file, effects=list(every.values()), seed=seed, progress=progress)
+        found = diagnosed(windows, file, effects=list(every.values()), seed=seed, progress=progress or silent)
     return DiagnosisResult(found)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from terrain_cli import improvement, models
 from terrain_cli.api import result_tables
-from terrain_cli.api.logs import as_model, windows_of
+from terrain_cli.api.logs import as_model, silent, windows_of
 from terrain_cli.improvement import error_ladder, history_entry
 from terrain_cli.presentation import change_sentences, change_text, json_text
 from terrain_cli.presentation.terminal import escaped
@@ -155,7 +155,7 @@ def add_effect(
     rover: Rover | str | Path | None = None,
     seed: int = 0,
     jobs: int = 1,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] | None = None,
 ) -> EffectTrial:
     """Add an effect to a model, if that makes the error on held-out data fall.
 
@@ -182,7 +182,7 @@ def add_effect(
         Of all that is drawn at random.
     jobs : int
         Processes that fit; the result is the same.
-    progress : callable
+    progress : callable, optional
         Called with the name of each step before it begins, such as ``print``.
 
     Returns
@@ -204,10 +204,10 @@ def add_effect(
 
     Examples
     --------
-    >>> trial = terrain.add_effect("wong-reece", "slip-sinkage", windows)  # doctest: +SKIP
-    >>> trial.kept  # doctest: +SKIP
+    >>> trial = terrain.add_effect("wong-reece", "slip-sinkage", windows)
+    >>> trial.kept
     True
-    >>> terrain.estimate(windows, model=trial.model)  # doctest: +SKIP
+    >>> terrain.estimate(windows, model=trial.model)
     """
     before = as_model(model)
     given = [effect] if isinstance(effect, str | Path) else effect
@@ -222,7 +222,7 @@ def add_effect(
             before,
             changed.file,
             seed=seed,
-            progress=progress,
+            progress=progress or silent,
         )
     step = replace(step, kept=step.pays or keep)
     if not step.kept:

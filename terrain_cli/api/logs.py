@@ -218,6 +218,10 @@ def segment(
     )
 
 
+def silent(_: str) -> None:
+    """Say nothing of a step."""
+
+
 def as_model(model: ModelFile | str | Path) -> ModelFile:
     """Return a model that is given itself, or by its name."""
     return model if isinstance(model, ModelFile) else load_model(model)

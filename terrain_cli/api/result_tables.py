@@ -37,8 +37,8 @@ def column(channel: str, what: str, unit: str) -> str:
 
 def html(lines: Iterable[str], tables: Mapping[str, pd.DataFrame]) -> str:
     """Return what a notebook shows: sentences, then tables under their captions."""
-    parts = [f"<p>{escape(line)}</p>" for line in lines]
-    return "\n".join(['<div class="terrain-est">', *parts, *_tables(tables), "</div>"])
+    parts = [*(f"<p>{escape(line)}</p>" for line in lines), *_tables(tables)]
+    return "\n".join(['<div class="terrain-est" style="overflow-x: auto">', *parts, "</div>"])
 
 
 def _tables(tables: Mapping[str, pd.DataFrame]) -> Iterator[str]:

@@ -162,8 +162,8 @@ def simulate(
 
     Examples
     --------
-    >>> drive = terrain.simulate(effects="slip-sinkage", noise="3%", seed=1)  # doctest: +SKIP
-    >>> terrain.diagnose(drive.samples).effect  # doctest: +SKIP
+    >>> drive = terrain.simulate(effects="slip-sinkage", noise="3%", seed=1)
+    >>> terrain.diagnose(drive.samples).effect
     'slip-sinkage'
     """
     if isinstance(effects, str):

@@ -74,7 +74,7 @@ def test_same_data_same_files(comparison, folder, tmp_path, monkeypatch):
     from terrain_cli.views import figures
 
     def one(shown):
-        yield "predicted-measured", figures.predicted_measured(shown)
+        yield "predicted-measured", lambda: figures.predicted_measured(shown)
 
     monkeypatch.setattr(plots, "_of_comparison", one)
     for path in plots.write(comparison, tmp_path):
