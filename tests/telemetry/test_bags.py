@@ -90,10 +90,18 @@ def test_the_other_publisher_may_speak_first(write_bag, rover_of):
 
 def test_only_the_wheels_asked_for(write_bag, rover_of):
     path, rover = write_bag(*two_wheels()), rover_of(TWO_WHEELS)
-    (samples,) = telemetry.read(path, rover, wheels=["wheel-fr"])
+    (samples,) = telemetry.read(path, rover, wheels=["wheel_fr"])
     assert samples.wheel == "wheel_fr"
-    with pytest.raises(InputError, match="there is no wheel rear") as error:
-        telemetry.read(path, rover, wheels=["rear"])
+
+
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [("rear", ""), ("fr", "; did you mean wheel_fr?"), ("wheel-fr", "; did you mean wheel_fr?")],
+)
+def test_part_of_a_name_is_no_wheel(name, near, write_bag, rover_of):
+    path, rover = write_bag(*two_wheels()), rover_of(TWO_WHEELS)
+    with pytest.raises(InputError, match=re.escape(f"there is no wheel {name}{near}") + "$") as error:
+        telemetry.read(path, rover, wheels=[name])
     assert error.value.hint == "it has wheel_fl, wheel_fr"
 
 
