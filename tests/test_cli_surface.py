@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import os
-import pty
 import re
 import shlex
 import subprocess
@@ -16,6 +14,7 @@ from types import SimpleNamespace
 
 import click
 import pytest
+from terminals import on_terminal
 
 import terrain_cli
 from man import generate
@@ -42,27 +41,6 @@ def calls(text):
         for start, word in enumerate(words):
             if word == "terrain-est":
                 yield list(itertools.takewhile(lambda word: word[0] not in "|>&;", words[start + 1 :]))
-
-
-def on_terminal(command, **environment):
-    """Run a command on a terminal, and return all that it shows there."""
-    main, side = pty.openpty()
-    process = subprocess.Popen(
-        command,
-        stdin=side,
-        stdout=side,
-        stderr=side,
-        env={**os.environ, "TERM": "xterm-256color", **environment},
-    )
-    os.close(side)
-    shown = b""
-    # Linux says by an error that nobody writes any more, others by an empty read.
-    with contextlib.suppress(OSError):
-        while block := os.read(main, 4096):
-            shown += block
-    os.close(main)
-    process.wait()
-    return shown.decode("utf-8")
 
 
 @pytest.mark.parametrize("path", CONTEXTS)
