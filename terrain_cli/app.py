@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 #: Each verb with the line that stands for it in the help: a verb's module is imported only when it runs.
 VERBS = {
     "inspect": "Say what a log holds, and what would be used of it.",
+    "init": "Write a rover.toml from what a log holds.",
     "estimate": "Estimate cohesion and friction angle, segment by segment.",
     "batch": "Estimate many files into one folder, resumable.",
     "model": "Write, show and improve model files.",
