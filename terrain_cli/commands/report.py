@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths
+from terrain_cli.commands import comparison_options, options, paths, suggestions
 
 
 @click.command(
@@ -34,6 +34,7 @@ Examples:
 @click.option(
     "--model",
     type=paths.MODEL,
+    shell_complete=suggestions.models,
     default="wong-reece",
     show_default=True,
     metavar="FILE|linear|wong-reece",

@@ -47,7 +47,7 @@ _SHARED = "[channels]"
 _EFFORT = "effort may be the torque at the wheel, or the current of a [motor]; keep the line that is right"
 
 
-class Draft(NamedTuple):
+class RoverDraft(NamedTuple):
     """A rover file to be completed.
 
     Parameters
@@ -62,7 +62,7 @@ class Draft(NamedTuple):
     left: tuple[str, ...]
 
 
-def draft(source: Source) -> Draft:
+def draft(source: Source) -> RoverDraft:
     """Write the rover file of a log, as far as the log tells.
 
     Every field that is read as a channel has its line. A line is a comment where only the user can tell
@@ -88,7 +88,7 @@ def draft(source: Source) -> Draft:
         lacks = [lack for its in found.lacks.values() for lack in its if lack.what in CHANNELS]
         left += dict.fromkeys(channel for lack in lacks for channel in lack.ask or (lack.what,))
     top = _TOP.format(name=name, left=", ".join(left))
-    return Draft("\n".join((top, _WHEEL, _SOIL, *channels)) + "\n", tuple(left))
+    return RoverDraft("\n".join((top, _WHEEL, _SOIL, *channels)) + "\n", tuple(left))
 
 
 def _tables(found: Holdings) -> dict[str, list[str]]:
