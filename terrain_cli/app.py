@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from terrain_cli import ForeignFormatsError, check_formats
+from terrain_cli import ForeignFormatsError, check_formats, installation
 from terrain_cli.commands.group import Group
 from terrain_cli.presentation import terminal
 from terrain_cli.processes import signals
@@ -85,6 +85,12 @@ class Verbs(Group):
             formatter.write_dl(list(VERBS.items()))
 
 
+def _show_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        click.echo(f"terrain-est, version {__version__}\n{installation.details()}")
+        context.exit()
+
+
 @click.group(
     cls=Verbs,
     epilog=EPILOG,
@@ -93,7 +99,14 @@ class Verbs(Group):
         "max_content_width": 100,
     },
 )
-@click.version_option(__version__, "-V", "--version", prog_name="terrain-est")
+@click.option(
+    *("-V", "--version"),
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_show_version,
+    help="Show the version, Python and where the program is installed, and exit.",
+)
 def cli() -> None:
     """Estimate the soil under a wheel from rover telemetry.
 

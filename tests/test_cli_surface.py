@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import platform
 import re
 import shlex
 import subprocess
@@ -117,7 +118,10 @@ def test_unknown_option_names_the_nearest(terrain_est):
 
 def test_version_stands_in_one_place(terrain_est):
     done = terrain_est("--version")
-    assert done.stdout == f"terrain-est, version {terrain_cli.__version__}\n"
+    first, python, place = done.stdout.splitlines()
+    assert first == f"terrain-est, version {terrain_cli.__version__}"
+    assert python.startswith(f"Python {platform.python_version()} on ")
+    assert place.startswith(f"installed in {ROOT / 'terrain_cli'} (")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     assert project["project"]["dynamic"] == ["version"]
     assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "terrain_cli.version.__version__"}
