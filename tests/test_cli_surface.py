@@ -170,12 +170,16 @@ with progress.Progress(2, enabled={enabled}) as bar:
     bar.say("run.bag", "reading")
     bar.advance()
     time.sleep(0.4)
+    bar.say("run.mcap", "wheel", 0.5)
+    time.sleep(0.4)
 print("done")
 """
 
     def test_progress_bar(self):
         shown = on_terminal([sys.executable, "-c", self.WORK.format(enabled=True)], PYTHONPATH=str(ROOT))
         assert re.search(r"\r█{12}░{12} 1/2  0 s  run\.bag  reading +\r", shown)
+        # Half of the second input.
+        assert re.search(r"\r█{18}░{6} 1/2  \d s  run\.mcap  wheel +\r", shown)
         assert re.search(r"\r +\rdone\s*$", shown)
         assert "\x1b" not in shown
 
