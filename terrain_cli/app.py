@@ -37,6 +37,8 @@ VERBS = {
 EPILOG = """\b
 Examples:
   terrain-est inspect run.bag
+  terrain-est init run.bag -o rover.toml
+  terrain-est estimate run.bag
   terrain-est estimate run.bag > soil.csv
   terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900
   zcat run.csv.gz | terrain-est estimate - --rover rover.toml --summary soil.json

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     context_settings=options.CONTEXT,
     epilog="""\b
 Examples:
+  terrain-est estimate run.bag
   terrain-est estimate run.bag > soil.csv
   terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900 --summary soil.json
   terrain-est estimate run.bag -o soil.gpkg --samples soil.gpkg
