@@ -41,7 +41,8 @@ def draft(terrain_est_here):
 def test_filled_in_it_gives_the_estimates_of_a_file_by_hand(name, draft, terrain_est_here, tmp_path):
     text, told = draft(SAMPLE / name)
     bag = name in {"run.bag", "run.mcap"}
-    assert told == "still to fill in: radius, width, shear_modulus" + ", torque" * bag + "\n"
+    rest = ", position of each wheel, torque" if bag else ""
+    assert told == f"still to fill in: radius, width, shear_modulus{rest}\n"
     (tmp_path / "rover.toml").write_text(filled(text), "utf-8")
     assert len(rovers.load(tmp_path / "rover.toml").wheels) == 2
     args = ("estimate", SAMPLE / name, "--method", "least-squares")
@@ -153,3 +154,18 @@ def test_inspect_ends_with_a_hint_that_works(terrain_est_here, tmp_path):
     assert (name, args[0]) == ("terrain-est", "init")
     assert terrain_est_here(*args).returncode == 0
     assert "draft a rover.toml" not in terrain_est_here("inspect", folder / "run.csv").stdout
+
+
+def test_a_time_of_two_columns_needs_no_line(draft, terrain_est_here, tmp_path):
+    log = tmp_path / "run.csv"
+    rows = (SAMPLE / "run.csv").read_text().splitlines()[:200]
+    head, *cells = (row.partition(",")[::2] for row in rows if "front-right" not in row)
+    lines = [f"stamp_secs,stamp_nsecs,{head[1]}"]
+    lines += [f"{int(float(time))},{round(float(time) % 1 * 1e9)},{rest}" for time, rest in cells]
+    log.write_text("\n".join(lines) + "\n")
+    text, _ = draft(log)
+    assert "# time: stamp_secs + stamp_nsecs, found without a line here" in text.splitlines()
+    (tmp_path / "rover.toml").write_text(filled(text), "utf-8")
+    done = terrain_est_here("estimate", log, "--method", "least-squares", "--segments", "none", "-q")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[1].split(",")[4].startswith("17540000")

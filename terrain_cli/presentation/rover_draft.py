@@ -41,8 +41,10 @@ _SOIL = """\
 """
 _OWN = """\
 # Here what differs from [wheel]: radius, width, grouser_count, grouser_height.
-# position = [x, y, z]  # m; forward, left and up: only for loads from a [vehicle]
+# position = [x, y, z]  # m forward, left and up of one point of the body; {why}
 """
+_FOR_LOADS = "only for loads from a [vehicle]"
+_IN_TURNS = "in turns each wheel has a speed of its own"
 _SHARED = "[channels]"
 _EFFORT = "effort may be the torque at the wheel, or the current of a [motor]; keep the line that is right"
 
@@ -86,9 +88,16 @@ def draft(source: Source) -> RoverDraft:
         tables = _tables(found)
         channels = [line for header, lines in tables.items() for line in ("", header, *lines)][1:]
         lacks = [lack for its in found.lacks.values() for lack in its if lack.what in CHANNELS]
+        left += ["position of each wheel"] * _turns(found)
         left += dict.fromkeys(channel for lack in lacks for channel in lack.ask or (lack.what,))
     top = _TOP.format(name=name, left=", ".join(left))
     return RoverDraft("\n".join((top, _WHEEL, _SOIL, *channels)) + "\n", tuple(left))
+
+
+def _turns(found: Holdings) -> bool:
+    """Tell whether the speeds of several wheels come from that of the body and its yaw rate."""
+    feeds = [raw.feeds for raw in found.raws if "yaw_rate" in raw.feeds]
+    return len(feeds) > 1 and any("velocity" in its and its["velocity"].of_body for its in feeds)
 
 
 def _tables(found: Holdings) -> dict[str, list[str]]:
@@ -97,10 +106,11 @@ def _tables(found: Holdings) -> dict[str, list[str]]:
     tables: dict[str, list[str]] = {_SHARED: []}
     if column := layout.labels.get(""):
         tables[_SHARED].append(f"wheel = {{ column = {toml_text.value(column)} }}")
+    own_lines = _OWN.format(why=_IN_TURNS if _turns(found) else _FOR_LOADS).splitlines()
     for raw in raws:
         key = toml_text.key(raw.wheel)
         if len(raws) > 1:
-            tables |= {f"[wheels.{key}]": _OWN.splitlines(), f"[wheels.{key}.channels]": []}
+            tables |= {f"[wheels.{key}]": own_lines, f"[wheels.{key}.channels]": []}
         for name in filter(raw.feeds.__contains__, CHANNELS):
             own = len(raws) > 1 and name in layout.wheels.get(raw.wheel, {})
             lines = tables[f"[wheels.{key}.channels]" if own else _SHARED]
