@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths
+from terrain_cli.commands import comparison_options, options, paths, suggestions
 from terrain_cli.presentation.terminal import say
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ Examples:
     "models",
     multiple=True,
     type=paths.MODEL,
+    shell_complete=suggestions.models,
     envvar="TERRAIN_EST_MODEL",
     default=("wong-reece",),
     metavar="FILE|linear|wong-reece",

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths
+from terrain_cli.commands import comparison_options, options, paths, suggestions
 from terrain_cli.presentation.terminal import say
 
 
@@ -30,6 +30,7 @@ Examples:
 @click.option(
     "--model",
     type=paths.MODEL,
+    shell_complete=suggestions.models,
     envvar="TERRAIN_EST_MODEL",
     default="wong-reece",
     metavar="FILE|linear|wong-reece",

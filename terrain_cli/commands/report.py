@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths
+from terrain_cli.commands import comparison_options, options, paths, suggestions
 
 
 @click.command(
@@ -34,6 +34,7 @@ Examples:
 @click.option(
     "--model",
     type=paths.MODEL,
+    shell_complete=suggestions.models,
     default="wong-reece",
     show_default=True,
     metavar="FILE|linear|wong-reece",
@@ -47,8 +48,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     """Write one page of HTML: errors, the soil on a map, predicted against measured, where it fails.
 
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
-    input. The page needs no network and no other file; it prints. It takes the extra "report":
-    pip install 'terrain-est[report]'.
+    input. The page needs no network and no other file; it prints. It takes the extra "report"; where
+    that is missing, the command says how to add it.
     """
     from terrain_cli.views import optional_libraries
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options, paths
+from terrain_cli.commands import options, paths, suggestions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,6 +48,7 @@ Examples:
     "--drive",
     multiple=True,
     metavar="NAME",
+    shell_complete=suggestions.drives,
     help="How to drive (repeatable, one after another): slip-sweep, load-steps, slope, mixed, passes, "
     "reverse, speed-steps, turns, multi.  [mixed]",
 )
@@ -55,6 +56,7 @@ Examples:
     "--soil",
     multiple=True,
     metavar="NAME",
+    shell_complete=suggestions.soils,
     help="Soil (repeatable, one after another over equal distances): dry-sand, sandy-loam, clayey-soil, "
     "snow … or [soils.NAME] of the file.  [dry-sand]",
 )
@@ -81,6 +83,7 @@ Examples:
     "--model",
     type=paths.MODEL,
     metavar="MODEL",
+    shell_complete=suggestions.models,
     help="Where the truth is from: wong-reece, linear, or a model file with its effects.  [wong-reece]",
 )
 @click.option(
@@ -88,6 +91,7 @@ Examples:
     multiple=True,
     type=paths.EFFECT,
     metavar="EFFECT",
+    shell_complete=suggestions.effects,
     help="Add an effect (repeatable): ID, ID:NAME=VALUE,… or FILE.toml. What is not said has its "
     "typical size.",
 )

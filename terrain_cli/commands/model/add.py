@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import options, paths
+from terrain_cli.commands import options, paths, suggestions
 from terrain_cli.commands.model import change_options
 
 
@@ -26,7 +26,9 @@ Examples:
 """,
 )
 @click.argument("file", type=paths.CHANGED, metavar="FILE")
-@click.argument("effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]")
+@click.argument(
+    "effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]", shell_complete=suggestions.effects
+)
 @click.option("--keep", is_flag=True, help="Add it even if the held-out error does not fall.")
 @click.option(
     "--until-quiet",

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import options, paths
+from terrain_cli.commands import options, paths, suggestions
 from terrain_cli.vocabulary.choices import BASES
 
 
@@ -38,6 +38,7 @@ Examples:
     type=paths.EFFECT,
     envvar="TERRAIN_EST_EFFECT",
     metavar="EFFECT",
+    shell_complete=suggestions.effects,
     help="An id of the catalogue, or the TOML file of an effect (repeatable).",
 )
 @click.option(
