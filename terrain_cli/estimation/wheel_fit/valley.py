@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: Samples of a window that are asked, points along each side at which, and steps of each search. Twice of
-#: each, or two degrees more, change the deviations over the grids of sample_data by less than 0.5 %; by 2 % in
-#: the window that does not separate c and φ.
+#: each, or two degrees more, change the deviations over the grids of sample_data by less than 0.5 %; by 2 %
+#: in the window that does not separate c and φ.
 _SAMPLES, _POINTS, _STEPS = 100, 7, 20
 #: Degree of the polynomial that goes between the points.
 _DEGREE = 4
