@@ -19,6 +19,7 @@ Data
 
 Soil
     estimate                c, φ and strength of every window
+    posterior               c and φ together, and the covariance of all parameters
     trace                   c and φ sample by sample
     summarise               the windows of each terrain pooled
 
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
         from_frame,
         load_model,
         load_rover,
+        posterior,
         read,
         report,
         segment,
@@ -81,6 +83,7 @@ __all__ = [
     "from_frame",
     "load_model",
     "load_rover",
+    "posterior",
     "read",
     "report",
     "segment",

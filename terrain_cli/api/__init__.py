@@ -9,7 +9,7 @@ from terrain_cli.api.diagnosis_result import DiagnosisResult, diagnose
 from terrain_cli.api.effect_trial import EffectTrial, add_effect
 from terrain_cli.api.logs import from_frame, load_model, load_rover, read, segment
 from terrain_cli.api.simulated_drive import SimulatedDrive, simulate
-from terrain_cli.api.soil_estimates import estimate, summarise, trace
+from terrain_cli.api.soil_estimates import estimate, posterior, summarise, trace
 from terrain_cli.models import ModelFile
 from terrain_cli.telemetry import Samples
 from terrain_cli.windows.cut_windows import Windows
@@ -29,6 +29,7 @@ __all__ = [
     "from_frame",
     "load_model",
     "load_rover",
+    "posterior",
     "read",
     "report",
     "segment",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
@@ -10,7 +11,7 @@ from terrain_cli import estimation
 from terrain_cli.api.logs import windows_of
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
-from terrain_cli.presentation import segment_table
+from terrain_cli.presentation import posterior_table, segment_table
 from terrain_cli.presentation import summary as summaries
 from terrain_cli.telemetry.wheel_samples import NEEDED
 
@@ -74,6 +75,41 @@ def estimate(
         cut, method, model, min_samples=min_samples, folds=folds, robust=robust, at_stress=at_stress
     )
     tables = [segment_table.table(one, fit.estimates) for one, fit in zip(several, fits, strict=True)]
+    return pd.DataFrame(segment_table.join(tables))
+
+
+def posterior(
+    cut: Data,
+    method: Method = "auto",
+    *,
+    min_samples: int | None = None,
+    folds: int | None = None,
+    model: ModelFile | str | Path | None = None,
+    robust: bool = False,
+) -> pd.DataFrame:
+    """Say what is known of c and φ together, and of all parameters, in every window.
+
+    Parameters
+    ----------
+    cut, method, min_samples, folds, model, robust
+        As for `estimate`.
+
+    Returns
+    -------
+    DataFrame
+        The columns of ``terrain-est estimate --posterior``.
+
+    Raises
+    ------
+    InputError, ConfigurationError, UsageError
+        As for `estimate`.
+    """
+    several, fits = _fits(
+        cut, method, model, min_samples=min_samples, folds=folds, robust=robust, joint=sys.maxsize
+    )
+    tables = [
+        posterior_table.table(one, fit.estimates, fit.joint) for one, fit in zip(several, fits, strict=True)
+    ]
     return pd.DataFrame(segment_table.join(tables))
 
 

@@ -38,6 +38,7 @@ Examples:
   terrain-est estimate run.bag --method recursive --trace convergence.csv
   terrain-est estimate run.bag --method wong-reece --summary soil.json
   terrain-est estimate run.bag --model model.toml --plot pictures
+  terrain-est estimate run.bag -o soil.csv --posterior posterior.parquet
   terrain-est estimate run.bag | ogr2ogr -f GPKG soil.gpkg CSV:/vsistdin/ \\
       -oo AUTODETECT_TYPE=YES -oo EMPTY_STRING_AS_NULL=YES -a_srs IAU_2015:49900
 """,
@@ -72,6 +73,13 @@ Examples:
     type=paths.OUTPUT,
     metavar="FILE",
     help="With --method recursive: write the estimate after each sample here.",
+)
+@click.option(
+    "--posterior",
+    type=paths.OUTPUT,
+    metavar="FILE",
+    help="Write the joint posterior of c and φ here: for each segment a grid, and the covariance of all its "
+    "parameters. Takes a second or two a segment.",
 )
 @click.option(
     "--plot",
@@ -114,7 +122,7 @@ def command(context: click.Context, /, **_: Any) -> None:
         from terrain_cli.views import optional_libraries
 
         optional_libraries.need("plot")
-    for name in ("rejects", "trace"):
+    for name in ("rejects", "trace", "posterior"):
         if given[name]:
             formats.output_kind(given[name])
     segment_files.check(given["output"], given["samples"], given["crs"])
@@ -123,7 +131,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     _write(outcomes, settings, given)
 
 
-def _write(  # noqa: C901 - one branch for each thing asked for
+def _write(  # noqa: C901, PLR0912 - one branch for each thing asked for
     outcomes: Sequence[Outcome], settings: Settings, given: Mapping[str, Any]
 ) -> None:
     """Write all that was asked for, the table last: what reads it may stop early."""
@@ -139,10 +147,10 @@ def _write(  # noqa: C901 - one branch for each thing asked for
         if outcome.error:
             raise outcome.error
     table = segment_table.join([outcome.table for outcome in outcomes])
-    if given["trace"]:
-        formats.write_table(
-            segment_table.join([t for outcome in outcomes for t in outcome.trace]), given["trace"]
-        )
+    for name in ("trace", "posterior"):
+        if given[name]:
+            tables = [t for outcome in outcomes for t in getattr(outcome, name)]
+            formats.write_table(segment_table.join(tables), given[name])
     estimates = estimation.join([part for outcome in outcomes for part in outcome.estimates])
     document = summary.document(
         table, estimates, [outcome.account for outcome in outcomes], settings.document()

@@ -9,7 +9,7 @@ import formats
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
-from terrain_cli.presentation import segment_table
+from terrain_cli.presentation import posterior_table, segment_table
 from terrain_cli.run import long_log
 from terrain_cli.telemetry.derive.doubts import Doubt
 from terrain_cli.telemetry.plan.mapping import is_table
@@ -37,9 +37,9 @@ class Outcome:
         as the summary shows it.
     estimates : list of WindowEstimates
         Behind the rows of `table`, one for each wheel.
-    rejects, trace, samples : list of dict
-        Tables of the samples set aside, of the recursive estimate, and of the samples of every
-        window where they were asked for, one for each wheel.
+    rejects, trace, samples, posterior : list of dict
+        Tables of the samples set aside, of the recursive estimate, of the samples of every window, and of
+        joint posteriors, where they were asked for, one for each wheel.
     error : InputError or None
         Why there are no rows: no sample can be used. The samples set aside are worth keeping then.
     """
@@ -50,6 +50,7 @@ class Outcome:
     rejects: list[segment_table.Table] = field(default_factory=list)
     trace: list[segment_table.Table] = field(default_factory=list)
     samples: list[segment_table.Table] = field(default_factory=list)
+    posterior: list[segment_table.Table] = field(default_factory=list)
     error: InputError | None = None
 
 
@@ -125,6 +126,7 @@ def run(
             folds=settings.folds,
             robust=settings.robust,
             at_stress=stress,
+            joint=settings.joint,
         )
         # Wheels of one log are compared at one stress.
         stress = estimators.common_stress(stress, fitted)
@@ -133,6 +135,8 @@ def run(
         outcome.estimates.append(fitted.estimates)
         if settings.method == "recursive":
             outcome.trace.append(segment_table.trace(cut))
+        if settings.joint:
+            outcome.posterior.append(posterior_table.table(cut, fitted.estimates, fitted.joint))
         if settings.samples:
             outcome.samples.append(segment_table.samples(cut))
     if tables:

@@ -37,6 +37,8 @@ class Settings:
         Localisation table whose positions the samples get.
     samples : bool
         Also keep a table of the samples of every window.
+    joint : int
+        Segments of each wheel, evenly spread, of which the joint posterior of c and φ is kept.
     whole : bool
         Also keep, of a long log too, the samples set aside and the recursive estimate.
     salvage : bool
@@ -56,6 +58,7 @@ class Settings:
     at_stress: float | None = None
     places: Places | None = None
     samples: bool = False
+    joint: int = 0
     whole: bool = False
     salvage: bool = False
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Drawing = tuple[str, Callable[[], Figure | None]]
 
 ENDINGS = (".png", ".svg")
-#: Wheels whose recursive estimate is drawn.
+#: Wheels whose joint posterior, or recursive estimate, is drawn.
 MOST_TRACES = 8
 #: Samples of each, where the picture is of a comparison.
 MOST_TRACED = 200_000
@@ -192,7 +192,26 @@ def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Drawing]:
     yield "strength", partial(figures.strength, table)
     misfit = {"rms misfit of torque (N m)": table["torque_rmse_Nm"]}
     yield "track", partial(figures.track, table, misfit)
+    yield from _valleys(table, [part for outcome in outcomes for part in outcome.posterior][:MOST_TRACES])
     yield from _convergence([trace for outcome in outcomes for trace in outcome.trace][:MOST_TRACES])
+
+
+def _valleys(table: Mapping[str, Any], posteriors: Sequence[Mapping[str, Any]]) -> Iterator[Drawing]:
+    from terrain_cli.views import figures
+
+    for number, posterior in enumerate(posteriors, 1):
+        if not len(posterior["kind"]):
+            continue
+        of = tuple(posterior[key][0] for key in ("source", "wheel"))
+        rows = [j for j, one in enumerate(zip(table["source"], table["wheel"], strict=True)) if one == of]
+        own = {name: [values[j] for j in rows] for name, values in table.items()}
+        name = _numbered("valley", number, of[1], several=len(posteriors) > 1)
+        yield name, partial(figures.valleys, posterior, own)
+
+
+def _numbered(name: str, number: int, wheel: str, *, several: bool) -> str:
+    plain = re.sub(r"[^\w-]+", "_", str(wheel))[:40]
+    return f"{name}-{number}-{plain}" if several else name
 
 
 def _convergence(traces: Sequence[Mapping[str, Any]]) -> Iterator[Drawing]:
@@ -202,8 +221,7 @@ def _convergence(traces: Sequence[Mapping[str, Any]]) -> Iterator[Drawing]:
     drawn = []
     for number, trace in enumerate(traces, 1):
         if len(trace["segment"]) and np.isfinite(trace["c_kPa"]).any():
-            wheel = re.sub(r"[^\w-]+", "_", str(trace["wheel"][0]))[:40]
-            name = f"convergence-{number}-{wheel}" if several else "convergence"
+            name = _numbered("convergence", number, trace["wheel"][0], several=several)
             yield name, partial(figures.convergence, trace)
             drawn.append(trace)
     yield "convergence-of-all", partial(figures.convergence_of_all, drawn)

@@ -8,6 +8,7 @@ from terrain_cli.views.figures.recursion import convergence, convergence_of_all
 from terrain_cli.views.figures.rim_stress import rim_stress
 from terrain_cli.views.figures.soil_strength import strength
 from terrain_cli.views.figures.track import track
+from terrain_cli.views.figures.valleys import valleys
 
 __all__ = [
     "convergence",
@@ -18,4 +19,5 @@ __all__ = [
     "rim_stress",
     "strength",
     "track",
+    "valleys",
 ]
