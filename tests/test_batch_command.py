@@ -89,7 +89,7 @@ def test_options_of_estimate(run, monkeypatch):
     own = {option.name for option in estimate.command.params}
     ours = {option.name for option in command.command.params}
     # What is told of one run on one terminal, or in files of its own, has no place here.
-    assert own - ours <= {"summary", "rejects", "trace", "plot", "samples"}
+    assert own - ours <= {"summary", "rejects", "trace", "plot", "posterior", "samples"}
     args = ("--segments", "fixed", "--window-samples", "40", "--where", "load > 85", "--method", "ridge")
     monkeypatch.setenv("TERRAIN_EST_MIN_SAMPLES", "7")
     assert run("in/a.csv", "-o", "out", *args)[0] == 0

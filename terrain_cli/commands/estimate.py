@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.presentation.terminal import in_lines
+from terrain_cli.presentation.terminal import in_lines, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     context_settings=options.CONTEXT,
     epilog="""\b
 Examples:
+  terrain-est estimate run.bag
   terrain-est estimate run.bag > soil.csv
   terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900 --summary soil.json
   terrain-est estimate run.bag -o soil.gpkg --samples soil.gpkg
@@ -36,6 +38,7 @@ Examples:
   terrain-est estimate run.bag --method recursive --trace convergence.csv
   terrain-est estimate run.bag --method wong-reece --summary soil.json
   terrain-est estimate run.bag --model model.toml --plot pictures
+  terrain-est estimate run.bag -o soil.csv --posterior posterior.parquet
   terrain-est estimate run.bag | ogr2ogr -f GPKG soil.gpkg CSV:/vsistdin/ \\
       -oo AUTODETECT_TYPE=YES -oo EMPTY_STRING_AS_NULL=YES -a_srs IAU_2015:49900
 """,
@@ -47,8 +50,9 @@ Examples:
     type=paths.SEGMENTS,
     metavar="FILE",
     help="Write the table here, by its ending: .csv .parquet .json .geojson .geojsonl .geojsons .gpkg .mcap. "
-    "Otherwise CSV on stdout.",
+    "Otherwise CSV on stdout, and on a terminal a table to read.",
 )
+@click.option("--csv", is_flag=True, help="Write CSV to stdout on a terminal too, as into a pipe.")
 @click.option("--summary", type=paths.OUTPUT, metavar="FILE", help="Write the summary here, as JSON.")
 @options.estimation
 @click.option(
@@ -71,6 +75,13 @@ Examples:
     help="With --method recursive: write the estimate after each sample here.",
 )
 @click.option(
+    "--posterior",
+    type=paths.OUTPUT,
+    metavar="FILE",
+    help="Write the joint posterior of c and φ here: for each segment a grid, and the covariance of all its "
+    "parameters. Takes a second or two a segment.",
+)
+@click.option(
     "--plot",
     type=paths.PICTURES,
     metavar="DIR",
@@ -87,6 +98,9 @@ Examples:
 def command(context: click.Context, /, **_: Any) -> None:
     """Estimate cohesion and friction angle under each wheel, one row per segment.
 
+    A terminal shows a table to read. A pipe, a file and --csv get CSV with every column, and the
+    table to read is on stderr.
+
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
     input. Each row carries standard errors and a status; where c and φ cannot be told apart it
     says not-separable, and the strength at the stress σ* holds as far as its error says.
@@ -99,6 +113,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     rover = options.load_rover(context.params["rover"], logs)
     options.with_defaults(context, rover.estimate)
     given = context.params
+    if given["csv"] and given["output"]:
+        raise UsageError("--csv and -o both say where the table goes", hint="leave one of them out")
     if given["trace"] and given["method"] != "recursive":
         raise UsageError("--trace shows the recursive estimate", hint="add --method recursive")
     # Before the work, not after it.
@@ -106,7 +122,7 @@ def command(context: click.Context, /, **_: Any) -> None:
         from terrain_cli.views import optional_libraries
 
         optional_libraries.need("plot")
-    for name in ("rejects", "trace"):
+    for name in ("rejects", "trace", "posterior"):
         if given[name]:
             formats.output_kind(given[name])
     segment_files.check(given["output"], given["samples"], given["crs"])
@@ -115,7 +131,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     _write(outcomes, settings, given)
 
 
-def _write(  # noqa: C901 - one branch for each thing asked for
+def _write(  # noqa: C901, PLR0912 - one branch for each thing asked for
     outcomes: Sequence[Outcome], settings: Settings, given: Mapping[str, Any]
 ) -> None:
     """Write all that was asked for, the table last: what reads it may stop early."""
@@ -131,10 +147,10 @@ def _write(  # noqa: C901 - one branch for each thing asked for
         if outcome.error:
             raise outcome.error
     table = segment_table.join([outcome.table for outcome in outcomes])
-    if given["trace"]:
-        formats.write_table(
-            segment_table.join([t for outcome in outcomes for t in outcome.trace]), given["trace"]
-        )
+    for name in ("trace", "posterior"):
+        if given[name]:
+            tables = [t for outcome in outcomes for t in getattr(outcome, name)]
+            formats.write_table(segment_table.join(tables), given[name])
     estimates = estimation.join([part for outcome in outcomes for part in outcome.estimates])
     document = summary.document(
         table, estimates, [outcome.account for outcome in outcomes], settings.document()
@@ -154,14 +170,25 @@ def _write(  # noqa: C901 - one branch for each thing asked for
     points = None
     if given["samples"]:
         points = (segment_table.join([t for outcome in outcomes for t in outcome.samples]), given["samples"])
-    segment_files.write(table, given["output"], crs, points)
-    if given["quiet"]:
-        return
+    # Nobody reads WKT on a screen.
+    for_reading = given["output"] is None and not given["csv"] and sys.stdout.isatty()
+    segment_files.write(table, None if for_reading else given["output"] or "-", crs, points)
+    if not given["quiet"]:
+        _remark(given, crs)
+    readable = summary.text(in_lines(document), table, verbose=given["verbose"])
+    if for_reading:
+        say(readable)
+    elif not given["quiet"]:
+        click.echo(readable, err=True)
+
+
+def _remark(given: Mapping[str, Any], crs: str | None) -> None:
+    from terrain_cli.presentation import segment_files
+
     if given["crs"] and crs is None:
         click.echo(f"positions are x and y of a site frame: --crs {given['crs']} does not apply", err=True)
     if remark := segment_files.remark(given["output"], crs):
         click.echo(remark, err=True)
-    click.echo(summary.text(in_lines(document), table, verbose=given["verbose"]), err=True)
 
 
 def _outcomes(

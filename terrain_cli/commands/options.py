@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from terrain_cli.commands import paths
+from terrain_cli.commands import paths, suggestions
 from terrain_cli.run.settings import Settings
-from terrain_cli.vocabulary.choices import CUT_SAMPLES, FIT_SAMPLES, METHODS, MIN_DISTANCE, SEGMENTS
+from terrain_cli.vocabulary.choices import (
+    CUT_SAMPLES,
+    FIT_SAMPLES,
+    METHODS,
+    MIN_DISTANCE,
+    MOST_VALLEYS,
+    SEGMENTS,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -66,6 +74,7 @@ rover = click.option(
 model = click.option(
     "--model",
     type=paths.MODEL,
+    shell_complete=suggestions.models,
     metavar="FILE|linear|wong-reece",
     help="Model of wheel and soil: a base, or a model file that adds effects to one.  [linear]",
 )
@@ -75,7 +84,8 @@ wheel = click.option(
     multiple=True,
     envvar="TERRAIN_EST_WHEEL",
     metavar="NAME",
-    help="Only this wheel (repeatable).",
+    shell_complete=suggestions.wheels,
+    help="Only the wheel of exactly this name (repeatable).",
 )
 segments = click.option(
     "--segments",
@@ -233,7 +243,8 @@ def settings(given: Mapping[str, Any]) -> Settings:
         at_stress=given["at_stress"],
         places=tables.load(given["places"], given["crs"]) if given["places"] else None,
         samples=bool(given.get("samples")),
-        whole=any(given.get(name) for name in ("rejects", "trace", "samples", "plot")),
+        joint=sys.maxsize if given.get("posterior") else MOST_VALLEYS if given.get("plot") else 0,
+        whole=any(given.get(name) for name in ("rejects", "trace", "samples", "posterior", "plot")),
         salvage=given["salvage"],
     )
     # Whether the model can be read, and goes with the method.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -10,20 +10,22 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.errors import InputError, UsageError
+from terrain_cli.estimation import joint_posteriors
 from terrain_cli.estimation.assumed import with_assumptions
+from terrain_cli.estimation.contact_shape import with_contact
 from terrain_cli.estimation.fit_account import account
 from terrain_cli.estimation.sensor_offsets import with_offsets
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.rover import NOISY
-from terrain_cli.telemetry.derive.effect_inputs import CONSTANTS
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.estimation.joint_grid import JointPosterior
     from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import SensorNoise
@@ -33,15 +35,6 @@ if TYPE_CHECKING:
     from terrain_cli.windows.cut_windows import Windows
 
     Array = NDArray[np.float64]
-
-#: The shape of the contact, as far as soils differ in it. It ends at the lowest point, or before or behind it
-#: (θ2 = −c3 θ1; c3 = 0.2 to 0.3 in soil that stays compacted: Ishigami et al. 2007).
-#: The stress under the rim is greatest at θm = (c1 + c2 i) θ1: 0.18, 0.32
-#: in loose sand and 0.43, 0.32 in compact sand (Wong & Reece 1967); 0.5, 0 in Iagnemma et al. 2004.
-_SHAPE = {
-    "max-stress-angle": {"c1": (0.4, 0.15), "c2": (0.2, 0.2)},
-    "rear-contact": {"c3": (0.0, 0.2)},
-}
 
 #: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors of 1 % and
 #: less, which no model deserves.
@@ -56,10 +49,13 @@ class Fitted:
     ----------
     account : dict or None
         The model, its parameters and the noise, as the summary shows them; None for the line.
+    joint : list of JointPosterior
+        Of the windows of which it was asked for.
     """
 
     estimates: WindowEstimates
     account: dict[str, Any] | None = None
+    joint: list[JointPosterior] = field(default_factory=list)
 
 
 def common_stress(stress: float | None, fitted: Fitted) -> float | None:
@@ -128,24 +124,6 @@ def full_model() -> ModelFile:
     return models.ModelFile(model=Model("wong-reece"))
 
 
-def with_contact(file: ModelFile) -> ModelFile:
-    """Return a model in which the shape of the contact is sought in every window, within what is published.
-
-    A model says nothing of the shape unless it has those effects itself, and the triangles of the base
-    "linear" have none.
-    """
-    from terrain_cli import effects, models
-
-    if file.model.base != "wong-reece":
-        return file
-    there = {effect.id for effect in file.model.effects}
-    shapes = {effect: of for effect, of in _SHAPE.items() if effect not in there}
-    expected = {f"{effect}.{name}": of for effect, each in shapes.items() for name, of in each.items()}
-    model = replace(file.model, effects=(*file.model.effects, *(effects.find(effect) for effect in shapes)))
-    priors = {name: models.Prior(*known) for name, known in expected.items()}
-    return replace(file, model=model, priors={**file.priors, **priors}, local=(*file.local, *expected))
-
-
 def estimate_lines(
     windows: Windows, method: LineMethod = "auto", *, min_samples: int | None = None, folds: int | None = None
 ) -> WindowEstimates:
@@ -187,6 +165,7 @@ def estimate(
     folds: int | None = None,
     robust: bool = False,
     at_stress: float | None = None,
+    joint: int = 0,
 ) -> Fitted:
     """Estimate the soil in every window of a wheel.
 
@@ -200,17 +179,23 @@ def estimate(
         As for `estimate_lines`.
     at_stress : float, optional
         Where the strengths of all windows are compared, Pa (`strength.with_strengths`).
+    joint : int
+        Windows, evenly spread, of which the joint posterior of c and φ is found as well.
     """
+    asked = joint_posteriors.chosen(windows, joint)
     of_line = cast("LineMethod", "auto" if file else method)
     line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)
     if file is None:
-        return Fitted(with_strengths(with_assumptions(line, windows.on_line(), of_line), windows, at_stress))
+        line = with_strengths(with_assumptions(line, windows.on_line(), of_line), windows, at_stress)
+        return Fitted(line, joint=joint_posteriors.of_line(line, asked))
     whole, windows = windows, windows.thinned(_MOST)
-    channels = _channels(windows, file)
+    channels = _channels(windows)
     file = with_offsets(with_contact(file), windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
-    fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust)
-    return Fitted(of_fit(fit, line, whole, at_stress), account(windows, file, fit, held, because))
+    fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust, joint=asked)
+    estimates = of_fit(fit, line, whole, at_stress)
+    posteriors = joint_posteriors.of_fit(fit, file, asked)
+    return Fitted(estimates, account(windows, file, fit, held, because), posteriors)
 
 
 def estimate_all(
@@ -229,16 +214,9 @@ def estimate_all(
     return fits
 
 
-def _channels(windows: Windows, file: ModelFile) -> dict[str, Array]:
+def _channels(windows: Windows) -> dict[str, Array]:
     """Return what is measured of the usable samples, and what the effects use."""
     samples, rows = windows.samples, windows.rows
-    for effect in file.model.effects:
-        for name in effect.needs:
-            if name not in samples.drivers and name not in CONSTANTS:
-                raise InputError(
-                    f"{samples.source}: wheel {samples.wheel}: was read without {name} of effect {effect.id}",
-                    hint="read it with the model: read(path, model=…)",
-                )
     channels = {name: column[rows] for name, column in samples.drivers.items()}
     channels |= cast("dict[str, Array]", windows.measured())
     pull = samples.channels.get("drawbar_pull")
@@ -316,13 +294,14 @@ def _fit(
     min_samples: int,
     *,
     robust: bool,
+    joint: Collection[int],
 ) -> Fit:
     from terrain_cli.estimation import wheel_fit
 
     samples = windows.samples
     priors = _priors(samples, file)
 
-    def run(noise: Noise | None) -> Fit:
+    def run(noise: Noise | None, joint: Collection[int]) -> Fit:
         return wheel_fit.fit(
             file.model,
             samples.geometry.wheel,
@@ -336,15 +315,16 @@ def _fit(
             robust=robust,
             correlated=samples.time is not None,
             min_samples=min_samples,
+            joint=joint,
         )
 
     given = {name: noise for name, noise in samples.noise.items() if name in channels and noise.known}
     try:
         if not set(NOISY) & (channels.keys() - given.keys()):
-            return run(_noise(given))
-        fit = run(None)
+            return run(_noise(given), joint)
+        fit = run(None, () if given else joint)
         # What is not known of the sensors is learnt first, with all of them unknown.
-        return run(_noise(given, fit.noise)) if given else fit
+        return run(_noise(given, fit.noise), joint) if given else fit
     except InputError as error:
         raise InputError(f"{samples.source}: wheel {samples.wheel}: {error}", hint=error.hint) from None
 

@@ -45,7 +45,7 @@ def hindrance(settings: Settings, file: ModelFile | None) -> str | None:
     if file is not None and not settings.automatic:
         return "the whole model learns its noise from all samples of a wheel"
     if settings.whole or settings.places:
-        return "rejects, trace, samples, plot and places need every sample"
+        return "rejects, trace, samples, posterior, plot and places need every sample"
     if settings.segments == "none":
         return "--segments none makes one window of all samples"
     if settings.segments == "fixed" and settings.window_samples is None:

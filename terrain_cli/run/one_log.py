@@ -9,7 +9,7 @@ import formats
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
-from terrain_cli.presentation import segment_table
+from terrain_cli.presentation import posterior_table, segment_table
 from terrain_cli.run import long_log
 from terrain_cli.telemetry.derive.doubts import Doubt
 from terrain_cli.telemetry.plan.mapping import is_table
@@ -34,11 +34,12 @@ class Outcome:
     account: dict[str, Any]
     # Behind the rows of `table`, one for each wheel
     estimates: list[WindowEstimates] = field(default_factory=list)
-    # rejects, trace, samples: tables of the samples set aside, of the recursive estimate, and of the samples
-    # of every window where they were asked for, one for each wheel
+    # Tables of the samples set aside, of the recursive estimate, of the samples of every window, and of joint
+    # posteriors, where they were asked for, one for each wheel
     rejects: list[segment_table.Table] = field(default_factory=list)
     trace: list[segment_table.Table] = field(default_factory=list)
     samples: list[segment_table.Table] = field(default_factory=list)
+    posterior: list[segment_table.Table] = field(default_factory=list)
     # Why there are no rows: no sample can be used. The samples set aside are worth keeping then.
     error: InputError | None = None
 
@@ -48,11 +49,11 @@ def run(
     rover: Rover,
     settings: Settings,
     *,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str, float], None] = lambda _step, _share: None,
     beside: bool = False,
 ) -> Outcome:
     """Estimate the soil under every wheel of one input; `beside` reading it, where a log is long."""
-    progress("reading")
+    progress("reading", 0.0)
     file = estimators.choose(settings.method, settings.model, robust=settings.robust)
     where = telemetry.Condition(settings.where) if settings.where else None
     source = formats.open_source(path, salvage=settings.salvage)
@@ -64,7 +65,7 @@ def run(
             source, rover, long_log.MOST_ROWS, wheels=settings.wheels, where=where, effects=effects
         )
         if not isinstance(found, list):
-            return _in_reaches(source, found, settings, beside=beside)
+            return _in_reaches(source, found, settings, progress, beside=beside)
         wheels = found
     else:
         wheels = telemetry.read_source(
@@ -75,8 +76,10 @@ def run(
     outcome = Outcome(table={}, account=_of_source(source) | {"wheels": []})
     tables = []
     count, stress = 0, settings.stress
-    for samples in wheels:
-        progress(f"wheel {samples.wheel}")
+    # Reading, and of each wheel the cuts and the estimates.
+    steps = 1 + 2 * len(wheels)
+    for number, samples in enumerate(wheels):
+        progress(f"wheel {samples.wheel}: segments", (1 + 2 * number) / steps)
         placed = locations.locate(samples, settings.places) if settings.places else None
         outcome.account["wheels"].append(_account(samples) | {"places": placed._asdict() if placed else None})
         outcome.rejects.append(segment_table.rejects(samples))
@@ -91,6 +94,7 @@ def run(
         )
         count += len(cut)
         cut_windows.check_number(source.path, count)
+        progress(f"wheel {samples.wheel}: estimates of {len(cut)}", (2 + 2 * number) / steps)
         fitted = estimators.estimate(
             cut,
             settings.method,
@@ -99,6 +103,7 @@ def run(
             folds=settings.folds,
             robust=settings.robust,
             at_stress=stress,
+            joint=settings.joint,
         )
         # Wheels of one log are compared at one stress.
         stress = estimators.common_stress(stress, fitted)
@@ -107,6 +112,8 @@ def run(
         outcome.estimates.append(fitted.estimates)
         if settings.method == "recursive":
             outcome.trace.append(segment_table.trace(cut))
+        if settings.joint:
+            outcome.posterior.append(posterior_table.table(cut, fitted.estimates, fitted.joint))
         if settings.samples:
             outcome.samples.append(segment_table.samples(cut))
     if tables:
@@ -117,15 +124,25 @@ def run(
 
 
 def _in_reaches(
-    source: formats.Source, parts: Iterable[Samples], settings: Settings, *, beside: bool
+    source: formats.Source,
+    parts: Iterable[Samples],
+    settings: Settings,
+    progress: Callable[[str, float], None],
+    *,
+    beside: bool,
 ) -> Outcome:
     """Estimate a log of which no more than a reach is held."""
     # They grow until the log ends.
     remarks: dict[str, list[str]] = {}
+    # A table of text does not say how long it is.
+    rows = source.streams()[0].count
 
     def lean() -> Iterator[Samples]:
+        count = 0
         for part in parts:
             remarks[part.wheel] = part.remarks
+            count += len(part)
+            progress(f"{count:,} samples", count / rows if rows else 0.0)
             yield long_log.lean(part)
 
     work = long_log.work

@@ -30,6 +30,7 @@ class Settings:
     at_stress: float | None = None  # Stress in kPa at which the strengths of all windows are compared
     places: Places | None = None  # Localisation table whose positions the samples get
     samples: bool = False  # Also keep a table of the samples of every window
+    joint: int = 0  # Segments of each wheel, evenly spread, of which the posterior of c and φ is kept
     whole: bool = False  # Also keep, of a long log too, the samples set aside and the recursive estimate
     salvage: bool = False  # Read what is left of damaged inputs
 

@@ -20,6 +20,8 @@ CUT_SAMPLES = 10
 FIT_SAMPLES = 5
 #: In m. A window of soil shorter than this is no terrain of its own (Iagnemma et al. 2004, section II).
 MIN_DISTANCE = 0.10
+#: Segments of a wheel in one picture of what is known of c and φ: more would be too small to read.
+MOST_VALLEYS = 12
 #: Within which k of rover.toml is expected to be right unless it says otherwise (one standard deviation).
 K_FACTOR = 2.0
 #: φ in rad beyond which no soil is known.

@@ -179,7 +179,7 @@ def test_a_soil_that_goes_on_is_cut(both):
     [
         ({"segments": "none"}, "--segments none"),
         ({"segments": "fixed", "window_distance": 2.0}, "--segments fixed"),
-        ({"whole": True}, "rejects, trace, samples"),
+        ({"whole": True}, "rejects, trace, samples, posterior"),
     ],
 )
 def test_what_needs_the_whole_log_gets_it_with_a_word(both, settings, because):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from terrain_cli.estimation.joint_grid import JointGrid
     from terrain_cli.estimation.wheel_fit.channel_noise import Noise
     from terrain_cli.estimation.wheel_fit.posterior import Posterior
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
@@ -93,6 +94,8 @@ class Fit:
     slow : ndarray, shape (w,)
         Share of the residuals' scatter that goes on from one sample to the next (`excess_scatter`).
     converged : ndarray of bool, shape (w,)
+    grids : dict of int to JointGrid
+        Joint posterior of c and φ, of the windows of which it was asked for.
     """
 
     model: Model
@@ -125,6 +128,7 @@ class Fit:
     slow: Array
     converged: NDArray[np.bool_]
     min_samples: int
+    grids: dict[int, JointGrid] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.n)

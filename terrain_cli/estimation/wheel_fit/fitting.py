@@ -10,7 +10,7 @@ import numpy as np
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line.correlation import student
 from terrain_cli.estimation.line.moments import segment_sum
-from terrain_cli.estimation.wheel_fit import starts
+from terrain_cli.estimation.wheel_fit import starts, valley
 from terrain_cli.estimation.wheel_fit.channel_noise import Noise
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, collect
@@ -65,6 +65,7 @@ def fit(
     given: Given = "sinkage",
     correlated: bool = True,
     min_samples: int = FIT_SAMPLES,
+    joint: Collection[int] = (),
 ) -> Fit:
     """Fit a wheel–soil model to windows of samples, with noise in every channel.
 
@@ -97,6 +98,8 @@ def fit(
         Whether samples follow each other in time; False for steady test points.
     min_samples : int
         Windows of fewer have the status "too-few-samples".
+    joint : collection of int
+        Windows of which the joint posterior of c and φ is laid out on a grid.
 
     Raises
     ------
@@ -171,6 +174,7 @@ def fit(
         slow=slow if correlated else np.zeros(len(data.windows)),
         converged=converged,
         min_samples=min_samples,
+        grids=valley.grids(problem, data, found, about, joint, order),
     )
 
 

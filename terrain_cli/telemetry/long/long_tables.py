@@ -17,7 +17,6 @@ from terrain_cli.telemetry.derive.effect_inputs import ANGLE
 from terrain_cli.telemetry.derive.unit_evidence import UnitEvidence
 from terrain_cli.telemetry.read import own_clocks, tables
 from terrain_cli.telemetry.read.raw_channels import choose_wheels, labels_there
-from terrain_cli.telemetry.wheel_names import match_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -105,8 +104,7 @@ def in_parts(
             return choose_wheels(layout, rover, None, request.wheels)
         there = labels_there(labels)
         seen.update(there)
-        asked = {match_name(name, sorted(seen)) for name in request.wheels}
-        return [name for name in there if name in asked or not request.wheels]
+        return [name for name in there if name in request.wheels or not request.wheels]
 
     for table, first, last in _tables(begin, rest):
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.errors import ConfigurationError, InputError
+from terrain_cli.errors import ConfigurationError, InputError, nearest
 from terrain_cli.telemetry.channel_sources import CLOCKS
 from terrain_cli.telemetry.plan.mapping import is_table, only_wheel
 from terrain_cli.telemetry.raw_columns import read_topics
@@ -122,7 +122,7 @@ def among(path: str, there: Sequence[str], wheels: Collection[str]) -> list[str]
     path : str
         Of the input, for the message.
     wheels : collection of str
-        As asked for; all if empty.
+        As asked for, to the letter: left is not front-left. All if empty.
 
     Returns
     -------
@@ -134,8 +134,9 @@ def among(path: str, there: Sequence[str], wheels: Collection[str]) -> list[str]
     InputError
         One is not there.
     """
-    found = {name: match_name(name, there) for name in wheels}
-    for name, match in found.items():
-        if match is None:
-            raise InputError(f"{path}: there is no wheel {name}", hint=f"it has {', '.join(there)}")
-    return [name for name in there if not wheels or name in found.values()]
+    for name in wheels:
+        if name not in there:
+            meant = match_name(name, there)
+            near = f"; did you mean {meant}?" if meant else nearest(name, there)
+            raise InputError(f"{path}: there is no wheel {name}{near}", hint=f"it has {', '.join(there)}")
+    return [name for name in there if not wheels or name in wheels]

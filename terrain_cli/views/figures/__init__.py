@@ -7,6 +7,7 @@ from terrain_cli.views.figures.ladder_figure import errors
 from terrain_cli.views.figures.recursion import convergence, convergence_of_all
 from terrain_cli.views.figures.soil_strength import rim_stress, strength
 from terrain_cli.views.figures.track import track
+from terrain_cli.views.figures.valleys import valleys
 
 __all__ = [
     "convergence",
@@ -17,4 +18,5 @@ __all__ = [
     "rim_stress",
     "strength",
     "track",
+    "valleys",
 ]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.path import Path
@@ -14,11 +13,13 @@ from matplotlib.transforms import Bbox
 from terrain_cli.mechanics.stresses import stresses
 from terrain_cli.views import segment_groups
 from terrain_cli.views.chart_style import COLOURS, FAINT, LINES, MARKERS
+from terrain_cli.views.figures.picture import Picture
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from terrain_cli.views.soil_table import Moment
 
@@ -31,7 +32,7 @@ MOST_BANDS = 6
 
 def strength(table: Mapping[str, Any]) -> Figure:
     """Draw c and φ of every segment with their ellipses, and beside it the strength line of each."""
-    figure = Figure(figsize=(7.6, 3.9))
+    figure = Picture(figsize=(7.6, 3.9))
     left, right = figure.subplots(1, 2)
     kinds = segment_groups.groups(table, len(COLOURS))
     _estimates(left, table, kinds)
@@ -131,7 +132,7 @@ def rim_stress(moments: Sequence[Moment]) -> Figure:
     """Draw normal and shear stress along the rim, a panel for each moment."""
     columns = min(2, len(moments))
     rows = -(-len(moments) // columns)
-    figure = Figure(figsize=(3.8 * columns, 2.9 * rows + 0.3))
+    figure = Picture(figsize=(3.8 * columns, 2.9 * rows + 0.3))
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes in grid.flat[len(moments) :]:
         axes.remove()
