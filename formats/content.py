@@ -18,23 +18,15 @@ HEAD_BYTES = 64
 
 
 class FileKind(NamedTuple):
-    """A kind of file that is read.
+    """A kind of file that is read."""
 
-    Parameters
-    ----------
-    title : str
-        As the head of an inspection calls it.
-    found : str
-        As a remark says that it was found.
-    endings : tuple of str
-        Names that promise it.
-    piped : bool
-        It can be read from a pipe.
-    """
-
+    #: As the head of an inspection calls it.
     title: str
+    #: As a remark says that it was found.
     found: str
+    #: Names that promise it.
     endings: tuple[str, ...]
+    #: It can be read from a pipe.
     piped: bool = False
 
 
@@ -72,25 +64,7 @@ _MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM
 
 
 def content(path: str, head: bytes) -> str:
-    """Tell from its first bytes what a file holds.
-
-    Parameters
-    ----------
-    path : str
-        For the message.
-    head : bytes
-        The first `HEAD_BYTES` of it.
-
-    Returns
-    -------
-    str
-        Of `FILE_KINDS` or `COMPRESSED`; "csv" for any text.
-
-    Raises
-    ------
-    FormatError
-        Empty, or a known kind of file that is not read.
-    """
+    """Tell by its first bytes what a file holds: of `COMPRESSED`, or of `FILE_KINDS`, "csv" for any text."""
     if not head:
         raise FormatError(path, "is empty")
     for magic, kind in _CONTENT.items():
@@ -103,13 +77,7 @@ def content(path: str, head: bytes) -> str:
 
 
 def failure(path: str, error: OSError) -> FormatError:
-    """Say in words why a file could not be opened or read.
-
-    Returns
-    -------
-    FormatError
-        `NotFoundError` where the file is missing or may not be read.
-    """
+    """Say in words why a file could not be opened or read."""
     if isinstance(error, FileNotFoundError | NotADirectoryError):
         return NotFoundError(path, "no such file or folder")
     if isinstance(error, PermissionError):
@@ -118,22 +86,7 @@ def failure(path: str, error: OSError) -> FormatError:
 
 
 def first_bytes(path: str, file: str) -> bytes:
-    """Read the first bytes of a file.
-
-    Parameters
-    ----------
-    path, file : str
-        As the user named it, and where it is.
-
-    Returns
-    -------
-    bytes
-        At most `HEAD_BYTES`.
-
-    Raises
-    ------
-    FormatError
-    """
+    """Read at most `HEAD_BYTES` of a file; `path` is what the user named it, `file` where it is."""
     try:
         with open(file, "rb") as stream:  # noqa: PTH123 (paths are strings throughout formats)
             return stream.read(HEAD_BYTES)
@@ -142,30 +95,7 @@ def first_bytes(path: str, file: str) -> bytes:
 
 
 class TextStream(io.RawIOBase):
-    """The text of a plain or compressed file as bytes of UTF-8, checked while they are read.
-
-    Parameters
-    ----------
-    path : str
-        As the user named it.
-    file : str
-        Where it is.
-
-    Attributes
-    ----------
-    packing : str
-        "gzip", "zstd", "bz2" or "".
-    encoding : str
-        "utf-8", "utf-16-le" or "utf-16-be", by the byte-order mark.
-    mark_bytes : int
-        Length of that mark, or of several in a row.
-    ended_in_newline : bool
-        Whether the last byte read so far ends a line.
-    nul_bytes : int
-        NUL bytes passed over so far: a power cut leaves them at the end of a log.
-    quote_marks : int
-        Quote marks so far; a table that closes each has an even number.
-    """
+    """The text of a plain or compressed file as bytes of UTF-8, checked while they are read."""
 
     def __init__(self, path: str, file: str) -> None:
         import pyarrow as pa
@@ -173,12 +103,17 @@ class TextStream(io.RawIOBase):
         super().__init__()
         self.path = path
         self._line = 1
+        #: NUL bytes passed over so far: a power cut leaves them at the end of a log.
         self.nul_bytes = 0
+        #: Quote marks so far; a table that closes each has an even number.
         self.quote_marks = 0
+        #: Length of the byte-order mark, or of several in a row.
         self.mark_bytes = 0
+        #: Whether the last byte read so far ends a line.
         self.ended_in_newline = True
         head = first_bytes(path, file)
         kind = content(path, head)
+        #: "gzip", "zstd", "bz2" or "".
         self.packing = kind if kind in COMPRESSED else ""
         self._inner: Any = pa.OSFile(file)
         self._unpacked, self._limit = 0, file_limit(self._inner.size())
@@ -189,6 +124,7 @@ class TextStream(io.RawIOBase):
         if inner != "csv":
             raise FormatError(path, f"is a {inner} file packed with {self.packing}: unpack it first")
         mark = next((mark for mark in _MARKS if self._buffer.startswith(mark)), b"")
+        #: "utf-8", "utf-16-le" or "utf-16-be", by that mark.
         self.encoding = _MARKS.get(mark, "utf-8")
         if b"\0" in self._buffer and self.encoding == "utf-8":
             raise FormatError(
@@ -213,15 +149,7 @@ class TextStream(io.RawIOBase):
         super().close()
 
     def read(self, size: int = -1) -> bytes:
-        """Read `size` bytes of UTF-8, fewer only at the end.
-
-        Raises
-        ------
-        FormatError
-            The text is not what its byte-order mark promises.
-        DamagedError
-            The compressed data are cut off or corrupt.
-        """
+        """Read `size` bytes of UTF-8, fewer only at the end."""
         size = size if size >= 0 else 1 << 20
         while len(self._buffer) < size:
             data = self._unpack(size - len(self._buffer))

@@ -22,17 +22,8 @@ class _End(NamedTuple):
 def ahead(iterators: Sequence[Iterator[Item]], items: int) -> Iterator[list[Iterator[Item]]]:
     """Run through some iterators, each in a thread of its own.
 
-    Parameters
-    ----------
-    iterators : sequence of iterator
-        At least one.
-    items : int
-        That may wait to be taken, of each.
-
-    Yields
-    ------
-    list of iterator
-        The same items, and the same errors after them. When the context ends, threads stop at the next item.
+    The items are the same, and the same errors come after them; of each iterator so many may wait to be
+    taken. When the context ends, threads stop at the next item.
     """
     over = Event()
     rooms: list[Queue[Item | _End]] = [Queue(items) for _ in iterators]

@@ -20,16 +20,10 @@ Values: TypeAlias = "NDArray[Any] | Labels | Sequence[str | None] | Sequence[flo
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """One column.
-
-    Parameters
-    ----------
-    kind : {"real", "integer", "text"}
-    values : ndarray, shape (n,)
-        float64 (NaN where empty), int64, or objects (str, None where empty).
-    """
+    """One column."""
 
     kind: Literal["real", "integer", "text"]
+    #: float64 (NaN where empty), int64, or objects (str, None where empty); shape (n,).
     values: NDArray[Any]
 
     def objects(self, rows: slice = slice(None)) -> list[Any]:
@@ -43,15 +37,7 @@ Table: TypeAlias = dict[str, Cells]
 
 
 def normalise(columns: Mapping[str, Values]) -> Table:
-    """Bring columns into one form.
-
-    Raises
-    ------
-    ValueError
-        The columns differ in length.
-    TypeError
-        A column is neither numbers nor text.
-    """
+    """Bring columns into one form."""
     table = {name: _cells(name, values) for name, values in columns.items()}
     if len({len(cells.values) for cells in table.values()}) > 1:
         lengths = ", ".join(f"{name} {len(cells.values)}" for name, cells in table.items())

@@ -37,16 +37,11 @@ CREATE TABLE layer_styles (
 
 @dataclass(frozen=True)
 class Layer:
-    """One layer of a GeoPackage.
-
-    Parameters
-    ----------
-    graduated : sequence of str
-        Columns of numbers that have a style each; QGIS shows the first unless asked for another.
-    """
+    """One layer of a GeoPackage."""
 
     name: str
     table: Table
+    #: Columns of numbers that have a style each; QGIS shows the first unless asked for another.
     graduated: Sequence[str] = ()
 
 
@@ -55,20 +50,8 @@ def write_geopackage(
 ) -> None:
     """Write tables as the layers of a GeoPackage.
 
-    Parameters
-    ----------
-    destination, path : str
-        For messages, and where to write.
-    crs : str or None
-        None is a site frame: srs_id −1, undefined Cartesian.
-    geometry : str
-        The column of WKT; a layer without one has no geometry.
-
-    Raises
-    ------
-    FormatError
-        GDAL does not know the reference system.
-    CannotWriteError
+    Without a `crs` they are in a site frame (srs_id −1, undefined Cartesian). A layer that lacks the column
+    `geometry`, of WKT, has none. `destination` is for messages.
     """
     system = SITE_FRAME if crs is None else "EPSG:4326" if is_wgs84(crs) else crs
     # GDAL does not write into a file that is there but empty.

@@ -29,20 +29,7 @@ PACKINGS = (".gz", ".bz2", ".zst")
 
 
 def write_packed(columns: Mapping[str, Values], path: str) -> None:
-    """Write a table as packed CSV, whole or not at all.
-
-    Parameters
-    ----------
-    columns : mapping of str to sequence
-        As for `formats.write_table`.
-    path : str
-        Its ending, one of `PACKINGS`, says how.
-
-    Raises
-    ------
-    CannotWriteError
-        No space, no permission, no such folder.
-    """
+    """Write a table as packed CSV, whole or not at all; how, its ending says, one of `PACKINGS`."""
     table = normalise(columns)
     with replacing(path) as temporary, ExitStack() as stack:
         file = stack.enter_context(Path(temporary).open("wb"))

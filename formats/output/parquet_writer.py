@@ -31,19 +31,8 @@ def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry:
     A table with a column of WKT becomes GeoParquet 1.1: it gains the column `GEOMETRY` of WKB,
     and the key ``geo`` says what that is. A reader that does not know GeoParquet still has the text.
 
-    Parameters
-    ----------
-    tables : iterable of dict of str to Cells
-        At least one: parts of the table with the same columns, of which one is held at a time.
-    crs : str or None
-        None is a site frame, for which GeoParquet has ``null``.
-    geometry : str
-        The column of WKT, if there is one.
-
-    Raises
-    ------
-    FormatError
-        The reference system is not known.
+    Of the tables, which are its parts, one is held at a time. Without a `crs` it is a site frame, for which
+    GeoParquet has ``null``.
     """
     extent = Extent()
     with ExitStack() as stack:
@@ -60,17 +49,11 @@ def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry:
 
 @dataclass
 class Extent:
-    """What kinds of shapes there are, and the box around them.
+    """What kinds of shapes there are, and the box around them."""
 
-    Parameters
-    ----------
-    kinds : set of str
-        As GeoParquet names them.
-    low, high : tuple of float or None
-        The least and the largest x and y.
-    """
-
+    #: As GeoParquet names them.
     kinds: set[str] = field(default_factory=set)
+    #: The least and the largest x and y.
     low: tuple[float, float] | None = None
     high: tuple[float, float] | None = None
 

@@ -31,18 +31,7 @@ _GEOMETRY_TYPES = {"Point": "0", "LineString": "1"}
 
 
 def classes(values: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Cut numbers into classes that hold about as many each.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-
-    Returns
-    -------
-    list of (float, float)
-        Lower and upper bound of at most as many classes as there are `COLOURS`, each beginning
-        where the one before ends; none without numbers.
-    """
+    """Cut numbers into classes of about as many each: lower and upper bounds, none without numbers."""
     known = values[np.isfinite(values)]
     if len(known) == 0:
         return []
@@ -53,19 +42,7 @@ def classes(values: NDArray[np.float64]) -> list[tuple[float, float]]:
 
 
 def qml(column: str, values: NDArray[np.float64], kind: Literal["Point", "LineString"]) -> str | None:
-    """Write a style that colours a layer by one of its columns.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        What stands in it, for the classes.
-    kind : {"Point", "LineString"}
-
-    Returns
-    -------
-    str or None
-        QML, as QGIS 3 reads it; None where the column has no numbers.
-    """
+    """Write a style (QML of QGIS 3) that colours a layer by one of its columns, if that has numbers."""
     ranges = classes(values)
     if not ranges:
         return None

@@ -20,13 +20,7 @@ def is_wgs84(crs: str) -> bool:
 
 
 def urn(crs: str) -> str:
-    """Return the name by which GeoJSON refers to a system.
-
-    Parameters
-    ----------
-    crs : str
-        Such as "IAU_2015:49900"; definitions (WKT, PROJ) stand for themselves.
-    """
+    """Return the name by which GeoJSON refers to a system. Definitions (WKT, PROJ) stand for themselves."""
     code = re.fullmatch(r"([A-Za-z]+)(?:_(\d+))?:(\w+)", crs)
     return f"urn:ogc:def:crs:{code[1].upper()}:{code[2] or ''}:{code[3]}" if code else crs
 
@@ -34,16 +28,7 @@ def urn(crs: str) -> str:
 def projjson(crs: str) -> dict[str, Any]:
     """Describe a reference system as PROJJSON, in which GeoParquet states it.
 
-    Parameters
-    ----------
-    crs : str
-        As GDAL takes it. WGS 84, by any of its names, is OGC:CRS84: longitude before latitude,
-        as the coordinates are.
-
-    Raises
-    ------
-    FormatError
-        PROJ does not know the system.
+    WGS 84, by any of its names, is OGC:CRS84: longitude before latitude, as the coordinates are.
     """
     from pyproj import CRS
     from pyproj.exceptions import CRSError

@@ -28,19 +28,7 @@ _SEPARATORS = {"geojsonl": "", "geojsons": "\x1e"}
 def write_text(
     table: Table, stream: TextIO, kind: str, crs: str | None, geometry: str, layer: str = LAYER
 ) -> None:
-    """Write a table as text.
-
-    Parameters
-    ----------
-    kind : {"csv", "json", "geojson", "geojsonl", "geojsons"}
-        The last two are sequences: one feature in each line, and with the separators of RFC 8142.
-    crs : str or None
-        Only GeoJSON says it.
-    geometry : str
-        The column of WKT; only GeoJSON takes it apart.
-    layer : str
-        The name that a collection of features has.
-    """
+    """Write a table as CSV, JSON or GeoJSON; "geojsonl" and "geojsons" (RFC 8142) have a feature a line."""
     if kind == "csv":
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(map(guarded, table))

@@ -17,16 +17,10 @@ _EMPTY = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?EMPTY\s*", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class WktShape:
-    """A point or a line.
-
-    Parameters
-    ----------
-    kind : {"Point", "LineString"}
-    points : tuple of tuple of float
-        (x, y) or (x, y, z) each.
-    """
+    """A point or a line."""
 
     kind: Literal["Point", "LineString"]
+    #: (x, y) or (x, y, z) each.
     points: tuple[tuple[float, ...], ...]
 
     def wkb(self) -> bytes:
@@ -39,18 +33,7 @@ class WktShape:
 
 
 def parse(text: str | None) -> WktShape | None:
-    """Read well-known text.
-
-    Returns
-    -------
-    WktShape or None
-        None for nothing and for an empty geometry.
-
-    Raises
-    ------
-    ValueError
-        Neither a point nor a line.
-    """
+    """Read well-known text; None for nothing and for an empty geometry."""
     if not text or _EMPTY.fullmatch(text):
         return None
     match = _WKT.fullmatch(text)

@@ -47,21 +47,8 @@ class ParquetSource(Source):
 
     Columns of lists, structures and bytes are passed over; durations are read in seconds.
 
-    Parameters
-    ----------
-    path : str
-        As the user named it.
-    files : sequence of str
-        The parts; folders named ``key=value`` below `path` become columns.
-    salvage : bool
-        Leave out the parts that cannot be read.
-
-    Raises
-    ------
-    FormatError
-        No rows, or parts whose columns differ in kind.
-    DamagedError
-        Cut off or corrupt.
+    Folders named ``key=value`` below `path` become columns; `salvage` leaves out the parts that cannot be
+    read.
     """
 
     def __init__(self, path: str, files: Sequence[str], *, salvage: bool = False) -> None:
@@ -106,22 +93,7 @@ class ParquetSource(Source):
         return (Stream(topic="", type="table", fields=fields, count=self._rows),)
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
-        """Read the named columns, in the order of the parts.
-
-        Parameters
-        ----------
-        topic : str
-            Always "".
-        batch_rows : int
-            Largest number of rows in one batch.
-
-        Raises
-        ------
-        FormatError
-            No such column.
-        DamagedError
-            Cut off or corrupt.
-        """
+        """Read the named columns, in the order of the parts."""
         for name in fields:
             if topic or name not in self._kinds:
                 raise FormatError(self._label, f"has no column {name!r}")

@@ -42,22 +42,7 @@ class _Topic:
 
 
 class BagSource(Source):
-    """A ROS 1 bag, an MCAP or SQLite file of ROS 2, or the folder of a recording.
-
-    Parameters
-    ----------
-    kind : {"ros1", "mcap", "db3"}
-    salvage : bool
-        Read what is left of a damaged one.
-
-    Raises
-    ------
-    NotFoundError
-        No such file, or no permission to read it.
-    DamagedError
-        Cut off, corrupt or without index; with salvage, nothing of it can be read.
-    FormatError
-    """
+    """A ROS 1 bag, an MCAP or SQLite file of ROS 2, or the folder of a recording."""
 
     def __init__(self, path: str, kind: str, *, salvage: bool = False) -> None:
         super().__init__(path, kind)
@@ -182,48 +167,15 @@ class BagSource(Source):
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
         """Read the named fields of one topic, in the order of the log times.
 
-        Parameters
-        ----------
-        fields : sequence of str
-            Names from `Stream.fields`; elements of lists as ``effort[wheel_fl]`` or ``effort[2]``.
-            A name among `Field.elements` is looked up in each message; digits are a place.
-        batch_rows : int
-            Largest number of rows in one batch.
-
-        Yields
-        ------
-        dict of str to ndarray or Labels
-            Each field under the name asked for, and `LOG_TIME` and `STAMP`. What a message does
-            not have is NaN, NaT or the code −1.
-
-        Raises
-        ------
-        DamagedError
-            The bag, or one message of it, cannot be decoded.
-        FormatError
-            There is no such topic, field or element, or no definition of the type.
+        A name among `Field.elements` is looked up in each message; digits are a place. What a message does
+        not have is NaN, NaT or the code −1.
         """
         return (batch for _, batch in self.read_together({topic: fields}, batch_rows))
 
     def read_together(
         self, fields: Mapping[str, Sequence[str]], batch_rows: int = BATCH_ROWS
     ) -> Iterator[tuple[str, Batch]]:
-        """Read several topics in one pass: what decompresses a bag once instead of once for each.
-
-        Parameters
-        ----------
-        fields : mapping of str to sequence of str
-            topic → names as for `read`.
-
-        Yields
-        ------
-        batch : dict of str to ndarray or Labels
-            As from `read`, each topic in the order of its log times.
-
-        Raises
-        ------
-        DamagedError, FormatError
-        """
+        """Read several topics in one pass: what decompresses a bag once instead of once for each."""
         readings: dict[int, Reading] = {}
         for topic, names in fields.items():
             found = self._usable(topic)
@@ -301,19 +253,5 @@ def _lists(decoder: Decoder) -> list[Leaf]:
 
 
 def open_bag(path: str, kind: str, *, salvage: bool = False) -> BagSource:
-    """Open a bag.
-
-    Parameters
-    ----------
-    path : str
-        A file, or the folder of a rosbag2 recording.
-    kind : {"ros1", "mcap", "db3"}
-        By content, not by the ending of the name.
-    salvage : bool
-        Read what is left of a damaged one.
-
-    Raises
-    ------
-    NotFoundError, DamagedError, FormatError
-    """
+    """Open a bag."""
     return BagSource(path, kind, salvage=salvage)

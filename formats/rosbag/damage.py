@@ -26,22 +26,7 @@ HEAD = 4_200
 def check(path: Path, kind: str, name: str, *, salvage: bool = False) -> None:
     """Look at both ends of a file for what can be seen without reading it.
 
-    Parameters
-    ----------
-    kind : {"ros1", "mcap", "db3"}
-    name : str
-        What to call the file.
-    salvage : bool
-        Let pass what is cut off or never closed.
-
-    Raises
-    ------
-    DamagedError
-        Empty, cut off or never closed.
-    FormatError
-        Something else than its kind.
-    OSError
-        It cannot be opened.
+    With `salvage` what is cut off or never closed may pass.
     """
     with path.open("rb") as file:
         head = file.read(HEAD)
@@ -133,16 +118,7 @@ def _check_db3(path: Path, name: str, head: bytes, size: int) -> None:
 
 
 def damaged(name: str, kind: str, error: Exception) -> DamagedError:
-    """Say in one line what a library said of damaged bytes.
-
-    Parameters
-    ----------
-    name : str
-        What to call the file.
-    kind : {"ros1", "mcap", "db3"}
-    error : Exception
-        From rosbags, or from a library below it.
-    """
+    """Say in one line what a library said of damaged bytes."""
     if isinstance(error, TooMuchError):
         return DamagedError(name, f"is not read, for {error}", hint="docs/damage.md tells the limits")
     detail = " ".join(str(error).split()) or type(error).__name__

@@ -30,29 +30,17 @@ _LARGEST = 1 << 40
 class Recording:
     """The files of a bag, unpacked where they were packed as a whole.
 
-    Parameters
-    ----------
-    path : str
-        A file, or the folder of a rosbag2 recording.
-    kind : {"ros1", "mcap", "db3"}
-    stack : ExitStack
-        Removes what was unpacked.
-    salvage : bool
-        Go on where metadata.yaml is damaged, files are missing or packed data are cut off.
-
-    Attributes
-    ----------
-    missing : bool
-        Files are not there.
-    compressed_messages : bool
-        Each message is packed by itself.
+    With `salvage` it goes on where metadata.yaml is damaged, files are missing or packed data are cut off.
+    `stack` removes what was unpacked.
     """
 
     def __init__(self, path: str, kind: str, stack: ExitStack, *, salvage: bool) -> None:
         self.path, self.kind = path, kind
         self.remarks: list[str] = []
         self.damage: list[str] = []
+        #: Files are not there.
         self.missing = False
+        #: Each message is packed by itself.
         self.compressed_messages = False
         self._salvage = salvage
         self._told: dict[str, Any] = {}
@@ -73,13 +61,7 @@ class Recording:
         )
 
     def complete(self, recovery: Recovery) -> None:
-        """Fill in what metadata.yaml tells of the log as a whole.
-
-        Parameters
-        ----------
-        recovery : Recovery
-            Of all files.
-        """
+        """Fill in what metadata.yaml tells of the log as a whole."""
         try:
             count = int(self._told["message_count"])
             start = int(self._told["starting_time"]["nanoseconds_since_epoch"])

@@ -28,15 +28,7 @@ _ZERO = np.datetime64(0, "ns")
 
 
 class Reading:
-    """The columns of one topic, collected until they fill a batch.
-
-    Parameters
-    ----------
-    path : str
-        As the user named the bag.
-    decoders : mapping of int to Decoder
-        By the place of the connection.
-    """
+    """The columns of one topic, collected until they fill a batch; decoders are by connection."""
 
     def __init__(
         self,
@@ -141,13 +133,7 @@ class Reading:
 
 
 def nearest(name: str, choices: Iterable[str], what: str) -> str:
-    """Say which name may have been meant.
-
-    Parameters
-    ----------
-    what : str
-        Of which kind they are.
-    """
+    """Say which name may have been meant, of topics, fields or whatever they are."""
     choices = list(choices)
     close = get_close_matches(name, choices, n=3, cutoff=0.5)
     return (

@@ -21,14 +21,9 @@ if TYPE_CHECKING:
 
 
 class Decodable:
-    """Sets aside the messages of a damaged bag that cannot be decoded.
+    """Sets aside the messages of a damaged bag that cannot be decoded, and counts them in its recovery.
 
-    Parameters
-    ----------
-    recovery : Recovery
-        Where they are counted.
-    remarks : list of str
-        Begins with what `recovery` has to say, and is kept up to date.
+    The remarks begin with what the recovery has to say, and are kept up to date.
     """
 
     def __init__(self, recovery: Recovery, remarks: list[str]) -> None:

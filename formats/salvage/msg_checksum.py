@@ -21,20 +21,10 @@ class _UnknownError(Exception):
 
 
 def checksum(text: str, type_name: str) -> str | None:
-    """Return the checksum of a definition.
+    """Return the checksum of a definition, behind which are those of its parts, as bags hold it.
 
-    Parameters
-    ----------
-    text : str
-        With the definitions of the types it is made of behind it, as bags hold it.
-    type_name : str
-        Such as ``sensor_msgs/msg/Imu``.
-
-    Returns
-    -------
-    str or None
-        None where it cannot be told: a type is missing, or a constant is a number with a fraction or
-        a text, which tools write in more than one way.
+    None where it cannot be told: a type is missing, or a constant is a number with a fraction or a text,
+    which tools write in more than one way.
     """
     main, *others = re.split(r"^=+\n", text, flags=re.MULTILINE)
     sections = {_short(type_name): main}

@@ -22,15 +22,10 @@ class BrokenRecordError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class BagRecord:
-    """One record; its data need not all be there.
-
-    Parameters
-    ----------
-    begin, end : int
-        Where its data begin, and end.
-    """
+    """One record; its data need not all be there."""
 
     fields: dict[bytes, bytes]
+    #: Where its data begin, and end.
     begin: int
     end: int
 
@@ -53,15 +48,7 @@ class BagRecord:
 
 
 def read_record(data: Any, at: int) -> BagRecord:
-    """Read the header of a record; its data may end beyond those that are there.
-
-    Raises
-    ------
-    BrokenRecordError
-        The header does not add up.
-    struct.error
-        It is cut off.
-    """
+    """Read the header of a record; its data may end beyond those that are there."""
     (length,) = struct.unpack_from("<I", data, at)
     begin, end = at + 4, at + 4 + length
     if length > _LONGEST_HEADER or end + 4 > len(data):
@@ -71,12 +58,7 @@ def read_record(data: Any, at: int) -> BagRecord:
 
 
 def fields_of(header: bytes) -> dict[bytes, bytes]:
-    """Return the fields of a header by their names.
-
-    Raises
-    ------
-    BrokenRecordError, struct.error
-    """
+    """Return the fields of a header by their names."""
     fields, at = {}, 0
     while at < len(header):
         (size,) = struct.unpack_from("<I", header, at)

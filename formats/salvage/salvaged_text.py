@@ -20,22 +20,12 @@ class SalvagedText(TextStream):
     """The text of a file up to the last row that is surely whole.
 
     A row without an end of line may have lost digits of its last number, so it is left out.
-
-    Parameters
-    ----------
-    path, file : str
-        As for `TextStream`.
-
-    Attributes
-    ----------
-    cut_short : str
-        How packed data end, where they end too early.
-    left_out : int
-        Bytes of the last row, which is cut off.
     """
 
     def __init__(self, path: str, file: str) -> None:
+        #: How packed data end, where they end too early.
         self.cut_short = ""
+        #: Bytes of the last row, which is cut off.
         self.left_out = 0
         self._held = b""
         self._ended = False
@@ -58,15 +48,7 @@ class SalvagedText(TextStream):
         return out
 
     def account(self, recovery: Recovery, rows: int, following: int) -> None:
-        """Tell what was left out, once the text has been read to its end.
-
-        Parameters
-        ----------
-        rows : int
-            How many were read.
-        following : int
-            Number of the row after the last of them.
-        """
+        """Tell what was left out once the text was read to its end, and the next row was `following`."""
         recovery.damage = [f"cut off: {self.cut_short}"] if self.cut_short else []
         if self.left_out:
             recovery.damage.append(f"cut off in row {following}, of which {self.left_out} bytes are there")

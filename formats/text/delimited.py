@@ -60,23 +60,7 @@ class DelimitedSource(Source):
     after the header are not counted. A column whose cells are all empty in the first 256 MiB
     is one of numbers.
 
-    Parameters
-    ----------
-    path : str
-        As the user named it.
-    file : str
-        Where it is.
-    salvage : bool
-        Read a table that is cut off in the middle of a row up to that row.
-
-    Attributes
-    ----------
-    skipped : int
-        Rows set aside in the last reading, for they have more fields than the header or were cut off.
-
-    Raises
-    ------
-    FormatError
+    With `salvage` a table that is cut off in the middle of a row is read up to that row.
     """
 
     def __init__(self, path: str, file: str, *, salvage: bool = False) -> None:
@@ -100,6 +84,7 @@ class DelimitedSource(Source):
         self._said: dict[tuple[str, str], str] = {}
         self._kinds: dict[str, Kind] = {}
         self._kinds = dict(zip(self._dialect.names, self._look_ahead(), strict=True))
+        #: Rows set aside in the last reading, for they have more fields than the header or were cut off.
         self.skipped = 0
         self._count: int | None = None
 
@@ -117,22 +102,7 @@ class DelimitedSource(Source):
         return (Stream(topic="", type="table", fields=fields, count=self._count),)
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
-        """Read the named columns, in the order of the file.
-
-        Parameters
-        ----------
-        topic : str
-            Always "".
-        batch_rows : int
-            Largest number of rows in one batch.
-
-        Raises
-        ------
-        FormatError
-            No such column, or no row that fits the header.
-        DamagedError
-            The compressed data are cut off or corrupt.
-        """
+        """Read the named columns, in the order of the file."""
         for name in fields:
             if topic or not name or name not in self._kinds:
                 raise FormatError(self._label, f"has no column {name!r}")

@@ -59,42 +59,7 @@ def read(
     most: int | None = None,
     salvage: bool = False,
 ) -> list[Samples]:
-    """Read the samples of every wheel of a log.
-
-    Parameters
-    ----------
-    path : str
-        A file, a folder that is one log, or "-".
-    wheels : collection of str
-        Only these; all if empty.
-    where : Condition, optional
-        Keeps the samples that satisfy it.
-    effects : sequence of Effect, optional
-        For the whole model instead of the line: its effects, whose channels are read too. So is the
-        drawbar pull, where it is there, and samples of a skidding wheel are kept.
-    compared : bool
-        For a comparison with a model: torque may be absent, and every channel and further numeric
-        column is read, as something that the residuals may follow.
-    most : int, optional
-        Of a table of more rows, and of a bag of more samples, only unbroken pieces are kept that
-        are spread over it (`Excerpt`). A table is then never in memory as a whole.
-    salvage : bool
-        Read what is left of a damaged file.
-
-    Returns
-    -------
-    list of Samples
-        Ordered by the name of the wheel.
-
-    Raises
-    ------
-    formats.errors.FormatError
-        The file cannot be read.
-    InputError
-        It does not hold what is needed.
-    ConfigurationError
-        rover.toml does not fit it, or lacks the geometry of a wheel.
-    """
+    """Read the samples of every wheel of a log (a file, a folder that is one, "-"); see `read_source`."""
     return read_source(
         formats.open_source(path, salvage=salvage),
         rover,
@@ -117,17 +82,15 @@ def read_source(
     most: int | None = None,
     kept: Collection[str] = (),
 ) -> list[Samples]:
-    """Read the samples of every wheel of an opened source.
+    """Read the samples of some wheels (all if none is named) of an opened source, ordered by name.
 
-    Parameters
-    ----------
-    kept : collection of str
-        Further numeric columns of a table that are read too, named in lower case: they become drivers.
+    `effects` are those of the whole model instead of the line: their channels are read too, and the drawbar
+    pull, and samples of a skidding wheel are kept. To be `compared` with a model, samples may lack torque,
+    and have every channel and further numeric column, as something that residuals may follow. `kept` are such
+    columns that are read in any case, named in lower case.
 
-    Raises
-    ------
-    formats.errors.FormatError, InputError, ConfigurationError
-        As for `read`.
+    Of a table of more than `most` rows, and of a bag of more samples, only unbroken pieces are kept that are
+    spread over it (`Excerpt`). A table is then never in memory as a whole.
     """
     request = _request(source, rover, wheels, where, effects, compared=compared, kept=kept)
     check = partial(_check, request, compared=compared)
@@ -152,23 +115,7 @@ def read_parts(
     where: Condition | None = None,
     effects: Sequence[Effect] | None = None,
 ) -> list[Samples] | Iterator[Samples]:
-    """Read a long table part by part, for the line y = c + x tan φ; anything else whole.
-
-    Parameters
-    ----------
-    rows : int
-        A table of more is long.
-
-    Returns
-    -------
-    list of Samples, or iterator of them
-        As from `read_source`, or from `long_tables.in_parts`.
-
-    Raises
-    ------
-    formats.errors.FormatError, InputError, ConfigurationError
-        As for `read`.
-    """
+    """Read a table of more than some rows part by part, for the line y = c + x tan φ; anything else whole."""
     request = _request(source, rover, wheels, where, effects)
     check = partial(_check, request, compared=False)
     feeds = (request.layout.shared, *request.layout.wheels.values())
@@ -289,18 +236,7 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
 
 
 def lacking(raw: Raw, rover: Rover) -> list[derivable_channels.Lack]:
-    """Say what is missing for an estimate under one wheel.
-
-    Returns
-    -------
-    list of Lack
-        Channels, then what rover.toml does not say.
-
-    Raises
-    ------
-    ConfigurationError
-        rover.toml names its wheels, and this is none of them.
-    """
+    """Say what is missing for an estimate under one wheel: channels, then what rover.toml does not say."""
     wheel = wheel_of(raw, rover)
     return derivable_channels.routes(raw.channels, wheel, rover)[1] + derivable_channels.settings(
         wheel, rover

@@ -26,56 +26,33 @@ CLOCKS = ("torque", "motor_current", "drawbar_pull", "sinkage", "entry_angle", "
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Feed:
-    """Where a channel comes from, and what turns it into SI.
-
-    Parameters
-    ----------
-    topic : str
-        Empty for a table.
-    fields : tuple of str
-        What to read; none for a constant.
-    unit : Unit or None
-        Unit of ``raw · scale + offset``; none for labels and counts.
-    combine : callable, optional
-        Function of several fields.
-    note : str
-        What a person should know: taken for granted, or converted.
-    rank : int
-        Of two feeds found without being asked for, the lower rank is used.
-    of_body : bool
-        Of the origin of the body, not of each wheel.
-    asked : bool
-        rover.toml asks for it.
-    stated : bool
-        rover.toml or the header states its unit.
-    """
+    """Where a channel comes from, and what turns it into SI."""
 
     channel: str
+    #: Empty for a table.
     topic: str = ""
+    #: What to read; none for a constant.
     fields: tuple[str, ...] = ()
+    #: Unit of ``raw · scale + offset``; none for labels and counts.
     unit: Unit | None = None
     scale: float = 1.0
     offset: float = 0.0
     constant: float | str | None = None
+    #: Function of several fields.
     combine: Callable[..., Array] | None = None
+    #: What a person should know: taken for granted, or converted.
     note: str = ""
+    #: Of two feeds found without being asked for, the lower rank is used.
     rank: int = 0
+    #: Of the origin of the body, not of each wheel.
     of_body: bool = False
+    #: rover.toml asks for it.
     asked: bool = False
+    #: rover.toml or the header states its unit.
     stated: bool = False
 
     def si(self, raw: Sequence[Array]) -> Array:
-        """Return the channel in SI units from its raw fields.
-
-        Parameters
-        ----------
-        raw : sequence of ndarray, shape (n,)
-            In the order of `fields`.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Return the channel in SI units from its raw fields, in the order of `fields`."""
         # A field may hold anything; what is not finite is set aside later.
         with np.errstate(invalid="ignore", over="ignore"):
             values = self.combine(*raw) if self.combine else raw[0].astype(np.float64, copy=False)
@@ -84,21 +61,11 @@ class Feed:
             return self.unit.to_si(values) if self.unit else values
 
     def values(self, n: int) -> Array:
-        """Repeat a constant, in SI units.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Repeat a constant, in SI units."""
         return self.si([np.full(n, float(self.constant or 0.0))])
 
     def labels(self, n: int) -> Labels:
-        """Repeat a constant label.
-
-        Returns
-        -------
-        Labels, shape (n,)
-        """
+        """Repeat a constant label."""
         return Labels(np.zeros(n, dtype=np.int32), (str(self.constant),))
 
     @property
@@ -121,31 +88,21 @@ class Feed:
 
 @dataclass(kw_only=True)
 class Plan:
-    """What will be read of one source.
-
-    Parameters
-    ----------
-    shared : dict of str to Feed
-        Channels of every wheel.
-    wheels : dict of str to dict
-        Channels of one wheel only; they stand above the shared ones. In a table or topic with a
-        column of wheel labels, the wheels are found when it is read.
-    labels : dict of str to str
-        topic → its column of wheel labels.
-    extras : tuple of str
-        Further numeric columns of a table.
-    doubtful : dict of str to dict
-        wheel ("" for any) → channel → feeds none of which may be preferred.
-    no_time : InputError or None
-        Why the rows of a table without time can hardly be steady test points.
-    """
+    """What will be read of one source."""
 
     source: Source
+    #: Channels of every wheel.
     shared: dict[str, Feed] = field(default_factory=dict)
+    #: Channels of one wheel only; they stand above the shared ones. In a table or topic with a column of
+    #: wheel labels, the wheels are found when it is read.
     wheels: dict[str, dict[str, Feed]] = field(default_factory=dict)
+    #: topic → its column of wheel labels.
     labels: dict[str, str] = field(default_factory=dict)
+    #: Further numeric columns of a table.
     extras: tuple[str, ...] = ()
+    #: wheel ("" for any) → channel → feeds none of which may be preferred.
     doubtful: dict[str, dict[str, list[Feed]]] = field(default_factory=dict)
+    #: Why the rows of a table without time can hardly be steady test points.
     no_time: InputError | None = None
 
     def feeds(self, wheel: str) -> dict[str, Feed]:

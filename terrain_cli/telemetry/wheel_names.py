@@ -17,18 +17,7 @@ _LONG_ENOUGH = 4
 
 @cache
 def words(name: str) -> frozenset[str]:
-    """Split a name into the words that tell it from others.
-
-    Parameters
-    ----------
-    name : str
-        Such as "wheel_fl", "RearLeftJoint" or "wheel10".
-
-    Returns
-    -------
-    frozenset of str
-        In lower case: {"fl"}, {"rear", "left"}, {"10"}; all its words if there are only general ones.
-    """
+    """Split a name such as "wheel_fl" or "RearLeftJoint" into the words that tell it from others."""
     parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
     special = re.findall(r"[^\W_]+", _GENERIC.sub("_", parted).casefold())
     # A number belongs to what stands before it: rover1 is not wheel 1.
@@ -64,19 +53,8 @@ _SAME: tuple[Callable[[str, str], bool], ...] = (
 def match_name(wanted: str, names: Iterable[str]) -> str | None:
     """Find the one name that means the same wheel.
 
-    Parameters
-    ----------
-    wanted : str
-        Such as "front-left".
-    names : iterable of str
-        Such as "front_left_wheel_joint", "wheel_fl".
-
-    Returns
-    -------
-    str or None
-        The one that is equal but for punctuation, else has the same words, more, fewer, is written
-        within the other, or has its initials: the first of these that fits any. None if it fits
-        several, or nothing does.
+    The one that is equal but for punctuation, else has the same words, more, fewer, is written within the
+    other, or has its initials: the first of these that fits any. None if it fits several, or nothing does.
     """
     names = [name for name in dict.fromkeys(names) if _plain(name)]
     if not _plain(wanted):

@@ -41,26 +41,18 @@ class LineGeometry(TypedDict):
 
 
 class Geometry(NamedTuple):
-    """Of a wheel, and the shear modulus assumed of its soil.
+    """Of a wheel, and the shear modulus assumed of its soil."""
 
-    Parameters
-    ----------
-    radius, width, shear_modulus : float
-        r, b and k in m.
-    grouser_height : float
-        In m.
-    gravity : float
-        In m/s².
-    shear_modulus_factor : float
-        Within which k is expected to be right (one standard deviation).
-    """
-
+    #: r, b and k in m.
     radius: float
     width: float
     shear_modulus: float
+    #: In m.
     grouser_height: float = 0.0
     grouser_count: int = 0
+    #: In m/s².
     gravity: float = STANDARD_GRAVITY
+    #: Within which k is expected to be right (one standard deviation).
     shear_modulus_factor: float = K_FACTOR
 
     @property
@@ -78,25 +70,17 @@ class Geometry(NamedTuple):
 
 @dataclass(kw_only=True)
 class Raw:
-    """The channels of one wheel on one clock, before anything is derived or judged.
-
-    Parameters
-    ----------
-    origin : float
-        Whole seconds taken off the clock.
-    time : ndarray, shape (n,), or None
-        In s.
-    channels : dict of str to ndarray, shape (n,)
-        In SI units.
-    extras : dict of str to ndarray or Labels, shape (n,)
-        Further columns that were asked for, as read.
-    """
+    """The channels of one wheel on one clock, before anything is derived or judged."""
 
     wheel: str
+    #: Whole seconds taken off the clock.
     origin: float
+    #: In s; shape (n,).
     time: NDArray[np.float64] | None
+    #: In SI units; shape (n,).
     channels: dict[str, NDArray[np.float64]]
     labels: dict[str, Labels]
+    #: Further columns that were asked for, as read; shape (n,).
     extras: dict[str, Column]
     feeds: dict[str, Feed]
     remarks: list[str] = field(default_factory=list)
@@ -106,13 +90,7 @@ class Raw:
         return len(self.time) if self.time is not None else max(map(len, columns), default=0)
 
     def select(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> None:
-        """Keep some samples only.
-
-        Parameters
-        ----------
-        rows : ndarray
-            Indices, or a mask.
-        """
+        """Keep some samples only."""
         self.time = None if self.time is None else self.time[rows]
         self.channels = {name: values[rows] for name, values in self.channels.items()}
         self.labels = {name: Labels(column.codes[rows], column.names) for name, column in self.labels.items()}

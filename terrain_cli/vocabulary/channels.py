@@ -19,26 +19,18 @@ LABEL = "label"
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One quantity of a sample.
-
-    Parameters
-    ----------
-    dimension : str
-        One of `units.DIMENSIONS`, or "label" (text).
-    description : str
-        One line for a person.
-    aliases : tuple of str
-        Words, in lower case with underscores: other names that can mean nothing else.
-    letters : tuple of str
-        Symbols, which are this channel only as they are written.
-    """
+    """One quantity of a sample."""
 
     name: str
     symbol: str
+    #: One of `units.DIMENSIONS`, or "label" (text).
     dimension: str
+    #: One line for a person.
     description: str
     _: KW_ONLY
+    #: Words, in lower case with underscores: other names that can mean nothing else.
     aliases: tuple[str, ...] = ()
+    #: Symbols, which are this channel only as they are written.
     letters: tuple[str, ...] = ()
 
     @property
@@ -175,36 +167,23 @@ _NO_UNIT = frozenset({"in", "1", "ratio", "fraction"})
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """The channel that a header means.
-
-    Parameters
-    ----------
-    unit : Unit or None
-        Stated in the header, else the program's own; none for labels.
-    exact : bool
-        The header has the channel's own name, not an alias.
-    stated : bool
-        The header has the unit.
-    """
+    """The channel that a header means."""
 
     channel: str
+    #: Stated in the header, else the program's own; none for labels.
     unit: Unit | None
+    #: The header has the channel's own name, not an alias.
     exact: bool
+    #: The header has the unit.
     stated: bool
 
 
 class Resolution(NamedTuple):
-    """What the headers of one table or message are.
+    """What the headers of one table or message are."""
 
-    Parameters
-    ----------
-    channels : dict
-        channel → (header, match).
-    extras : dict
-        Every other header → its unit, where it states one.
-    """
-
+    #: channel → (header, match).
     channels: dict[str, tuple[str, Match]]
+    #: Every other header → its unit, where it states one.
     extras: dict[str, Unit | None]
 
 
@@ -231,27 +210,11 @@ def _readings(header: str) -> Iterator[tuple[str, str, bool]]:
 
 
 def identify(header: str, *, letters: bool = True, chosen: Collection[str] = ()) -> Match | None:
-    """Find the channel that a header means, and its unit.
+    """Find the channel and unit that a header means (``torque``, ``Normal load (kN)``, ``T [mN m]``).
 
-    Parameters
-    ----------
-    header : str
-        ``torque``, ``Normal load (kN)``, ``meas_sinkage_mm``, ``T [mN m]``, …
-    letters : bool
-        Take W, T, z, x, … as channels. Not for fields of messages, where x and z are the
-        coordinates of anything.
-    chosen : collection of str
-        Channels given elsewhere, which no header is taken for.
-
-    Returns
-    -------
-    Match or None
-        None for a header that means no channel.
-
-    Raises
-    ------
-    InputError
-        A channel with a unit that is none, or is not of its dimension.
+    `letters` takes W, T, z, x, … as channels: not for fields of messages, where x and z are the coordinates
+    of anything. No header is taken for a channel `chosen` elsewhere. InputError for a unit that is none, or
+    not of its dimension.
     """
     header = header.strip()
     # Brackets need not hold a unit: "time (UTC)" is the alias time_utc.
@@ -296,13 +259,7 @@ def unit_hint(channel: str) -> str:
 
 
 def stated_unit(header: str, dimension: str | None = None) -> Unit | None:
-    """Return the unit that the header of any column states, in brackets or as its ending.
-
-    Parameters
-    ----------
-    dimension : str, optional
-        What the unit must measure.
-    """
+    """Return the unit (of some dimension) that the header of any column states, in brackets or at its end."""
     readings = (text for _, text, bracketed in _readings(header.strip()) if bracketed or text != "min")
     return next(filter(None, (units.parse(text, dimension) for text in readings)), None)
 
@@ -310,17 +267,7 @@ def stated_unit(header: str, dimension: str | None = None) -> Unit | None:
 def resolve(headers: Iterable[str], *, letters: bool = True, chosen: Collection[str] = ()) -> Resolution:
     """Say what each header of a table is; the channel's own name wins over an alias.
 
-    Parameters
-    ----------
-    letters : bool
-        As for `identify`.
-    chosen : collection of str
-        Channels that rover.toml gives.
-
-    Raises
-    ------
-    InputError
-        Two headers that mean one channel equally well, or a header with a wrong unit.
+    InputError where two headers mean one channel equally well, or one has a wrong unit.
     """
     headers = list(headers)
     bare = CHANNELS.keys() & set(headers)

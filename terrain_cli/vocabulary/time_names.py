@@ -48,28 +48,16 @@ _PARTS_OF_A_DAY = frozenset({"min", "minute", "minutes", "h", "hour", "hours"})
 
 
 class TimeName(NamedTuple):
-    """Columns that may be the time.
+    """Columns that may be the time."""
 
-    Parameters
-    ----------
-    headers : tuple of str
-        One, or whole seconds and what is beyond them.
-    unit : Unit
-        Of the last.
-    """
-
+    #: One, or whole seconds and what is beyond them.
     headers: tuple[str, ...]
+    #: Of the last.
     unit: Unit
 
 
 def pairs(headers: Sequence[str]) -> list[TimeName]:
-    """Find the columns of whole seconds that have another of the nano- or microseconds beyond them.
-
-    Returns
-    -------
-    list of TimeName
-        Such as header.stamp.secs and header.stamp.nsecs.
-    """
+    """Find the columns of whole seconds that have another of what is beyond them (secs, nsecs)."""
     found = []
     for header in headers:
         match = _FRACTION.fullmatch(header)
@@ -82,13 +70,7 @@ def pairs(headers: Sequence[str]) -> list[TimeName]:
 
 
 def names(headers: Iterable[str]) -> list[TimeName]:
-    """Find the columns whose names mean a time.
-
-    Parameters
-    ----------
-    headers : iterable of str
-        Without those that `channels` knows.
-    """
+    """Find the columns whose names mean a time, among those that `channels` does not know."""
     plain = {header: _plain(header) for header in headers}
     of_a_day = not _PARTS_OF_A_DAY.isdisjoint(plain.values())
     found = []

@@ -24,20 +24,13 @@ _POUND_FORCE = 4.4482216152605
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit and how its values become the program's.
+    """A unit and how its values become the program's."""
 
-    Parameters
-    ----------
-    symbol : str
-        As it is shown to a person, such as ``N m``.
-    dimension : str
-        What it measures: "length", "torque", …
-    factor, offset : float
-        value in the program = value · factor + offset.
-    """
-
+    #: As it is shown to a person, such as ``N m``.
     symbol: str
+    #: What it measures: "length", "torque", …
     dimension: str
+    #: value in the program = value · factor + offset.
     factor: float = 1.0
     offset: float = 0.0
 
@@ -173,24 +166,12 @@ DIMENSIONS = tuple(_TABLE)
 
 
 def si(dimension: str) -> Unit:
-    """Return the unit in which the program keeps a dimension.
-
-    Parameters
-    ----------
-    dimension : str
-        One of `DIMENSIONS`.
-    """
+    """Return the unit in which the program keeps a dimension."""
     return next(iter(_UNITS[dimension].values()))
 
 
 def symbols(dimension: str) -> tuple[str, ...]:
-    """Return the symbols of the units of a dimension, the program's own first.
-
-    Parameters
-    ----------
-    dimension : str
-        One of `DIMENSIONS`.
-    """
+    """Return the symbols of the units of a dimension, the program's own first."""
     return tuple(_TABLE[dimension])
 
 
@@ -200,12 +181,7 @@ def parse(text: str, dimension: str | None = None) -> Unit | None:
     Case counts where it separates two units. Where the dimension leaves one reading it does
     not: the ``nm`` of a torque is the newton metre. A capital M is never taken for milli.
 
-    Parameters
-    ----------
-    text : str
-        ``mm``, ``N·m``, ``rad s⁻¹``, ``m/s^2``, …
-    dimension : str, optional
-        What the unit must measure. Without it a text with two meanings (``g``) is no unit.
+    Without a dimension a text with two meanings (``g``) is no unit.
     """
     key = _key(text)
     if dimension is None:

@@ -27,20 +27,10 @@ _PAUSE = 1000.0
 
 
 def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list[Windows]:
-    """Join what was measured of the same wheel in several inputs.
+    """Join what was measured, with every channel, of the same wheel in several inputs.
 
-    Parameters
-    ----------
-    several : sequence of Windows
-        Read for a comparison: with every channel.
-    effects : iterable of Effect
-        What they need is computed, as far as the channels allow.
-
-    Returns
-    -------
-    list of Windows
-        One for each wheel and geometry, of which tables of test points and logs are kept apart. The
-        windows are those of the inputs; each input has runs of its own.
+    One for each wheel and geometry, of which tables of test points and logs are kept apart; each input has
+    runs of its own. What effects need is computed, as far as the channels allow.
     """
     effects = list(effects)
     parts: dict[tuple[object, ...], list[Windows]] = {}

@@ -18,13 +18,7 @@ if TYPE_CHECKING:
 
 
 class UndecodableError(Exception):
-    """A message does not follow its definition.
-
-    Parameters
-    ----------
-    row : int
-        Its place among the payloads.
-    """
+    """A message does not follow its definition; `row` is its place among the payloads."""
 
     def __init__(self, row: int, reason: str) -> None:
         super().__init__(reason)
@@ -38,17 +32,7 @@ class Decoder:
         self.definition = definition
 
     def columns(self, messages: Messages, requests: Sequence[FieldRequest]) -> list[tuple[Values, bool]]:
-        """Take one value per request from each message.
-
-        Returns
-        -------
-        list of (ndarray, bool)
-            For each request the values, and whether any message has them.
-
-        Raises
-        ------
-        UndecodableError
-        """
+        """Take one value per request from each message, and tell whether any message has it."""
         leaves = [self._leaf(request) for request in requests]
         wanted = [(leaf, request) for leaf, request in zip(leaves, requests, strict=True) if leaf is not None]
         try:
@@ -62,17 +46,7 @@ class Decoder:
         ]
 
     def elements(self, message: Messages, lists: Sequence[Leaf]) -> list[Elements]:
-        """Tell how the elements of lists are called in one message; see `plain_extraction.elements_of`.
-
-        Parameters
-        ----------
-        message : Messages
-            One.
-
-        Raises
-        ------
-        UndecodableError
-        """
+        """Tell how the elements of lists are called in one message; see `plain_extraction.elements_of`."""
         try:
             return elements(self.definition, message, lists)
         except UnevenError:

@@ -39,17 +39,7 @@ _CONSTANTS = 2_000
 
 
 def msg_text(text: str) -> str:
-    """Return a definition in the language MSG without what says nothing, if it is within bounds.
-
-    Returns
-    -------
-    str
-        Without blank lines and lines of comment.
-
-    Raises
-    ------
-    TooMuchError
-    """
+    """Return a definition in the language MSG without blank lines and comments, if it is within bounds."""
     _check_length(text)
     lines = [line for line in text.split("\n") if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) > DEFINITION_LINES:
@@ -58,12 +48,7 @@ def msg_text(text: str) -> str:
 
 
 def check_idl(text: str) -> None:
-    """Refuse a definition in the language IDL that would take long to parse.
-
-    Raises
-    ------
-    TooMuchError
-    """
+    """Refuse a definition in the language IDL that would take long to parse."""
     _check_length(text)
     bare = _ANNOTATION.sub(" ", _OPAQUE.sub(" ", text))
     if any(sign in bare for sign in ("(", "<<", "*", '"', "'")) or bare.count("const ") > _CONSTANTS:
@@ -78,22 +63,8 @@ def check_idl(text: str) -> None:
 def checked(types: Typesdict) -> Typesdict:
     """Return parsed types as code may be written from them: fields only, each name an identifier.
 
-    Parameters
-    ----------
-    types : dict
-        As rosbags parses them.
-
-    Returns
-    -------
-    dict
-        Without constants, which are no part of a message.
-
-    Raises
-    ------
-    TooMuchError
-        A name that is none, or more of something than `formats.limits` allows.
-    ValueError
-        Two members of one message have one name.
+    Constants are no part of a message, and left out. TooMuchError for a name that is none, or more of
+    something than `formats.limits` allows; ValueError where two members of one message have one name.
     """
     if len(types) > DEFINITION_TYPES:
         raise TooMuchError(f"a message definition has more than {DEFINITION_TYPES:,} types")

@@ -36,20 +36,10 @@ _SHORT = {
 
 
 def plain_types(text: str, name: str) -> Typesdict | None:
-    """Parse a definition.
+    """Parse a definition from `msg_text`, the first type in it of this name.
 
-    Parameters
-    ----------
-    text : str
-        From `definition_bounds.msg_text`.
-    name : str
-        Of the first type in it.
-
-    Returns
-    -------
-    dict or None
-        What `rosbags.typesys.get_types_from_msg` returns, without constants; None where it is for
-        rosbags to parse.
+    What `rosbags.typesys.get_types_from_msg` returns, without constants; None where it is for rosbags to
+    parse.
     """
     types: Typesdict = {}
     lines = iter([f"MSG: {name}", *filter(None, text.split("\n"))])

@@ -26,13 +26,7 @@ class Doubt(Notice):
 
 
 class ImplausibleError(InputError):
-    """What was measured cannot be true.
-
-    Parameters
-    ----------
-    channel : str
-        Whose unit is likely to be wrong.
-    """
+    """What was measured cannot be true; the unit of `channel` is likely to be wrong."""
 
     def __init__(self, message: str, *, hint: str = "", channel: str = "") -> None:
         super().__init__(message, hint=hint)
@@ -40,16 +34,11 @@ class ImplausibleError(InputError):
 
 
 class Mend(NamedTuple):
-    """A unit that a channel may be in.
-
-    Parameters
-    ----------
-    scale : float
-        To that unit: 0.001 kgf are grams.
-    """
+    """A unit that a channel may be in."""
 
     channel: str
     unit: str
+    #: To that unit: 0.001 kgf are grams.
     scale: float = 1.0
 
     @property
@@ -63,40 +52,21 @@ Weight = Literal["odd", "impossible", "contradiction"]
 
 
 class Suspicion(NamedTuple):
-    """What is hardly true.
+    """What is hardly true."""
 
-    Parameters
-    ----------
-    what : str
-        And why.
-    channel : str
-        Whose unit or sign it may be.
-    mend : Mend or None
-        What would make it true.
-    weight : {"odd", "impossible", "contradiction"}
-        The last two are errors: what no unit makes true, unless the file or rover.toml states the unit;
-        channels that contradict each other, unless rover.toml does.
-    """
-
+    #: And why.
     what: str
+    #: Whose unit or sign it may be.
     channel: str
+    #: What would make it true.
     mend: Mend | None = None
+    #: The last two are errors: what no unit makes true, unless the file or rover.toml states the unit;
+    #: channels that contradict each other, unless rover.toml does.
     weight: Weight = "odd"
 
 
 def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterable[Suspicion]) -> list[Doubt]:
-    """Say what is hardly true of a wheel, and what would mend it.
-
-    Parameters
-    ----------
-    feeds : mapping of str to Feed
-        Of its channels.
-
-    Raises
-    ------
-    ImplausibleError
-        It cannot be true.
-    """
+    """Say what is hardly true of a wheel, and what would mend it; what cannot be true is an error."""
     told = []
     for suspicion in suspicions:
         feed = feeds.get(suspicion.channel)

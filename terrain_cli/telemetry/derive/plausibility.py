@@ -369,12 +369,6 @@ CHECKS: tuple[Callable[[UnitEvidence], Suspicion | None], ...] = (
 
 
 def found(layout: Plan, wheel: str, evidence: UnitEvidence) -> list[Doubt]:
-    """Say what is hardly true of a wheel, and what would mend it.
-
-    Raises
-    ------
-    ImplausibleError
-        It cannot be true.
-    """
+    """Say what is hardly true of a wheel, and what would mend it; what cannot be true is an error."""
     suspicions = filter(None, (check(evidence) for check in CHECKS))
     return doubts.tell(layout, wheel, evidence.feeds, suspicions)

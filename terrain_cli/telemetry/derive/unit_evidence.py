@@ -28,35 +28,22 @@ _DEGREE = 111_195.0
 
 
 class UnitEvidence:
-    """Some samples of a wheel that turns, evenly spread, and what needs every sample.
-
-    Parameters
-    ----------
-    feeds : mapping of str to Feed
-        Of its channels.
-
-    Attributes
-    ----------
-    measured : frozenset of str
-        Channels that are neither derived nor a constant of rover.toml.
-    interval : float
-        Median time between two samples in s; NaN without a clock.
-    ends : dict of str to (float, float)
-        Least and greatest value of each channel.
-    count : int
-        Samples of which that is known.
-    blocks : list of (float, float, float, float)
-        Of each block: metres by time and velocity, metres along the track, metres from its first
-        place to its last, and how much of that is the jitter of the places.
-    on_earth : bool
-        The places are longitudes and latitudes, or metres of a map: from a satellite receiver.
-    """
+    """Some samples of a wheel that turns, evenly spread, and what needs every sample."""
 
     def __init__(self, geometry: Geometry, feeds: Mapping[str, Feed]) -> None:
         self.geometry, self.feeds = geometry, feeds
+        #: Channels that are neither derived nor a constant of rover.toml.
         self.measured = frozenset(name for name, feed in feeds.items() if feed.constant is None)
-        self.interval, self.count, self.on_earth = np.nan, 0, False
+        #: Median time between two samples in s; NaN without a clock.
+        self.interval = np.nan
+        #: Samples of which the ends are known.
+        self.count = 0
+        #: The places are longitudes and latitudes, or metres of a map: from a satellite receiver.
+        self.on_earth = False
+        #: Least and greatest value of each channel.
         self.ends: dict[str, tuple[float, float]] = {}
+        #: Of each block: metres by time and velocity, metres along the track, metres from its first place to
+        #: its last, and how much of that is the jitter of the places.
         self.blocks: list[tuple[float, float, float, float]] = []
         self._kept: dict[str, Array] = {}
         self._step, self._skip = 1, 0
@@ -67,10 +54,7 @@ class UnitEvidence:
     def columns(self, *names: str) -> list[Array] | None:
         """Return the samples in which each of some channels is known.
 
-        Returns
-        -------
-        list of ndarray, or None
-            None where they are fewer than 5: a median of less says nothing.
+        None where they are fewer than 5: a median of less says nothing.
         """
         if not all(name in self._kept for name in names):
             return None

@@ -31,12 +31,7 @@ class Excerpt:
 
     The length of the log need not be known: where the limit is passed, every second piece goes.
 
-    Parameters
-    ----------
-    most : int
-        Samples that are kept at most; at least half of that, if there are more.
-    parts : iterable of Samples
-        Consecutive parts of each wheel.
+    At least half of the limit are kept, if there are more. The parts of each wheel are consecutive.
     """
 
     def __init__(self, most: int, parts: Iterable[Samples]) -> None:
@@ -64,14 +59,7 @@ class Excerpt:
         return np.asarray(number // PIECE % self._step == 0)
 
     def samples(self) -> list[Samples]:
-        """Return what was kept.
-
-        Returns
-        -------
-        list of Samples
-            Ordered by the name of the wheel; usable ones alone. Samples of different pieces belong to
-            different stretches.
-        """
+        """Return the usable samples kept, by wheel; those of different pieces are of different stretches."""
         return [self._joined(wheel) for wheel in sorted(self._kept)]
 
     def _joined(self, wheel: str) -> Samples:
@@ -86,13 +74,7 @@ class Excerpt:
 
 
 def joined(parts: Sequence[Samples]) -> Samples:
-    """Join parts of one wheel.
-
-    Returns
-    -------
-    Samples
-        With the words of the first.
-    """
+    """Join parts of one wheel, with the words of the first."""
     first = parts[0]
 
     def column(name: str, group: str) -> NDArray[np.float64]:
@@ -131,13 +113,7 @@ def joined(parts: Sequence[Samples]) -> Samples:
 
 
 def excerpted(samples: Sequence[Samples]) -> list[str]:
-    """Say of how many samples how many were kept.
-
-    Returns
-    -------
-    list of str
-        One line, or none where all were kept.
-    """
+    """Say of how many samples how many were kept, if not all were."""
     total = sum(len(one.usable) if one.total is None else one.total for one in samples)
     kept = sum(len(one.usable) for one in samples)
     if kept == total:

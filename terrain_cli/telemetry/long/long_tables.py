@@ -43,24 +43,17 @@ _ROW = "@row"
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What is to be read of a table.
-
-    Parameters
-    ----------
-    extras : tuple of str
-        Further columns.
-    wheels : tuple of str
-        Only these; all if empty.
-    effects : sequence of Effect or None
-        As for `telemetry.read`.
-    """
+    """What is to be read of a table."""
 
     layout: Plan
     rover: Rover
     channels: frozenset[str]
+    #: Further columns.
     extras: tuple[str, ...]
+    #: Only these; all if empty.
     wheels: tuple[str, ...]
     where: Condition | None
+    #: As for `telemetry.read`.
     effects: Sequence[Effect] | None
 
 
@@ -74,24 +67,8 @@ def in_parts(
 
     Distance, stretches, the angle of the wheel and the clock's origin go on from part to part.
 
-    Parameters
-    ----------
-    begin : list of dict
-        The first batches; emptied.
-    rest : iterable of dict
-        Those that follow.
-    check : callable
-        Refuses wheels of which something is missing.
-
-    Yields
-    ------
-    Samples
-        Of each wheel in turn. What a person should know stands in the first part of a wheel.
-
-    Raises
-    ------
-    formats.errors.FormatError, InputError, ConfigurationError
-        As for `telemetry.read`.
+    The first batches are emptied; `check` refuses wheels of which something is missing. Parts come of each
+    wheel in turn. What a person should know stands in the first part of a wheel.
     """
     keep_freed()
     layout, rover = request.layout, request.rover
@@ -148,13 +125,7 @@ def in_parts(
 
 
 def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[str, Column], int, int]]:
-    """Join batches to tables, each with rows of its neighbours.
-
-    Yields
-    ------
-    first, last : int
-        The rows of it that are its own.
-    """
+    """Join batches to tables, each with rows of its neighbours; of its own are those from first to last."""
     pending: list[Batch] = []
     count = before = 0
 

@@ -33,16 +33,7 @@ def is_table(source: Source) -> bool:
 
 
 def plan(source: Source, rover: Rover) -> Plan:
-    """Decide what feeds each channel: rover.toml first, then names, then the standard messages.
-
-    Raises
-    ------
-    InputError
-        Two columns for one channel, a unit of the wrong dimension.
-    ConfigurationError
-        rover.toml names a column or topic that is not there, or leaves out a unit that nothing
-        else gives.
-    """
+    """Decide what feeds each channel: rover.toml first, then names, then the standard messages."""
     streams = {stream.topic: stream for stream in source.streams()}
     result = Plan(source=source)
     asked = _asked(rover, streams, table=is_table(source), labels=result.labels)
@@ -179,15 +170,8 @@ def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed
 def only_wheel(rover: Rover, there: Sequence[str] = ()) -> str:
     """Return the name of a wheel that the data do not name.
 
-    Parameters
-    ----------
-    there : sequence of str
-        Wheels that the topics tell apart.
-
-    Returns
-    -------
-    str
-        What rover.toml calls it, the joint or topic that it asks for, or "wheel".
+    What rover.toml calls it, the joint or topic that it asks for (by the wheels that the topics tell apart),
+    or "wheel".
     """
     entries = rover.default.channels
     if "wheel" in entries and entries["wheel"].constant is not None:

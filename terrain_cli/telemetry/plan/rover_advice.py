@@ -35,13 +35,7 @@ def because(plan: Plan, wheel: str, lack: Lack) -> str:
 
 
 def reasons(plan: Plan, wheel: str, lacks: Sequence[Lack]) -> list[str]:
-    """Say in a few words why channels are missing.
-
-    Returns
-    -------
-    list of str
-        Channels of which the data say nothing stand together in one.
-    """
+    """Say in a few words why channels are missing; those of which the data say nothing in one."""
     told = [(lack.what, because(plan, wheel, lack)) for lack in lacks]
     silent = [what for what, text in told if text.startswith(NOWHERE)]
     loud = [f"no {what}: {text}" for what, text in told if not text.startswith(NOWHERE)]
@@ -50,18 +44,7 @@ def reasons(plan: Plan, wheel: str, lacks: Sequence[Lack]) -> list[str]:
 
 
 def lines(plan: Plan, lacks: Mapping[str, Sequence[Lack]]) -> str:
-    """Write the lines that would supply what is missing.
-
-    Parameters
-    ----------
-    lacks : mapping of str to sequence of Lack
-        By wheel.
-
-    Returns
-    -------
-    str
-        TOML, each table once.
-    """
+    """Write the lines of TOML, each table once, that would supply what is missing of each wheel."""
     tables: dict[str, dict[str, None]] = {}
     for wheel, missing in lacks.items():
         for lack in missing:
@@ -87,12 +70,7 @@ def header(plan: Plan, wheel: str, channel: str) -> str:
 def entry(feed: Feed, unit: str, scale: float = 1.0) -> str:
     """Write the line that reads a channel in another unit from where it is read now.
 
-    Parameters
-    ----------
-    unit : str
-        That what was read in SI units is in instead.
-    scale : float
-        To that unit.
+    The unit is that which what was read in SI units is in instead, and `scale` leads to it.
     """
     symbol, scale = _in(feed, unit, scale)
     keys = [_place(feed) if feed.constant is None else f"constant = {toml_text.value(feed.constant)}"]

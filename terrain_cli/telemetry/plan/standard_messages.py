@@ -44,60 +44,29 @@ _UNITS = (
 
 
 def pitch(x: Array, y: Array, z: Array, w: Array) -> Array:
-    """Pitch of an orientation, positive nose up (REP 103's rotation about y is positive nose down).
-
-    Parameters
-    ----------
-    x, y, z, w : ndarray, shape (n,)
-        A unit quaternion.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In rad.
-    """
+    """Pitch (rad) of a unit quaternion, positive nose up (REP 103's rotation about y: nose down)."""
     return -np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
 
 
 def roll(x: Array, y: Array, z: Array, w: Array) -> Array:
-    """Roll of an orientation, positive left side up.
-
-    Parameters
-    ----------
-    x, y, z, w : ndarray, shape (n,)
-        A unit quaternion.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In rad.
-    """
+    """Roll (rad) of a unit quaternion, positive left side up."""
     return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x**2 + y**2))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Meaning:
-    """A channel that a standard message carries.
-
-    Parameters
-    ----------
-    fields : tuple of str
-        What it is read from.
-    combine : callable, optional
-        Function of those fields; without it there is one, taken as it is.
-    note : str
-        What was taken for granted.
-    rank : int
-        Of two messages with one channel the lower rank is used.
-    of_body : bool
-        Of the origin of the body, not of each wheel.
-    """
+    """A channel that a standard message carries."""
 
     channel: str
+    #: What it is read from.
     fields: tuple[str, ...]
+    #: Function of those fields; without it there is one, taken as it is.
     combine: Callable[..., Array] | None = None
+    #: What was taken for granted.
     note: str = ""
+    #: Of two messages with one channel the lower rank is used.
     rank: int = 0
+    #: Of the origin of the body, not of each wheel.
     of_body: bool = False
 
 
@@ -154,13 +123,7 @@ def is_standard(message_type: str) -> bool:
 
 
 def unit_symbol(message_type: str, field: str) -> str | None:
-    """Return the unit that a standard message fixes for a field.
-
-    Returns
-    -------
-    str or None
-        None where the definition leaves it open, or the type is not a standard one.
-    """
+    """Return the unit that a standard message fixes for a field, unless its definition leaves it open."""
     if not is_standard(message_type):
         return None
     name = message_type.rpartition("/")[2]

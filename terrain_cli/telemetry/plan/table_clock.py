@@ -62,18 +62,8 @@ class _Rise(NamedTuple):
 def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
     """Find the time of a table that has no column `time`, and doubt that it has none.
 
-    Parameters
-    ----------
-    plan : Plan
-        Gains the feed of the time, or else a remark, or the error that its rows can hardly be steady
-        test points.
-    pairs : sequence of TimeName
-        Its columns of whole seconds and fractions.
-
-    Raises
-    ------
-    InputError
-        Several columns can be the time.
+    The plan gains the feed of the time, or else a remark, or the error that its rows can hardly be steady
+    test points. `pairs` are its columns of whole seconds and fractions.
     """
     source, known = plan.source, plan.shared.get("time")
     unused = _unused(plan)

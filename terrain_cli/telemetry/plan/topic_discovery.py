@@ -31,31 +31,15 @@ OF_WHEELS = (
 
 @dataclass(frozen=True, slots=True)
 class TopicCandidate:
-    """A feed found without being asked for.
-
-    Parameters
-    ----------
-    places : tuple of str
-        Names that might tell its wheel: the parts of the topic, or the name beside a list.
-    """
+    """A feed found without being asked for."""
 
     feed: Feed
+    #: Names that might tell its wheel: the parts of the topic, or the name beside a list.
     places: tuple[str, ...]
 
 
 def find(stream: Stream) -> tuple[list[TopicCandidate], str | None]:
-    """Find the channels that one topic carries.
-
-    Returns
-    -------
-    label : str or None
-        The field that names the wheel of each message.
-
-    Raises
-    ------
-    InputError
-        A name with a unit that its channel cannot have.
-    """
+    """Find the channels that one topic carries, and the field, if any, that names the wheel."""
     fields = [f for f in stream.fields if not f.name.startswith("header.")]
     if stream.type == standard_messages.JOINT_STATE:
         return _find_joints(stream), None
@@ -159,19 +143,9 @@ def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[TopicC
 
 
 def wheels_in(candidates: Mapping[str, Sequence[TopicCandidate]], labelled: Collection[str]) -> list[str]:
-    """Name the wheels that topics or joints of one kind tell apart.
+    """Name the wheels that topics or joints tell apart, by the first channel that has several.
 
-    Parameters
-    ----------
-    candidates : mapping of str to sequence of TopicCandidate
-        By channel.
-    labelled : collection of str
-        Topics whose messages name their wheel.
-
-    Returns
-    -------
-    list of str
-        Of the first channel of which there are several; empty if there is none.
+    The messages of topics that are `labelled` name their wheel.
     """
     for channel in OF_WHEELS:
         places = [c.places for c in candidates.get(channel, ()) if c.feed.topic not in labelled]
@@ -190,14 +164,9 @@ def _differing(places: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def assign(channel: str, found: Sequence[TopicCandidate], others: Iterable[str], plan: Plan) -> None:
-    """Give the feeds found for a channel to the wheels they belong to.
+    """Give the feeds found for a channel to the wheels they belong to; the others are not wanted.
 
-    Parameters
-    ----------
-    others : iterable of str
-        Wheels and joints of the bag that are not wanted.
-    plan : Plan
-        Gains the feeds; what none of several may be preferred for goes to `plan.doubtful`.
+    What none of several may be preferred for goes to `plan.doubtful`.
     """
     apart = dict.fromkeys(name for name in others if match_name(name, plan.wheels) is None)
     names = [*plan.wheels, *apart]

@@ -61,18 +61,7 @@ class _Bridges:
 
 
 def fields(plan: Plan, wanted: Collection[str]) -> dict[str, list[str]]:
-    """Tell what is read of a bag.
-
-    Parameters
-    ----------
-    wanted : collection of str
-        Channels; those without a feed are passed over.
-
-    Returns
-    -------
-    dict of str to list of str
-        topic → fields.
-    """
+    """Tell which fields of which topics are read for some channels; those without a feed are passed over."""
     found: dict[str, set[str]] = {}
     for feed in _feeds(plan):
         if feed.channel in wanted and feed.topic:
@@ -91,23 +80,9 @@ def wheels(
     choose: Callable[[Labels | None], list[str]],
     max_gap: float | None,
 ) -> list[Raw]:
-    """Part the topics of a bag into its wheels.
+    """Part the topics of a bag, the columns named by `fields`, into its wheels.
 
-    Parameters
-    ----------
-    tables : mapping of str to dict
-        topic → the columns named by `fields`, whole.
-    wanted : collection of str
-        Channels; those without a feed are passed over.
-    choose : callable
-        Names the wheels to read, from the wheel labels of the messages if they have them.
-    max_gap : float or None
-        As for `alignment.resample`.
-
-    Returns
-    -------
-    list of Raw
-        In the order of `choose`.
+    `choose` names the wheels to read, from the wheel labels of the messages if they have them.
     """
     origin, times, remarks = one_clock(tables)
     topics = {}
@@ -133,17 +108,7 @@ def wheels(
 def one_clock(tables: Mapping[str, Mapping[str, Column]]) -> tuple[float, dict[str, Array], list[str]]:
     """Put all topics on one clock: the headers' stamps, or the log's where there are none.
 
-    Parameters
-    ----------
-    tables : mapping of str to mapping
-        topic → columns, from `raw_columns.read_whole`.
-
-    Returns
-    -------
-    origin : float
-        Whole seconds taken off.
-    times : dict of str to ndarray
-        topic → the time of each message in s.
+    Returns the whole seconds taken off, the time of each message of each topic in s, and remarks.
     """
     logged = {topic: np.asarray(table[LOG_TIME]) for topic, table in tables.items()}
     stamps = {

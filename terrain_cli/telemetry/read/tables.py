@@ -26,15 +26,7 @@ if TYPE_CHECKING:
 
 
 def fields(plan: Plan, wanted: Collection[str], extras: Sequence[str]) -> list[str]:
-    """Name the columns to read.
-
-    Parameters
-    ----------
-    wanted : collection of str
-        Channels; those without a feed are passed over.
-    extras : sequence of str
-        Further columns.
-    """
+    """Name the columns to read for some channels; those without a feed are passed over."""
     label = plan.labels.get("")
     every = [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
     names = {name for feed in every if feed.channel in wanted for name in feed.fields}
@@ -49,25 +41,9 @@ def read(
     max_gap: float | None,
     batches: list[Batch] | None = None,
 ) -> list[Raw]:
-    """Read the wheels of a table.
+    """Read the wheels of a table; `choose` names them, from the column of wheel labels if there is one.
 
-    Parameters
-    ----------
-    wanted : collection of str
-        Channels; those without a feed are passed over.
-    extras : sequence of str
-        Further columns.
-    choose : callable
-        Names the wheels to read, from the column of wheel labels if there is one.
-    max_gap : float or None
-        As for `alignment.resample`.
-    batches : list of dict, optional
-        The `fields`, where they were read before.
-
-    Returns
-    -------
-    list of Raw
-        In the order of `choose`.
+    `batches` are the columns `fields`, where they were read before.
     """
     names = fields(plan, wanted, extras)
     table: dict[str, Column] = {}
@@ -86,15 +62,7 @@ def read(
 
 
 def nameless(plan: Plan, table: Mapping[str, Column], rows: slice = slice(None)) -> int:
-    """Count the rows that name no wheel.
-
-    Parameters
-    ----------
-    table : mapping
-        After `wheels`.
-    rows : slice
-        Those that count.
-    """
+    """Count those of some rows that name no wheel, after `wheels`."""
     column = table.get(plan.labels.get("", ""))
     return int(np.count_nonzero(column.codes[rows] < 0)) if isinstance(column, Labels) else 0
 
@@ -111,20 +79,7 @@ def wheels(
     extras: Sequence[str],
     choose: Callable[[Labels | None], list[str]],
 ) -> list[Raw]:
-    """Sort the columns of a table, or of part of it, by wheel and channel.
-
-    Parameters
-    ----------
-    table : dict of str to ndarray or Labels
-        The columns `fields`; its column of wheels is replaced by labels.
-    wanted, extras, choose
-        As for `read`.
-
-    Returns
-    -------
-    list of Raw
-        In the order of `choose`.
-    """
+    """Sort the columns of a table, or of part of it, by wheel and channel; those of wheels become labels."""
     table.pop(LOG_TIME, None)
     label = plan.labels.get("")
     named = raw_columns.as_labels(table[label]) if label else None

@@ -41,21 +41,14 @@ _HINT = "positions are longitude and latitude (or planetocentric_latitude), or x
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """A localisation table.
-
-    Parameters
-    ----------
-    position : dict of str to ndarray, shape (n,)
-        longitude and latitude in deg, x and y in m: one of the pairs, or both.
-    keys : dict of str to ndarray, shape (n,)
-        Those of `KEYS` that it has.
-    time : (float, ndarray), or None
-        Whole seconds taken off the clock, and the seconds since, shape (n,).
-    """
+    """A localisation table."""
 
     path: str
+    #: longitude and latitude in deg, x and y in m: one of the pairs, or both; shape (n,).
     position: dict[str, Array]
+    #: Those of `KEYS` that it has; shape (n,).
     keys: dict[str, Array]
+    #: Whole seconds taken off the clock, and the seconds since, shape (n,).
     time: tuple[float, Array] | None
 
     @property
@@ -70,24 +63,10 @@ class Places:
 
 
 def load(path: str, crs: str | None = None) -> Places:
-    """Read a localisation table.
+    """Read a localisation table, CSV or Parquet; `crs` is that of its longitudes and latitudes.
 
-    Parameters
-    ----------
-    path : str
-        CSV or Parquet. Columns are known by their names: those of the channels time, longitude,
-        latitude, x and y with their aliases and units, site, drive and pose, and those of PLACES.
-    crs : str, optional
-        What its longitudes and latitudes are.
-
-    Raises
-    ------
-    formats.errors.FormatError
-        It cannot be read.
-    InputError
-        It lacks positions, or what to find them by; a unit that is none.
-    UsageError
-        Its latitudes are not those of the reference system.
+    Columns are known by their names: those of the channels time, longitude, latitude, x and y with their
+    aliases and units, site, drive and pose, and those of PLACES.
     """
     try:
         known = Path(path).stat()

@@ -27,17 +27,11 @@ LONGEST_GAP = 300.0
 
 
 class Placed(NamedTuple):
-    """What became of the samples of a wheel.
+    """What became of the samples of a wheel."""
 
-    Parameters
-    ----------
-    by : str
-        "clock", or the columns that were compared.
-    placed, missed, ambiguous : int
-        Samples with a position, without one in the table, and with several.
-    """
-
+    #: "clock", or the columns that were compared.
     by: str
+    #: Samples with a position, without one in the table, and with several.
     placed: int
     missed: int
     ambiguous: int
@@ -57,16 +51,8 @@ class Placed(NamedTuple):
 def locate(samples: Samples, places: Places) -> Placed:
     """Give samples the positions of a localisation table, in place of any of their own.
 
-    Parameters
-    ----------
-    samples : Samples
-        Its channels gain those of `places.position`, NaN where the table does not tell, and its
-        remarks what became of them.
-
-    Raises
-    ------
-    InputError
-        Table and log have nothing in common to be compared by.
+    They are NaN where the table does not tell; remarks say what became of the samples. InputError where table
+    and log have nothing in common to be compared by.
     """
     counter = {name.casefold(): values for name, values in samples.drivers.items() if name.casefold() in KEYS}
     common = [name for name in KEYS if name in places.keys and name in counter]

@@ -37,19 +37,7 @@ _SLAB = 131_072
 
 
 def sizes(n: int, step: int) -> Index:
-    """Return the number of samples of each block.
-
-    Parameters
-    ----------
-    n : int
-        Samples, at least 1.
-    step : int
-        Samples in a block.
-
-    Returns
-    -------
-    ndarray of int, shape (blocks,)
-    """
+    """Return the number of samples of each block of so many."""
     number = np.full(-(-n // step), step, dtype=np.intp)
     number[-1] = n - (len(number) - 1) * step
     return number
@@ -61,37 +49,14 @@ def reach(step: int) -> int:
 
 
 def slabs(n: int, step: int) -> Iterator[Index]:
-    """Part blocks into runs.
-
-    Parameters
-    ----------
-    n, step : int
-        As for `sizes`.
-
-    Yields
-    ------
-    block : ndarray of int
-        Rising.
-    """
+    """Part blocks, by their rising numbers, into runs."""
     count, length = len(sizes(n, step)), max(1, _SLAB // step)
     for first in range(0, count, length):
         yield np.arange(first, min(first + length, count))
 
 
 def about(place: Index, n: int, step: int) -> Iterator[Index]:
-    """Part the blocks that depend on some samples into pieces, with what is around them as long as a run.
-
-    Parameters
-    ----------
-    place : ndarray of int, shape (k,)
-    n, step : int
-        As for `sizes`.
-
-    Yields
-    ------
-    block : ndarray of int
-        As from `slabs`.
-    """
+    """Part the blocks that depend on some samples into pieces, with what is around them as long as a run."""
     away = 2 * reach(step) + 2
     block = _beside(distinct(place // step), away, (n - 1) // step)
     length = max(1, _SLAB // step // (2 * away))
@@ -125,24 +90,12 @@ def as_index(block: Index) -> Index | slice:
 def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Array, Index, Array]:
     """Sum what is to be known of the samples over blocks, and look for samples far from a neighbour.
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-    step : int
-        Samples in a block.
-    scale : float
-        s, which brings y to the scale of x: a second difference is of size |Δ²x| + s |Δ²y|.
-    room : ndarray, shape (6, n rounded up to blocks)
-        Is overwritten.
+    `scale` is s, which brings y to the scale of x: a second difference is of size |Δ²x| + s |Δ²y|. `room`,
+    shape (6, n rounded up to blocks), is overwritten.
 
-    Returns
-    -------
-    rows : ndarray, shape (8, blocks)
-        The first and the last sample have no second difference.
-    place : ndarray of int, shape (k,)
-        Rising, among them all samples of which a step of x or y, to or from them, is beyond the limit.
-    limit : ndarray, shape (2, k)
-        For x and y there.
+    Returns the rows, shape (8, blocks), in which the first and the last sample have no second difference;
+    places, rising, among them all samples of which a step of x or y, to or from them, is beyond the limit;
+    and that limit for x and y there, shape (2, k).
     """
     n, number = len(x), sizes(len(x), step)
     samples = len(number) * step
@@ -188,22 +141,9 @@ def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Ar
 
 
 def moving_mean(sums: Array, number: Index, step: int, out: Array | None = None) -> Array:
-    """Return the mean over blocks up to `REACH` samples away, near the ends over as many of them.
+    """Return the mean over blocks up to `REACH` samples away, near the ends over as many: (k, blocks).
 
-    Parameters
-    ----------
-    sums : ndarray, shape (k, blocks)
-        Of each block.
-    number : ndarray of int, shape (blocks,)
-        Of what is summed.
-    step : int
-        Samples in a block.
-    out : ndarray, shape (k, blocks), optional
-        For the means; it may be the sums.
-
-    Returns
-    -------
-    ndarray, shape (k, blocks)
+    `sums` are of each block, and `number` is how many values were summed there; `out` may be the sums.
     """
     blocks, near = len(number), reach(step)
     width = min(2 * near + 1, blocks)

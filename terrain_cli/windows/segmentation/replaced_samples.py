@@ -16,13 +16,7 @@ if TYPE_CHECKING:
 
 
 class ReplacedSamples:
-    """Samples (x, y) in the order of time.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        In Pa, n ≥ 1.
-    """
+    """Samples (x, y), in Pa, in the order of time; one at least."""
 
     def __init__(self, x: Array, y: Array) -> None:
         self._values = x, y

@@ -39,24 +39,9 @@ LARGEST_LAG = 30
 def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
     """Replace wild samples, one or two in a row, by the median of five around them.
 
-    Parameters
-    ----------
-    samples : ReplacedSamples
-        Three or more; some are replaced.
-    step : int
-        Samples in a block.
-
-    Returns
-    -------
-    sums : ndarray, shape (5, blocks)
-        Of x, y, x², xy and y² over blocks.
-    noise : ndarray, shape (3, blocks)
-        Variance of x, covariance, variance of y, in Pa².
-
-    Raises
-    ------
-    ValueError
-        A sample is not finite.
+    Of three or more. Returns the sums of x, y, x², xy and y² over blocks, shape (5, blocks), and the noise:
+    variance of x, covariance, variance of y, in Pa², shape (3, blocks). ValueError where a sample is not
+    finite.
     """
     n = len(samples)
     number = block_sums.sizes(n, step)
@@ -113,21 +98,8 @@ def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:
     samples on either side. A load that varies from sample to sample moves (x, y) along the soil's
     line and would pass for noise: it shows as a correlation that noise has not, and is taken out.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (8, blocks)
-        From `block_sums.summed`, of 3 samples or more.
-    number : ndarray of int, shape (blocks,)
-        Samples of each block.
-    step : int
-        Samples in a block.
-    least : ndarray, shape (2,)
-        Below this no level of x and y is believed, in Pa.
-
-    Returns
-    -------
-    ndarray, shape (3, blocks)
-        Variance of x, covariance, variance of y, in Pa².
+    `rows` are from `block_sums.summed`; below `least`, shape (2,), in Pa, no level of x and y is believed.
+    Returns variance of x, covariance, variance of y, in Pa², shape (3, blocks).
     """
     squares = block_sums.moving_mean(rows[[block_sums.POWER_X, block_sums.POWER_Y]], number, step)
     xx, yy = np.maximum(squares, least[:, None] ** 2)
@@ -179,19 +151,8 @@ def correlation_factor(residuals: Array, starts: Index, fitted: int) -> float:
     Long-run variance by prewhitening (Andrews & Monahan 1992, Econometrica 60(4)) with a
     first-order autoregression and Bartlett's window, over the variance from second differences.
 
-    Parameters
-    ----------
-    residuals : ndarray, shape (n,)
-        About the lines, in units of the standard deviation from second differences.
-    starts : ndarray of int
-        First samples of the windows, without 0: no products are taken across them.
-    fitted : int
-        Number of parameters fitted to these residuals.
-
-    Returns
-    -------
-    float
-        At least 1.
+    Residuals are about the lines, in units of the standard deviation from second differences; `starts` are
+    the first samples of the windows, without 0: no products are taken across them. The factor is at least 1.
     """
     n = len(residuals)
     limit = 6.0 * 1.4826 * float(np.median(np.abs(residuals)))
