@@ -73,7 +73,7 @@ def _open_file(path: str, file: str, *, salvage: bool) -> Source:
     kind = content(label, first_bytes(label, file))
     source: Source
     if kind == "parquet":
-        from formats.parquet.parquet_source import ParquetSource
+        from formats.parquet_source import ParquetSource
 
         source = ParquetSource(path, [file], salvage=salvage)
     elif kind == "csv" or kind in COMPRESSED:
@@ -172,6 +172,6 @@ def _open_folder(path: str, *, salvage: bool) -> Source:
     for part in parts:
         if not Path(part).is_file():
             raise FormatError(part, "is no file, and a folder of Parquet holds nothing else")
-    from formats.parquet.parquet_source import ParquetSource
+    from formats.parquet_source import ParquetSource
 
     return ParquetSource(path, parts, salvage=salvage)

@@ -11,14 +11,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from formats.output.reference_systems import projjson
-from formats.output.wkt import parse
+from formats.output.common_forms import parse, projjson
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from formats.output.column_forms import Table
-    from formats.output.wkt import WktShape
+    from formats.output.common_forms import Table, WktShape
 
 _TYPES = {"real": pa.float64(), "integer": pa.int64(), "text": pa.string()}
 #: Of the binary geometry, which stands beside the text.

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 from formats.errors import FormatError
 from formats.rosbag.containers import Container
-from formats.rosbag.decoding.decoder import Decoder, UndecodableError
+from formats.rosbag.decoding.decoder import Decodable, Decoder, UndecodableError
 from formats.rosbag.decoding.definitions import UnusableError, define
 from formats.rosbag.decoding.plain_extraction import FieldRequest
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.topic_columns import Reading, nearest
-from formats.salvage.decodable import Decodable
 from formats.table import BATCH_ROWS, Field, Source, Stream
 
 if TYPE_CHECKING:

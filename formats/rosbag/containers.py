@@ -12,8 +12,7 @@ import numpy as np
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMuchError
 from formats.recovery import Recovery
-from formats.rosbag.damage import HINTS, check, damaged
-from formats.rosbag.recording import Recording
+from formats.rosbag.bag_files import HINTS, Recording, check, damaged
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.raw_messages import of_payloads
 from formats.rosbag.storage.unpacking import unpack, unpacks

@@ -21,8 +21,15 @@ from rosbags.typesys.msg import normalize_msgtype
 
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.unpacking import unpack
-from formats.salvage.msg_checksum import checksum
-from formats.salvage.ros1_records import SECOND, BagRecord, BrokenRecordError, fields_of, read_record, records
+from formats.salvage.ros1_records import (
+    SECOND,
+    BagRecord,
+    BrokenRecordError,
+    checksum,
+    fields_of,
+    read_record,
+    records,
+)
 from formats.salvage.salvaged_file import SalvagedFile, agreed, join_told, lost_between, rows_of, tame
 
 _MAGIC = b"#ROSBAG V2.0\n"

@@ -12,15 +12,22 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
 
-from formats.content import STANDARD_INPUT, TextStream
+from formats.content import STANDARD_INPUT, SalvagedText, TextStream
 from formats.errors import DamagedError, FormatError
 from formats.recovery import HINT, Recovery
-from formats.salvage.salvaged_text import SalvagedText
 from formats.table import BATCH_ROWS, Field, Source, Stream
 from formats.text import plain_tables
-from formats.text.cell_values import MISSING, MISSING_SPELLINGS, Names, floats, kind_of, numbers, times
+from formats.text.cell_values import (
+    MISSING,
+    MISSING_SPELLINGS,
+    Names,
+    floats,
+    kind_of,
+    numbers,
+    times,
+    unguarded,
+)
 from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line
-from formats.text.formulas import unguarded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -20,11 +20,10 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from salvage_cases import START, samples, write
 
 import formats
-from formats import limits
+from formats import limits, page_claims, parquet_source
 from formats.errors import DamagedError, FormatError, NotFoundError
-from formats.parquet import page_claims, parquet_source
-from formats.parquet.page_claims import check_pages
-from formats.rosbag import containers, open_bag, recording
+from formats.page_claims import check_pages
+from formats.rosbag import bag_files, containers, open_bag
 from formats.rosbag.decoding.decoder import Decoder, UndecodableError
 from formats.rosbag.decoding.definitions import FILLER, UnusableError, define
 from formats.rosbag.storage.unpacking import unpack, zstd
@@ -332,7 +331,7 @@ def test_metadata_that_never_end(tmp_path, monkeypatch, salvage):
     else:
         with pytest.raises(DamagedError, match="longer than"):
             formats.open_source(str(path.parent))
-    assert recording.METADATA_BYTES < 6_000_000
+    assert bag_files.METADATA_BYTES < 6_000_000
 
 
 @pytest.mark.parametrize("name", ["../../secret.mcap", "/etc/passwd", "..", ".", ""])

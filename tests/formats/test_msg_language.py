@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from profiles import examples
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-from formats.rosbag.decoding.definition_bounds import msg_text
-from formats.rosbag.decoding.msg_language import plain_types
+from formats.rosbag.decoding.definition_texts import msg_text, plain_types
 
 BAR = "=" * 80
 

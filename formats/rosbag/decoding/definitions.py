@@ -10,8 +10,7 @@ from rosbags.interfaces import MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from formats.limits import DEPTH, TooMuchError
-from formats.rosbag.decoding.definition_bounds import check_idl, checked, msg_text
-from formats.rosbag.decoding.msg_language import plain_types
+from formats.rosbag.decoding.definition_texts import check_idl, checked, msg_text, plain_types
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, closing
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from queue import Empty, Queue
+from threading import Event
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from urllib.parse import unquote
 
 import numpy as np
@@ -21,8 +24,7 @@ from formats.limits import (
     TooMuchError,
     file_limit,
 )
-from formats.parquet.page_claims import check_pages
-from formats.read_ahead import ahead
+from formats.page_claims import check_pages
 from formats.recovery import Recovery
 from formats.table import BATCH_ROWS, Field, Labels, Source, Stream
 from formats.text.cell_values import MISSING, Names, exact, floats, kind_of, numbers
@@ -40,6 +42,7 @@ _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
 _THREADS = 2
 #: Batches that each of them may be ahead. With one they wait for one another: 20 to 50 % slower.
 _WAITING = 2
+Item = TypeVar("Item")
 
 
 class ParquetSource(Source):
@@ -301,3 +304,49 @@ def _constant(value: str | None, rows: int, kind: Kind, names: Names) -> Column:
         labels = names.labels(cells)
         return Labels(np.repeat(labels.codes, rows), labels.names)
     return np.repeat(numbers(cells, ".")[0], rows)
+
+
+class _End(NamedTuple):
+    error: Exception | None
+
+
+@contextmanager
+def ahead(iterators: Sequence[Iterator[Item]], items: int) -> Iterator[list[Iterator[Item]]]:
+    """Run through some iterators, each in a thread of its own.
+
+    The items are the same, and the same errors come after them; of each iterator so many may wait to be
+    taken. When the context ends, threads stop at the next item.
+    """
+    over = Event()
+    rooms: list[Queue[Item | _End]] = [Queue(items) for _ in iterators]
+
+    def run(iterator: Iterator[Item], room: Queue[Item | _End]) -> None:
+        try:
+            for item in iterator:
+                room.put(item)
+                if over.is_set():
+                    return
+        except Exception as error:  # noqa: BLE001 - it is raised where items are taken
+            room.put(_End(error))
+        else:
+            room.put(_End(None))
+
+    with ThreadPoolExecutor(len(iterators)) as pool:
+        for iterator, room in zip(iterators, rooms, strict=True):
+            pool.submit(run, iterator, room)
+        try:
+            yield [_taken(room) for room in rooms]
+        finally:
+            over.set()
+            # A thread may wait for room.
+            for room in rooms:
+                with suppress(Empty):
+                    while True:
+                        room.get_nowait()
+
+
+def _taken(room: Queue[Item | _End]) -> Iterator[Item]:
+    while not isinstance(item := room.get(), _End):
+        yield item
+    if item.error is not None:
+        raise item.error
