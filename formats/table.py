@@ -36,6 +36,10 @@ class Labels:
     def __len__(self) -> int:
         return len(self.codes)
 
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Labels:
+        """Return some of the cells, by indices, a mask or a slice."""
+        return Labels(self.codes[rows], self.names)
+
 
 Column: TypeAlias = "NDArray[Any] | Labels"
 #: Columns of one length: float64 (NaN where missing), datetime64[ns] (NaT where missing) or `Labels`.

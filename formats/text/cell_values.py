@@ -1,4 +1,4 @@
-"""Text of cells to numbers, times and labels, in bulk; and texts that a spreadsheet would run."""
+"""Text of cells to numbers, times and labels, in bulk."""
 
 from __future__ import annotations
 
@@ -34,8 +34,6 @@ _TIME = re.compile(
 )
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _NS_LIMIT = 2**63
-#: As OWASP lists them ("CSV injection"), with their wide forms. A sign alone is nothing to run.
-_FORMULA = re.compile(r"'*(?:[=+\-@\uff1d\uff0b\uff0d\uff20].|[\t\r\n])", re.DOTALL)
 
 
 def number_pattern(decimal: str) -> str:
@@ -190,13 +188,3 @@ def _nanoseconds(cell: str | None) -> Any:
         whole -= offset if sign == "+" else -offset
     ns = (whole.days * 86_400 + whole.seconds) * 1_000_000_000 + int((fraction or "0").ljust(9, "0")[:9])
     return np.datetime64(ns, "ns") if -_NS_LIMIT < ns < _NS_LIMIT else np.datetime64("NaT", "ns")
-
-
-def guarded(text: str | None) -> str | None:
-    """Put an apostrophe before a text that a spreadsheet would run; `unguarded` takes it off."""
-    return f"'{text}" if text and _FORMULA.match(text) else text
-
-
-def unguarded(text: str) -> str:
-    """Take off the apostrophe that `guarded` puts before a text."""
-    return text[1:] if text.startswith("'") and _FORMULA.match(text[1:]) else text

@@ -25,9 +25,9 @@ from formats.text.cell_values import (
     kind_of,
     numbers,
     times,
-    unguarded,
 )
 from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line
+from formats.text.formulas import unguarded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

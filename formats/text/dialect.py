@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from formats.errors import FormatError
 from formats.limits import COLUMNS
-from formats.text.cell_values import kind_of, number_pattern, unguarded
+from formats.text.cell_values import kind_of, number_pattern
+from formats.text.formulas import unguarded
 
 if TYPE_CHECKING:
     from formats.table import Kind

@@ -71,7 +71,7 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
     import formats
     from terrain_cli.errors import InputError
     from terrain_cli.processes import parallel
-    from terrain_cli.telemetry.long.excerpt import MOST_ROWS
+    from terrain_cli.telemetry.long_logs import MOST_ROWS
 
     paths = formats.expand(context.params["inputs"])
     most = MOST_ROWS // len(paths)
@@ -147,7 +147,7 @@ def compared(
     from dataclasses import replace
 
     from terrain_cli.improvement.change_trial import fitted
-    from terrain_cli.telemetry.long.excerpt import notes
+    from terrain_cli.telemetry.long_logs import notes
 
     say = partial(progress.say, str(file.path or file.model.base))
     found = fitted(cut, file, like=like, seed=seed, progress=say)

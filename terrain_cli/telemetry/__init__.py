@@ -9,17 +9,15 @@ import numpy as np
 
 import formats
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry import raw_columns
+from terrain_cli.telemetry import raw_columns, tables
 from terrain_cli.telemetry.channel_sources import Plan
 from terrain_cli.telemetry.derive import effect_inputs
 from terrain_cli.telemetry.derive.assembly import assemble, wheel_of
 from terrain_cli.telemetry.derive.conditions import Condition
-from terrain_cli.telemetry.long.excerpt import Excerpt
-from terrain_cli.telemetry.long.long_tables import Request, in_parts
+from terrain_cli.telemetry.long_logs import Excerpt, Request, in_parts
 from terrain_cli.telemetry.plan import derivable_channels, rover_advice
 from terrain_cli.telemetry.plan.mapping import is_table, plan
-from terrain_cli.telemetry.read import tables
-from terrain_cli.telemetry.read.raw_channels import read_raw
+from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Raw, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 
@@ -118,9 +116,9 @@ def read_parts(
     """Read a table of more than some rows part by part, for the line y = c + x tan φ; anything else whole."""
     request = _request(source, rover, wheels, where, effects)
     check = partial(_check, request, compared=False)
-    feeds = (request.layout.shared, *request.layout.wheels.values())
+    timed = any(feed.channel == "time" for feed in request.layout.every_feed)
     # Steady test points belong together by their labels, wherever they stand.
-    begin, rest = _begun(request, rows if any("time" in some for some in feeds) else None)
+    begin, rest = _begun(request, rows if timed else None)
     if begin is not None and rest is not None:
         return in_parts(request, begin, rest, check)
     result = _whole(request, begin, check, compared=False)
@@ -225,8 +223,9 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
     """Split what a condition reads into columns of the file and channels."""
     headers = {f.name for f in layout.source.streams()[0].fields} if is_table(layout.source) else set[str]()
     columns = where.names & headers
-    fed = {channel for feeds in (layout.shared, *layout.wheels.values()) for channel in feeds}
-    known = fed.union(NEEDED, () if is_table(layout.source) else ("time",))
+    known = {feed.channel for feed in layout.every_feed}.union(
+        NEEDED, () if is_table(layout.source) else ("time",)
+    )
     for name in sorted(where.names - headers - known):
         raise InputError(
             f"{layout.source.path}: --where: there is no column {name}{nearest(name, headers | known)}",

@@ -105,6 +105,11 @@ class Plan:
     #: Why the rows of a table without time can hardly be steady test points.
     no_time: InputError | None = None
 
+    @property
+    def every_feed(self) -> list[Feed]:
+        """The shared ones first."""
+        return [feed for feeds in (self.shared, *self.wheels.values()) for feed in feeds.values()]
+
     def feeds(self, wheel: str) -> dict[str, Feed]:
         """Return the feeds of one wheel."""
         return self.shared | self.wheels.get(wheel, {})

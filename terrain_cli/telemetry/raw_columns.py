@@ -9,9 +9,10 @@ import numpy as np
 from formats import LOG_TIME, STAMP, Labels
 from terrain_cli.errors import InputError
 from terrain_cli.processes.memory import most_held
+from terrain_cli.telemetry import alignment
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -34,12 +35,16 @@ def join(columns: Sequence[Column]) -> Column:
     arrays = [column for column in columns if not isinstance(column, Labels)]
     if len(arrays) == len(columns):
         return np.concatenate(arrays) if len(arrays) > 1 else arrays[0]
+    return join_labels([as_labels(column) for column in columns])
+
+
+def join_labels(parts: Sequence[Labels]) -> Labels:
+    """Join labels, their names in order of appearance."""
     names: dict[str, int] = {}
     codes = []
-    for column in columns:
-        piece = as_labels(column)
-        new = np.array([names.setdefault(name, len(names)) for name in piece.names] + [-1], dtype=np.int32)
-        codes.append(new[piece.codes])
+    for part in parts:
+        new = np.array([names.setdefault(name, len(names)) for name in part.names] + [-1], dtype=np.int32)
+        codes.append(new[part.codes])
     return Labels(np.concatenate(codes), tuple(names))
 
 
@@ -92,9 +97,7 @@ def _number(text: str) -> float:
 
 def take(column: Column, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Column:
     """Take some rows of a column."""
-    if isinstance(column, Labels):
-        return Labels(column.codes[rows], column.names)
-    return column[rows]
+    return column.take(rows) if isinstance(column, Labels) else column[rows]
 
 
 def read_whole(source: Source, topic: str, fields: Sequence[str]) -> dict[str, Column]:
@@ -130,6 +133,22 @@ def whole(batches: list[Batch]) -> dict[str, Column]:
     """Join batches, one at least, which are emptied."""
     # One column at a time, so that never more than one is held twice.
     return {name: join([batch.pop(name) for batch in batches]) for name in list(batches[0])}
+
+
+def as_clock(path: str, header: str, column: Column, seconds: Callable[[], Array]) -> tuple[float, Array]:
+    """Return the whole seconds taken off a clock, and those since, which `seconds` reads of numbers."""
+    if isinstance(column, Labels):
+        raise InputError(
+            f"{path}: column {header!r} holds texts that are no times, such as {column.names[0]!r}",
+            hint="times are seconds, or ISO 8601 such as 2026-11-21T08:00:00Z",
+        )
+    if column.dtype.kind == "M":
+        known = column[~np.isnat(column)]
+        origin = float(known[0].astype("datetime64[s]").astype(np.int64)) if len(known) else 0.0
+        return origin, alignment.seconds(column, origin)
+    values = seconds()
+    origin = alignment.origin_of(values)
+    return origin, np.round(values - origin, 6) if origin else values
 
 
 def begin(source: Source, fields: Sequence[str], rows: int) -> tuple[list[Batch], Iterator[Batch] | None]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from terrain_cli.errors import InputError
 from terrain_cli.vocabulary import units
@@ -178,15 +178,6 @@ class Match:
     stated: bool
 
 
-class Resolution(NamedTuple):
-    """What the headers of one table or message are."""
-
-    #: channel → (header, match).
-    channels: dict[str, tuple[str, Match]]
-    #: Every other header → its unit, where it states one.
-    extras: dict[str, Unit | None]
-
-
 def _look_up(name: str, *, letters: bool) -> Channel | None:
     for text in (name, _MEASURED.sub("", name)):
         channel = (_LETTERS.get(text) if letters else None) or _WORDS.get(_GAP.sub("_", text).casefold())
@@ -264,8 +255,8 @@ def stated_unit(header: str, dimension: str | None = None) -> Unit | None:
     return next(filter(None, (units.parse(text, dimension) for text in readings)), None)
 
 
-def resolve(headers: Iterable[str], *, letters: bool = True, chosen: Collection[str] = ()) -> Resolution:
-    """Say what each header of a table is; the channel's own name wins over an alias.
+def resolve(headers: Iterable[str], *, chosen: Collection[str] = ()) -> dict[str, tuple[str, Match]]:
+    """Find the header, and what it says, of each channel; the channel's own name wins over an alias.
 
     InputError where two headers mean one channel equally well, or one has a wrong unit.
     """
@@ -273,7 +264,7 @@ def resolve(headers: Iterable[str], *, letters: bool = True, chosen: Collection[
     bare = CHANNELS.keys() & set(headers)
     found: dict[str, list[tuple[str, Match]]] = {}
     for header in headers:
-        match = identify(header, letters=letters, chosen=chosen if header in bare else bare.union(chosen))
+        match = identify(header, chosen=chosen if header in bare else bare.union(chosen))
         if match:
             found.setdefault(match.channel, []).append((header, match))
     channels: dict[str, tuple[str, Match]] = {}
@@ -285,5 +276,4 @@ def resolve(headers: Iterable[str], *, letters: bool = True, chosen: Collection[
                 hint=f'choose one in rover.toml: [channels] {channel} = "{best[0][0]}"',
             )
         channels[channel] = best[0]
-    taken = {header for header, _ in channels.values()}
-    return Resolution(channels, {header: stated_unit(header) for header in headers if header not in taken})
+    return channels

@@ -44,14 +44,6 @@ class Unit:
             return values
         return values * self.factor + self.offset
 
-    @overload
-    def from_si(self, values: float) -> float: ...
-    @overload
-    def from_si(self, values: NDArray[np.float64]) -> NDArray[np.float64]: ...
-    def from_si(self, values: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
-        """Return values of the program in this unit: the inverse of `to_si`."""
-        return (values - self.offset) / self.factor
-
 
 #: dimension → symbol → (factor, further spellings). The first unit is the program's own.
 _TABLE: dict[str, dict[str, tuple[float, str]]] = {

@@ -11,7 +11,7 @@ from formats import Labels
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry import Geometry, Samples
 from terrain_cli.windows import locations
-from terrain_cli.windows.locations.position_join import Placed
+from terrain_cli.windows.locations import Placed
 
 T0 = 1_754_000_000.0
 

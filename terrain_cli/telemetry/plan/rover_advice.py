@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from terrain_cli.telemetry.plan import standard_messages
+from terrain_cli.telemetry.plan import topic_discovery
 from terrain_cli.telemetry.plan.derivable_channels import NOWHERE
 from terrain_cli.telemetry.plan.mapping import is_table
 from terrain_cli.telemetry.plan.topic_discovery import OF_WHEELS
@@ -128,7 +128,7 @@ def _topic(plan: Plan, wheel: str, channel: str) -> list[str]:
     joints = [
         (stream.topic, names)
         for stream in (streams if channel == "torque" else ())
-        if stream.type == standard_messages.JOINT_STATE
+        if stream.type == topic_discovery.JOINT_STATE
         and (names := next((f.elements for f in stream.fields if f.name == "effort"), ()))
     ]
     # Of several topics of joints that which has the one called as the wheel.
@@ -151,10 +151,8 @@ def _fitting(plan: Plan, dimension: str) -> Iterator[str]:
     """Yield the topics that are not used with their fields of one number, which may be of a dimension."""
     for stream in plan.source.streams():
         for field in stream.fields if not _used(plan, stream.topic) else ():
-            symbol = standard_messages.unit_symbol(stream.type, field.name)
-            known = (
-                units.parse(symbol, dimension) if symbol else not standard_messages.is_standard(stream.type)
-            )
+            symbol = topic_discovery.unit_symbol(stream.type, field.name)
+            known = units.parse(symbol, dimension) if symbol else not topic_discovery.is_standard(stream.type)
             if field.kind == "number" and known and not field.name.startswith("header."):
                 yield f"{stream.topic} {field.name}"
 
@@ -177,5 +175,4 @@ def _is_value(stream: Stream) -> bool:
 
 
 def _used(plan: Plan, topic: str) -> bool:
-    feeds = (*plan.shared.values(), *(feed for its in plan.wheels.values() for feed in its.values()))
-    return any(feed.topic == topic for feed in feeds)
+    return any(feed.topic == topic for feed in plan.every_feed)

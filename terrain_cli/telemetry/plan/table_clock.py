@@ -92,8 +92,7 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
 
 
 def _unused(plan: Plan) -> list[str]:
-    every = [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
-    used = {name for feed in every for name in feed.fields} | set(plan.labels.values())
+    used = {name for feed in plan.every_feed for name in feed.fields} | set(plan.labels.values())
     return [f.name for f in plan.source.streams()[0].fields if f.name not in used]
 
 
@@ -147,13 +146,10 @@ def _rise(column: Column, wheels: Labels | None, *, whole: bool = False) -> _Ris
 
 def _feed(name: TimeName) -> Feed:
     if len(name.headers) == 1:
-        return Feed(
-            channel="time", topic="", fields=name.headers, unit=name.unit, note="recognised by its name"
-        )
+        return Feed(channel="time", fields=name.headers, unit=name.unit, note="recognised by its name")
     factor = name.unit.factor
     return Feed(
         channel="time",
-        topic="",
         fields=name.headers,
         unit=CHANNELS["time"].unit,
         combine=lambda seconds, beyond: seconds + beyond * factor,

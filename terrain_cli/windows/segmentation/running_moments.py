@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.windows.segmentation import block_sums
+from terrain_cli.windows.segmentation import sample_blocks
 from terrain_cli.windows.segmentation.line_costs import (
     MIDDLE_SLOPE,
     NOISE_XX,
@@ -18,7 +18,7 @@ from terrain_cli.windows.segmentation.line_costs import (
     X,
     across,
 )
-from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
+from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
 from terrain_cli.windows.segmentation.sensor_noise import tame
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class RunningMoments:
         self.edges = np.append(np.arange(0, len(x), step, dtype=np.intp), len(x))
         self.samples = ReplacedSamples(x, y)
         sums, self.noise = tame(self.samples, step)
-        number = block_sums.sizes(len(x), step)
+        number = sample_blocks.sizes(len(x), step)
         noise_xx, noise_xy, noise_yy = self.noise
         self._weight = 1.0 / across(noise_xx, noise_xy, noise_yy, MIDDLE_SLOPE)
         #: Sums over all blocks before each, shape (10, blocks + 1).

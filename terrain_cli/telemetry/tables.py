@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from formats import LOG_TIME, Labels
-from terrain_cli.errors import InputError
-from terrain_cli.telemetry import alignment, raw_columns
-from terrain_cli.telemetry.read import own_clocks
+from terrain_cli.telemetry import own_clocks, raw_columns
 from terrain_cli.telemetry.wheel_names import match_name
 from terrain_cli.telemetry.wheel_samples import Raw
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
@@ -28,8 +26,7 @@ if TYPE_CHECKING:
 def fields(plan: Plan, wanted: Collection[str], extras: Sequence[str]) -> list[str]:
     """Name the columns to read for some channels; those without a feed are passed over."""
     label = plan.labels.get("")
-    every = [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
-    names = {name for feed in every if feed.channel in wanted for name in feed.fields}
+    names = {name for feed in plan.every_feed if feed.channel in wanted for name in feed.fields}
     return sorted(names.union(extras, [label] if label else []))
 
 
@@ -133,19 +130,10 @@ def _wheel(
 
 def _time(path: str, feed: Feed, several: list[Column]) -> tuple[float, Array]:
     """Return the origin of a clock and the seconds since."""
-    column = several[0]
-    if isinstance(column, Labels):
-        raise InputError(
-            f"{path}: column {feed.fields[0]!r} holds texts that are no times, such as {column.names[0]!r}",
-            hint="times are seconds, or ISO 8601 such as 2026-11-21T08:00:00Z",
-        )
-    exact = feed.scale == 1.0 and feed.offset == 0.0
-    if exact and column.dtype.kind in "iu" and feed.unit and feed.unit.symbol == "ns":
-        column = column.astype("datetime64[ns]")
-    if column.dtype.kind == "M":
-        known = column[~np.isnat(column)]
-        origin = float(known[0].astype("datetime64[s]").astype(np.int64)) if len(known) else 0.0
-        return origin, alignment.seconds(column, origin)
-    values = feed.si([raw_columns.as_numbers(one) for one in several])
-    origin = alignment.origin_of(values)
-    return origin, np.round(values - origin, 6) if origin else values
+    column, exact = several[0], feed.scale == 1.0 and feed.offset == 0.0
+    whole = not isinstance(column, Labels) and column.dtype.kind in "iu"
+    if exact and whole and feed.unit and feed.unit.symbol == "ns":
+        column = np.asarray(column, "datetime64[ns]")
+    return raw_columns.as_clock(
+        path, feed.fields[0], column, lambda: feed.si([raw_columns.as_numbers(one) for one in several])
+    )

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from formats import LOG_TIME, Labels
-from terrain_cli.telemetry import alignment, raw_columns
+from terrain_cli.telemetry import alignment, own_clocks, raw_columns
 from terrain_cli.telemetry.channel_sources import CLOCKS
-from terrain_cli.telemetry.read import own_clocks
 from terrain_cli.telemetry.wheel_names import match_name
 from terrain_cli.telemetry.wheel_samples import Raw
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
@@ -63,14 +62,10 @@ class _Bridges:
 def fields(plan: Plan, wanted: Collection[str]) -> dict[str, list[str]]:
     """Tell which fields of which topics are read for some channels; those without a feed are passed over."""
     found: dict[str, set[str]] = {}
-    for feed in _feeds(plan):
+    for feed in plan.every_feed:
         if feed.channel in wanted and feed.topic:
             found.setdefault(feed.topic, {*filter(None, [plan.labels.get(feed.topic)])}).update(feed.fields)
     return {topic: sorted(names) for topic, names in found.items()}
-
-
-def _feeds(plan: Plan) -> list[Feed]:
-    return [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
 
 
 def wheels(
@@ -91,7 +86,8 @@ def wheels(
         topics[topic] = _Topic(times[topic], table, raw_columns.as_labels(table[label]) if label else None)
     # The torque's labels name the wheels; other topics may tell of fewer.
     ordered = sorted(
-        _feeds(plan), key=lambda feed: CLOCKS.index(feed.channel) if feed.channel in CLOCKS else len(CLOCKS)
+        plan.every_feed,
+        key=lambda feed: CLOCKS.index(feed.channel) if feed.channel in CLOCKS else len(CLOCKS),
     )
     labels = (topics[feed.topic].wheels for feed in ordered if feed.topic in topics)
     result = []

@@ -1,23 +1,24 @@
-"""The samples of a long table part by part, as if it had been read whole."""
+"""Logs too long to be held at once: an excerpt of pieces, and the samples of a long table part by part."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from formats import Labels
+from formats.recovery import told
 from terrain_cli.processes.memory import keep_freed
-from terrain_cli.telemetry import alignment, raw_columns
+from terrain_cli.telemetry import alignment, own_clocks, raw_columns, tables
 from terrain_cli.telemetry.derive import plausibility, usable_samples
 from terrain_cli.telemetry.derive.assembly import assemble
-from terrain_cli.telemetry.derive.doubts import Doubt
 from terrain_cli.telemetry.derive.effect_inputs import ANGLE
-from terrain_cli.telemetry.derive.unit_evidence import UnitEvidence
-from terrain_cli.telemetry.read import own_clocks, tables
-from terrain_cli.telemetry.read.raw_channels import choose_wheels, labels_there
+from terrain_cli.telemetry.derive.unit_doubts import Doubt, UnitEvidence
+from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
 from terrain_cli.telemetry.wheel_names import match_name
+from terrain_cli.telemetry.wheel_samples import Notice, joined_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -29,16 +30,108 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry.channel_sources import Plan
     from terrain_cli.telemetry.derive.conditions import Condition
-    from terrain_cli.telemetry.read.own_clocks import OwnClocks
+    from terrain_cli.telemetry.own_clocks import OwnClocks
     from terrain_cli.telemetry.wheel_samples import Raw, Samples
 
     Array = NDArray[np.float64]
 
+#: Rows that are read whole, of all inputs together, where only a share of them is compared.
+MOST_ROWS = 2_000_000
+#: Usable samples of a piece.
+PIECE = 1000
 #: Rows in a part, and rows on either side that are looked at with it: where a clock restarts, what
 #: a rate is, and across which gap a channel is interpolated depends on neighbours.
 ROWS, BESIDE = 1 << 17, 4096
 #: Number of the row of each sample, among its further columns.
 _ROW = "@row"
+
+
+class Excerpt:
+    """Every so many pieces of the usable samples of each wheel, so many that no more than a limit are kept.
+
+    The length of the log need not be known: where the limit is passed, every second piece goes.
+
+    At least half of the limit are kept, if there are more. The parts of each wheel are consecutive.
+    """
+
+    def __init__(self, most: int, parts: Iterable[Samples]) -> None:
+        self._most, self._step = most, 1
+        self._kept: dict[str, list[tuple[Samples, NDArray[np.intp]]]] = {}
+        self._seen: Counter[str] = Counter()
+        self._rows: Counter[str] = Counter()
+        for part in parts:
+            self._add(part)
+
+    def _add(self, part: Samples) -> None:
+        usable, wheel = part.usable, part.wheel
+        number = self._seen[wheel] + np.arange(len(usable))
+        self._seen[wheel] += len(usable)
+        self._rows[wheel] += len(part)
+        kept = self._chosen(number)
+        self._kept.setdefault(wheel, []).append((part.taken(usable[kept]), number[kept]))
+        while sum(len(numbers) for pieces in self._kept.values() for _, numbers in pieces) > self._most:
+            self._step *= 2
+            for wheel, pieces in self._kept.items():
+                thinned = [(samples.taken(c), n[c]) for samples, n in pieces for c in [self._chosen(n)]]
+                self._kept[wheel] = [one for one in thinned if len(one[1])] or thinned[:1]
+
+    def _chosen(self, number: NDArray[np.intp]) -> NDArray[np.bool_]:
+        return np.asarray(number // PIECE % self._step == 0)
+
+    def samples(self) -> list[Samples]:
+        """Return the usable samples kept, by wheel; those of different pieces are of different stretches."""
+        return [self._joined(wheel) for wheel in sorted(self._kept)]
+
+    def _joined(self, wheel: str) -> Samples:
+        pieces = self._kept.pop(wheel)
+        number = np.concatenate([numbers for _, numbers in pieces])
+        whole = joined([samples for samples, _ in pieces])
+        broken = (np.diff(number, prepend=number[:1]) > 1) | (
+            np.diff(whole.stretch, prepend=whole.stretch[:1]) != 0
+        )
+        total = self._seen[wheel] if self._rows[wheel] else None
+        return replace(whole, stretch=np.cumsum(broken), drive=whole.stretch, total=total)
+
+
+def joined(parts: Sequence[Samples]) -> Samples:
+    """Join parts of one wheel, with the words of the first."""
+
+    def optional(values: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+        known = [value for value in values if value is not None]
+        return np.concatenate(known) if known else None
+
+    first = parts[0]
+    return replace(
+        first,
+        time=optional([part.time for part in parts]),
+        channels=joined_columns(parts, lambda part: part.channels),
+        labels={
+            name: raw_columns.join_labels([part.labels[name] for part in parts]) for name in first.labels
+        },
+        stretch=np.concatenate([part.stretch for part in parts]),
+        distance=optional([part.distance for part in parts]),
+        set_aside=raw_columns.join_labels([part.set_aside for part in parts]),
+        drivers=joined_columns(parts, lambda part: part.drivers),
+    )
+
+
+def excerpted(samples: Sequence[Samples]) -> list[str]:
+    """Say of how many samples how many were kept, if not all were."""
+    total = sum(len(one.usable) if one.total is None else one.total for one in samples)
+    kept = sum(len(one.usable) for one in samples)
+    if kept == total:
+        return []
+    return [f"{kept} of {total} samples are read, in unbroken pieces of {PIECE} spread over each input"]
+
+
+def notes(samples: Sequence[Samples]) -> list[str]:
+    """Say what was not read of some inputs, lost or left out, and what every command says of them."""
+    saved = [
+        f"{one.source}: {remark}"
+        for one in samples
+        for remark in [*told(one.remarks), *(r for r in one.remarks if isinstance(r, Notice))]
+    ]
+    return [*dict.fromkeys(saved), *excerpted(samples)]
 
 
 @dataclass(frozen=True, kw_only=True)
