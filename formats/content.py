@@ -15,7 +15,6 @@ from formats.recovery import HINT
 if TYPE_CHECKING:
     from formats.recovery import Recovery
 
-STANDARD_INPUT = "standard input"
 #: Enough for every signature below.
 HEAD_BYTES = 64
 #: Bytes that wait for the end of the file, so that a row which is cut off can be left out.

@@ -14,7 +14,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from formats.content import STANDARD_INPUT
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import (
     COLUMNS,
@@ -76,7 +75,7 @@ class ParquetSource(Source):
                 if len(set(part.schema_arrow.names)) < len(part.schema_arrow.names):
                     raise FormatError(self._name(file), "two columns have the same name")
         if not self._rows:
-            raise FormatError(self._label, "has columns but no rows")
+            raise FormatError(self.label, "has columns but no rows")
         self._partitions = {key for values in self._parts.values() for key in values}
         for key in sorted(self._partitions):
             texts = [values.get(key, "") for values in self._parts.values()]
@@ -85,10 +84,6 @@ class ParquetSource(Source):
             self.remarks.append(
                 f"columns passed over, being neither numbers, texts nor times: {', '.join(passed_over)}"
             )
-
-    @property
-    def _label(self) -> str:
-        return STANDARD_INPUT if self.path == "-" else self.path
 
     def streams(self) -> tuple[Stream, ...]:
         """Return the one table."""
@@ -99,7 +94,7 @@ class ParquetSource(Source):
         """Read the named columns, in the order of the parts."""
         for name in fields:
             if topic or name not in self._kinds:
-                raise FormatError(self._label, f"has no column {name!r}")
+                raise FormatError(self.label, f"has no column {name!r}")
         names = {field: Names() for field in fields}
         for file, partition in self._parts.items():
             with ExitStack() as stack:
@@ -147,7 +142,7 @@ class ParquetSource(Source):
                 self.recovery.checked = self.recovery.checked and checked
             self.recovery.bytes_expected = (self.recovery.bytes_expected or 0) + size
         if not readable:
-            raise DamagedError(self._label, f"none of its {len(files)} parts is whole", hint=_LOST)
+            raise DamagedError(self.label, f"none of its {len(files)} parts is whole", hint=_LOST)
         self.recovery.read, self.recovery.expected = len(readable), len(files)
         self.remarks += self.recovery.sentences()
         return readable
@@ -189,7 +184,7 @@ class ParquetSource(Source):
             return False
 
     def _name(self, file: str) -> str:
-        return file if len(self._parts) > 1 else self._label
+        return file if len(self._parts) > 1 else self.label
 
     def _open(self, file: str, metadata: Any = None) -> Any:
         try:

@@ -132,11 +132,7 @@ def write_table(
 
 
 def write_parts(
-    parts: Iterable[Mapping[str, Values]],
-    destination: str,
-    *,
-    crs: str | None = None,
-    geometry: str = "WKT",
+    parts: Iterable[Mapping[str, Values]], destination: str, *, crs: str | None = None, geometry: str = "WKT"
 ) -> None:
     """Write a table as Parquet, whole or not at all, of which only a part is held at a time.
 

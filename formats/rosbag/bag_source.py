@@ -205,16 +205,12 @@ class BagSource(Source):
         field = fields.get(name)
         if field is None or (bracket and not element.endswith("]")):
             raise FormatError(
-                self.path,
-                f"{stream.topic} has no field {asked!r}",
-                hint=nearest(name, fields, "fields"),
+                self.path, f"{stream.topic} has no field {asked!r}", hint=nearest(name, fields, "fields")
             )
         if field.kind not in {"numbers", "texts"}:
             if bracket:
                 raise FormatError(
-                    self.path,
-                    f"{stream.topic}: {name} is one value, not a list",
-                    hint=f"ask for {name}",
+                    self.path, f"{stream.topic}: {name} is one value, not a list", hint=f"ask for {name}"
                 )
             return FieldRequest(asked, name, field.kind)
         if not bracket:
@@ -249,8 +245,3 @@ class BagSource(Source):
 
 def _lists(decoder: Decoder) -> list[Leaf]:
     return [leaf for leaf in decoder.definition.leaves.values() if leaf.kind in {"numbers", "texts"}]
-
-
-def open_bag(path: str, kind: str, *, salvage: bool = False) -> BagSource:
-    """Open a bag."""
-    return BagSource(path, kind, salvage=salvage)

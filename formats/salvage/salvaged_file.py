@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import mmap
 from abc import ABC, abstractmethod
+from binascii import crc32
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from formats.limits import CONNECTIONS, Allowance, TooMuchError, unpacked_limit
+from formats.limits import CHUNK_BYTES, CONNECTIONS, Allowance, TooMuchError, unpacked_limit
 from formats.recovery import Recovery
 from formats.rosbag.storage.raw_messages import WILD, Messages
+from formats.rosbag.storage.unpacking import unpack
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -64,6 +66,10 @@ class SalvagedFile(ABC):
         #: First and last log time of what can be read, as it lies in the file; None where something is lost.
         self.walk: list[Span | None] = []
         self.data: mmap.mmap | bytes = b""
+        #: No checksum vouches for some of it.
+        self.unchecked = False
+        #: Messages in no chunk, as rows of a piece, places being those in the file.
+        self._loose: list[tuple[int, int, int, int]] = []
 
     def open(self) -> None:
         """Find the readable pieces."""
@@ -91,6 +97,29 @@ class SalvagedFile(ABC):
         if damage:
             self.lose(damage)
 
+    def take_loose(self, row: tuple[int, int, int, int]) -> None:
+        """Take a message that is in no chunk, once those behind it are known; nothing vouches for it."""
+        self._loose.append(row)
+        if row[2] + row[3] - self._loose[0][2] > CHUNK_BYTES >> 5:
+            self.end_loose()
+
+    def end_loose(self) -> None:
+        """Take the messages that wait for those behind them."""
+        if self._loose:
+            first, last = self._loose[0][2], self._loose[-1][2] + self._loose[-1][3]
+            rows = rows_of([(number, time, begin - first, size) for number, time, begin, size in self._loose])
+            self._loose, self.unchecked = [], True
+            self.take(rows, tame(rows), lambda: self.data[first:last])
+
+    def contents(self, begin: int, end: int, packing: str, size: int, checksum: int = 0) -> bytes:
+        """Return what a chunk there unpacks to, if that is as it says."""
+        raw = unpack(self.data[begin:end], packing, size)
+        if len(raw) != size:
+            raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
+        if checksum and crc32(raw) != checksum:
+            raise ValueError("its checksum is wrong")
+        return raw
+
     def unpacked(self, load: Callable[[], bytes], stored: int, size: int) -> bytes | str:
         """Unpack a chunk, or say why that cannot be.
 
@@ -105,6 +134,7 @@ class SalvagedFile(ABC):
 
     def lose(self, damage: str) -> None:
         """Note that something is lost here."""
+        self.end_loose()
         if damage not in self.recovery.damage:
             self.recovery.damage.append(damage)
         if not self.walk or self.walk[-1] is not None:

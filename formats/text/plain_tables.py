@@ -37,11 +37,7 @@ class OddError(Exception):
 
 
 def columns(
-    stream: TextStream | io.FileIO,
-    delimiter: str,
-    decimal: str,
-    width: int,
-    kinds: Mapping[int, pa.DataType],
+    stream: TextStream | io.FileIO, delimiter: str, decimal: str, width: int, kinds: Mapping[int, pa.DataType]
 ) -> Generator[list[pa.Array], None, None]:
     """Read some columns of the rows that a stream still has.
 

@@ -32,9 +32,7 @@ def jobs(count: int) -> Iterator[None]:
 
 
 def each(
-    function: Callable[[Item], Result],
-    items: Sequence[Item],
-    before: Callable[[Item], None] = lambda _: None,
+    function: Callable[[Item], Result], items: Sequence[Item], before: Callable[[Item], None] = lambda _: None
 ) -> list[Result]:
     """Return what a function makes of each item, in their order.
 

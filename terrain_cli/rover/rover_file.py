@@ -274,11 +274,7 @@ _FILE = table(
                 {**_WHEEL, "position": vector(3, "[x, y, z]", _REACH), "channels": _CHANNELS, "motor": _MOTOR}
             )
         ),
-        "soil": table(
-            {
-                "shear_modulus": _modulus,
-            }
-        ),
+        "soil": table({"shear_modulus": _modulus}),
         "channels": _CHANNELS,
         "motor": _MOTOR,
         "vehicle": _vehicle,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -46,27 +46,9 @@ __all__ = [
 _PREDICTED = ("torque", "drawbar_pull", "sinkage")
 
 
-def read(
-    path: str,
-    rover: Rover,
-    *,
-    wheels: Collection[str] = (),
-    where: Condition | None = None,
-    effects: Sequence[Effect] | None = None,
-    compared: bool = False,
-    most: int | None = None,
-    salvage: bool = False,
-) -> list[Samples]:
+def read(path: str, rover: Rover, *, salvage: bool = False, **options: Any) -> list[Samples]:
     """Read the samples of every wheel of a log (a file, a folder that is one, "-"); see `read_source`."""
-    return read_source(
-        formats.open_source(path, salvage=salvage),
-        rover,
-        wheels=wheels,
-        where=where,
-        effects=effects,
-        compared=compared,
-        most=most,
-    )
+    return read_source(formats.open_source(path, salvage=salvage), rover, **options)
 
 
 def read_source(

@@ -151,10 +151,7 @@ class Request:
 
 
 def in_parts(
-    request: Request,
-    begin: list[Batch],
-    rest: Iterable[Batch],
-    check: Callable[[list[Raw]], None],
+    request: Request, begin: list[Batch], rest: Iterable[Batch], check: Callable[[list[Raw]], None]
 ) -> Iterator[Samples]:
     """Yield the samples of a table part by part.
 
@@ -191,13 +188,7 @@ def in_parts(
             end.bring(raw, first, last, rover.max_gap)
             end.count_on(raw)
             samples = assemble(
-                layout,
-                raw,
-                rover,
-                request.where,
-                request.effects,
-                (*layout.extras, _ROW),
-                checked=end.begun,
+                layout, raw, rover, request.where, request.effects, (*layout.extras, _ROW), checked=end.begun
             )
             if not end.begun:
                 told = samples.remarks[len(source.remarks) :]

@@ -58,11 +58,7 @@ _TABLE: dict[str, dict[str, tuple[float, str]]] = {
         "ft": (_FOOT, "foot feet"),
     },
     # "grad" is left out: a gon to some and a degree to others.
-    "angle": {
-        "rad": (1.0, "radian radians"),
-        "mrad": (1e-3, ""),
-        "deg": (DEGREE, "° degree degrees"),
-    },
+    "angle": {"rad": (1.0, "radian radians"), "mrad": (1e-3, ""), "deg": (DEGREE, "° degree degrees")},
     "coordinate": {"deg": (1.0, "° degree degrees"), "rad": (1.0 / DEGREE, "radian radians")},
     "force": {
         "N": (1.0, "newton newtons"),
@@ -92,11 +88,7 @@ _TABLE: dict[str, dict[str, tuple[float, str]]] = {
         "mm/s": (1e-3, "mmps"),
         "km/h": (1.0 / 3.6, "kmh kph kmph"),
     },
-    "acceleration": {
-        "m/s²": (1.0, "m/s/s mps2"),
-        "mm/s²": (1e-3, ""),
-        "g": (STANDARD_GRAVITY, "g0"),
-    },
+    "acceleration": {"m/s²": (1.0, "m/s/s mps2"), "mm/s²": (1e-3, ""), "g": (STANDARD_GRAVITY, "g0")},
     "current": {"A": (1.0, "amp amps ampere amperes"), "mA": (1e-3, "")},
     "temperature": {"°C": (1.0, "degC deg_C C celsius"), "K": (1.0, "kelvin")},
     "time": {
