@@ -9,8 +9,7 @@ import numpy as np
 
 from formats import LOG_TIME, Labels
 from terrain_cli.telemetry import alignment, own_clocks, raw_columns
-from terrain_cli.telemetry.channel_sources import CLOCKS
-from terrain_cli.telemetry.wheel_names import match_name
+from terrain_cli.telemetry.channel_sources import CLOCKS, match_name
 from terrain_cli.telemetry.wheel_samples import Raw
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 

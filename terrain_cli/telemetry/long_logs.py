@@ -12,12 +12,12 @@ from formats import Labels
 from formats.recovery import told
 from terrain_cli.processes.memory import keep_freed
 from terrain_cli.telemetry import alignment, own_clocks, raw_columns, tables
+from terrain_cli.telemetry.channel_sources import match_name
 from terrain_cli.telemetry.derive import plausibility, usable_samples
 from terrain_cli.telemetry.derive.assembly import assemble
 from terrain_cli.telemetry.derive.effect_inputs import ANGLE
 from terrain_cli.telemetry.derive.unit_doubts import Doubt, UnitEvidence
 from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
-from terrain_cli.telemetry.wheel_names import match_name
 from terrain_cli.telemetry.wheel_samples import Notice, joined_columns
 
 if TYPE_CHECKING:

@@ -8,10 +8,9 @@ import numpy as np
 
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.telemetry import bags, tables
-from terrain_cli.telemetry.channel_sources import CLOCKS
+from terrain_cli.telemetry.channel_sources import CLOCKS, match_name
 from terrain_cli.telemetry.plan.mapping import is_table, only_wheel
 from terrain_cli.telemetry.raw_columns import read_topics
-from terrain_cli.telemetry.wheel_names import match_name
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence

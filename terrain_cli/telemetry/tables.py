@@ -8,7 +8,7 @@ import numpy as np
 
 from formats import LOG_TIME, Labels
 from terrain_cli.telemetry import own_clocks, raw_columns
-from terrain_cli.telemetry.wheel_names import match_name
+from terrain_cli.telemetry.channel_sources import match_name
 from terrain_cli.telemetry.wheel_samples import Raw
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 

@@ -32,9 +32,9 @@ def test_a_channels_name_is_taken_as_it_is(name):
 
 
 def test_no_alias_belongs_to_two_channels():
-    words = [word for c in CHANNELS.values() for word in {c.name, *c.aliases, *c.letters}]
+    words = [word for c in CHANNELS.values() for word in {c.name, *c.aliases.split(), *c.letters}]
     assert len(words) == len(set(words))
-    assert all(word == word.lower() for c in CHANNELS.values() for word in c.aliases)
+    assert all(word == word.lower() for c in CHANNELS.values() for word in c.aliases.split())
 
 
 @pytest.mark.parametrize(

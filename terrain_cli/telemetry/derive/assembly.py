@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.telemetry import alignment, derived_channels
+from terrain_cli.telemetry.channel_sources import match_name
 from terrain_cli.telemetry.derive import effect_inputs, plausibility, usable_samples
 from terrain_cli.telemetry.derive.unit_doubts import UnitEvidence
 from terrain_cli.telemetry.plan import derivable_channels
 from terrain_cli.telemetry.raw_columns import as_numbers
-from terrain_cli.telemetry.wheel_names import match_name
 from terrain_cli.telemetry.wheel_samples import Geometry, Raw, Samples
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit

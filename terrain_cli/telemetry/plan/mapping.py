@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry.channel_sources import CLOCKS, Feed, Plan
+from terrain_cli.telemetry.channel_sources import CLOCKS, Feed, Plan, match_name
 from terrain_cli.telemetry.plan import table_clock, topic_discovery
 from terrain_cli.telemetry.raw_columns import as_numbers
-from terrain_cli.telemetry.wheel_names import match_name
-from terrain_cli.vocabulary import time_names, units
-from terrain_cli.vocabulary.channels import CHANNELS, identify, resolve, stated_unit, unit_hint
+from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.channels import CHANNELS, identify, resolve, stated_unit, time_pairs, unit_hint
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -71,7 +70,7 @@ def _plan_table(result: Plan, stream: Stream, asked: dict[str, dict[str, Feed]],
     chosen = _given(asked) | ({"wheel"} if "" in result.labels else set())
     headers = [f.name for f in stream.fields]
     settled = steady or "time" in headers or any("time" in feeds for feeds in asked.values())
-    pairs = [] if settled else time_names.pairs(headers)
+    pairs = [] if settled else time_pairs(headers)
     halves = {header for pair in pairs for header in pair.headers}
     try:
         channels = resolve(

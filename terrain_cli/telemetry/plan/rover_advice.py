@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from terrain_cli.telemetry.channel_sources import match_name
 from terrain_cli.telemetry.plan import topic_discovery
 from terrain_cli.telemetry.plan.derivable_channels import NOWHERE
 from terrain_cli.telemetry.plan.mapping import is_table
 from terrain_cli.telemetry.plan.topic_discovery import OF_WHEELS
-from terrain_cli.telemetry.wheel_names import match_name
 from terrain_cli.toml import toml_text
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit

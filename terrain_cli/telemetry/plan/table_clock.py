@@ -14,15 +14,14 @@ from terrain_cli.telemetry.channel_sources import Feed
 from terrain_cli.telemetry.raw_columns import as_labels, as_numbers, take
 from terrain_cli.telemetry.wheel_samples import Notice
 from terrain_cli.toml import toml_text
-from terrain_cli.vocabulary import time_names
-from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
+from terrain_cli.vocabulary.channels import CHANNELS, stated_unit, time_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Generator, Mapping, Sequence
 
     from formats import Batch, Column, Source
     from terrain_cli.telemetry.channel_sources import Plan
-    from terrain_cli.vocabulary.time_names import TimeName
+    from terrain_cli.vocabulary.channels import TimeName
 
 #: Rows that are looked at.
 _ROWS = 65_536
@@ -68,7 +67,7 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
     source, known = plan.source, plan.shared.get("time")
     unused = _unused(plan)
     halves = {header for pair in pairs for header in pair.headers}
-    names = time_names.names(header for header in unused if header not in halves)
+    names = time_names(header for header in unused if header not in halves)
     if known and not (pairs or names):
         return
     label = plan.labels.get("")

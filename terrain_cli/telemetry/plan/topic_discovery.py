@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.telemetry.channel_sources import Feed
-from terrain_cli.telemetry.wheel_names import match_name
+from terrain_cli.telemetry.channel_sources import Feed, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, identify
 
