@@ -30,9 +30,7 @@ class FileKind(NamedTuple):
     title: str
     #: As a remark says that it was found.
     found: str
-    #: Names that promise it.
     endings: tuple[str, ...]
-    #: It can be read from a pipe.
     piped: bool = False
 
 

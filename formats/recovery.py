@@ -30,7 +30,6 @@ class Recovery:
     what: str = "messages"
     #: What is wrong with the file, in the order of its bytes; nothing for a whole file.
     damage: list[str] = field(default_factory=list)
-    #: Messages or rows that can be read.
     read: int = 0
     #: How many there were, where something tells it.
     expected: int | None = None

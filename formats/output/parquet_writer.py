@@ -49,7 +49,6 @@ def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry:
 class Extent:
     """What kinds of shapes there are, and the box around them."""
 
-    #: As GeoParquet names them.
     kinds: set[str] = field(default_factory=set)
     #: The least and the largest x and y.
     low: tuple[float, float] | None = None

@@ -150,7 +150,6 @@ class Recording:
         self.path, self.kind = path, kind
         self.remarks: list[str] = []
         self.damage: list[str] = []
-        #: Files are not there.
         self.missing = False
         #: Each message is packed by itself.
         self.compressed_messages = False

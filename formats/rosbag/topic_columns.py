@@ -53,9 +53,6 @@ class Reading:
         self._waiting: list[list[Values]] = []
         self._rows = 0
 
-    def __hash__(self) -> int:
-        return id(self)
-
     def pieces(self, run: Run) -> Iterator[Run]:
         """Part messages so that those of the batches before a damaged one are read."""
         if len(run) > 1:

@@ -36,10 +36,8 @@ _WAITING_PARTS = 50_000
 class Piece:
     """Messages that lie together, each vouched for by all that the file says of it."""
 
-    #: Number of the connection, log time in ns, where the payload begins in the contents, its size; shape (n,
-    #: 4).
+    #: Connection, log time in ns, where the payload begins in the contents, its size: shape (n, 4).
     rows: Index
-    #: Returns the contents.
     load: Callable[[], bytes]
 
     @property

@@ -29,7 +29,6 @@ class ChannelEntry:
     channel: str
     #: Where this stands, such as ``rover.toml: channels.torque``, for messages.
     place: str
-    #: Header of a table.
     column: str | None = None
     #: Topic of a bag and dotted path of the field in its message; without a field, its only one.
     topic: str | None = None
@@ -37,7 +36,6 @@ class ChannelEntry:
     name: str | None = None
     #: Which element of a list, by the text beside it or by its place.
     index: int | None = None
-    #: Text for a label.
     constant: float | str | None = None
     #: None where the header or the message type is to tell.
     unit: Unit | None = None
@@ -114,7 +112,6 @@ class Wheel:
 class Rover:
     """All that rover.toml says."""
 
-    #: None where there is no file.
     path: Path | None = None
     #: [wheel], [channels] and [motor]: every wheel of a file that names none.
     default: Wheel = field(default_factory=Wheel)

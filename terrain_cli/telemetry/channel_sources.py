@@ -48,7 +48,6 @@ class Feed:
     scale: float = 1.0
     offset: float = 0.0
     constant: float | str | None = None
-    #: Function of several fields.
     combine: Callable[..., Array] | None = None
     #: What a person should know: taken for granted, or converted.
     note: str = ""
@@ -56,7 +55,6 @@ class Feed:
     rank: int = 0
     #: Of the origin of the body, not of each wheel.
     of_body: bool = False
-    #: rover.toml asks for it.
     asked: bool = False
     #: rover.toml or the header states its unit.
     stated: bool = False

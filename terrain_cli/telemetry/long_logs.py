@@ -141,12 +141,10 @@ class Request:
     layout: Plan
     rover: Rover
     channels: frozenset[str]
-    #: Further columns.
     extras: tuple[str, ...]
     #: Only these; all if empty.
     wheels: tuple[str, ...]
     where: Condition | None
-    #: As for `telemetry.read`.
     effects: Sequence[Effect] | None
 
 

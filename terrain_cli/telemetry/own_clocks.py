@@ -56,13 +56,11 @@ _MEETINGS, _AVOID = 8, 1 / 8
 class OwnClocks:
     """The clocks of the columns of a wheel."""
 
-    #: The channel whose rows are the samples.
     slowest: str
     #: Its usual one, in s.
     interval: float
     #: Whether it ticks regularly, so that a lost value shows.
     regular: bool
-    #: Of the channels that may be interpolated.
     intervals: dict[str, float]
 
     def bring(self, raw: Raw, max_gap: float | None) -> Mask:

@@ -26,7 +26,6 @@ _POUND_FORCE = 4.4482216152605
 class Unit:
     """A unit and how its values become the program's."""
 
-    #: As it is shown to a person, such as ``N m``.
     symbol: str
     #: What it measures: "length", "torque", …
     dimension: str

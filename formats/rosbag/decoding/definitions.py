@@ -79,7 +79,6 @@ class Definition:
     ros1: bool
     #: This type and those it is made of, as rosbags parses them.
     types: Typesdict
-    #: By name, in the order of the definition.
     leaves: dict[str, Leaf]
     #: Makes the store that decodes single messages.
     compile: Callable[[], Typestore]

@@ -59,9 +59,6 @@ class UnitEvidence:
         self._kept: dict[str, Array] = {}
         self._step, self._skip = 1, 0
 
-    def __contains__(self, name: str) -> bool:
-        return name in self._kept
-
     def columns(self, *names: str) -> list[Array] | None:
         """Return the samples in which each of some channels is known.
 
@@ -174,11 +171,9 @@ Weight = Literal["odd", "impossible", "contradiction"]
 class Suspicion(NamedTuple):
     """What is hardly true."""
 
-    #: And why.
     what: str
     #: Whose unit or sign it may be.
     channel: str
-    #: What would make it true.
     mend: Mend | None = None
     #: The last two are errors: what no unit makes true, unless the file or rover.toml states the unit;
     #: channels that contradict each other, unless rover.toml does.
