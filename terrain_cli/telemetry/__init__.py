@@ -20,6 +20,7 @@ from terrain_cli.telemetry.plan.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Raw, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
+from terrain_cli.vocabulary.quantities import PREDICTED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -41,9 +42,6 @@ __all__ = [
     "read_source",
     "wheel_of",
 ]
-
-#: What models are compared with: any one of these will do.
-_PREDICTED = ("torque", "drawbar_pull", "sinkage")
 
 
 def read(path: str, rover: Rover, *, salvage: bool = False, **options: Any) -> list[Samples]:
@@ -169,7 +167,7 @@ def _whole(
 def _drop_empty(raws: Sequence[Raw]) -> None:
     """Drop what a model would predict, but of which a column holds no value: it was not measured."""
     for raw in raws:
-        for name in raw.channels.keys() & set(_PREDICTED):
+        for name in raw.channels.keys() & set(PREDICTED):
             if not np.isfinite(raw.channels[name]).any():
                 del raw.channels[name]
                 raw.remarks.append(f"{name}: {raw.feeds[name]} holds no value: taken as not measured")
@@ -185,12 +183,12 @@ def _check(request: Request, raws: Sequence[Raw], *, compared: bool) -> None:
     layout, rover, effects = request.layout, request.rover, request.effects or ()
     lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
     if compared:
-        # A model predicts what is there.
+        # A model predicts what is there: any one of these will do.
         lacks = {
             raw.wheel: [
                 lack
                 for lack in lacks[raw.wheel]
-                if lack.what not in _PREDICTED or raw.channels.keys().isdisjoint(_PREDICTED)
+                if lack.what not in PREDICTED or raw.channels.keys().isdisjoint(PREDICTED)
             ]
             for raw in raws
         }
