@@ -1,4 +1,4 @@
-"""Write the man pages afresh from the commands: python man/generate.py.
+"""Write the man pages and the completion scripts afresh from the commands: python man/generate.py.
 
 One page for `terrain-est` and one for each verb. Not click-man: it passes over the verbs of a lazy
 group and all epilogs, where our examples are.
@@ -22,6 +22,7 @@ sys.path.insert(0, str(HERE.parent))
 import click  # noqa: E402 - in one block with the import that needs the path above
 
 from terrain_cli.app import cli  # noqa: E402
+from terrain_cli.commands.completion import script  # noqa: E402
 from terrain_cli.version import __version__  # noqa: E402
 
 NAME = "terrain-est"
@@ -199,6 +200,13 @@ def undated(content: str) -> str:
     return re.sub(r"(?m)^(\.TH \S+ 1) \S+", r"\1", content)
 
 
+def scripts() -> dict[Path, str]:
+    """Write the completion script of every shell, under the name by which it is found."""
+    folder = HERE.parent / "completions"
+    names = {"bash": NAME, "zsh": f"_{NAME}", "fish": f"{NAME}.fish"}
+    return {folder / shell / name: script(cli, shell) for shell, name in names.items()}
+
+
 def main() -> None:
     """Write the pages that have changed, and remove those of verbs that are no more."""
     new = pages(datetime.now(UTC).date().isoformat())
@@ -210,6 +218,8 @@ def main() -> None:
         if not path.exists() or undated(path.read_text("utf-8")) != undated(content):
             path.write_text(content, encoding="utf-8")
             print(f"man/{name}")
+    for path, content in scripts().items():
+        path.write_text(content, encoding="utf-8")
 
 
 if __name__ == "__main__":

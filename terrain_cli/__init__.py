@@ -1,7 +1,37 @@
-"""Soil cohesion and friction angle from wheel telemetry.
+"""Soil cohesion and friction angle from rover wheel telemetry.
 
-The steps of the command line are here for a notebook: `read`, `from_frame`, `segment`, `estimate`,
-`trace` and `summarise`; see `terrain_cli.api`.
+The steps of the command line are functions here, for a notebook:
+
+    import terrain_cli as terrain
+
+    wheels = terrain.read("run.bag")
+    windows = [terrain.segment(wheel) for wheel in wheels]
+    terrain.estimate(windows)[["wheel", "c_kPa", "phi_deg", "status"]]
+    terrain.compare(windows).failures
+    found = terrain.diagnose(windows)
+    trial = terrain.add_effect("wong-reece", found.effect, windows)
+
+Data
+    read, from_frame        a log, or a DataFrame, as the samples of each wheel
+    segment                 the windows of one wheel, each of one soil
+    load_rover, load_model  rover.toml; a model file
+    simulate                telemetry of a known truth
+
+Soil
+    estimate                c, φ and strength of every window
+    trace                   c and φ sample by sample
+    summarise               the windows of each terrain pooled
+
+Model
+    compare                 errors of a model, and where it fails
+    diagnose                the effect that it lacks
+    add_effect              an effect added, if held-out data speak for it
+    report                  one page of HTML
+
+Functions that take data take windows, samples, the path of a log or a DataFrame, one or several. Results of
+`compare`, `diagnose`, `add_effect` and `simulate` have DataFrames, and `to_json()`, which is what the command
+writes. Errors that a user can cause are `terrain_cli.errors.TerrainError` and
+`formats.errors.FormatError`; each has a `hint`.
 """
 
 from __future__ import annotations
@@ -14,29 +44,47 @@ from terrain_cli.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from terrain_cli.api import (
+        ComparisonResult,
+        DiagnosisResult,
+        EffectTrial,
         ModelFile,
         Samples,
+        SimulatedDrive,
         Windows,
+        add_effect,
+        compare,
+        diagnose,
         estimate,
         from_frame,
         load_model,
         load_rover,
         read,
+        report,
         segment,
+        simulate,
         summarise,
         trace,
     )
 
 __all__ = [
+    "ComparisonResult",
+    "DiagnosisResult",
+    "EffectTrial",
     "ModelFile",
     "Samples",
+    "SimulatedDrive",
     "Windows",
+    "add_effect",
+    "compare",
+    "diagnose",
     "estimate",
     "from_frame",
     "load_model",
     "load_rover",
     "read",
+    "report",
     "segment",
+    "simulate",
     "summarise",
     "trace",
 ]
@@ -58,6 +106,11 @@ def check_formats() -> None:
     place = found.origin if found else None
     if place and Path(place).resolve() != Path(__file__).resolve().parent.parent / "formats" / "__init__.py":
         raise ForeignFormatsError(f"{place}: stands in the way of the package formats of terrain-est")
+
+
+def __dir__() -> list[str]:
+    # help() and completion show what is not imported yet.
+    return sorted({*globals(), *__all__})
 
 
 def __getattr__(name: str) -> Any:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from terrain_cli import ForeignFormatsError, check_formats
+from terrain_cli import ForeignFormatsError, check_formats, installation
 from terrain_cli.commands.group import Group
 from terrain_cli.presentation import terminal
 from terrain_cli.processes import signals
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 #: Each verb with the line that stands for it in the help: a verb's module is imported only when it runs.
 VERBS = {
     "inspect": "Say what a log holds, and what would be used of it.",
+    "init": "Write a rover.toml from what a log holds.",
     "estimate": "Estimate cohesion and friction angle, segment by segment.",
     "batch": "Estimate many files into one folder, resumable.",
     "model": "Write, show and improve model files.",
@@ -36,6 +37,8 @@ VERBS = {
 EPILOG = """\b
 Examples:
   terrain-est inspect run.bag
+  terrain-est init run.bag -o rover.toml
+  terrain-est estimate run.bag
   terrain-est estimate run.bag > soil.csv
   terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900
   zcat run.csv.gz | terrain-est estimate - --rover rover.toml --summary soil.json
@@ -84,6 +87,12 @@ class Verbs(Group):
             formatter.write_dl(list(VERBS.items()))
 
 
+def _show_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if wanted and not context.resilient_parsing:
+        click.echo(f"terrain-est, version {__version__}\n{installation.details()}")
+        context.exit()
+
+
 @click.group(
     cls=Verbs,
     epilog=EPILOG,
@@ -92,7 +101,14 @@ class Verbs(Group):
         "max_content_width": 100,
     },
 )
-@click.version_option(__version__, "-V", "--version", prog_name="terrain-est")
+@click.option(
+    *("-V", "--version"),
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_show_version,
+    help="Show the version, Python and where the program is installed, and exit.",
+)
 def cli() -> None:
     """Estimate the soil under a wheel from rover telemetry.
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import os
-import pty
+import platform
 import re
 import shlex
 import subprocess
@@ -16,6 +15,7 @@ from types import SimpleNamespace
 
 import click
 import pytest
+from terminals import on_terminal
 
 import terrain_cli
 from man import generate
@@ -42,27 +42,6 @@ def calls(text):
         for start, word in enumerate(words):
             if word == "terrain-est":
                 yield list(itertools.takewhile(lambda word: word[0] not in "|>&;", words[start + 1 :]))
-
-
-def on_terminal(command, **environment):
-    """Run a command on a terminal, and return all that it shows there."""
-    main, side = pty.openpty()
-    process = subprocess.Popen(
-        command,
-        stdin=side,
-        stdout=side,
-        stderr=side,
-        env={**os.environ, "TERM": "xterm-256color", **environment},
-    )
-    os.close(side)
-    shown = b""
-    # Linux says by an error that nobody writes any more, others by an empty read.
-    with contextlib.suppress(OSError):
-        while block := os.read(main, 4096):
-            shown += block
-    os.close(main)
-    process.wait()
-    return shown.decode("utf-8")
 
 
 @pytest.mark.parametrize("path", CONTEXTS)
@@ -139,7 +118,10 @@ def test_unknown_option_names_the_nearest(terrain_est):
 
 def test_version_stands_in_one_place(terrain_est):
     done = terrain_est("--version")
-    assert done.stdout == f"terrain-est, version {terrain_cli.__version__}\n"
+    first, python, place = done.stdout.splitlines()
+    assert first == f"terrain-est, version {terrain_cli.__version__}"
+    assert python.startswith(f"Python {platform.python_version()} on ")
+    assert place.startswith(f"installed in {ROOT / 'terrain_cli'} (")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
     assert project["project"]["dynamic"] == ["version"]
     assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "terrain_cli.version.__version__"}
@@ -188,12 +170,16 @@ with progress.Progress(2, enabled={enabled}) as bar:
     bar.say("run.bag", "reading")
     bar.advance()
     time.sleep(0.4)
+    bar.say("run.mcap", "wheel", 0.5)
+    time.sleep(0.4)
 print("done")
 """
 
     def test_progress_bar(self):
         shown = on_terminal([sys.executable, "-c", self.WORK.format(enabled=True)], PYTHONPATH=str(ROOT))
         assert re.search(r"\r█{12}░{12} 1/2  0 s  run\.bag  reading +\r", shown)
+        # Half of the second input.
+        assert re.search(r"\r█{18}░{6} 1/2  \d s  run\.mcap  wheel +\r", shown)
         assert re.search(r"\r +\rdone\s*$", shown)
         assert "\x1b" not in shown
 

@@ -9,6 +9,12 @@ import subprocess
 import time
 
 import pytest
+from click.shell_completion import BashComplete
+
+from terrain_cli.app import cli
+from terrain_cli.effects import NAMES
+from terrain_cli.simulation.prepared_drives import PRESETS
+from terrain_cli.simulation.simulated_soils import SOILS
 
 SHELLS = [pytest.param(shell, marks=pytest.mark.real(shell)) for shell in ("bash", "zsh", "fish")]
 LINES = [
@@ -18,6 +24,13 @@ LINES = [
     ("terrain-est estimate wal", "terrain-est estimate walk.bag "),
     ("terrain-est estimate walk.bag --rover lun", "terrain-est estimate walk.bag --rover lunar.toml "),
     ("terrain-est completion zs", "terrain-est completion zsh "),
+    ("terrain-est model new m.toml --effect slip-si", "terrain-est model new m.toml --effect slip-sinkage "),
+    ("terrain-est effects show lun", "terrain-est effects show lunar.toml "),
+    ("terrain-est simulate --soil lu", "terrain-est simulate --soil lunar-soil "),
+    ("terrain-est simulate --drive slip-", "terrain-est simulate --drive slip-sweep "),
+    ("terrain-est estimate --method rec", "terrain-est estimate --method recursive "),
+    ("terrain-est compare walk.bag --model wo", "terrain-est compare walk.bag --model wong-reece "),
+    ("terrain-est estimate walk.bag --wheel front-l", "terrain-est estimate walk.bag --wheel front-left "),
 ]
 #: What each shell is told first: load the script, and on Ctrl-X L write the line as it stands to a file.
 SETUP = {
@@ -42,6 +55,7 @@ def scripts(tmp_path, terrain_est):
         (tmp_path / name).write_text(terrain_est("completion", shell).stdout)
     for name in ("walk.bag", "lunar.toml"):
         (tmp_path / name).touch()
+    (tmp_path / "rover.toml").write_text("[wheels.front-left]\n[wheels.rear]\n")
     return tmp_path
 
 
@@ -98,6 +112,43 @@ def typed(shell, line, scripts, bin_folder):
 @pytest.mark.parametrize(("line", "completed"), LINES)
 def test_tab(shell, line, completed, scripts, bin_folder):
     assert typed(shell, line, scripts, bin_folder) == completed
+
+
+def offered(words, **environment):
+    asked = {"COMP_WORDS": f"terrain-est {words}", "COMP_CWORD": str(words.count(" ") + 1)}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in {**asked, **environment}.items():
+            patch.setenv(name, value)
+        completion = BashComplete(cli, {}, "terrain-est", "_TERRAIN_EST_COMPLETE")
+        return completion.complete().splitlines()
+
+
+def test_ids_and_files_where_both_may_stand():
+    assert offered("model add m.toml ") == ["file,", *(f"plain,{name}" for name in NAMES)]
+    assert offered("compare --model li") == ["file,li", "plain,linear"]
+
+
+def test_every_soil_and_every_drive_is_offered():
+    assert offered("simulate --soil ") == [f"plain,{name}" for name in SOILS]
+    assert offered("simulate --drive ") == [f"plain,{name}" for name in PRESETS]
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        ("estimate --wheel ", []),
+        ("estimate run.bag --wheel ", []),
+        ("estimate day/run.bag --wheel ", ["fl", "fr"]),
+        ("estimate run.bag --rover day/rover.toml --wheel fr", ["fr"]),
+        ("estimate run.bag --rover wrong.toml --wheel ", []),
+    ],
+)
+def test_wheels_are_those_of_the_rover_file(words, names, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "day").mkdir()
+    (tmp_path / "day" / "rover.toml").write_text("[wheels.fl]\n[wheels.fr]\n")
+    (tmp_path / "wrong.toml").write_text("[wheels")
+    assert offered(words) == [f"plain,{name}" for name in names]
 
 
 def test_after_an_unknown_verb_the_shell_is_left_in_peace(terrain_est):

@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 #: From the ground up. A room knows those below it, none beside it and none above it.
 FLOORS = (
-    ("formats", "errors", "version", "processes"),
+    ("formats", "errors", "version", "installation", "processes"),
     ("vocabulary", "toml"),
     ("mechanics", "rover"),
     ("effects",),
@@ -23,7 +23,8 @@ FLOORS = (
     ("improvement",),
     ("presentation",),
     ("run",),
-    ("api", "batch", "views"),
+    ("batch", "views"),
+    ("api",),
     ("terrain_cli",),
     ("commands",),
     ("app",),

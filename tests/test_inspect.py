@@ -143,7 +143,7 @@ def test_without_rover_toml_it_says_what_to_write(run, tmp_path, monkeypatch):
     ]
     assert "write into a file rover.toml beside the log, and fill in each …:" in lines
     # Written and filled in, that is all it takes.
-    toml = out[out.index("    [wheel]\n") :].replace("\n    ", "\n")
+    toml = out[out.index("    [wheel]\n") : out.index("\ndraft a rover.toml: ")].replace("\n    ", "\n")
     for name, value in {"radius": 0.125, "width": 0.1, "shear_modulus": 0.018}.items():
         toml = toml.replace(f"{name} = …", f"{name} = {value}")
     (tmp_path / "rover.toml").write_text(toml, encoding="utf-8")

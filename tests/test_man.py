@@ -26,6 +26,12 @@ def test_pages_are_not_stale():
     assert written == now, "run python man/generate.py"
 
 
+def test_completion_scripts_are_not_stale():
+    scripts = generate.scripts()
+    assert {path.parent.name for path in scripts} == {"bash", "zsh", "fish"}
+    assert {path: path.read_text("utf-8") for path in scripts} == scripts, "run python man/generate.py"
+
+
 def test_a_page_does_not_change_with_the_day():
     early, late = generate.pages("2026-01-01"), generate.pages("2031-12-31")
     assert early != late

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from formats.copies import kept, too_large
 from formats.errors import FormatError, NotFoundError
 from formats.input_paths import natural, promised_kind
+from terrain_cli import installation
 from terrain_cli.batch.batch_input import Input
 from terrain_cli.errors import ConfigurationError
 
@@ -130,12 +131,12 @@ def _open(address: str) -> tuple[Any, str]:
         import fsspec
     except ModuleNotFoundError:
         raise ConfigurationError(
-            f"{address}: inputs in a store need fsspec", hint="pip install 'terrain-est[remote]'"
+            f"{address}: inputs in a store need fsspec", hint=installation.command_for("remote")
         ) from None
     try:
         store, path = fsspec.core.url_to_fs(address)
     except (ImportError, ValueError) as error:
-        hint = "pip install 'terrain-est[remote]', or gcsfs, adlfs, … for the other stores"
+        hint = f"{installation.command_for('remote')}, or gcsfs, adlfs, … for the other stores"
         raise ConfigurationError(f"{address}: {str(error).splitlines()[0]}", hint=hint) from error
     # What it listed a minute ago may not be so any more.
     store.invalidate_cache()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths
+from terrain_cli.commands import comparison_options, options, paths, suggestions
 from terrain_cli.presentation.terminal import say
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ Examples:
     "models",
     multiple=True,
     type=paths.MODEL,
+    shell_complete=suggestions.models,
     envvar="TERRAIN_EST_MODEL",
     default=("wong-reece",),
     metavar="FILE|linear|wong-reece",
@@ -62,7 +63,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli.commands.progress import Progress
     from terrain_cli.comparison import against
     from terrain_cli.errors import UsageError
-    from terrain_cli.presentation import comparison_text
+    from terrain_cli.improvement import compared
+    from terrain_cli.presentation import comparison_text, json_text
 
     names = context.params["models"]
     if len(names) > 2:
@@ -80,17 +82,15 @@ def command(context: click.Context, /, **_: Any) -> None:
         outcomes: list[Comparison] = []
         for file in files:
             like = outcomes[0] if outcomes else None
-            outcomes.append(comparison_options.compared(cut, file, seed, progress, like))
+            tell = partial(progress.say, str(file.path or file.model.base))
+            outcomes.append(compared(cut, file, like=like, seed=seed, progress=tell))
             progress.advance()
     first, second = outcomes[0], outcomes[1] if len(outcomes) > 1 else None
     differences = against(first, second, seed=seed) if second else []
     if context.params["as_json"]:
-        content = comparison_text.document(first, second, differences)
-        click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))
+        click.echo(json_text.written(comparison_text.document(first, second, differences)))
     else:
-        say("\n\n".join(comparison_text.text(outcome) for outcome in outcomes))
-        if second:
-            say("\n" + comparison_text.text_of_two(first, second, differences))
+        say(comparison_text.text(first, second, differences))
     if context.params["plot"]:
         from terrain_cli.views import plots
 

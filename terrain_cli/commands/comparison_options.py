@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial, reduce
+from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from terrain_cli.commands.progress import Progress
-    from terrain_cli.comparison import Comparison
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Rover
     from terrain_cli.windows.cut_windows import Windows
@@ -128,27 +127,3 @@ def _cut(
         for samples in wheels
         if len(samples.usable)
     ]
-
-
-def compared(
-    cut: Sequence[Windows],
-    file: ModelFile,
-    seed: int,
-    progress: Progress,
-    like: Comparison | None = None,
-) -> Comparison:
-    """Compare a model with windows that were read.
-
-    Parameters
-    ----------
-    like : Comparison, optional
-        Of another model with the same windows, whose blocks are taken.
-    """
-    from dataclasses import replace
-
-    from terrain_cli.improvement.change_trial import fitted
-    from terrain_cli.telemetry.long_logs import notes
-
-    say = partial(progress.say, str(file.path or file.model.base))
-    found = fitted(cut, file, like=like, seed=seed, progress=say)
-    return replace(found, warnings=[*notes([windows.samples for windows in cut]), *found.warnings])

@@ -22,7 +22,12 @@ Examples:
 @click.pass_context
 def command(context: click.Context, /, shell: str) -> None:
     """Print the script that lets SHELL complete verbs, options, files and choices."""
+    click.echo(script(context.find_root().command, shell), nl=False)
+
+
+def script(program: click.Command, shell: str) -> str:
+    """Write the completion script of a shell."""
     kind = get_completion_class(shell)
     if kind is None:
         raise click.UsageError(f"no completion for {shell}")
-    click.echo(kind(context.find_root().command, {}, "terrain-est", "_TERRAIN_EST_COMPLETE").source())
+    return kind(program, {}, "terrain-est", "_TERRAIN_EST_COMPLETE").source() + "\n"

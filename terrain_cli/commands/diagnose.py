@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths
+from terrain_cli.commands import comparison_options, options, paths, suggestions
 from terrain_cli.presentation.terminal import say
 
 
@@ -31,6 +30,7 @@ Examples:
 @click.option(
     "--model",
     type=paths.MODEL,
+    shell_complete=suggestions.models,
     envvar="TERRAIN_EST_MODEL",
     default="wong-reece",
     metavar="FILE|linear|wong-reece",
@@ -71,7 +71,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli import effects, models
     from terrain_cli.commands.progress import Progress
     from terrain_cli.diagnosis import diagnose, verdict_sentences
-    from terrain_cli.presentation import diagnosis_text
+    from terrain_cli.presentation import diagnosis_text, json_text
 
     given = context.params
     if given["draft"]:
@@ -95,8 +95,7 @@ def command(context: click.Context, /, **_: Any) -> None:
             Path(temporary).write_text(found.unknown.draft, encoding="utf-8")
         found = replace(found, sentence=verdict_sentences.with_draft(found.sentence, given["draft"]))
     if given["as_json"]:
-        content = diagnosis_text.document(found)
-        click.echo(json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False))
+        click.echo(json_text.written(diagnosis_text.document(found)))
     else:
         say(diagnosis_text.text(found))
     if given["draft"] and found.unknown is None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options, paths
+from terrain_cli.commands import options, paths, suggestions
 from terrain_cli.commands.group import Group
 from terrain_cli.mechanics.effect import KINDS
 from terrain_cli.presentation.terminal import say
@@ -88,7 +88,9 @@ Examples:
   terrain-est effects show max-stress-angle cable-drag.toml --json
 """,
 )
-@click.argument("names", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…")
+@click.argument(
+    "names", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…", shell_complete=suggestions.effects
+)
 @options.as_json
 def show(names: tuple[str, ...], as_json: bool) -> None:
     """Tell all about each EFFECT: an id of the catalogue, a file of your own, or an assumption of a base.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.presentation.terminal import in_lines
+from terrain_cli.presentation.terminal import in_lines, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     context_settings=options.CONTEXT,
     epilog="""\b
 Examples:
+  terrain-est estimate run.bag
   terrain-est estimate run.bag > soil.csv
   terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900 --summary soil.json
   terrain-est estimate run.bag -o soil.gpkg --samples soil.gpkg
@@ -47,8 +49,9 @@ Examples:
     type=paths.SEGMENTS,
     metavar="FILE",
     help="Write the table here, by its ending: .csv .parquet .json .geojson .geojsonl .geojsons .gpkg .mcap. "
-    "Otherwise CSV on stdout.",
+    "Otherwise CSV on stdout, and on a terminal a table to read.",
 )
+@click.option("--csv", is_flag=True, help="Write CSV to stdout on a terminal too, as into a pipe.")
 @click.option("--summary", type=paths.OUTPUT, metavar="FILE", help="Write the summary here, as JSON.")
 @options.estimation
 @click.option(
@@ -87,6 +90,9 @@ Examples:
 def command(context: click.Context, /, **_: Any) -> None:
     """Estimate cohesion and friction angle under each wheel, one row per segment.
 
+    A terminal shows a table to read. A pipe, a file and --csv get CSV with every column, and the
+    table to read is on stderr.
+
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
     input. Each row carries standard errors and a status; where c and φ cannot be told apart it
     says not-separable, and the strength at the stress σ* holds as far as its error says.
@@ -99,6 +105,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     rover = options.load_rover(context.params["rover"], logs)
     options.with_defaults(context, rover.estimate)
     given = context.params
+    if given["csv"] and given["output"]:
+        raise UsageError("--csv and -o both say where the table goes", hint="leave one of them out")
     if given["trace"] and given["method"] != "recursive":
         raise UsageError("--trace shows the recursive estimate", hint="add --method recursive")
     # Before the work, not after it.
@@ -154,14 +162,25 @@ def _write(  # noqa: C901 - one branch for each thing asked for
     points = None
     if given["samples"]:
         points = (segment_table.join([t for outcome in outcomes for t in outcome.samples]), given["samples"])
-    segment_files.write(table, given["output"], crs, points)
-    if given["quiet"]:
-        return
+    # Nobody reads WKT on a screen.
+    for_reading = given["output"] is None and not given["csv"] and sys.stdout.isatty()
+    segment_files.write(table, None if for_reading else given["output"] or "-", crs, points)
+    if not given["quiet"]:
+        _remark(given, crs)
+    readable = summary.text(in_lines(document), table, verbose=given["verbose"])
+    if for_reading:
+        say(readable)
+    elif not given["quiet"]:
+        click.echo(readable, err=True)
+
+
+def _remark(given: Mapping[str, Any], crs: str | None) -> None:
+    from terrain_cli.presentation import segment_files
+
     if given["crs"] and crs is None:
         click.echo(f"positions are x and y of a site frame: --crs {given['crs']} does not apply", err=True)
     if remark := segment_files.remark(given["output"], crs):
         click.echo(remark, err=True)
-    click.echo(summary.text(in_lines(document), table, verbose=given["verbose"]), err=True)
 
 
 def _outcomes(

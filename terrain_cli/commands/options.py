@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from terrain_cli.commands import paths
+from terrain_cli.commands import paths, suggestions
 from terrain_cli.run.settings import Settings
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, FIT_SAMPLES, METHODS, MIN_DISTANCE, SEGMENTS
 
@@ -66,6 +66,7 @@ rover = click.option(
 model = click.option(
     "--model",
     type=paths.MODEL,
+    shell_complete=suggestions.models,
     metavar="FILE|linear|wong-reece",
     help="Model of wheel and soil: a base, or a model file that adds effects to one.  [linear]",
 )
@@ -75,7 +76,8 @@ wheel = click.option(
     multiple=True,
     envvar="TERRAIN_EST_WHEEL",
     metavar="NAME",
-    help="Only this wheel (repeatable).",
+    shell_complete=suggestions.wheels,
+    help="Only the wheel of exactly this name (repeatable).",
 )
 segments = click.option(
     "--segments",

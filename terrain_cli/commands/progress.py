@@ -32,7 +32,7 @@ class Progress:
 
     def __init__(self, total: int, *, enabled: bool = True) -> None:
         self._total, self._enabled = total, enabled
-        self._done = 0
+        self._done, self._share = 0, 0.0
         self._text = ""
         self._drawn = False
         self._started = time.monotonic()
@@ -57,13 +57,13 @@ class Progress:
         if self._drawn:
             wipe()
 
-    def say(self, path: str, step: str) -> None:
-        """Set what is being done."""
-        self._text = f"{path}  {step}"
+    def say(self, path: str, step: str, share: float = 0.0) -> None:
+        """Set what is being done, and which share of this input is done."""
+        self._text, self._share = f"{path}  {step}", share
 
     def advance(self) -> None:
         """Count one input as done."""
-        self._done += 1
+        self._done, self._share = self._done + 1, 0.0
 
     def tell(self, text: str) -> None:
         """Write a result that is there before the work ends.
@@ -82,7 +82,7 @@ class Progress:
             return
         while not self._stop.wait(0.1):
             elapsed = time.monotonic() - self._started
-            filled = WIDTH * self._done // self._total
+            filled = min(int(WIDTH * (self._done + self._share) / self._total), WIDTH)
             bar = "█" * filled + "░" * (WIDTH - filled)
             line = f"{bar} {self._done}/{self._total}  {elapsed:.0f} s  {self._text}"
             draw(line)

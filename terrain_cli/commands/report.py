@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths
+from terrain_cli.commands import comparison_options, options, paths, suggestions
 
 
 @click.command(
@@ -34,6 +34,7 @@ Examples:
 @click.option(
     "--model",
     type=paths.MODEL,
+    shell_complete=suggestions.models,
     default="wong-reece",
     show_default=True,
     metavar="FILE|linear|wong-reece",
@@ -47,21 +48,23 @@ def command(context: click.Context, /, **_: Any) -> None:
     """Write one page of HTML: errors, the soil on a map, predicted against measured, where it fails.
 
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
-    input. The page needs no network and no other file; it prints. It takes the extra "report":
-    pip install 'terrain-est[report]'.
+    input. The page needs no network and no other file; it prints. It takes the extra "report"; where
+    that is missing, the command says how to add it.
     """
     from terrain_cli.views import optional_libraries
 
     optional_libraries.need("report")
     from terrain_cli import models
     from terrain_cli.commands.progress import Progress
+    from terrain_cli.improvement import compared
     from terrain_cli.views import report
 
     given = context.params
     file = models.resolve(given["model"])
     with Progress(len(given["inputs"]) + 2, enabled=not given["quiet"]) as progress:
         cut = comparison_options.read(context, [file], progress)
-        comparison = comparison_options.compared(cut, file, given["seed"], progress)
+        tell = partial(progress.say, str(file.path or file.model.base))
+        comparison = compared(cut, file, seed=given["seed"], progress=tell)
         progress.advance()
         say = partial(progress.say, given["output"])
         further = [report.history(file.history)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options, paths
+from terrain_cli.commands import options, paths, suggestions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,6 +48,7 @@ Examples:
     "--drive",
     multiple=True,
     metavar="NAME",
+    shell_complete=suggestions.drives,
     help="How to drive (repeatable, one after another): slip-sweep, load-steps, slope, mixed, passes, "
     "reverse, speed-steps, turns, multi.  [mixed]",
 )
@@ -55,6 +56,7 @@ Examples:
     "--soil",
     multiple=True,
     metavar="NAME",
+    shell_complete=suggestions.soils,
     help="Soil (repeatable, one after another over equal distances): dry-sand, sandy-loam, clayey-soil, "
     "snow … or [soils.NAME] of the file.  [dry-sand]",
 )
@@ -81,6 +83,7 @@ Examples:
     "--model",
     type=paths.MODEL,
     metavar="MODEL",
+    shell_complete=suggestions.models,
     help="Where the truth is from: wong-reece, linear, or a model file with its effects.  [wong-reece]",
 )
 @click.option(
@@ -88,6 +91,7 @@ Examples:
     multiple=True,
     type=paths.EFFECT,
     metavar="EFFECT",
+    shell_complete=suggestions.effects,
     help="Add an effect (repeatable): ID, ID:NAME=VALUE,… or FILE.toml. What is not said has its "
     "typical size.",
 )
@@ -130,27 +134,15 @@ def command(context: click.Context, /, **_: Any) -> None:
     beside it, so that `terrain-est estimate` works at once. No file that is there is replaced, unless
     --force is given; but for such a rover file that nobody has changed.
     """
-    import secrets
-
     from terrain_cli import simulation
-    from terrain_cli.errors import ConfigurationError, UsageError
     from terrain_cli.simulation import simulation_files
 
     given = context.params
     kind = simulation_files.kind_of(given["output"])
     _name_outputs(context)
     truth, rover = given["truth"], given["rover"]
-    try:
-        # A riddle that comes again is none.
-        seed = secrets.randbits(31) if given["hide"] else 0
-        scenario = simulation.read(given["drive_file"], _settings(given), seed=seed)
-    except ConfigurationError as error:
-        if str(error).startswith(simulation.COMMAND_LINE):
-            raise UsageError(str(error), hint=error.hint) from None
-        raise
-    if given["hide"]:
-        scenario = simulation.draw(scenario)
-    log = simulation.simulate(scenario, bag=kind in simulation_files.BAGS)
+    bag = kind in simulation_files.BAGS
+    log = simulation.drive(given["drive_file"], _settings(given), hide=given["hide"], bag=bag)
     simulation_files.write(log, given["output"], truth=truth, rover=rover)
     if not given["quiet"]:
         _tell(log, given, truth, rover)
@@ -207,6 +199,7 @@ def _number(text: str) -> float | str:
 
 
 def _noise(texts: Sequence[str]) -> dict[str, Any]:
+    from terrain_cli.errors import ConfigurationError, UsageError
     from terrain_cli.simulation import COMMAND_LINE
     from terrain_cli.simulation.sensors import USUAL, Sensor, share_rule
 
@@ -219,7 +212,11 @@ def _noise(texts: Sequence[str]) -> dict[str, Any]:
             key = key.strip()
             if not sign:
                 # Of several channels with units of their own, a bare number can only be a share.
-                sensor["white"] = f"{100.0 * share_rule(part, f'{COMMAND_LINE}: noise')!r}%"
+                try:
+                    share = share_rule(part, f"{COMMAND_LINE}: noise")
+                except ConfigurationError as error:
+                    raise UsageError(str(error), hint=error.hint) from None
+                sensor["white"] = f"{100.0 * share!r}%"
             elif place == 0 and key not in Sensor.__slots__:
                 channels, sensor["white"] = (key,), _number(value)
             else:
@@ -259,16 +256,8 @@ def _rover_beside(given: Mapping[str, Any]) -> str | None:
 
 def _tell(log: SimulatedLog, given: dict[str, Any], truth: str | None, rover: str | None) -> None:
     """Say what was written; of a hidden effect only where it stands."""
-    scenario = log.scenario
-    soils = ", ".join(dict.fromkeys(soil.name for soil in scenario.soils))
-    wheels = "1 wheel" if len(scenario.wheels) == 1 else f"{len(scenario.wheels)} wheels"
     where = "standard output" if given["output"] == "-" else given["output"]
-    told = [chosen.effect.id for chosen in scenario.effects if not chosen.hidden]
-    click.echo(
-        f"{where}: {scenario.duration:g} s, {wheels} of {scenario.load:g} N on {soils}"
-        + (f", with {', '.join(told)}" if told else ""),
-        err=True,
-    )
+    click.echo(f"{where}: {log.scenario.summary}", err=True)
     if rover:
         click.echo(f"{rover}: the rover file that fits", err=True)
     if truth:

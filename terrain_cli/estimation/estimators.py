@@ -15,7 +15,6 @@ from terrain_cli.estimation.fit_account import account
 from terrain_cli.estimation.sensor_offsets import with_offsets
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.rover import NOISY
-from terrain_cli.telemetry.derive.effect_inputs import CONSTANTS
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
@@ -206,7 +205,7 @@ def estimate(
     if file is None:
         return Fitted(with_strengths(with_assumptions(line, windows.on_line(), of_line), windows, at_stress))
     whole, windows = windows, windows.thinned(_MOST)
-    channels = _channels(windows, file)
+    channels = _channels(windows)
     file = with_offsets(with_contact(file), windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust)
@@ -229,16 +228,9 @@ def estimate_all(
     return fits
 
 
-def _channels(windows: Windows, file: ModelFile) -> dict[str, Array]:
+def _channels(windows: Windows) -> dict[str, Array]:
     """Return what is measured of the usable samples, and what the effects use."""
     samples, rows = windows.samples, windows.rows
-    for effect in file.model.effects:
-        for name in effect.needs:
-            if name not in samples.drivers and name not in CONSTANTS:
-                raise InputError(
-                    f"{samples.source}: wheel {samples.wheel}: was read without {name} of effect {effect.id}",
-                    hint="read it with the model: read(path, model=…)",
-                )
     channels = {name: column[rows] for name, column in samples.drivers.items()}
     channels |= cast("dict[str, Array]", windows.measured())
     pull = samples.channels.get("drawbar_pull")

@@ -87,6 +87,19 @@ def fitted(
     )
 
 
+def compared(
+    wheels: Sequence[Windows],
+    file: ModelFile,
+    *,
+    like: Comparison | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Comparison:
+    """Compare a model file with inputs as they were read, and say what was not read of them; as `fitted`."""
+    found = fitted(wheels, file, like=like, seed=seed, progress=progress)
+    return replace(found, warnings=[*notes([windows.samples for windows in wheels]), *found.warnings])
+
+
 def tried(
     wheels: Sequence[Windows],
     action: Action,

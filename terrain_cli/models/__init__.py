@@ -11,7 +11,7 @@ from terrain_cli.models.assumptions import (
     lifted,
     made_by,
 )
-from terrain_cli.models.model_change import Changed, added, recorded, removed
+from terrain_cli.models.model_change import Changed, added, folder_of, moved, named_from, recorded, removed
 from terrain_cli.models.model_file import FORMAT, ModelFile, Prior
 from terrain_cli.models.model_reader import build, find_effect, is_path, load, parameter, resolve
 from terrain_cli.models.model_writer import new, save
@@ -28,11 +28,14 @@ __all__ = [
     "added",
     "build",
     "find_effect",
+    "folder_of",
     "imposed",
     "is_path",
     "lifted",
     "load",
     "made_by",
+    "moved",
+    "named_from",
     "new",
     "parameter",
     "recorded",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
@@ -36,6 +37,25 @@ class Changed(NamedTuple):
 def folder_of(file: ModelFile) -> Path:
     """Return the folder in which the paths of a model file begin."""
     return file.path.parent if file.path else Path()
+
+
+def named_from(names: Sequence[str], folder: Path) -> list[str]:
+    """Return names of effects as a model file in a folder writes them.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Ids of the catalogue, and paths that begin in the current folder.
+    """
+    return [os.path.relpath(name, folder) if is_path(name) else name for name in names]
+
+
+def moved(file: ModelFile, path: Path) -> ModelFile:
+    """Return a model file as it stands in another place."""
+    if path.parent == folder_of(file):
+        return replace(file, path=path)
+    here = [str(folder_of(file) / name) if is_path(name) else name for name in file.effects]
+    return replace(file, effects=tuple(named_from(here, path.parent)), path=path)
 
 
 def added(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Changed:

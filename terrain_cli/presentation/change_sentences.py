@@ -99,6 +99,11 @@ def found(step: Step) -> str:
     return text
 
 
+def reason(step: Step) -> str:
+    """Say why an effect is added, for the history of the model."""
+    return found(step) if step.pays else f"--keep; {found(step)}"
+
+
 def _moved(one: ChannelChange) -> str:
     what = quantities.quantity(one.name, one.unit)
     before, after = (quantities.number(v.value * what.factor) for v in (one.before, one.after))

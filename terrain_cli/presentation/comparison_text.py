@@ -174,12 +174,19 @@ def named(comparison: Comparison) -> str:
     return " + ".join([comparison.model["base"], *comparison.model["effects"]])
 
 
-def text(comparison: Comparison) -> str:
-    """Write a comparison for a person: errors by channel, then where the model fails."""
-    samples = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
-    segments = sum(len(wheel.windows) for wheel in comparison.wheels)
-    data = f"{counted(samples, 'sample')} in {counted(segments, 'segment')}"
-    lines = [f"model {named(comparison)} against {data}", ""]
+def text(
+    comparison: Comparison, second: Comparison | None = None, differences: Sequence[Difference] = ()
+) -> str:
+    """Write a comparison for a person, as `document` does for a program."""
+    if second is None:
+        return _text_of_one(comparison)
+    both = _text_of_two(comparison, second, differences)
+    return "\n\n".join([_text_of_one(comparison), _text_of_one(second), both])
+
+
+def _text_of_one(comparison: Comparison) -> str:
+    """Write errors by channel, then where the model fails."""
+    lines = [title(comparison), ""]
     head = ["channel", "unit", "rmse", "bias", "noise", "rmse/rms", "held-out rmse", "95 %"]
     rows = [
         [
@@ -192,15 +199,26 @@ def text(comparison: Comparison) -> str:
         ]
         for name, errors in comparison.channels.items()
     ]
-    lines += [*aligned([head, *rows]), ""]
-    if comparison.failures:
-        lines.append("where it fails, the strongest first:")
-        lines += [_told(finding, comparison) for finding in comparison.failures]
-    else:
-        beyond = finding_sentences.beyond_noise(comparison)
-        lines.append("no failure that chance does not explain" + f": {beyond}" * bool(beyond))
+    lines += [*aligned([head, *rows]), "", *failures(comparison)]
     lines += [f"note: {warning}" for warning in comparison.warnings]
     return "\n".join(lines)
+
+
+def title(comparison: Comparison) -> str:
+    """Name the model, and say with how much data it was compared."""
+    samples = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
+    segments = sum(len(wheel.windows) for wheel in comparison.wheels)
+    data = f"{counted(samples, 'sample')} in {counted(segments, 'segment')}"
+    return f"model {named(comparison)} against {data}"
+
+
+def failures(comparison: Comparison) -> list[str]:
+    """Write a heading and each finding; or that there is none."""
+    if comparison.failures:
+        head = "where it fails, the strongest first:"
+        return [head, *(_told(finding, comparison) for finding in comparison.failures)]
+    beyond = finding_sentences.beyond_noise(comparison)
+    return ["no failure that chance does not explain" + f": {beyond}" * bool(beyond)]
 
 
 def _told(finding: Finding, comparison: Comparison) -> str:
@@ -216,7 +234,7 @@ def _told(finding: Finding, comparison: Comparison) -> str:
     return f"  {finding.sentence} ({', '.join(filter(None, parts))})"
 
 
-def text_of_two(first: Comparison, second: Comparison, differences: Sequence[Difference]) -> str:
+def _text_of_two(first: Comparison, second: Comparison, differences: Sequence[Difference]) -> str:
     """Write two models side by side for a person.
 
     Returns

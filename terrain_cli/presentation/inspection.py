@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -11,6 +13,7 @@ import formats
 from formats.content import FILE_KINDS
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError, TerrainError
+from terrain_cli.rover.vehicle import FILE_NAME
 from terrain_cli.telemetry import bags
 from terrain_cli.telemetry.alignment import seconds
 from terrain_cli.telemetry.plan import derivable_channels, rover_advice, topic_discovery
@@ -21,11 +24,11 @@ from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.english import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from formats import Source, Stream
+    from formats import Column, Source, Stream
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry import Plan
     from terrain_cli.telemetry.wheel_samples import Raw
@@ -91,11 +94,32 @@ def inspect(
     }
 
 
-def _understood(source: Source, rover: Rover, wheels: Collection[str]) -> dict[str, Any]:
+class Holdings(NamedTuple):
+    """What a log holds, and of each wheel what is missing.
+
+    Parameters
+    ----------
+    tables : dict or None
+        The columns of the topics that were read; none of a table.
+    """
+
+    layout: Plan
+    tables: Mapping[str, dict[str, Column]] | None
+    raws: list[Raw]
+    lacks: dict[str, list[derivable_channels.Lack]]
+
+
+def holdings(source: Source, rover: Rover, wheels: Collection[str] = ()) -> Holdings:
+    """Find the channels of every wheel of a log.
+
+    Raises
+    ------
+    formats.errors.FormatError, InputError, ConfigurationError
+        As for `telemetry.read`, except where something is missing.
+    """
     layout = telemetry.plan(source, rover)
     tables = None if is_table(source) else read_topics(source, bags.fields(layout, CHANNELS))
     raws = read_raw(layout, rover, CHANNELS, wheels=wheels, topics=tables)
-    used = {feed.topic for raw in raws for feed in raw.feeds.values() if feed.topic}
     clock = layout.no_time
     doubts = (
         [derivable_channels.Lack("time", str(clock), lines=tuple(clock.hint.splitlines()[1:]))]
@@ -103,6 +127,12 @@ def _understood(source: Source, rover: Rover, wheels: Collection[str]) -> dict[s
         else []
     )
     lacks = {raw.wheel: [*doubts, *telemetry.lacking(raw, rover)] for raw in raws}
+    return Holdings(layout, tables, raws, lacks)
+
+
+def _understood(source: Source, rover: Rover, wheels: Collection[str]) -> dict[str, Any]:
+    layout, tables, raws, lacks = holdings(source, rover, wheels)
+    used = {feed.topic for raw in raws for feed in raw.feeds.values() if feed.topic}
     found = [_wheel(source, layout, raw, rover, lacks[raw.wheel]) for raw in raws]
     other = {wheel.pop("rover_toml", "") for wheel in found} - {""}
     clocks = {topic: stamps(table)[0] for topic, table in (tables or {}).items() if topic in used}
@@ -152,7 +182,7 @@ def _wheel(
     if raw.time is not None:
         known = raw.time[np.isfinite(raw.time)]
         entry |= _rate(known) | ({"start_s": float(known.min()) + raw.origin} if len(known) else {})
-    entry["channels"] = {name: _channel(raw, name) for name in CHANNELS if name in raw.feeds}
+    entry["channels"] = {name: channel(raw, name) for name in CHANNELS if name in raw.feeds}
     entry["derived"] = derived
     entry["undecided"] = {
         channel: [feed.place for feed in feeds] for channel, feeds in layout.doubts(raw.wheel).items()
@@ -179,7 +209,8 @@ def _wheel(
     return entry
 
 
-def _channel(raw: Raw, name: str) -> dict[str, Any]:
+def channel(raw: Raw, name: str) -> dict[str, Any]:
+    """Say where a channel comes from, and how far it reaches."""
     feed, unit = raw.feeds[name], CHANNELS[name].unit
     entry: dict[str, Any] = {"from": str(feed), "unit": unit.symbol if unit else None}
     if name in raw.labels:
@@ -224,6 +255,10 @@ def text(document: dict[str, Any], *, verbose: bool = False) -> str:
     if document["extras"]:
         lines += ["", *_wrapped("further columns, kept as they are: ", document["extras"])]
     lines += _missing_text(document)
+    if document["rover"] is None and document["source"] != "-":
+        log = Path(document["source"])
+        target = shlex.quote(str(log.parent / FILE_NAME))
+        lines += ["", f"draft a rover.toml: terrain-est init {shlex.quote(str(log))} -o {target}"]
     return "\n".join(lines)
 
 
@@ -313,17 +348,27 @@ def _missing_text(document: dict[str, Any]) -> list[str]:
 
 
 def _channel_rows(wheel: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    for name, channel in wheel["channels"].items():
-        spread = ", ".join(channel.get("values", []))
-        if name == "time" and "range" in channel and channel["range"][0] > _EPOCH:
-            spread = " … ".join(map(_moment, channel["range"]))
-        elif "range" in channel:
-            ends = (f"{end:{_FORMATS.get(name, '.4g')}}" for end in channel["range"])
-            spread = " … ".join(dict.fromkeys(ends))
-            spread += f" {channel['unit']}" * (channel["unit"] != "1")
-        yield name, spread, str(channel["missing"] or ""), channel["from"]
+    for name, entry in wheel["channels"].items():
+        yield name, spread(name, entry), str(entry["missing"] or ""), entry["from"]
     for name, how in wheel["derived"].items():
         yield name, "", "", f"derived from {how}"
+
+
+def spread(name: str, entry: dict[str, Any]) -> str:
+    """Write how far a channel reaches.
+
+    Parameters
+    ----------
+    entry : dict
+        From `channel`.
+    """
+    if "range" not in entry:
+        return ", ".join(entry.get("values", []))
+    if name == "time" and entry["range"][0] > _EPOCH:
+        return " … ".join(map(_moment, entry["range"]))
+    ends = (f"{end:{_FORMATS.get(name, '.4g')}}" for end in entry["range"])
+    unit = f" {entry['unit']}" if entry["unit"] != "1" else ""
+    return " … ".join(dict.fromkeys(ends)) + unit
 
 
 def _moment(time: float) -> str:

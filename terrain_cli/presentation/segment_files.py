@@ -60,7 +60,7 @@ def write(
     table : dict
         From `segment_table.join`.
     output : str or None
-        None and "-" are the standard output, as CSV.
+        "-" is the standard output, as CSV; None where the segments are shown in another way.
     crs : str or None
         From `segment_table.reference_system`.
     samples : (dict, str), optional
@@ -76,11 +76,13 @@ def write(
     both = samples is not None and output is not None and together(output, samples[1])
     if samples and not both:
         formats.write_table(samples[0], samples[1], crs=crs, layer="samples", graduated=STYLES)
-    if output and _kind(output) == "mcap":
+    if output is None:
+        return
+    if _kind(output) == "mcap":
         segment_topics.write(table, output, crs)
         return
     layers = {"samples": samples[0]} if samples and both else None
-    formats.write_table(table, output or "-", crs=crs, layers=layers, graduated=STYLES)
+    formats.write_table(table, output, crs=crs, layers=layers, graduated=STYLES)
 
 
 def together(output: str, samples: str) -> bool:

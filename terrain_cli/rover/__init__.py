@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from terrain_cli.rover.rover_file import find, load
+from terrain_cli.rover.rover_file import find, load, of_text
 from terrain_cli.rover.vehicle import NOISY, ChannelEntry, Motor, Rover, SensorNoise, Vehicle, Wheel
 
-__all__ = ["NOISY", "ChannelEntry", "Motor", "Rover", "SensorNoise", "Vehicle", "Wheel", "find", "load"]
+__all__ = [
+    "NOISY",
+    "ChannelEntry",
+    "Motor",
+    "Rover",
+    "SensorNoise",
+    "Vehicle",
+    "Wheel",
+    "find",
+    "load",
+    "of_text",
+]

@@ -51,6 +51,18 @@ def load(path: str | Path | None) -> Rover:
     return _rover(path, _FILE(content, f"{path}: "))
 
 
+def of_text(text: str) -> Rover:
+    """Read what a rover file would hold.
+
+    Raises
+    ------
+    ConfigurationError
+        As for `load`.
+    """
+    path = Path(FILE_NAME)
+    return replace(_rover(path, _FILE(strict.parse(text, path), f"{path}: ")), path=None)
+
+
 def _rover(path: Path, content: dict[str, Any]) -> Rover:
     motor = content.get("motor", {})
     default = Wheel(

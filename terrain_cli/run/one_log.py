@@ -58,7 +58,7 @@ def run(
     rover: Rover,
     settings: Settings,
     *,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str, float], None] = lambda _step, _share: None,
     beside: bool = False,
 ) -> Outcome:
     """Estimate the soil under every wheel of one input.
@@ -66,7 +66,7 @@ def run(
     Parameters
     ----------
     progress : callable
-        Called with the name of each step before it begins.
+        Called with the name of each step before it begins, and the share of the steps that are done.
     beside : bool
         Work through a long log in a second process while this one reads it.
 
@@ -75,7 +75,7 @@ def run(
     formats.errors.FormatError, TerrainError
         The input cannot be read.
     """
-    progress("reading")
+    progress("reading", 0.0)
     file = estimators.choose(settings.method, settings.model, robust=settings.robust)
     where = telemetry.Condition(settings.where) if settings.where else None
     source = formats.open_source(path, salvage=settings.salvage)
@@ -87,7 +87,7 @@ def run(
             source, rover, long_log.MOST_ROWS, wheels=settings.wheels, where=where, effects=effects
         )
         if not isinstance(found, list):
-            return _in_reaches(source, found, settings, beside=beside)
+            return _in_reaches(source, found, settings, progress, beside=beside)
         wheels = found
     else:
         wheels = telemetry.read_source(
@@ -98,8 +98,10 @@ def run(
     outcome = Outcome(table={}, account=_of_source(source) | {"wheels": []})
     tables = []
     count, stress = 0, settings.stress
-    for samples in wheels:
-        progress(f"wheel {samples.wheel}")
+    # Reading, and of each wheel the cuts and the estimates.
+    steps = 1 + 2 * len(wheels)
+    for number, samples in enumerate(wheels):
+        progress(f"wheel {samples.wheel}: segments", (1 + 2 * number) / steps)
         placed = locations.locate(samples, settings.places) if settings.places else None
         outcome.account["wheels"].append(_account(samples) | {"places": placed._asdict() if placed else None})
         outcome.rejects.append(segment_table.rejects(samples))
@@ -114,6 +116,7 @@ def run(
         )
         count += len(cut)
         cut_windows.check_number(source.path, count)
+        progress(f"wheel {samples.wheel}: estimates of {len(cut)}", (2 + 2 * number) / steps)
         fitted = estimators.estimate(
             cut,
             settings.method,
@@ -140,15 +143,25 @@ def run(
 
 
 def _in_reaches(
-    source: formats.Source, parts: Iterable[Samples], settings: Settings, *, beside: bool
+    source: formats.Source,
+    parts: Iterable[Samples],
+    settings: Settings,
+    progress: Callable[[str, float], None],
+    *,
+    beside: bool,
 ) -> Outcome:
     """Estimate a log of which no more than a reach is held."""
     # They grow until the log ends.
     remarks: dict[str, list[str]] = {}
+    # A table of text does not say how long it is.
+    rows = source.streams()[0].count
 
     def lean() -> Iterator[Samples]:
+        count = 0
         for part in parts:
             remarks[part.wheel] = part.remarks
+            count += len(part)
+            progress(f"{count:,} samples", count / rows if rows else 0.0)
             yield long_log.lean(part)
 
     work = long_log.work

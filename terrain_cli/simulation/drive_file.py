@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,7 +92,9 @@ COMMAND_LINE = "command line"
 LOADS = (80.0, 60.0, 40.0, 30.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 
 
-def read(path: str | None, options: Mapping[str, Any], *, seed: int = 0) -> Scenario:
+def read(
+    path: str | None, options: Mapping[str, Any], *, seed: int = 0, label: str = COMMAND_LINE
+) -> Scenario:
     """Read what to simulate.
 
     Parameters
@@ -103,6 +106,8 @@ def read(path: str | None, options: Mapping[str, Any], *, seed: int = 0) -> Scen
         the file.
     seed : int
         If neither says one.
+    label : str
+        What messages call the options.
 
     Raises
     ------
@@ -111,21 +116,22 @@ def read(path: str | None, options: Mapping[str, Any], *, seed: int = 0) -> Scen
     """
     content: dict[str, Any] = {"seed": seed}
     places_of: dict[str, str] = {}
-    for source, label in (
+    for source, place in (
         (strict.parse(strict.read_text(path), path) if path else {}, str(path)),
-        (dict(options), COMMAND_LINE),
+        (dict(options), label),
     ):
-        checked = _FILE(source, f"{label}: ")
+        checked = _FILE(source, f"{place}: ")
         if "drive" in checked and "part" in checked:
-            raise ConfigurationError(f"{label}: give one of drive and part, or drive inside a part")
+            raise ConfigurationError(f"{place}: give one of drive and part, or drive inside a part")
         for key, value in checked.items():
-            if key == "effects" and label != COMMAND_LINE:
-                value = {_beside(name, Path(label).parent): own for name, own in value.items()}  # noqa: PLW2901
+            if key == "effects" and place != label:
+                value = {_beside(name, Path(place).parent): own for name, own in value.items()}  # noqa: PLW2901
             content.pop(_EITHER.get(key, ""), None)
             merged = {**content.get(key, {}), **value} if key in {"effects", "noise", "rates"} else value
-            content[key], places_of[key] = merged, label
-    folder = Path(path).parent if path else Path()
-    return _scenario(content, places_of, folder)
+            content[key], places_of[key] = merged, place
+    # A model that the options name begins in the current folder.
+    folder = Path(path).parent if path and places_of.get("model") != label else Path()
+    return _scenario(content, defaultdict(lambda: label, places_of), folder)
 
 
 def _beside(name: str, folder: Path) -> str:
@@ -133,11 +139,11 @@ def _beside(name: str, folder: Path) -> str:
 
 
 def _scenario(content: Mapping[str, Any], places_of: Mapping[str, str], folder: Path) -> Scenario:
-    base, effects = _model(content, places_of, folder)
+    base, effects = _model(content, folder)
     for name, given in content.get("effects", {}).items():
         chosen = choose(name, given, f"{places_of['effects']}: effects")
         effects[chosen.effect.id] = chosen
-    soil_place = f"{places_of.get('soil', COMMAND_LINE)}: soil"
+    soil_place = f"{places_of['soil']}: soil"
     scenario = Scenario(
         parts=_parts(content),
         soils=tuple(find(n, content.get("soils", {}), soil_place) for n in content.get("soil", [SOIL])),
@@ -160,11 +166,9 @@ def _scenario(content: Mapping[str, Any], places_of: Mapping[str, str], folder: 
     return scenario
 
 
-def _model(
-    content: Mapping[str, Any], places_of: Mapping[str, str], folder: Path
-) -> tuple[Base, dict[str, Chosen]]:
+def _model(content: Mapping[str, Any], folder: Path) -> tuple[Base, dict[str, Chosen]]:
     name = content.get("model", "wong-reece")
-    if name not in BASES and places_of["model"] != COMMAND_LINE:
+    if name not in BASES:
         name = str(folder / name)
     found = models.resolve(name)
     chosen = {}

@@ -127,6 +127,15 @@ class Scenario:
         """Length of the drive in s."""
         return sum(part.duration for part in self.parts)
 
+    @property
+    def summary(self) -> str:
+        """How long is driven with what and where, without a hidden effect."""
+        wheels = "1 wheel" if len(self.wheels) == 1 else f"{len(self.wheels)} wheels"
+        soils = ", ".join(dict.fromkeys(soil.name for soil in self.soils))
+        told = [chosen.effect.id for chosen in self.effects if not chosen.hidden]
+        drive = f"{self.duration:g} s, {wheels} of {self.load:g} N on {soils}"
+        return drive + (f", with {', '.join(told)}" if told else "")
+
     @cached_property
     def model(self) -> Model:
         """The model that makes the truth."""

@@ -231,6 +231,8 @@ def _cannot_give(
         for reason in rover_advice.reasons(layout, wheel, [lack for lack in missing if lack.what in NEEDED]):
             reasons.setdefault(reason, []).append(wheel)
     lines = rover_advice.lines(layout, lacks)
+    if rover.path is None:
+        lines += "\n# terrain-est init drafts this file from the log"
     if not reasons:
         first = f"{rover.path} does not give" if rover.path else "there is no rover.toml to give"
         what = " and ".join(dict.fromkeys(lack.because for missing in lacks.values() for lack in missing))

@@ -12,7 +12,6 @@ from formats import Labels
 from formats.recovery import told
 from terrain_cli.processes.memory import keep_freed
 from terrain_cli.telemetry import alignment, own_clocks, raw_columns, tables
-from terrain_cli.telemetry.channel_sources import match_name
 from terrain_cli.telemetry.derive import plausibility, usable_samples
 from terrain_cli.telemetry.derive.assembly import assemble
 from terrain_cli.telemetry.derive.effect_inputs import ANGLE
@@ -170,8 +169,7 @@ def in_parts(
             return choose_wheels(layout, rover, None, request.wheels)
         there = labels_there(labels)
         seen.update(there)
-        asked = {match_name(name, sorted(seen)) for name in request.wheels}
-        return [name for name in there if name in asked or not request.wheels]
+        return [name for name in there if name in request.wheels or not request.wheels]
 
     for table, first, last in _tables(begin, rest):
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)

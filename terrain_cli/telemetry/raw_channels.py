@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.errors import ConfigurationError, InputError
+from terrain_cli.errors import ConfigurationError, InputError, nearest
 from terrain_cli.telemetry import bags, tables
 from terrain_cli.telemetry.channel_sources import CLOCKS, match_name
 from terrain_cli.telemetry.plan.mapping import is_table, only_wheel
@@ -72,9 +72,10 @@ def labels_there(labels: Labels) -> list[str]:
 
 
 def among(path: str, there: Sequence[str], wheels: Collection[str]) -> list[str]:
-    """Choose those among wheels that are asked for, all if none is; InputError where one is not there."""
-    found = {name: match_name(name, there) for name in wheels}
-    for name, match in found.items():
-        if match is None:
-            raise InputError(f"{path}: there is no wheel {name}", hint=f"it has {', '.join(there)}")
-    return [name for name in there if not wheels or name in found.values()]
+    """Choose those among wheels that are asked for to the letter, all if none is; left is not front-left."""
+    for name in wheels:
+        if name not in there:
+            meant = match_name(name, there)
+            near = f"; did you mean {meant}?" if meant else nearest(name, there)
+            raise InputError(f"{path}: there is no wheel {name}{near}", hint=f"it has {', '.join(there)}")
+    return [name for name in there if not wheels or name in wheels]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import warnings
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -12,6 +14,7 @@ import numpy as np
 
 import formats
 from formats.output.whole_files import explained
+from terrain_cli.errors import UsageError, nearest
 from terrain_cli.views import chart_style, optional_libraries
 
 if TYPE_CHECKING:
@@ -24,7 +27,7 @@ if TYPE_CHECKING:
     from terrain_cli.run.one_log import Outcome
     from terrain_cli.windows.cut_windows import Windows
 
-    Picture = tuple[str, Figure | None]
+    Drawing = tuple[str, Callable[[], Figure | None]]
 
 ENDINGS = (".png", ".svg")
 #: Wheels whose recursive estimate is drawn.
@@ -82,18 +85,57 @@ def write_ladder(ladder: Sequence[Rung], folder: str | Path) -> list[Path]:
     return _write(_of_ladder(ladder), folder, lambda _: None)
 
 
-def _write(pictures: Iterator[Picture], folder: str | Path, progress: Callable[[str], None]) -> list[Path]:
+def draw(found: Comparison | Sequence[Rung], name: str) -> Figure:
+    """Draw one of the pictures that `write` or `write_ladder` writes.
+
+    Parameters
+    ----------
+    name : str
+        Of its file, without the ending.
+
+    Raises
+    ------
+    UsageError
+        There is no such picture of these results.
+    ConfigurationError
+        The extra "plot" is not installed.
+    """
+    from terrain_cli.comparison import Comparison
+
+    names = []
+    with _style():
+        for known, drawn in _of_comparison(found) if isinstance(found, Comparison) else _of_ladder(found):
+            figure = drawn() if known == name else None
+            if figure is not None:
+                return figure
+            names.append(known)
+    if name in names:
+        raise UsageError(f"picture {name}: these data have nothing that it could show")
+    raise UsageError(
+        f"there is no picture {name}{nearest(name, names)}", hint=f"there are {', '.join(names)}"
+    )
+
+
+@contextmanager
+def _style() -> Iterator[None]:
     optional_libraries.need("plot")
     import matplotlib as mpl
 
+    with mpl.rc_context(cast("Any", chart_style.SETTINGS)), warnings.catch_warnings():
+        # A name in a script that the font lacks is drawn as boxes, which is all that can be done.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        yield
+
+
+def _write(drawings: Iterator[Drawing], folder: str | Path, progress: Callable[[str], None]) -> list[Path]:
+    optional_libraries.need("plot")
     folder = Path(folder)
     with explained(str(folder)):
         folder.mkdir(parents=True, exist_ok=True)
     written = []
-    with mpl.rc_context(cast("Any", chart_style.SETTINGS)), warnings.catch_warnings():
-        # A name in a script that the font lacks is drawn as boxes, which is all that can be done.
-        warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        for name, figure in pictures:
+    with _style():
+        for name, drawn in drawings:
+            figure = drawn()
             if figure is None:
                 continue
             progress(name)
@@ -105,30 +147,30 @@ def _write(pictures: Iterator[Picture], folder: str | Path, progress: Callable[[
     return written
 
 
-def _of_ladder(ladder: Sequence[Rung]) -> Iterator[Picture]:
+def _of_ladder(ladder: Sequence[Rung]) -> Iterator[Drawing]:
     from terrain_cli.views import figures
 
-    yield "ladder", figures.errors(ladder)
+    yield "ladder", partial(figures.errors, ladder)
 
 
-def _of_comparison(comparison: Comparison) -> Iterator[Picture]:
+def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
     from terrain_cli.presentation import segment_table
     from terrain_cli.views import figures, sample_pairs, soil_table
     from terrain_cli.vocabulary import quantities
 
     shown = sample_pairs.channels(comparison)
-    yield "predicted-measured", figures.predicted_measured(comparison)
+    yield "predicted-measured", partial(figures.predicted_measured, comparison)
     for name in shown:
-        yield f"residual-{name.replace('_', '-')}", figures.residuals(comparison, name)
+        yield f"residual-{name.replace('_', '-')}", partial(figures.residuals, comparison, name)
     table = soil_table.table(comparison)
-    yield "strength", figures.strength(table)
+    yield "strength", partial(figures.strength, table)
     for name in shown:
         what = quantities.quantity(name, comparison.channels[name].unit)
         label = f"rms misfit of {what.words}{what.in_unit}"
         misfit = sample_pairs.misfit(comparison, name)
-        yield f"track-{name.replace('_', '-')}", figures.track(table, {label: misfit})
+        yield f"track-{name.replace('_', '-')}", partial(figures.track, table, {label: misfit})
     moments = soil_table.moments(comparison)
-    yield "rim-stress", figures.rim_stress(moments) if moments else None
+    yield "rim-stress", partial(figures.rim_stress, moments) if moments else lambda: None
     driven = [wheel.windows for wheel in comparison.wheels if wheel.windows.lined]
     yield from _convergence([segment_table.trace(_begun(windows)) for windows in driven[:MOST_TRACES]])
 
@@ -142,17 +184,18 @@ def _begun(windows: Windows) -> Windows:
     )
 
 
-def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Picture]:
+def _of_outcomes(outcomes: Sequence[Outcome]) -> Iterator[Drawing]:
     from terrain_cli.presentation import segment_table
     from terrain_cli.views import figures
 
     table = segment_table.join([outcome.table for outcome in outcomes if outcome.table])
-    yield "strength", figures.strength(table)
-    yield "track", figures.track(table, {"rms misfit of torque (N m)": table["torque_rmse_Nm"]})
+    yield "strength", partial(figures.strength, table)
+    misfit = {"rms misfit of torque (N m)": table["torque_rmse_Nm"]}
+    yield "track", partial(figures.track, table, misfit)
     yield from _convergence([trace for outcome in outcomes for trace in outcome.trace][:MOST_TRACES])
 
 
-def _convergence(traces: Sequence[Mapping[str, Any]]) -> Iterator[Picture]:
+def _convergence(traces: Sequence[Mapping[str, Any]]) -> Iterator[Drawing]:
     from terrain_cli.views import figures
 
     several = len(traces) > 1
@@ -160,6 +203,7 @@ def _convergence(traces: Sequence[Mapping[str, Any]]) -> Iterator[Picture]:
     for number, trace in enumerate(traces, 1):
         if len(trace["segment"]) and np.isfinite(trace["c_kPa"]).any():
             wheel = re.sub(r"[^\w-]+", "_", str(trace["wheel"][0]))[:40]
-            yield f"convergence-{number}-{wheel}" if several else "convergence", figures.convergence(trace)
+            name = f"convergence-{number}-{wheel}" if several else "convergence"
+            yield name, partial(figures.convergence, trace)
             drawn.append(trace)
-    yield "convergence-of-all", figures.convergence_of_all(drawn)
+    yield "convergence-of-all", partial(figures.convergence_of_all, drawn)

@@ -80,7 +80,7 @@ _CHANNELS = (
         "V",
         "speed",
         aliases="forward_velocity forward_speed travel_velocity travel_speed longitudinal_velocity",
-        letters=("V",),
+        letters=("V", "v"),
     ),
     Channel("slip", "i", "ratio", aliases="slip_ratio wheel_slip longitudinal_slip", letters=("i",)),
     Channel("drawbar_pull", "DP", "force", aliases="drawbar drawbar_force", letters=("DP",)),
@@ -109,6 +109,8 @@ _CHANNELS = (
 )
 CHANNELS: dict[str, Channel] = {channel.name: channel for channel in _CHANNELS}
 _LETTERS = {letter: channel for channel in _CHANNELS for letter in channel.letters}
+#: Alone it may be ω or a load, with its unit only one of them.
+_OPEN_LETTERS = {"w": ("angular_velocity", "load")}
 _WORDS = {
     word: channel
     for channel in _CHANNELS
@@ -143,6 +145,12 @@ def _look_up(name: str, *, letters: bool) -> Channel | None:
     return None
 
 
+def _by_unit(letter: str, text: str) -> Channel | None:
+    # One letter after another is an index more often than a unit: w_n.
+    several = (CHANNELS[name] for name in _OPEN_LETTERS.get(letter, ()) if len(text) > 1)
+    return next((channel for channel in several if units.parse(text, channel.dimension)), None)
+
+
 def _readings(header: str) -> Iterator[tuple[str, str, bool]]:
     """Split a header into a name and the text of a unit in every way it can be read.
 
@@ -171,7 +179,7 @@ def identify(header: str, *, letters: bool = True, chosen: Collection[str] = ())
         exact = header == channel.name
         return None if channel.name in chosen else Match(channel.name, channel.unit, exact, stated=False)
     for name, text, bracketed in _readings(header):
-        channel = _look_up(name, letters=letters)
+        channel = _look_up(name, letters=letters) or (_by_unit(name, text) if letters else None)
         # Where slip is given elsewhere, slip_angle_deg is an angle all the same.
         if channel is None or channel.unit is None or channel.name in chosen:
             continue

@@ -14,6 +14,8 @@ import missions
 import pyarrow.parquet as pq
 import pytest
 
+from terrain_cli import installation
+
 ROOT = Path(__file__).resolve().parent.parent.parent
 KEYS = {
     "AWS_ACCESS_KEY_ID": "test",
@@ -131,4 +133,4 @@ def test_a_store_that_nobody_knows(tmp_path):
     code, err = batch(tmp_path, "nonsense://rover/a.csv")
     assert code == 78
     assert err.startswith("terrain-est: nonsense://rover/a.csv: ")
-    assert "pip install 'terrain-est[remote]'" in err
+    assert installation.command_for("remote") in err

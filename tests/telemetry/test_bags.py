@@ -30,8 +30,10 @@ from wheel_bags import (
     two_wheels,
 )
 
+import formats
 from terrain_cli import telemetry
 from terrain_cli.errors import ConfigurationError, InputError
+from terrain_cli.presentation import rover_draft
 from terrain_cli.rover import Rover
 
 
@@ -90,10 +92,18 @@ def test_the_other_publisher_may_speak_first(write_bag, rover_of):
 
 def test_only_the_wheels_asked_for(write_bag, rover_of):
     path, rover = write_bag(*two_wheels()), rover_of(TWO_WHEELS)
-    (samples,) = telemetry.read(path, rover, wheels=["wheel-fr"])
+    (samples,) = telemetry.read(path, rover, wheels=["wheel_fr"])
     assert samples.wheel == "wheel_fr"
-    with pytest.raises(InputError, match="there is no wheel rear") as error:
-        telemetry.read(path, rover, wheels=["rear"])
+
+
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [("rear", ""), ("fr", "; did you mean wheel_fr?"), ("wheel-fr", "; did you mean wheel_fr?")],
+)
+def test_part_of_a_name_is_no_wheel(name, near, write_bag, rover_of):
+    path, rover = write_bag(*two_wheels()), rover_of(TWO_WHEELS)
+    with pytest.raises(InputError, match=re.escape(f"there is no wheel {name}{near}") + "$") as error:
+        telemetry.read(path, rover, wheels=[name])
     assert error.value.hint == "it has wheel_fl, wheel_fr"
 
 
@@ -145,7 +155,16 @@ LIST_MESSAGE = {
 }
 
 
-def test_messages_that_name_their_wheel(write_bag, rover_of):
+def drafted(path, rover_of):
+    """Return the rover of a draft, filled in."""
+    text = rover_draft.draft(formats.open_source(path)).text
+    for name, value in (("radius", 0.125), ("width", 0.1), ("shear_modulus", 0.018)):
+        text = text.replace(f"# {name} = …", f"{name} = {value}")
+    return rover_of(text)
+
+
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_messages_that_name_their_wheel(by_hand, write_bag, rover_of):
     rows = [
         (
             "/wheels",
@@ -163,7 +182,8 @@ def test_messages_that_name_their_wheel(write_bag, rover_of):
         for j, t in enumerate(TIME)
         for wheel in (list(LOAD), list(LOAD)[::-1])[j % 2]
     ]
-    found = telemetry.read(write_bag(rows, definitions=WHEEL_MESSAGE), rover_of(GEOMETRY))
+    path = write_bag(rows, definitions=WHEEL_MESSAGE)
+    found = telemetry.read(path, rover_of(GEOMETRY) if by_hand else drafted(path, rover_of))
     assert [samples.wheel for samples in found] == ["wheel_fl", "wheel_fr"]
     for samples in found:
         wheel = samples.wheel
@@ -171,7 +191,8 @@ def test_messages_that_name_their_wheel(write_bag, rover_of):
         np.testing.assert_allclose(samples.time, TIME, atol=1e-9)
 
 
-def test_messages_with_a_list_of_wheels(write_bag, rover_of):
+@pytest.mark.parametrize("by_hand", [True, False])
+def test_messages_with_a_list_of_wheels(by_hand, write_bag, rover_of):
     rows = [
         (
             "/state",
@@ -193,7 +214,8 @@ def test_messages_with_a_list_of_wheels(write_bag, rover_of):
         )
         for j, t in enumerate(TIME)
     ]
-    found = telemetry.read(write_bag(rows, definitions=LIST_MESSAGE), rover_of(GEOMETRY))
+    path = write_bag(rows, definitions=LIST_MESSAGE)
+    found = telemetry.read(path, rover_of(GEOMETRY) if by_hand else drafted(path, rover_of))
     assert [samples.wheel for samples in found] == ["wheel_fl", "wheel_fr"]
     for samples in found:
         expect(

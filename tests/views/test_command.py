@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from terrain_cli import installation
+
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_data" / "run.csv"
 
@@ -65,7 +67,7 @@ def test_says_what_to_install(short, tmp_path):
     assert (done.returncode, done.stdout) == (78, "")
     assert done.stderr.splitlines() == [
         "terrain-est: a report needs altair, which is not installed",
-        "  pip install 'terrain-est[report]'",
+        f"  {installation.command_for('report')}",
     ]
 
 

@@ -13,6 +13,7 @@ from compared import comparison_of, drive
 from simulator.run import simulate
 
 from formats import CannotWriteError
+from terrain_cli import installation
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.views import report
 from terrain_cli.views.report import Section, Table, page
@@ -226,4 +227,4 @@ def test_missing_extra_says_what_to_install(comparison, tmp_path, monkeypatch, l
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ConfigurationError, match=library) as error:
         report.write(comparison, tmp_path / "run.html")
-    assert error.value.hint == "pip install 'terrain-est[report]'"
+    assert error.value.hint == installation.command_for("report")

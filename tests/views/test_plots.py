@@ -14,6 +14,7 @@ from matplotlib import image
 from matplotlib.figure import Figure
 
 from formats import CannotWriteError
+from terrain_cli import installation
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.estimation.estimators import estimate_lines
 from terrain_cli.mechanics.wheel_model import Model
@@ -74,7 +75,7 @@ def test_same_data_same_files(comparison, folder, tmp_path, monkeypatch):
     from terrain_cli.views import figures
 
     def one(shown):
-        yield "predicted-measured", figures.predicted_measured(shown)
+        yield "predicted-measured", lambda: figures.predicted_measured(shown)
 
     monkeypatch.setattr(plots, "_of_comparison", one)
     for path in plots.write(comparison, tmp_path):
@@ -150,7 +151,7 @@ def test_missing_extra_says_what_to_install(comparison, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(ConfigurationError, match="matplotlib") as error:
         plots.write(comparison, tmp_path / "none")
-    assert error.value.hint == "pip install 'terrain-est[plot]'"
+    assert error.value.hint == installation.command_for("plot")
     assert not (tmp_path / "none").exists()
 
 

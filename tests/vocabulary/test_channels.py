@@ -79,6 +79,11 @@ def test_no_alias_belongs_to_two_channels():
         ("T", ("torque", "N m", False)),
         ("z", ("sinkage", "m", False)),
         ("V", ("velocity", "m/s", False)),
+        ("v", ("velocity", "m/s", False)),
+        ("v_cm_s", ("velocity", "cm/s", True)),
+        ("w_rad_s", ("angular_velocity", "rad/s", True)),
+        ("w [rpm]", ("angular_velocity", "rpm", True)),
+        ("w_kN", ("load", "kN", True)),
         ("i", ("slip", "1", False)),
         ("t", ("time", "s", False)),
         ("ω", ("angular_velocity", "rad/s", False)),
@@ -110,8 +115,9 @@ def test_headers_that_mean_a_channel(header, expected):
             "phi_deg",
             "tau",
             "Z",
-            "v",
             "w",
+            "w_n",
+            "w_std",
             "I",
             "",
         ),
@@ -201,6 +207,15 @@ def test_two_columns_that_can_be_one_channel_are_an_error(headers):
     assert f"columns {first!r} and {second!r} can all be torque" in str(error.value)
     assert f'[channels] torque = "{first}"' in error.value.hint
     assert resolve(headers, chosen={"torque"}).keys() == {"x"} & set(headers)
+
+
+def test_of_a_letter_in_both_cases_none_is_preferred():
+    with pytest.raises(InputError, match="columns 'V' and 'v' can all be velocity"):
+        resolve(["V", "v"])
+    found = resolve(["W", "w", "T", "t"])
+    assert {channel: header for channel, (header, _) in found.channels.items()} == {
+        "load": "W", "torque": "T", "time": "t",
+    }  # fmt: skip
 
 
 def test_units_of_other_columns():

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import options, paths
+from terrain_cli.commands import options, paths, suggestions
 from terrain_cli.commands.model import change_options
 
 
@@ -26,7 +26,9 @@ Examples:
 """,
 )
 @click.argument("file", type=paths.CHANGED, metavar="FILE")
-@click.argument("effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]")
+@click.argument(
+    "effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]", shell_complete=suggestions.effects
+)
 @click.option("--keep", is_flag=True, help="Add it even if the held-out error does not fall.")
 @click.option(
     "--until-quiet",
@@ -89,6 +91,6 @@ def _add(context: click.Context) -> None:
     step = change_options.tried(context, "add", before, changed)
     step = replace(step, kept=step.pays or given["keep"])
     if step.kept:
-        because = change_sentences.found(step) if step.pays else f"--keep; {change_sentences.found(step)}"
-        change_options.write(given["file"], changed.file, history_entry.entry(step, because))
+        entry = history_entry.entry(step, change_sentences.reason(step))
+        change_options.write(given["file"], changed.file, entry)
     change_options.tell(context, change_text.text(step), change_text.document(step))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -83,27 +81,6 @@ def load(path: str) -> ModelFile:
     return models.load(path) if Path(path).exists() else models.resolve(path)
 
 
-def beside(names: tuple[str, ...], path: str) -> list[str]:
-    """Return the names of effects as a model file writes them.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Paths begin in the current folder.
-    path : str
-        Of the model file.
-
-    Returns
-    -------
-    list of str
-        Paths begin in the folder of the model file.
-    """
-    from terrain_cli import models
-
-    folder = Path(path).parent
-    return [os.path.relpath(name, folder) if models.is_path(name) else name for name in names]
-
-
 def change(context: click.Context, action: Action) -> tuple[ModelFile, Changed]:
     """Read the model file, and change it as the command line says.
 
@@ -115,7 +92,7 @@ def change(context: click.Context, action: Action) -> tuple[ModelFile, Changed]:
 
     given = context.params
     before = load(given["file"])
-    names = beside(given["effects"], given["file"])
+    names = models.named_from(given["effects"], Path(given["file"]).parent)
     modulus = _shear_modulus(context) if models.ASSUMPTIONS.keys() & set(names) else 0.0
     return before, (models.added if action == "add" else models.removed)(before, names, modulus)
 
@@ -176,9 +153,11 @@ def untested(context: click.Context, action: Action, changed: Changed) -> None:
 
 def tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
     """Write what came out, for a person or as JSON."""
+    from terrain_cli.presentation import json_text
+
     file = context.params["file"]
     if context.params["as_json"]:
-        click.echo(json.dumps({**content, "file": file}, ensure_ascii=False, indent=2, allow_nan=False))
+        click.echo(json_text.written({**content, "file": file}))
     else:
         say(f"{file}: {text}")
 

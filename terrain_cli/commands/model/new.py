@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import click
 
-from terrain_cli.commands import options, paths
+from terrain_cli.commands import options, paths, suggestions
 from terrain_cli.vocabulary.choices import BASES
 
 
@@ -39,6 +38,7 @@ Examples:
     type=paths.EFFECT,
     envvar="TERRAIN_EST_EFFECT",
     metavar="EFFECT",
+    shell_complete=suggestions.effects,
     help="An id of the catalogue, or the TOML file of an effect (repeatable).",
 )
 @click.option(
@@ -63,7 +63,7 @@ def new(file: str, base: str, effects: tuple[str, ...], fixed: tuple[str, ...], 
 
     formats.check_free(file, replace=force)
     folder = Path(file).parent
-    named = [os.path.relpath(name, folder) if models.is_path(name) else name for name in effects]
+    named = models.named_from(effects, folder)
     values: dict[str, Any] = {}
     for text in fixed:
         name, equals, number = text.partition("=")

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import options, paths
+from terrain_cli.commands import options, paths, suggestions
 from terrain_cli.commands.model import change_options
 
 
@@ -23,7 +23,14 @@ Examples:
 """,
 )
 @click.argument("file", type=paths.CHANGED, metavar="FILE")
-@click.argument("effects", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…")
+@click.argument(
+    "effects",
+    nargs=-1,
+    required=True,
+    type=paths.EFFECT,
+    metavar="EFFECT…",
+    shell_complete=suggestions.effects,
+)
 @change_options.with_options
 @click.pass_context
 def remove(context: click.Context, /, **_: Any) -> None:

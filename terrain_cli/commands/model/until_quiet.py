@@ -71,11 +71,10 @@ def _events(context: click.Context, drafts: _Drafts | None) -> Iterator[Step | S
 
     given = context.params
     file = change_options.load(given["file"])
-    names = change_options.beside(given["effects"], given["file"])
-    own = {models.find_effect(name, Path(given["file"]).parent).id: name for name in names}
-    candidates = effects.catalogue() | {
-        key: models.find_effect(name, Path(given["file"]).parent) for key, name in own.items()
-    }
+    folder = Path(given["file"]).parent
+    names = models.named_from(given["effects"], folder)
+    own = {models.find_effect(name, folder).id: name for name in names}
+    candidates = effects.catalogue() | {key: models.find_effect(name, folder) for key, name in own.items()}
     bar = Progress(1, enabled=False)
 
     def say(step: str) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Wheel
-    from terrain_cli.telemetry.wheel_samples import Raw, Samples
+    from terrain_cli.telemetry.wheel_samples import Geometry, Raw, Samples
 
     Array = NDArray[np.float64]
 
@@ -58,7 +58,16 @@ def read(effects: Iterable[Effect]) -> tuple[set[str], set[str]]:
 
 def lacking(raw: Raw, wheel: Wheel, effects: Iterable[Effect]) -> list[Lack]:
     """Say what is missing for the effects of a model."""
-    there = _there(raw)
+    return _lacks(_there(raw), wheel, effects)
+
+
+def not_read(samples: Samples, effects: Iterable[Effect]) -> list[Lack]:
+    """Say what effects need that is not in samples, which were read without them."""
+    there = {*samples.channels, *samples.drivers, *(["time"] if samples.time is not None else [])}
+    return _lacks(there, samples.geometry, effects)
+
+
+def _lacks(there: set[str], wheel: Wheel | Geometry, effects: Iterable[Effect]) -> list[Lack]:
     lacks = []
     for effect in effects:
         for name in effect.needs:

@@ -51,7 +51,7 @@ def lines(plan: Plan, lacks: Mapping[str, Sequence[Lack]]) -> str:
             if lack.lines:
                 tables.setdefault(lack.lines[0], {}).update(dict.fromkeys(lack.lines[1:]))
             for channel in lack.ask:
-                entry = _column(plan, channel) if is_table(plan.source) else _topic(plan, wheel, channel)
+                entry = proposals(plan, wheel, channel)
                 tables.setdefault(header(plan, wheel, channel), {}).update(dict.fromkeys(entry))
     # The wheel and its soil first, as a rover file has them.
     order = sorted(tables, key=lambda table: table not in {"[wheel]", "[soil]"})
@@ -59,6 +59,11 @@ def lines(plan: Plan, lacks: Mapping[str, Sequence[Lack]]) -> str:
     if is_table(plan.source) and "[channels]" in tables and plan.extras:
         text.append(f"# the columns that are left: {_some(plan.extras, 3 * MOST)}")
     return "\n".join(text)
+
+
+def proposals(plan: Plan, wheel: str, channel: str) -> list[str]:
+    """Write the lines that would supply a channel, alternatives as comments."""
+    return _column(plan, channel) if is_table(plan.source) else _topic(plan, wheel, channel)
 
 
 def header(plan: Plan, wheel: str, channel: str) -> str:
@@ -73,7 +78,7 @@ def entry(feed: Feed, unit: str, scale: float = 1.0) -> str:
     The unit is that which what was read in SI units is in instead, and `scale` leads to it.
     """
     symbol, scale = _in(feed, unit, scale)
-    keys = [_place(feed) if feed.constant is None else f"constant = {toml_text.value(feed.constant)}"]
+    keys = [place(feed) if feed.constant is None else f"constant = {toml_text.value(feed.constant)}"]
     keys.append(f"unit = {toml_text.value(symbol)}")
     keys += [f"scale = {toml_text.value(feed.scale * scale)}"] * (feed.scale * scale != 1.0)
     keys += [f"offset = {toml_text.value(feed.offset * scale)}"] * (feed.offset != 0.0)
@@ -122,7 +127,7 @@ def _topic(plan: Plan, wheel: str, channel: str) -> list[str]:
     symbol = units.si(CHANNELS[channel].dimension).symbol
     doubts = plan.doubts(wheel).get(channel)
     if doubts:
-        first, *others = [_place(feed) for feed in doubts]
+        first, *others = [place(feed) for feed in doubts]
         return [f"{channel} = {{ {first} }}  # or {', or '.join(others[:MOST])}"]
     streams = plan.source.streams()
     joints = [
@@ -135,10 +140,10 @@ def _topic(plan: Plan, wheel: str, channel: str) -> list[str]:
     for topic, names in sorted(joints, key=lambda one: match_name(wheel, one[1]) is None)[:1]:
         joint = match_name(wheel, names) or (names[0] if len(names) == 1 else "…")
         which = f"index = {joint}" if joint.isdigit() else f'name = "{joint}"'
-        place = f'topic = "{topic}", field = "effort", {which}'
+        where = f'topic = "{topic}", field = "effort", {which}'
         return [
-            f'torque = {{ {place}, unit = "N m" }}{_one_of(names) if joint == "…" else ""}',
-            f'# motor_current = {{ {place}, unit = "A" }}  # instead, if that is what effort is here',
+            f'torque = {{ {where}, unit = "N m" }}{_one_of(names) if joint == "…" else ""}',
+            f'# motor_current = {{ {where}, unit = "A" }}  # instead, if that is what effort is here',
         ]
     free = [stream.topic for stream in streams if _is_value(stream) and not _used(plan, stream.topic)]
     if free:
@@ -157,7 +162,8 @@ def _fitting(plan: Plan, dimension: str) -> Iterator[str]:
                 yield f"{stream.topic} {field.name}"
 
 
-def _place(feed: Feed) -> str:
+def place(feed: Feed) -> str:
+    """Write the keys that say where a channel is read."""
     if not feed.topic:
         return f"column = {toml_text.value(feed.fields[0])}"
     text = f"topic = {toml_text.value(feed.topic)}"

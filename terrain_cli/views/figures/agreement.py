@@ -6,15 +6,16 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from terrain_cli.views import binning, sample_pairs
 from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN
+from terrain_cli.views.figures.picture import Picture
 from terrain_cli.vocabulary import quantities
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.comparison_outcome import Comparison
@@ -30,7 +31,7 @@ MOST_DRIVERS = 9
 def predicted_measured(comparison: Comparison) -> Figure:
     """Draw what was predicted against what was measured, a panel for each channel."""
     shown = sample_pairs.channels(comparison)
-    figure = Figure(figsize=(3.4 * len(shown), 3.9))
+    figure = Picture(figsize=(3.4 * len(shown), 3.9))
     for axes, name in zip(np.ravel(figure.subplots(1, len(shown))), shown, strict=True):
         errors = comparison.channels[name]
         what = quantities.quantity(name, errors.unit)
@@ -99,7 +100,7 @@ def residuals(comparison: Comparison, channel: str) -> Figure:
     shown = sample_pairs.drivers(comparison, channel, pooled, MOST_DRIVERS)
     columns = min(3, max(len(shown), 1))
     rows = math.ceil(len(shown) / columns) or 1
-    figure = Figure(figsize=(3.2 * columns + 0.3, 2.4 * rows + 0.7))
+    figure = Picture(figsize=(3.2 * columns + 0.3, 2.4 * rows + 0.7))
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     residual = pooled.residual
     for axes in grid.flat[len(shown) :]:

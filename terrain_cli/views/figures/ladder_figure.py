@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from terrain_cli.improvement.error_ladder import channels
 from terrain_cli.views.chart_style import COLOURS, INK
+from terrain_cli.views.figures.picture import Picture
 from terrain_cli.views.ladder_table import measured, top
 from terrain_cli.vocabulary import quantities
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from terrain_cli.improvement.error_ladder import Rung
     from terrain_cli.improvement.improvement_outcome import Interval
@@ -37,7 +38,7 @@ def errors(ladder: Sequence[Rung]) -> Figure | None:
         return None
     tested = [rung for rung in ladder if rung.channels]
     wide = max(4.2, 1.6 + 0.95 * len(tested))
-    figure = Figure(figsize=(min(wide, 14.0), 0.9 + 1.9 * len(names)))
+    figure = Picture(figsize=(min(wide, 14.0), 0.9 + 1.9 * len(names)))
     grid = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
     place = {rung.number: index for index, rung in enumerate(tested)}
     for axes, name in zip(grid, names, strict=True):

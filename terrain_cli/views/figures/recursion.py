@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from terrain_cli.views import binning, segment_groups
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS
+from terrain_cli.views.figures.picture import Picture
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -47,7 +48,7 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
     trace : mapping of str to sequence
         Columns of `results.trace`, of one wheel.
     """
-    figure = Figure(figsize=(7.2, 4.8))
+    figure = Picture(figsize=(7.2, 4.8))
     upper, lower = figure.subplots(2, 1, sharex=True)
     number = np.asarray(trace["segment"])
     starts = _starts(number)
@@ -92,7 +93,7 @@ def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
     longest = max(len(part["segment"]) for part in parts)
     # Errors stand beside the lines: bands over one another would hide what they are of.
     beside = longest * (1.02 + 0.02 * np.arange(len(parts) + 1))
-    figure = Figure(figsize=(7.2, 4.8))
+    figure = Picture(figsize=(7.2, 4.8))
     upper, lower = figure.subplots(2, 1, sharex=True)
     for axes, quantity in zip((upper, lower), _QUANTITIES, strict=True):
         for j, (part, name) in enumerate(zip(parts, _names(parts), strict=True)):

@@ -5,13 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from terrain_cli.mechanics.stresses import stresses
 from terrain_cli.views.chart_style import COLOURS, FAINT
+from terrain_cli.views.figures.picture import Picture
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from matplotlib.figure import Figure
 
     from terrain_cli.views.soil_table import Moment
 
@@ -26,7 +28,7 @@ def rim_stress(moments: Sequence[Moment]) -> Figure:
     """
     columns = min(2, len(moments))
     rows = -(-len(moments) // columns)
-    figure = Figure(figsize=(3.8 * columns, 2.9 * rows + 0.3))
+    figure = Picture(figsize=(3.8 * columns, 2.9 * rows + 0.3))
     grid = figure.subplots(rows, columns, squeeze=False)
     for axes in grid.flat[len(moments) :]:
         axes.remove()

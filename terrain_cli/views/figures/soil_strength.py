@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.path import Path
@@ -13,11 +12,13 @@ from matplotlib.transforms import Bbox
 
 from terrain_cli.views import segment_groups
 from terrain_cli.views.chart_style import COLOURS, LINES, MARKERS
+from terrain_cli.views.figures.picture import Picture
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 #: With more segments than this, errors would hide the estimates.
 MOST_ERRORS = 60
@@ -33,7 +34,7 @@ def strength(table: Mapping[str, Any]) -> Figure:
     table : mapping of str to sequence
         Columns of `results.COLUMNS`.
     """
-    figure = Figure(figsize=(7.6, 3.9))
+    figure = Picture(figsize=(7.6, 3.9))
     left, right = figure.subplots(1, 2)
     kinds = segment_groups.groups(table, len(COLOURS))
     _estimates(left, table, kinds)

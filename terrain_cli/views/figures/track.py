@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 
 from terrain_cli.views import segment_groups
 from terrain_cli.views.chart_style import FAINT, INK, SCALE
+from terrain_cli.views.figures.picture import Picture
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from numpy.typing import ArrayLike, NDArray
 
     Array = NDArray[np.float64]
@@ -51,7 +52,7 @@ def track(table: Mapping[str, Any], misfit: Mapping[str, ArrayLike]) -> Figure |
     across, up, stretch = segment_groups.frame(table, every)
     shape = (up[1] - up[0]) * stretch / (across[1] - across[0])
     panel = (3.4, 3.1 * shape + 0.3) if shape < 1.0 else (3.4 / shape + 0.9, 3.8)
-    figure = Figure(figsize=(panel[0] * len(shown), panel[1] * len(wheels) + 1.1), layout="compressed")
+    figure = Picture(figsize=(panel[0] * len(shown), panel[1] * len(wheels) + 1.1), layout="compressed")
     grid = figure.subplots(len(wheels), len(shown), squeeze=False, sharex=True, sharey=True)
     x, y = ("longitude (°)", "latitude (°)") if segment_groups.geographic(table) else ("x (m)", "y (m)")
     for column, (label, values) in enumerate(shown.items()):

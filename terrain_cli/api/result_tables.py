@@ -1,0 +1,58 @@
+"""Results of commands as tables of pandas and as HTML."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+#: Of SI units, as they stand in the name of a column.
+_IN_NAMES = {"N m": "Nm"}
+#: Rows that a notebook shows.
+_MOST_ROWS = 50
+
+
+def frame(rows: Iterable[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
+    """Return entries of a document as rows; NaN where it holds null for a number."""
+    table = pd.DataFrame(list(rows), columns=list(columns))
+    for name in columns:
+        if pd.api.types.is_object_dtype(table[name]) and table[name].map(_is_number).all():
+            table[name] = table[name].astype(float)
+    return table
+
+
+def _is_number(value: Any) -> bool:
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+
+
+def column(channel: str, what: str, unit: str) -> str:
+    """Return the name of a column, with the unit of its numbers."""
+    return f"{channel}_{what}_{_IN_NAMES.get(unit, unit)}"
+
+
+def html(lines: Iterable[str], tables: Mapping[str, pd.DataFrame]) -> str:
+    """Return what a notebook shows: sentences, then tables under their captions."""
+    parts = [*(f"<p>{escape(line)}</p>" for line in lines), *_tables(tables)]
+    return "\n".join(['<div class="terrain-est" style="overflow-x: auto">', *parts, "</div>"])
+
+
+def _tables(tables: Mapping[str, pd.DataFrame]) -> Iterator[str]:
+    for caption, table in tables.items():
+        if len(table):
+            yield f"<p><b>{escape(caption)}</b></p>"
+            yield table.to_html(
+                index=table.index.name is not None,
+                border=0,
+                float_format=_short,
+                na_rep="–",
+                max_rows=_MOST_ROWS,
+            )
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else "–"

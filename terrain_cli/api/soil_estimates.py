@@ -1,0 +1,165 @@
+"""The soil of every window, as tables."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from terrain_cli import estimation
+from terrain_cli.api.logs import windows_of
+from terrain_cli.errors import InputError
+from terrain_cli.estimation import estimators
+from terrain_cli.presentation import segment_table
+from terrain_cli.presentation import summary as summaries
+from terrain_cli.telemetry.wheel_samples import NEEDED
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from terrain_cli.api.logs import Data
+    from terrain_cli.estimation.estimators import Fitted
+    from terrain_cli.models import ModelFile
+    from terrain_cli.vocabulary.choices import Method
+    from terrain_cli.windows.cut_windows import Windows
+
+
+def estimate(
+    cut: Data,
+    method: Method = "auto",
+    *,
+    min_samples: int | None = None,
+    folds: int | None = None,
+    model: ModelFile | str | Path | None = None,
+    robust: bool = False,
+    at_stress: float | None = None,
+) -> pd.DataFrame:
+    """Estimate cohesion c and friction angle φ in every window.
+
+    Parameters
+    ----------
+    cut : Windows, Samples, path, DataFrame, or a sequence of them
+        Samples that are not cut yet are cut by `segment`.
+    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
+        "auto" and "wong-reece" fit the full model; the others are estimators of the paper.
+    min_samples : int, optional
+        Windows with fewer samples get the status "too-few-samples"; 5 by default.
+    folds : int, optional
+        Choose δ of the ridge over so many contiguous blocks. By default one sample is left out at a
+        time.
+    model : ModelFile, str or Path, optional
+        A base or a model file instead of the full model. Each wheel is fitted on its own.
+    robust : bool
+        Give wild samples little weight in the fit of the full model.
+    at_stress : float, optional
+        Normal stress in kPa for ``strength_at_stress_kPa``; by default the typical one under the wheel.
+
+    Returns
+    -------
+    DataFrame
+        One row for each window, with the columns of ``terrain-est estimate``; units stand in their
+        names.
+
+    Raises
+    ------
+    InputError
+        Torque or sinkage is missing, or a channel that an effect of the model needs.
+    ConfigurationError
+        The model file is wrong.
+    UsageError
+        Model, method and robustness contradict each other.
+    """
+    several, fits = _fits(
+        cut, method, model, min_samples=min_samples, folds=folds, robust=robust, at_stress=at_stress
+    )
+    tables = [segment_table.table(one, fit.estimates) for one, fit in zip(several, fits, strict=True)]
+    return pd.DataFrame(segment_table.join(tables))
+
+
+def trace(cut: Windows) -> pd.DataFrame:
+    """Estimate c and φ recursively, sample by sample.
+
+    Parameters
+    ----------
+    cut : Windows
+        Of one wheel.
+
+    Returns
+    -------
+    DataFrame
+        One row for each sample, with the columns of ``terrain-est estimate --trace``.
+
+    Raises
+    ------
+    InputError
+        Torque or sinkage is missing.
+    """
+    return pd.DataFrame(segment_table.trace(_lined(cut)))
+
+
+def summarise(
+    cut: Data,
+    method: Method = "auto",
+    *,
+    min_samples: int | None = None,
+    model: ModelFile | str | Path | None = None,
+    robust: bool = False,
+) -> list[dict[str, Any]]:
+    """Pool the windows of each terrain and wheel.
+
+    Parameters
+    ----------
+    cut : Windows, Samples, path, DataFrame, or a sequence of them
+        As for `estimate`.
+    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
+        As for `estimate`.
+    min_samples : int, optional
+        As for `estimate`.
+    model : ModelFile, str or Path, optional
+        As for `estimate`.
+    robust : bool
+        As for `estimate`.
+
+    Returns
+    -------
+    list of dict
+        The entries ``terrains`` of ``terrain-est estimate --summary``.
+
+    Raises
+    ------
+    InputError, ConfigurationError, UsageError
+        As for `estimate`.
+    """
+    several, fits = _fits(cut, method, model, min_samples=min_samples, robust=robust)
+    estimates = [fit.estimates for fit in fits]
+    tables = [segment_table.table(one, part) for one, part in zip(several, estimates, strict=True)]
+    return summaries.terrains(segment_table.join(tables), estimation.join(estimates))
+
+
+def _fits(
+    data: Data,
+    method: Method,
+    model: ModelFile | str | Path | None,
+    *,
+    robust: bool,
+    at_stress: float | None = None,
+    **options: Any,
+) -> tuple[Sequence[Windows], Sequence[Fitted]]:
+    file = estimators.choose(method, model, robust=robust)
+    several = [_lined(one) for one in windows_of(data, file.model.effects if file else ())]
+    stress = None if at_stress is None else 1e3 * at_stress
+    return several, estimators.estimate_all(several, method, file, robust=robust, at_stress=stress, **options)
+
+
+def _lined(windows: Windows) -> Windows:
+    """Refuse windows without what c and φ follow from."""
+    samples = windows.samples
+    missing = [name for name in NEEDED if name not in samples.channels]
+    if missing:
+        raise InputError(
+            f"{samples.source}: wheel {samples.wheel}: c and φ need {' and '.join(missing)}, which the log "
+            "does not give",
+            hint="terrain-est inspect shows what each channel is read from; compare and diagnose do without",
+        )
+    return windows

@@ -1,0 +1,55 @@
+"""`terrain-est init INPUT`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from terrain_cli.commands import options, paths
+
+
+@click.command(
+    "init",
+    cls=paths.Verb,
+    context_settings=options.CONTEXT,
+    epilog="""\b
+Examples:
+  terrain-est init run.bag
+  terrain-est init run.bag -o rover.toml
+  terrain-est init day1/run_0.db3 --salvage -o day1/rover.toml --force
+""",
+)
+@click.argument("log", type=paths.INPUT, metavar="INPUT")
+@click.option(
+    "-o", "--output", type=paths.RESULT, metavar="FILE", help="Write the rover file here, not to stdout."
+)
+@click.option("--force", is_flag=True, help="Replace FILE if it is there.")
+@options.salvage
+@options.largest
+@options.quiet
+def command(log: str, output: str | None, force: bool, salvage: bool, quiet: bool) -> None:
+    """Write a rover.toml for INPUT: the channels found in it, and what is left to fill in.
+
+    Each channel has a line that says where it is read and in which unit. A unit is never guessed:
+    where the log does not tell it, the line is a comment that says what to write. The sizes of the
+    wheel and the shear modulus of the soil are yours to fill in, and the lines ask for them by name.
+    Only the log counts: a rover.toml that is there is not read.
+    """
+    import formats
+    from terrain_cli.errors import UsageError
+    from terrain_cli.presentation import rover_draft
+
+    if output:
+        formats.check_free(output, replace=force)
+    logs = formats.expand([log])
+    if len(logs) > 1:
+        raise UsageError(f"{log} stands for {len(logs)} logs", hint=f"name one of them, such as {logs[0]}")
+    draft = rover_draft.draft(formats.open_source(logs[0], salvage=salvage))
+    if output in {None, "-"}:
+        click.echo(draft.text, nl=False)
+    else:
+        with formats.replacing(output) as temporary:
+            Path(temporary).write_text(draft.text, encoding="utf-8")
+    if not quiet:
+        click.echo(f"still to fill in: {', '.join(draft.left)}", err=True)

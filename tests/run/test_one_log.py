@@ -1,0 +1,45 @@
+"""One log: how far the work has come is told on the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from terrain_cli import rover
+from terrain_cli.run import long_log, one_log
+from terrain_cli.run.settings import Settings
+from terrain_cli.telemetry import long_logs
+
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
+
+
+def told(path, method="least-squares"):
+    """Return the steps and the shares that are told while a log is estimated."""
+    steps = []
+    settings = Settings(method=method)
+    one_log.run(
+        str(path), rover.load(SAMPLE / "rover.toml"), settings, progress=lambda *step: steps.append(step)
+    )
+    return [step for step, _ in steps], [share for _, share in steps]
+
+
+def test_each_step_of_each_wheel_moves_on():
+    steps, shares = told(SAMPLE / "run.csv")
+    assert steps[0] == "reading"
+    assert [step.partition(":")[0] for step in steps[1:]] == 2 * ["wheel front-left"] + 2 * [
+        "wheel front-right"
+    ]
+    assert shares == [0.0, 0.2, 0.4, 0.6, 0.8]
+
+
+def test_a_long_log_moves_on_with_its_rows(monkeypatch):
+    monkeypatch.setattr(long_log, "MOST_ROWS", 1000)
+    monkeypatch.setattr(long_logs, "ROWS", 400)
+    monkeypatch.setattr(long_logs, "BESIDE", 100)
+    rows = len(pd.read_parquet(SAMPLE / "run.parquet"))
+    steps, shares = told(SAMPLE / "run.parquet")
+    assert len(steps) > 5
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert steps[-1] == f"{rows:,} samples"
