@@ -213,7 +213,7 @@ def test_of_a_letter_in_both_cases_none_is_preferred():
     with pytest.raises(InputError, match="columns 'V' and 'v' can all be velocity"):
         resolve(["V", "v"])
     found = resolve(["W", "w", "T", "t"])
-    assert {channel: header for channel, (header, _) in found.channels.items()} == {
+    assert {channel: header for channel, (header, _) in found.items()} == {
         "load": "W", "torque": "T", "time": "t",
     }  # fmt: skip
 
