@@ -86,13 +86,7 @@ def replacing(path: str) -> Iterator[str]:
 
 
 def opened(path: str) -> int | None:
-    """Tell which of the files that this process has open a path leads to, as /dev/stdout and /dev/fd/63 do.
-
-    Returns
-    -------
-    int or None
-        Its descriptor.
-    """
+    """Return the descriptor of this process that a path leads to, as /dev/stdout and /dev/fd/63 do."""
     try:
         place = os.path.abspath(path)  # noqa: PTH100 - resolve would follow the last link too
     except FileNotFoundError:  # the working folder is gone
@@ -153,19 +147,7 @@ def is_stream(path: str) -> bool:
 
 @contextmanager
 def explained(path: str) -> Iterator[None]:
-    """Turn what the system says about a failed write into a `CannotWriteError`.
-
-    Parameters
-    ----------
-    path : str
-        For the message.
-
-    Raises
-    ------
-    CannotWriteError
-    BrokenPipeError
-        Passed on: whoever read has gone, and that is no failure.
-    """
+    """Make what the system says of a failed write a `CannotWriteError`; a reader that went is no failure."""
     try:
         yield
     except BrokenPipeError:

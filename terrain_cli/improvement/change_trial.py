@@ -21,7 +21,7 @@ from terrain_cli.improvement.improvement_outcome import (
     Shift,
     Step,
 )
-from terrain_cli.telemetry.long.excerpt import notes
+from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.vocabulary.english import counted
 from terrain_cli.windows import joined_inputs
 

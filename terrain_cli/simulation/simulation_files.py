@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import formats
-from formats.output.packed_csv import PACKINGS, write_packed
+from formats.output.text_writer import PACKINGS, write_packed
 from terrain_cli.simulation import matching_rover
 from terrain_cli.simulation import simulated_log as logs
 from terrain_cli.simulation import truth as truths

@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formats import CannotWriteError, FormatError, check_crs, output_kind, replacing, write_table
-from formats.output.wkt import parse
+from formats.output.common_forms import parse
 
 ENDINGS = ["csv", "parquet", "json", "geojson", "gpkg", "geojsonl", "geojsons"]
 

@@ -29,26 +29,10 @@ STANDS = "wheel stands (ω = 0, slip undefined)"
 def set_aside(
     channels: Mapping[str, Array], time: Array | None, radius: float, *, skids: bool = False
 ) -> tuple[Labels, NDArray[np.intp]]:
-    """Give each sample the first reason for which it cannot be used.
+    """Give each sample the first reason for which it cannot be used (else −1), and find clock restarts.
 
-    Parameters
-    ----------
-    channels : mapping of str to ndarray, shape (n,)
-        SI units; load and slip are needed, and torque and sinkage where they are there at all;
-        angular_velocity and velocity are used where they are there.
-    time : ndarray, shape (n,), or None
-        In s.
-    radius : float
-        Wheel radius in m.
-    skids : bool
-        Keep the samples of a skidding wheel, which the whole model covers and the line does not.
-
-    Returns
-    -------
-    reasons : Labels, shape (n,)
-        Code −1 where the sample can be used.
-    restarts : ndarray of int
-        Indices at which the clock begins anew.
+    Of the channels (SI) load and slip are needed, and others used where they are there. `skids` keeps the
+    samples of a skidding wheel, which the whole model covers and the line does not.
     """
     n = len(channels["load"])
     names: list[str] = []
@@ -122,19 +106,7 @@ def _beyond(channels: Mapping[str, Array], radius: float) -> Iterator[tuple[str,
 
 
 def also_aside(reasons: Labels, reason: str, where: NDArray[np.bool_]) -> Labels:
-    """Set further samples aside.
-
-    Parameters
-    ----------
-    reasons : Labels, shape (n,)
-        From `set_aside`.
-    where : ndarray of bool, shape (n,)
-
-    Returns
-    -------
-    Labels, shape (n,)
-        As before where there was a reason already.
-    """
+    """Set further samples aside; where there was a reason already, that stays."""
     new = where & (reasons.codes < 0)
     if not new.any():
         return reasons
@@ -156,22 +128,8 @@ def stretches(
     nothing usable, for longer than `max_gap`. A wheel that stands does not interrupt the ground
     under it.
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,), or None
-        In s; without a clock only runs count.
-    reasons : Labels, shape (n,)
-        From `set_aside`.
-    runs : Labels, shape (n,), optional
-    restarts : ndarray of int, optional
-        From `set_aside`.
-    max_gap : float
-        In s.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        Increasing from 0. A gap is counted at the first usable sample behind it.
+    Numbers rise from 0; a gap is counted at the first usable sample behind it. Without a clock only runs
+    count.
     """
     n = len(reasons)
     begins = np.zeros(n, dtype=bool)
@@ -190,22 +148,7 @@ def stretches(
 
 
 def driving_time(time: Array, reasons: Labels, max_gap: float) -> Array:
-    """Return a clock that stops while the wheel stands, so that only lost driving counts as a gap.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        In s; n > 0.
-    reasons : Labels, shape (n,)
-        From `set_aside`.
-    max_gap : float
-        In s.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In s, never falling.
-    """
+    """Return a clock (s, never falling) that stops while the wheel stands: only lost driving is a gap."""
     standing, astray = (_is(reasons, reason) for reason in (STANDS, BACKWARDS))
     known, clock, n = np.isfinite(time) & ~astray, time, len(time)
     if not known.all():

@@ -14,15 +14,14 @@ from terrain_cli.telemetry.channel_sources import Feed
 from terrain_cli.telemetry.raw_columns import as_labels, as_numbers, take
 from terrain_cli.telemetry.wheel_samples import Notice
 from terrain_cli.toml import toml_text
-from terrain_cli.vocabulary import time_names
-from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
+from terrain_cli.vocabulary.channels import CHANNELS, stated_unit, time_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Generator, Mapping, Sequence
 
     from formats import Batch, Column, Source
     from terrain_cli.telemetry.channel_sources import Plan
-    from terrain_cli.vocabulary.time_names import TimeName
+    from terrain_cli.vocabulary.channels import TimeName
 
 #: Rows that are looked at.
 _ROWS = 65_536
@@ -62,23 +61,13 @@ class _Rise(NamedTuple):
 def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
     """Find the time of a table that has no column `time`, and doubt that it has none.
 
-    Parameters
-    ----------
-    plan : Plan
-        Gains the feed of the time, or else a remark, or the error that its rows can hardly be steady
-        test points.
-    pairs : sequence of TimeName
-        Its columns of whole seconds and fractions.
-
-    Raises
-    ------
-    InputError
-        Several columns can be the time.
+    The plan gains the feed of the time, or else a remark, or the error that its rows can hardly be steady
+    test points. `pairs` are its columns of whole seconds and fractions.
     """
     source, known = plan.source, plan.shared.get("time")
     unused = _unused(plan)
     halves = {header for pair in pairs for header in pair.headers}
-    names = time_names.names(header for header in unused if header not in halves)
+    names = time_names(header for header in unused if header not in halves)
     if known and not (pairs or names):
         return
     label = plan.labels.get("")
@@ -102,8 +91,7 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
 
 
 def _unused(plan: Plan) -> list[str]:
-    every = [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
-    used = {name for feed in every for name in feed.fields} | set(plan.labels.values())
+    used = {name for feed in plan.every_feed for name in feed.fields} | set(plan.labels.values())
     return [f.name for f in plan.source.streams()[0].fields if f.name not in used]
 
 
@@ -157,13 +145,10 @@ def _rise(column: Column, wheels: Labels | None, *, whole: bool = False) -> _Ris
 
 def _feed(name: TimeName) -> Feed:
     if len(name.headers) == 1:
-        return Feed(
-            channel="time", topic="", fields=name.headers, unit=name.unit, note="recognised by its name"
-        )
+        return Feed(channel="time", fields=name.headers, unit=name.unit, note="recognised by its name")
     factor = name.unit.factor
     return Feed(
         channel="time",
-        topic="",
         fields=name.headers,
         unit=CHANNELS["time"].unit,
         combine=lambda seconds, beyond: seconds + beyond * factor,
