@@ -85,7 +85,7 @@ def test_no_signal_leaves_anything_of_a_geopackage(number, code, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     process = subprocess.Popen(
-        [*TERRAIN_EST, "estimate", str(RUN), "-q", "-o", str(out / "soil.gpkg")],
+        [*TERRAIN_EST, "estimate", str(RUN), "-q", "--method", "least-squares", "-o", str(out / "soil.gpkg")],
         stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": f"{tmp_path / 'site'}:{ROOT}"},
         start_new_session=True,
     )  # fmt: skip
