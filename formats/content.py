@@ -42,6 +42,8 @@ FILE_KINDS = {
     "db3": FileKind("ROS 2 bag", "SQLite", (".db3",)),
 }
 COMPRESSED = ("gzip", "zstd", "bz2")
+#: What SQLite keeps beside a database.
+SIDE_FILES = ("-wal", "-journal")
 #: First bytes → one of `FILE_KINDS` or `COMPRESSED`; all else is text.
 _CONTENT = {
     b"#ROSBAG V2.0": "ros1",

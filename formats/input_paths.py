@@ -9,7 +9,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from formats.content import FILE_KINDS, failure
+from formats.content import FILE_KINDS, SIDE_FILES, failure
 from formats.errors import NotFoundError
 
 if TYPE_CHECKING:
@@ -61,11 +61,14 @@ def expand(inputs: Sequence[str]) -> list[str]:
 def parts(log: str) -> list[str]:
     """List the files of a log.
 
-    Of a rosbag2 folder all that is in it, but for settings (.toml), which may lie there too.
+    Of a rosbag2 folder all that is in it, but for settings (.toml), which may lie there too; of a database also
+    what SQLite keeps beside it.
     """
     folder = Path(log)
-    if log == "-" or not folder.is_dir():
+    if log == "-":
         return [log]
+    if not folder.is_dir():
+        return [log, *(f"{log}{ending}" for ending in SIDE_FILES if os.path.isfile(f"{log}{ending}"))]  # noqa: PTH113
     inside = (entry for entry in folder.iterdir() if entry.is_file() and entry.suffix != ".toml")
     return parquet_parts(folder) or [str(entry) for entry in inside]
 

@@ -112,8 +112,6 @@ def write_table(
             destination.flush()
         return
     kind = kind or output_kind(destination)
-    if kind not in _TEXT_KINDS and Path(destination).is_fifo():
-        raise CannotWriteError(destination, f"{kind} needs a file of its own, not a pipe")
     with replacing(destination) as temporary:
         if kind in _TEXT_KINDS:
             with Path(temporary).open("w", encoding="utf-8", newline="") as stream:

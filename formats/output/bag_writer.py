@@ -60,8 +60,6 @@ def write_bag(topics: Sequence[Topic], destination: str, kind: str) -> None:
         with _new_folder(destination) as folder:
             _write_ros2(topics, folder, kind)
         return
-    if Path(destination).is_fifo():
-        raise CannotWriteError(destination, "a bag needs a file of its own, not a pipe")
     with replacing(destination) as temporary, TemporaryDirectory(dir=Path(temporary).parent) as scratch:
         inner = Path(scratch) / _NAME
         if kind == "ros1":

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
+from formats.content import SIDE_FILES
 from formats.copies import kept
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import METADATA_BYTES, TooMuchError, unpacked_limit
@@ -120,7 +121,7 @@ def _check_db3(path: Path, name: str, head: bytes, size: int) -> None:
     whole = (65_536 if page == 1 else page) * pages
     if size < whole:
         raise DamagedError(name, f"cut off: {size:,} of {whole:,} bytes are there", hint=HINTS["db3"])
-    for ending in ("-wal", "-journal"):
+    for ending in SIDE_FILES:
         beside = path.with_name(path.name + ending)
         if beside.exists() and beside.stat().st_size > 0:
             finish = f"sqlite3 {shlex.quote(str(path))} 'PRAGMA journal_mode=DELETE'"

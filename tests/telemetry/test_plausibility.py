@@ -185,6 +185,12 @@ def test_what_rover_toml_states_is_believed_and_doubted(name, drive, judged):
     assert any(says in doubt for doubt in judged(table, f"{GEOMETRY}[channels]\n{stated}"))
 
 
+def test_a_velocity_that_was_derived_is_wrong_with_its_slip(drive, judged):
+    with pytest.raises(ImplausibleError, match="slip is beyond ±1") as error:
+        judged(without(drive.assign(slip=1e2 * slip_of(drive)), "velocity"))
+    assert error.value.channel == "slip"
+
+
 def test_a_header_states_a_unit_too(drive, judged):
     (doubt,) = judged(drive.assign(torque=1e3 * drive["torque"]).rename(columns={"torque": "torque_Nm"}))
     assert 'if it is in N mm, torque = { column = "torque_Nm", unit = "N mm" }' in doubt

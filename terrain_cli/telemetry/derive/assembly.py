@@ -67,7 +67,9 @@ def assemble(
     origins = derivable_channels.complete(raw, wheel, rover)
     if where is not None:
         _keep(raw, where)
-    reasons, restarts = usable_samples.set_aside(raw.channels, raw.time, radius, skids=effects is not None)
+    reasons, restarts = usable_samples.set_aside(
+        raw.channels, raw.time, radius, width, skids=effects is not None
+    )
     gap = alignment.stretch_gap(raw.time, rover.max_gap) if raw.time is not None else 0.0
     stretch = usable_samples.stretches(
         raw.time,

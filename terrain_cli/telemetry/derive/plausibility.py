@@ -351,9 +351,10 @@ def _stuck(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
 
 #: In this order: of several that are errors the first is raised.
 CHECKS: tuple[Callable[[UnitEvidence], Suspicion | None], ...] = (
+    # A velocity that was derived from a slip in % is wrong with it.
+    _slip,
     _track,
     _sparse,
-    _slip,
     _rim,
     _depth,
     _forces,

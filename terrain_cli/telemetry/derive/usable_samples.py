@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 
 #: The densest soils bear 0.6 MPa with a safety of 3 (BS 8004, presumed bearing values); Pa.
 MOST_PRESSURE = 2e6
+#: Cohesion of a soil that bears it: a strip presses with (2 + π) c at the most (Prandtl 1921); Pa.
+_MOST_COHESION = MOST_PRESSURE / (2.0 + np.pi)
+#: T/(W r) of friction alone, four times what the equations give (`plausibility.MOST_TORQUE`): judged.
+_MOST_FRICTION = 10.0
+#: z/r: on firm ground a sensor's noise may make a sinkage as small as it likes. Judged.
+_LEAST_DEPTH = 0.01
 #: No vehicle on soil is faster; m/s.
 MOST_SPEED = 100.0
 BACKWARDS = "time runs backwards"
@@ -27,7 +33,7 @@ STANDS = "wheel stands (ω = 0, slip undefined)"
 
 
 def set_aside(
-    channels: Mapping[str, Array], time: Array | None, radius: float, *, skids: bool = False
+    channels: Mapping[str, Array], time: Array | None, radius: float, width: float, *, skids: bool = False
 ) -> tuple[Labels, NDArray[np.intp]]:
     """Give each sample the first reason for which it cannot be used (else −1), and find clock restarts.
 
@@ -54,13 +60,13 @@ def set_aside(
         because(BACKWARDS, backwards)
         because("time repeated", repeated)
     with np.errstate(invalid="ignore"):
-        for reason, where in _unusable(channels, radius, skids=skids):
+        for reason, where in _unusable(channels, radius, width, skids=skids):
             because(reason, where)
     return Labels(codes, tuple(names)), restarts
 
 
 def _unusable(
-    channels: Mapping[str, Array], radius: float, *, skids: bool
+    channels: Mapping[str, Array], radius: float, width: float, *, skids: bool
 ) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Yield what can be wrong with the values of a sample, and where it is, the plainest reason first."""
     omega = channels.get("angular_velocity")
@@ -86,15 +92,18 @@ def _unusable(
         yield "sinkage not positive", channels["sinkage"] <= 0.0
         yield "sinkage beyond the wheel radius", channels["sinkage"] >= radius
     yield "load not positive", load <= 0.0
-    yield from _beyond(channels, radius)
+    yield from _beyond(channels, radius, width)
 
 
-def _beyond(channels: Mapping[str, Array], radius: float) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+def _beyond(
+    channels: Mapping[str, Array], radius: float, width: float
+) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Yield what no single sample can be, and where it is."""
-    # The whole wheel pressed into the densest soil, were it as wide as it is high.
-    force = MOST_PRESSURE * (2.0 * radius) ** 2
+    depth = np.clip(channels.get("sinkage", np.array(radius)) / radius, _LEAST_DEPTH, 1.0)
+    area = width * radius * np.sqrt((2.0 - depth) * depth)
+    force = _MOST_COHESION * area + _MOST_FRICTION * np.abs(channels["load"])
     limits = {
-        "load": (force, "load beyond what soil bears"),
+        "load": (MOST_PRESSURE * area, "load beyond what soil bears"),
         "torque": (force * radius, "torque beyond what soil takes"),
         "drawbar_pull": (force, "drawbar_pull beyond what soil takes"),
         "velocity": (MOST_SPEED, "velocity beyond that of any vehicle"),

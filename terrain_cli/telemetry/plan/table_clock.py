@@ -53,6 +53,11 @@ class _Rise(NamedTuple):
         return self.steps >= _FEW and self.up >= _RISING
 
     @property
+    def in_whole_seconds(self) -> bool:
+        """It never falls and rises time and again, if not at every row."""
+        return self.down == 0.0 and round(self.up * self.steps) >= _FEW
+
+    @property
     def as_a_clock(self) -> bool:
         """It hardly falls, as what is called a time must not; one row has nothing to rise from."""
         return not self.steps or (self.up >= _RISING * (self.up + self.down) and self.up * _WHEELS >= 1.0)
@@ -173,7 +178,7 @@ def _doubt(plan: Plan, table: Mapping[str, Column], wheels: Labels | None) -> No
         if rise.steadily:
             clear = is_time or stated or (rise.steps >= _MANY and not rise.counts)
             (sure if clear else rising).append(header)
-        elif is_time and rise.up > 0.0:
+        elif (is_time and rise.up > 0.0) or rise.in_whole_seconds:
             rising.append(header)
     shown = ", ".join(map(repr, (sure or rising)[:_OFFERED]))
     entries = [_entry(header, table[header]) for header in (sure or rising)[:_OFFERED]]
