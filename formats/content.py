@@ -1,10 +1,10 @@
-"""What a file holds, by its first bytes, and its text as UTF-8 whatever it is packed in."""
+"""What a file holds, by its first bytes; its text as UTF-8, whatever it is packed in or cut off in."""
 
 from __future__ import annotations
 
 import codecs
 import io
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,27 +12,23 @@ from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import NUL_BYTES, UNPACKED_RATIO, file_limit
 from formats.recovery import HINT
 
-STANDARD_INPUT = "standard input"
+if TYPE_CHECKING:
+    from formats.recovery import Recovery
+
 #: Enough for every signature below.
 HEAD_BYTES = 64
+#: Bytes that wait for the end of the file, so that a row which is cut off can be left out.
+_HELD = 1 << 16
+#: Read at once from packed data: what is lost of the last read, where they end too early.
+_PACKED = 1 << 10
 
 
 class FileKind(NamedTuple):
-    """A kind of file that is read.
+    """A kind of file that is read."""
 
-    Parameters
-    ----------
-    title : str
-        As the head of an inspection calls it.
-    found : str
-        As a remark says that it was found.
-    endings : tuple of str
-        Names that promise it.
-    piped : bool
-        It can be read from a pipe.
-    """
-
+    #: As the head of an inspection calls it.
     title: str
+    #: As a remark says that it was found.
     found: str
     endings: tuple[str, ...]
     piped: bool = False
@@ -46,7 +42,8 @@ FILE_KINDS = {
     "db3": FileKind("ROS 2 bag", "SQLite", (".db3",)),
 }
 COMPRESSED = ("gzip", "zstd", "bz2")
-
+#: What SQLite keeps beside a database.
+SIDE_FILES = ("-wal", "-journal")
 #: First bytes → one of `FILE_KINDS` or `COMPRESSED`; all else is text.
 _CONTENT = {
     b"#ROSBAG V2.0": "ros1",
@@ -57,7 +54,6 @@ _CONTENT = {
     b"\x28\xb5\x2f\xfd": "zstd",
     b"BZh": "bz2",
 }
-
 _FOREIGN = {
     b"#ROSBAG V1": "a ROS bag of format 1: convert it with `rosbag fix`",
     b"PK\x03\x04": "a zip archive or an Excel workbook: unpack it, or save the sheet as CSV",
@@ -67,30 +63,11 @@ _FOREIGN = {
     b"ARROW1": "an Arrow (Feather) file: save it as Parquet",
     b"\xfd7zXZ": "packed with xz: unpack it first (gzip, bzip2 and zstd are read as they are)",
 }
-
 _MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 
 
 def content(path: str, head: bytes) -> str:
-    """Tell from its first bytes what a file holds.
-
-    Parameters
-    ----------
-    path : str
-        For the message.
-    head : bytes
-        The first `HEAD_BYTES` of it.
-
-    Returns
-    -------
-    str
-        Of `FILE_KINDS` or `COMPRESSED`; "csv" for any text.
-
-    Raises
-    ------
-    FormatError
-        Empty, or a known kind of file that is not read.
-    """
+    """Tell by its first bytes what a file holds: of `COMPRESSED`, or of `FILE_KINDS`, "csv" for any text."""
     if not head:
         raise FormatError(path, "is empty")
     for magic, kind in _CONTENT.items():
@@ -103,13 +80,7 @@ def content(path: str, head: bytes) -> str:
 
 
 def failure(path: str, error: OSError) -> FormatError:
-    """Say in words why a file could not be opened or read.
-
-    Returns
-    -------
-    FormatError
-        `NotFoundError` where the file is missing or may not be read.
-    """
+    """Say in words why a file could not be opened or read."""
     if isinstance(error, FileNotFoundError | NotADirectoryError):
         return NotFoundError(path, "no such file or folder")
     if isinstance(error, PermissionError):
@@ -118,22 +89,7 @@ def failure(path: str, error: OSError) -> FormatError:
 
 
 def first_bytes(path: str, file: str) -> bytes:
-    """Read the first bytes of a file.
-
-    Parameters
-    ----------
-    path, file : str
-        As the user named it, and where it is.
-
-    Returns
-    -------
-    bytes
-        At most `HEAD_BYTES`.
-
-    Raises
-    ------
-    FormatError
-    """
+    """Read at most `HEAD_BYTES` of a file; `path` is what the user named it, `file` where it is."""
     try:
         with open(file, "rb") as stream:  # noqa: PTH123 (paths are strings throughout formats)
             return stream.read(HEAD_BYTES)
@@ -142,30 +98,7 @@ def first_bytes(path: str, file: str) -> bytes:
 
 
 class TextStream(io.RawIOBase):
-    """The text of a plain or compressed file as bytes of UTF-8, checked while they are read.
-
-    Parameters
-    ----------
-    path : str
-        As the user named it.
-    file : str
-        Where it is.
-
-    Attributes
-    ----------
-    packing : str
-        "gzip", "zstd", "bz2" or "".
-    encoding : str
-        "utf-8", "utf-16-le" or "utf-16-be", by the byte-order mark.
-    mark_bytes : int
-        Length of that mark, or of several in a row.
-    ended_in_newline : bool
-        Whether the last byte read so far ends a line.
-    nul_bytes : int
-        NUL bytes passed over so far: a power cut leaves them at the end of a log.
-    quote_marks : int
-        Quote marks so far; a table that closes each has an even number.
-    """
+    """The text of a plain or compressed file as bytes of UTF-8, checked while they are read."""
 
     def __init__(self, path: str, file: str) -> None:
         import pyarrow as pa
@@ -173,12 +106,17 @@ class TextStream(io.RawIOBase):
         super().__init__()
         self.path = path
         self._line = 1
+        #: NUL bytes passed over so far: a power cut leaves them at the end of a log.
         self.nul_bytes = 0
+        #: Quote marks so far; a table that closes each has an even number.
         self.quote_marks = 0
+        #: Length of the byte-order mark, or of several in a row.
         self.mark_bytes = 0
+        #: Whether the last byte read so far ends a line.
         self.ended_in_newline = True
         head = first_bytes(path, file)
         kind = content(path, head)
+        #: "gzip", "zstd", "bz2" or "".
         self.packing = kind if kind in COMPRESSED else ""
         self._inner: Any = pa.OSFile(file)
         self._unpacked, self._limit = 0, file_limit(self._inner.size())
@@ -189,6 +127,7 @@ class TextStream(io.RawIOBase):
         if inner != "csv":
             raise FormatError(path, f"is a {inner} file packed with {self.packing}: unpack it first")
         mark = next((mark for mark in _MARKS if self._buffer.startswith(mark)), b"")
+        #: "utf-8", "utf-16-le" or "utf-16-be", by that mark.
         self.encoding = _MARKS.get(mark, "utf-8")
         if b"\0" in self._buffer and self.encoding == "utf-8":
             raise FormatError(
@@ -213,15 +152,7 @@ class TextStream(io.RawIOBase):
         super().close()
 
     def read(self, size: int = -1) -> bytes:
-        """Read `size` bytes of UTF-8, fewer only at the end.
-
-        Raises
-        ------
-        FormatError
-            The text is not what its byte-order mark promises.
-        DamagedError
-            The compressed data are cut off or corrupt.
-        """
+        """Read `size` bytes of UTF-8, fewer only at the end."""
         size = size if size >= 0 else 1 << 20
         while len(self._buffer) < size:
             data = self._unpack(size - len(self._buffer))
@@ -278,3 +209,75 @@ class TextStream(io.RawIOBase):
         if b'"' in data:
             self.quote_marks += int(np.count_nonzero(codes == ord('"')))
         return data
+
+
+class SalvagedText(TextStream):
+    """The text of a file up to the last row that is surely whole.
+
+    A row without an end of line may have lost digits of its last number, so it is left out.
+    """
+
+    def __init__(self, path: str, file: str) -> None:
+        #: How packed data end, where they end too early.
+        self.cut_short = ""
+        #: Bytes of the last row, which is cut off.
+        self.left_out = 0
+        self._held = b""
+        self._ended = False
+        try:
+            super().__init__(path, file)
+        except FormatError as error:
+            if not self.cut_short:
+                raise
+            raise DamagedError(path, f"{self.cut_short}, before anything can be unpacked") from error
+
+    def read(self, size: int = -1) -> bytes:
+        """Read `size` bytes of UTF-8, fewer only at the end."""
+        size = size if size >= 0 else 1 << 20
+        while not self._ended and len(self._held) < size + _HELD:
+            data = super().read(size + _HELD - len(self._held))
+            self._held += data
+            if not data:
+                self._end()
+        out, self._held = self._held[:size], self._held[size:]
+        return out
+
+    def account(self, recovery: Recovery, rows: int, following: int) -> None:
+        """Tell what was left out once the text was read to its end, and the next row was `following`."""
+        recovery.damage = [f"cut off: {self.cut_short}"] if self.cut_short else []
+        if self.left_out:
+            recovery.damage.append(f"cut off in row {following}, of which {self.left_out} bytes are there")
+        recovery.read = rows
+        recovery.bytes_read = (recovery.bytes_expected or 0) - self.left_out
+        recovery.lost = [(None, None)] if recovery.damage else []
+
+    def _end(self) -> None:
+        self._ended = True
+        whole = max(self._held.rfind(b"\n"), self._held.rfind(b"\r")) + 1
+        if self.quote_marks % 2:
+            # A quote that is never closed: the row with it is the last.
+            quote = self._held.rfind(b'"')
+            if quote > 0 and self._held[quote - 1 : quote] in {b",", b";", b"\t", b"\n", b"\r", b" "}:
+                whole = min(whole, self._held.rfind(b"\n", 0, quote) + 1)
+                self.quote_marks -= 1
+        self.left_out += len(self._held) - whole
+        self._held = self._held[:whole]
+        self.ended_in_newline = True
+
+    def _unpack(self, size: int) -> bytes:
+        if not self.packing:
+            return super()._unpack(size)
+        try:
+            return super()._unpack(min(size, _PACKED))
+        except DamagedError as error:
+            if "end too early" not in str(error):
+                raise
+            self.cut_short = f"its {self.packing} data end too early"
+            return b""
+
+    def _as_utf8(self, data: bytes) -> bytes:
+        if not data:
+            # What is left of a character that is cut off.
+            self.left_out += len(self._decoder.getstate()[0])
+            self._decoder.reset()
+        return super()._as_utf8(data)

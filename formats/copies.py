@@ -25,15 +25,7 @@ _OPEN_FILES = "/proc/self/fd"
 
 
 def readable(path: str) -> os.stat_result:
-    """Look at what is to be read, and refuse devices, which have no end.
-
-    Raises
-    ------
-    FormatError
-        A device or a socket.
-    OSError
-        It is not there, or may not be looked at.
-    """
+    """Look at what is to be read, and refuse devices, which have no end."""
     status = os.stat(path)  # noqa: PTH116 (follows /dev/fd/63 as open does)
     if not any(kind(status.st_mode) for kind in (stat.S_ISREG, stat.S_ISDIR, stat.S_ISFIFO)):
         raise no_file(path, status.st_mode)
@@ -41,31 +33,13 @@ def readable(path: str) -> os.stat_result:
 
 
 def no_file(path: str, mode: int) -> FormatError:
-    """Say that something is a device or a socket.
-
-    Parameters
-    ----------
-    mode : int
-        As the system tells it.
-    """
+    """Say that something is a device or a socket."""
     kind = "a socket" if stat.S_ISSOCK(mode) else "a device"
     return FormatError(path, f"is {kind}, not a file", hint="give a file, a pipe, or - for standard input")
 
 
 def read_short(path: str, most: int) -> bytes:
-    """Read what a person has written, from a file or from a pipe such as the shell's <(…).
-
-    Parameters
-    ----------
-    most : int
-        Bytes: no more are read.
-
-    Raises
-    ------
-    FormatError
-        A device; a pipe into which not all was written in time.
-    OSError
-    """
+    """Read so many bytes at most of what a person has written, from a file or a pipe such as <(…)."""
     if not stat.S_ISFIFO(readable(path).st_mode):
         with Path(path).open("rb") as stream:
             return stream.read(most)
@@ -78,19 +52,7 @@ def read_short(path: str, most: int) -> bytes:
 
 
 def piped(path: str, *, seconds: float | None = None) -> Iterator[bytes]:
-    """Read a pipe to its end. Where nobody begins to write into it, it is given up.
-
-    Parameters
-    ----------
-    seconds : float, optional
-        All must have come by then.
-
-    Raises
-    ------
-    NotFoundError
-        Nobody writes.
-    OSError
-    """
+    """Read a pipe to its end, in some seconds if given. If nobody begins to write into it, it is given up."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     began = time.monotonic()
     come = False
@@ -122,12 +84,7 @@ def piped(path: str, *, seconds: float | None = None) -> Iterator[bytes]:
 def named(path: str, name: str | None = None) -> Iterator[str]:
     """Give a file without a name one, for as long as a library needs to open it.
 
-    Parameters
-    ----------
-    path : str
-        As from `kept`; one that leads to a file with a name is given back, unless `name` is another.
-    name : str, optional
-        One that nothing has.
+    A path, as from `kept`, that leads to a file with a name is given back, unless `name` is another.
     """
     if name is None and not (path.startswith(_OPEN_FILES) and os.stat(path).st_nlink == 0):  # noqa: PTH116
         yield path
@@ -146,24 +103,8 @@ def kept(
 ) -> tuple[BinaryIO, str]:
     """Keep what can be read only once in a file that goes when it is closed, whatever ends the process.
 
-    Parameters
-    ----------
-    label : str
-        What it is, for messages.
-    most : int, optional
-        Bytes; as `limits.largest_copy` says if not given.
-    stated : int, optional
-        Bytes for which there must be room at once.
-
-    Returns
-    -------
-    path : str
-        Leads to the file as long as that is open in this process.
-
-    Raises
-    ------
-    CannotWriteError
-        It is too large, or there is no room.
+    There must be room at once for the bytes `stated`; no more than `most` are taken, or what
+    `limits.largest_copy` says. The path leads to the file as long as that is open in this process.
     """
     try:
         file = _temporary()
@@ -206,13 +147,7 @@ def _write(label: str, blocks: Iterable[bytes], file: BinaryIO, most: int, state
 
 
 def too_large(label: str, most: int) -> CannotWriteError:
-    """Say that something is larger than what is copied.
-
-    Parameters
-    ----------
-    most : int
-        Bytes.
-    """
+    """Say that something is larger than what is copied."""
     return CannotWriteError(
         label, f"is larger than the {most / 1e9:g} GB that are copied", hint="raise --largest"
     )

@@ -9,7 +9,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from formats.content import FILE_KINDS, failure
+from formats.content import FILE_KINDS, SIDE_FILES, failure
 from formats.errors import NotFoundError
 
 if TYPE_CHECKING:
@@ -61,37 +61,20 @@ def expand(inputs: Sequence[str]) -> list[str]:
 def parts(log: str) -> list[str]:
     """List the files of a log.
 
-    Parameters
-    ----------
-    log : str
-        One of those from `expand`.
-
-    Returns
-    -------
-    list of str
-        Of a rosbag2 folder all that is in it, but for settings (.toml), which may lie there too.
+    Of a rosbag2 folder all that is in it, but for settings (.toml), which may lie there too; of a database also
+    what SQLite keeps beside it.
     """
     folder = Path(log)
-    if log == "-" or not folder.is_dir():
+    if log == "-":
         return [log]
+    if not folder.is_dir():
+        return [log, *(f"{log}{ending}" for ending in SIDE_FILES if os.path.isfile(f"{log}{ending}"))]  # noqa: PTH113
     inside = (entry for entry in folder.iterdir() if entry.is_file() and entry.suffix != ".toml")
     return parquet_parts(folder) or [str(entry) for entry in inside]
 
 
 def takes(name: str, path: str) -> bool:
-    """Tell whether a folder of logs, or a pattern, stands for a file too once that is there.
-
-    Parameters
-    ----------
-    name : str
-        As `expand` takes it.
-    path : str
-        The file.
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a folder of logs, or a pattern, stands for a file too once that is there."""
     file = Path(path)
     matches = _matches(name)
     for match in matches:
@@ -102,17 +85,7 @@ def takes(name: str, path: str) -> bool:
 
 
 def promised_kind(path: str) -> str | None:
-    """Tell what the name of a file promises.
-
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    str or None
-        One of `content.FILE_KINDS`; None for other names.
-    """
+    """Tell what the name of a file promises: one of `content.FILE_KINDS`, or nothing."""
     name = Path(path)
     packed = name.suffix.lower() in _PACKINGS
     kind = _ENDINGS.get(Path(name.stem).suffix.lower() if packed else name.suffix.lower())
@@ -120,18 +93,9 @@ def promised_kind(path: str) -> str | None:
 
 
 def parquet_parts(folder: Path, above: tuple[Path, ...] = ()) -> list[str]:
-    """List the files below a folder that holds nothing but Parquet.
+    """List in natural order the files below a folder that holds nothing but Parquet; else none.
 
-    Parameters
-    ----------
-    folder : Path
-    above : tuple of Path
-        The folders it is in: a link back to one of them would never end.
-
-    Returns
-    -------
-    list of str
-        In natural order; empty if there is anything else.
+    `above` are the folders it is in: a link back to one of them would never end.
     """
     parts: list[str] = []
     own = folder.resolve()
@@ -150,16 +114,7 @@ def parquet_parts(folder: Path, above: tuple[Path, ...] = ()) -> list[str]:
 
 
 def natural(name: str) -> list[tuple[int, int | str]]:
-    """Key that sorts part-2 before part-10.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    list of tuple
-    """
+    """Key that sorts part-2 before part-10."""
     return [(0, int(piece)) if piece.isdecimal() else (1, piece) for piece in re.split(r"(\d+)", name)]
 
 

@@ -59,49 +59,23 @@ class TooMuchError(ValueError):
 
 
 def unpacked_limit(packed: int, most: int = CHUNK_BYTES) -> int:
-    """Return how many bytes something packed may become.
-
-    Parameters
-    ----------
-    packed : int
-        Bytes.
-    most : int
-        Never more than this.
-    """
+    """Return how many bytes something packed may become."""
     return min(most, max(UNPACKED_BYTES, UNPACKED_RATIO * packed))
 
 
 def file_limit(packed: int) -> int:
-    """Return how many bytes all of a file may become.
-
-    Parameters
-    ----------
-    packed : int
-        Bytes of the file.
-    """
+    """Return how many bytes all of a file may become."""
     return max(FILE_BYTES, UNPACKED_RATIO * packed)
 
 
 class Allowance:
-    """What the chunks or messages of a file may unpack to together.
-
-    Parameters
-    ----------
-    packed : int
-        Bytes of the file.
-    """
+    """What the chunks or messages of a file of so many bytes may unpack to together."""
 
     def __init__(self, packed: int) -> None:
         self._limit = self._left = file_limit(packed)
 
     def take(self, size: int) -> None:
-        """Count the bytes of one more.
-
-        Raises
-        ------
-        TooMuchError
-            All that were counted are more than the file may become.
-        """
+        """Count the bytes of one more; `TooMuchError` where all are more than the file may become."""
         self._left -= size
         if self._left < 0:
             raise TooMuchError(f"its parts unpack to more than {self._limit:,} bytes together")

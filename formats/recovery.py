@@ -24,47 +24,30 @@ def told(remarks: Iterable[str]) -> list[str]:
 
 @dataclass(kw_only=True)
 class Recovery:
-    """What was found in a file that was read with salvage.
+    """What was found in a file that was read with salvage."""
 
-    Parameters
-    ----------
-    what : str
-        What is counted: "messages", "rows" or "parts".
-    damage : list of str
-        What is wrong with the file, in the order of its bytes; nothing for a whole file.
-    read : int
-        Messages or rows that can be read.
-    expected : int, optional
-        How many there were, where something tells it.
-    aside : int
-        Messages that are there, but cannot be trusted or decoded.
-    bytes_read, bytes_expected : int, optional
-        Of the file: those that made sense, and those it had when it was whole (or has, where that
-        cannot be known).
-    whole_known : bool
-        `bytes_expected` is the size of the whole file.
-    lost : list of (int or None, int or None)
-        Stretches of log time without what was lost, in ns; None where an end is not known.
-    first : int, optional
-        The least log time that can be read, in ns.
-    goes_on : int, optional
-        A log time that was reached at least, where the end is not known, in ns.
-    checked : bool
-        Checksums in the file vouch for each value. Otherwise a changed byte inside a value cannot be
-        seen.
-    """
-
+    #: What is counted: "messages", "rows" or "parts".
     what: str = "messages"
+    #: What is wrong with the file, in the order of its bytes; nothing for a whole file.
     damage: list[str] = field(default_factory=list)
     read: int = 0
+    #: How many there were, where something tells it.
     expected: int | None = None
+    #: Messages that are there, but cannot be trusted or decoded.
     aside: int = 0
+    #: Of the file: those that made sense, and those it had when it was whole (or has, where that cannot be
+    #: known).
     bytes_read: int = 0
     bytes_expected: int | None = None
+    #: `bytes_expected` is the size of the whole file.
     whole_known: bool = False
+    #: Stretches of log time without what was lost, in ns; None where an end is not known.
     lost: list[tuple[int | None, int | None]] = field(default_factory=list)
+    #: The least log time that can be read, in ns.
     first: int | None = None
+    #: A log time that was reached at least, where the end is not known, in ns.
     goes_on: int | None = None
+    #: Checksums in the file vouch for each value. Otherwise a changed byte inside a value cannot be seen.
     checked: bool = False
 
     @property
@@ -115,13 +98,7 @@ class Recovery:
         self.goes_on = other.goes_on
 
     def sentences(self) -> list[str]:
-        """Tell a person.
-
-        Returns
-        -------
-        list of str
-            Nothing for a whole file.
-        """
+        """Tell a person; nothing of a whole file."""
         if not self.damaged:
             return []
         more = len(self.damage) - _TOLD
@@ -161,13 +138,7 @@ class Recovery:
         return f"{told}{where}; how much that was cannot be known"
 
     def document(self) -> dict[str, Any]:
-        """Tell a machine.
-
-        Returns
-        -------
-        dict
-            Ready for JSON; null where not known.
-        """
+        """Tell a machine, ready for JSON; null where not known."""
         return {
             "damage": list(self.damage),
             "what": self.what,

@@ -14,11 +14,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from formats.content import COMPRESSED, FILE_KINDS, HEAD_BYTES, STANDARD_INPUT, content, failure, first_bytes
+from formats.content import COMPRESSED, FILE_KINDS, HEAD_BYTES, content, failure, first_bytes
 from formats.copies import kept, no_file, piped, readable
 from formats.errors import FormatError, NotFoundError, shown
 from formats.input_paths import parquet_parts, promised_kind
 from formats.limits import METADATA_BYTES
+from formats.table import STANDARD_INPUT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -73,7 +74,7 @@ def _open_file(path: str, file: str, *, salvage: bool) -> Source:
     kind = content(label, first_bytes(label, file))
     source: Source
     if kind == "parquet":
-        from formats.parquet.parquet_source import ParquetSource
+        from formats.parquet_source import ParquetSource
 
         source = ParquetSource(path, [file], salvage=salvage)
     elif kind == "csv" or kind in COMPRESSED:
@@ -81,9 +82,9 @@ def _open_file(path: str, file: str, *, salvage: bool) -> Source:
 
         source = DelimitedSource(path, file, salvage=salvage)
     else:
-        from formats.rosbag import open_bag
+        from formats.rosbag import BagSource
 
-        source = open_bag(path, kind, salvage=salvage)
+        source = BagSource(path, kind, salvage=salvage)
     if promised_kind(path) not in (None, source.kind):
         source.remarks.append(f"holds {FILE_KINDS[source.kind].found}, whatever its name says")
     return source
@@ -157,7 +158,7 @@ def _open_linked(path: str, *, salvage: bool) -> Source:
 def _open_folder(path: str, *, salvage: bool) -> Source:
     metadata = Path(path) / "metadata.yaml"
     if metadata.is_file():
-        from formats.rosbag import open_bag
+        from formats.rosbag import BagSource
 
         with metadata.open(encoding="utf-8", errors="replace") as file:
             text = file.read(METADATA_BYTES)
@@ -165,13 +166,13 @@ def _open_folder(path: str, *, salvage: bool) -> Source:
         kind = "mcap" if storage and storage[1] == "mcap" else "db3"
         if storage is None and any(Path(path).glob("*.mcap")):
             kind = "mcap"
-        return open_bag(path, kind, salvage=salvage)
+        return BagSource(path, kind, salvage=salvage)
     parts = parquet_parts(Path(path))
     if not parts:
         raise FormatError(path, "is a folder, but neither a rosbag2 log nor one of Parquet files alone")
     for part in parts:
         if not Path(part).is_file():
             raise FormatError(part, "is no file, and a folder of Parquet holds nothing else")
-    from formats.parquet.parquet_source import ParquetSource
+    from formats.parquet_source import ParquetSource
 
     return ParquetSource(path, parts, salvage=salvage)

@@ -33,35 +33,21 @@ class BrokenPageError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class PageCell:
-    """One row of a table, or one entry of an index.
+    """One row of a table, or one entry of an index."""
 
-    Parameters
-    ----------
-    row : int
-        Its number; 0 in an index.
-    size : int
-        Bytes of its record.
-    begin, end : int
-        Those of them that are in the page itself, as places in the file.
-    overflow : int
-        The page with the others; 0 if there are none.
-    """
-
+    #: Its number; 0 in an index.
     row: int
+    #: Bytes of its record.
     size: int
+    #: Those of them that are in the page itself, as places in the file.
     begin: int
     end: int
+    #: The page with the others; 0 if there are none.
     overflow: int
 
 
 class Pages:
-    """The pages of a file.
-
-    Raises
-    ------
-    BrokenPageError
-        Its header does not add up.
-    """
+    """The pages of a file; BrokenPageError wherever something of them does not add up."""
 
     def __init__(self, data: Any) -> None:
         if len(data) < HEADER or data[: len(MAGIC)] != MAGIC:
@@ -90,12 +76,7 @@ class Pages:
         return int(self.data[self.start(page)])
 
     def cells(self, page: int) -> Iterator[PageCell]:
-        """Yield the cells of a leaf of a table, or of a leaf or node of an index.
-
-        Raises
-        ------
-        BrokenPageError
-        """
+        """Yield the cells of a leaf of a table, or of a leaf or node of an index."""
         code, start, first = self.code(page), self.start(page), (page - 1) * self.size
         node = code == INDEX_NODE
         head = 12 if node else 8
@@ -132,12 +113,7 @@ class Pages:
         return self._cell(0, size, begin, page * self.size + self.usable, leaf=True)
 
     def children(self, page: int) -> list[int]:
-        """Return the pages below a node, the last one last.
-
-        Raises
-        ------
-        BrokenPageError
-        """
+        """Return the pages below a node, the last one last."""
         start, first = self.start(page), (page - 1) * self.size
         count, right = struct.unpack_from(">H3xI", self.data, start + 3)
         if start + 12 + 2 * count > first + self.usable:
@@ -150,13 +126,7 @@ class Pages:
         return [*below, right]
 
     def overflow(self, cell: PageCell) -> list[int]:
-        """Return the further pages of a cell.
-
-        Raises
-        ------
-        BrokenPageError
-            One of them is not there, or there are fewer or more than its size needs.
-        """
+        """Return the further pages of a cell."""
         pages = []
         needed = -(-(cell.size - (cell.end - cell.begin)) // (self.usable - 4))
         following = cell.overflow
@@ -174,12 +144,7 @@ class Pages:
         return pages
 
     def record(self, cell: PageCell) -> bytes:
-        """Return the whole record of a cell.
-
-        Raises
-        ------
-        BrokenPageError
-        """
+        """Return the whole record of a cell."""
         parts = [self.data[cell.begin : cell.end]]
         left = cell.size - (cell.end - cell.begin)
         for page in self.overflow(cell):
@@ -203,12 +168,8 @@ class Pages:
     def tree(self, root: int) -> tuple[list[int], list[int]]:
         """Walk down from the root of a table or an index.
 
-        Returns
-        -------
-        leaves : list of int
-            In the order of the rows; of an index the nodes too.
-        lost : list of int
-            Pages that should be there, but are not, or are something else.
+        Returns its leaves in the order of the rows, of an index the nodes too, and the pages that should be
+        there, but are not, or are something else.
         """
         leaves, lost = [], []
         seen: set[int] = set()
@@ -232,27 +193,11 @@ class Pages:
         return leaves, lost
 
     def values(self, record: bytes) -> list[Value]:
-        """Return the columns of a record.
-
-        Raises
-        ------
-        BrokenPageError
-        """
+        """Return the columns of a record."""
         return [self.value(record, span) for span in layout(record)]
 
     def value(self, record: bytes, span: tuple[int, int, int]) -> Value:
-        """Return one column of a record.
-
-        Parameters
-        ----------
-        span : (int, int, int)
-            From `layout`.
-
-        Raises
-        ------
-        BrokenPageError
-            It is not there.
-        """
+        """Return one column of a record; `span` is from `layout`."""
         serial, begin, end = span
         content = record[begin:end]
         if end > len(record):
@@ -269,12 +214,7 @@ class Pages:
 
 
 def layout(record: bytes) -> list[tuple[int, int, int]]:
-    """Return the serial type of each column of a record, and where it begins and ends.
-
-    Raises
-    ------
-    BrokenPageError
-    """
+    """Return the serial type of each column of a record, and where it begins and ends."""
     head, at = varint(record, 0)
     spans: list[tuple[int, int, int]] = []
     begin = head
@@ -291,12 +231,7 @@ def layout(record: bytes) -> list[tuple[int, int, int]]:
 
 
 def varint(data: Any, at: int) -> tuple[int, int]:
-    """Return a number of one to nine bytes, and where it ends.
-
-    Raises
-    ------
-    BrokenPageError
-    """
+    """Return a number of one to nine bytes, and where it ends."""
     if at < len(data) and data[at] < 0x80:
         return data[at], at + 1
     value = 0

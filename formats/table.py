@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 #: So that a column has more than 512 KiB: with 65,536 rows a Parquet file of 10⁷, all of which is kept, took
 #: 1.3 to 2 times as long, and no longer where Arrow's allocator was told to give nothing back.
 BATCH_ROWS = 98_304
+STANDARD_INPUT = "standard input"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,10 @@ class Labels:
 
     def __len__(self) -> int:
         return len(self.codes)
+
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Labels:
+        """Return some of the cells, by indices, a mask or a slice."""
+        return Labels(self.codes[rows], self.names)
 
 
 Column: TypeAlias = "NDArray[Any] | Labels"
@@ -119,6 +124,11 @@ class Source(ABC):
     kind: str
     remarks: list[str] = field(default_factory=list)
     recovery: Recovery | None = None
+
+    @property
+    def label(self) -> str:
+        """The path, as messages name it."""
+        return STANDARD_INPUT if self.path == "-" else self.path
 
     @abstractmethod
     def streams(self) -> tuple[Stream, ...]:

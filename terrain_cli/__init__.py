@@ -103,10 +103,11 @@ def check_formats() -> None:
     Raises
     ------
     ForeignFormatsError
-        It is a file of the working folder, for instance.
+        It is a file or a folder of the working folder, for instance.
     """
     found = find_spec("formats")
-    place = found.origin if found else None
+    # A folder without __init__.py has no origin.
+    place = found and (found.origin or next(iter(found.submodule_search_locations or ()), None))
     if place and Path(place).resolve() != Path(__file__).resolve().parent.parent / "formats" / "__init__.py":
         raise ForeignFormatsError(f"{place}: stands in the way of the package formats of terrain-est")
 

@@ -13,7 +13,7 @@ from simulator.effects import base_contact
 from simulator.logs import write_csv
 
 from terrain_cli.app import cli
-from terrain_cli.telemetry.long import excerpt, long_tables
+from terrain_cli.telemetry import long_logs
 
 ROVER = "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
 ROUNDS = 12
@@ -63,9 +63,9 @@ def test_pieces_tell_what_the_whole_log_tells(folder, monkeypatch):
     total = whole["data"]["samples"]
     assert total == 600 * ROUNDS
     assert not any("are read" in warning for warning in whole["warnings"])
-    monkeypatch.setattr(excerpt, "MOST_ROWS", total // 2)
-    monkeypatch.setattr(excerpt, "PIECE", 200)
-    monkeypatch.setattr(long_tables, "ROWS", 1000)
+    monkeypatch.setattr(long_logs, "MOST_ROWS", total // 2)
+    monkeypatch.setattr(long_logs, "PIECE", 200)
+    monkeypatch.setattr(long_logs, "ROWS", 1000)
     found = compared(folder)
     kept = found["data"]["samples"]
     assert total / 8 <= kept <= total / 4
@@ -92,8 +92,8 @@ def test_pieces_tell_what_the_whole_log_tells(folder, monkeypatch):
 
 
 def test_two_inputs_share_the_limit(folder, monkeypatch):
-    monkeypatch.setattr(excerpt, "MOST_ROWS", 1300)
-    monkeypatch.setattr(excerpt, "PIECE", 100)
+    monkeypatch.setattr(long_logs, "MOST_ROWS", 1300)
+    monkeypatch.setattr(long_logs, "PIECE", 100)
     paths = [str(folder / name) for name in ("once.csv", "run.parquet")]
     done = CliRunner().invoke(cli, ["compare", *paths, "--json", "-q", "--segments", "none"])
     assert done.exit_code == 0, done.output

@@ -127,6 +127,19 @@ def test_no_output_onto_an_input(key, refused):
             assert onto.endswith(f" {file}")
 
 
+@pytest.mark.parametrize("name", ["run.csv/", "run.csv/.", "./run.csv//"])
+def test_a_slash_behind_a_file_is_none(refused, name):
+    for option in ("-o", "--summary"):
+        assert "onto the input run.csv" in refused("estimate", "run.csv", option, name)
+
+
+@pytest.mark.parametrize("ending", ["-wal", "-journal"])
+def test_what_sqlite_keeps_beside_a_database_is_an_input(refused, ending):
+    for file in ("run.db3", f"run.db3{ending}"):
+        Path(file).write_text("x")
+    assert "onto the input" in refused("estimate", "--salvage", "run.db3", "--summary", f"run.db3{ending}")
+
+
 def takes_force(name):
     return any("--force" in parameter.opts for parameter in COMMANDS[name].command.params)
 

@@ -1,5 +1,6 @@
 """Devices as input, copies of pipes, signals, and standard streams that are closed or full."""
 
+import importlib.machinery
 import os
 import shlex
 import signal
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import pytest
 from child_processes import TERRAIN_EST
+
+import terrain_cli
 
 ROOT = Path(__file__).resolve().parent.parent
 RUN = ROOT / "sample_data" / "run.csv"
@@ -85,7 +88,7 @@ def test_no_signal_leaves_anything_of_a_geopackage(number, code, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     process = subprocess.Popen(
-        [*TERRAIN_EST, "estimate", str(RUN), "-q", "-o", str(out / "soil.gpkg")],
+        [*TERRAIN_EST, "estimate", str(RUN), "-q", "--method", "least-squares", "-o", str(out / "soil.gpkg")],
         stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": f"{tmp_path / 'site'}:{ROOT}"},
         start_new_session=True,
     )  # fmt: skip
@@ -172,3 +175,11 @@ def test_another_module_of_the_name_formats(tmp_path):
     assert done.returncode == 2
     assert str(tmp_path / "formats.py") in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_folder_of_the_name_formats(tmp_path, monkeypatch):
+    spec = importlib.machinery.ModuleSpec("formats", None, is_package=True)
+    spec.submodule_search_locations = [str(tmp_path)]
+    monkeypatch.setattr(terrain_cli, "find_spec", lambda _: spec)
+    with pytest.raises(terrain_cli.ForeignFormatsError, match=str(tmp_path)):
+        terrain_cli.check_formats()

@@ -12,7 +12,7 @@ from rosbags.rosbag2.storage_mcap import McapReader, decompress
 
 from benchmarks import rover_bag
 from benchmarks.harness import Case, Stage
-from formats.rosbag import open_bag
+from formats.rosbag import BagSource
 from formats.rosbag.storage.ros1 import Ros1File
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def wanted(source) -> dict[str, list[str]]:
 
 def columns(path: Path, kind: str) -> dict[str, dict[str, list]]:
     """Read with terrain-est: the pieces of each column."""
-    source = open_bag(str(path), kind)
+    source = BagSource(str(path), kind)
     fields = wanted(source)
     read: dict = {topic: {name: [] for name in names} for topic, names in fields.items()}
     for topic, batch in source.read_together(fields):
@@ -64,7 +64,7 @@ def columns(path: Path, kind: str) -> dict[str, dict[str, list]]:
 
 def drained(path: Path, kind: str) -> int:
     """Read with terrain-est, and keep nothing."""
-    source = open_bag(str(path), kind)
+    source = BagSource(str(path), kind)
     return sum(len(next(iter(batch.values()))) for _, batch in source.read_together(wanted(source)))
 
 
@@ -137,7 +137,7 @@ def make(container: tuple[str, str], size: str, folder: Path) -> Case:
     """Make the case of one container."""
     kind, _ = container
     path = path_of(container, size, folder)
-    fields = wanted(open_bag(str(path), kind))
+    fields = wanted(BagSource(str(path), kind))
     return Case(
         partial(columns, path, kind),
         partial(with_rosbags, path, fields),

@@ -6,16 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 from formats.errors import CannotWriteError
-from formats.output.column_forms import normalise
-from formats.output.reference_systems import check_crs
+from formats.output.common_forms import LAYER, check_crs, normalise
 from formats.output.text_writer import write_text
 from formats.output.whole_files import check_free, explained, opened, replacing
-from formats.output.wkt import LAYER
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from formats.output.column_forms import Values
+    from formats.output.common_forms import Values
 
 __all__ = ["check_crs", "check_free", "output_kind", "replacing", "write_parts", "write_table"]
 
@@ -114,8 +112,6 @@ def write_table(
             destination.flush()
         return
     kind = kind or output_kind(destination)
-    if kind not in _TEXT_KINDS and Path(destination).is_fifo():
-        raise CannotWriteError(destination, f"{kind} needs a file of its own, not a pipe")
     with replacing(destination) as temporary:
         if kind in _TEXT_KINDS:
             with Path(temporary).open("w", encoding="utf-8", newline="") as stream:
@@ -134,11 +130,7 @@ def write_table(
 
 
 def write_parts(
-    parts: Iterable[Mapping[str, Values]],
-    destination: str,
-    *,
-    crs: str | None = None,
-    geometry: str = "WKT",
+    parts: Iterable[Mapping[str, Values]], destination: str, *, crs: str | None = None, geometry: str = "WKT"
 ) -> None:
     """Write a table as Parquet, whole or not at all, of which only a part is held at a time.
 

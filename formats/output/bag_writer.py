@@ -37,48 +37,29 @@ _SECOND = 1_000_000_000
 
 @dataclass(frozen=True)
 class Topic:
-    """Messages of one topic, as columns.
-
-    Parameters
-    ----------
-    type : str
-        As ROS 2 names it: ``sensor_msgs/msg/JointState``.
-    time : ndarray of int, shape (n,)
-        Log time in ns since 1970, rising; also the stamp of the header where the type has one.
-    columns : mapping of str to array_like
-        Dotted path of a field → one value per message, or one for all. A list in a message is a
-        row of an array of shape (n, m), or a list of str. What is not named is zero or empty.
-    definition : str
-        Text of the .msg file, of a type that does not come with ROS.
-    """
+    """Messages of one topic, as columns."""
 
     name: str
+    #: As ROS 2 names it: ``sensor_msgs/msg/JointState``.
     type: str
+    #: Log time in ns since 1970, rising; also the stamp of the header where the type has one; shape (n,).
     time: NDArray[np.int64]
+    #: Dotted path of a field → one value per message, or one for all. A list in a message is a row of an
+    #: array of shape (n, m), or a list of str. What is not named is zero or empty.
     columns: Mapping[str, Any] = field(default_factory=dict)
+    #: Text of the .msg file, of a type that does not come with ROS.
     definition: str = ""
 
 
 def write_bag(topics: Sequence[Topic], destination: str, kind: str) -> None:
-    """Write a bag, whole or not at all.
+    """Write a bag ("ros1", "mcap" or "db3"), whole or not at all.
 
-    Parameters
-    ----------
-    destination : str
-        A file; for ROS 2 also a folder, if it ends in a slash: then with its metadata.yaml.
-    kind : {"ros1", "mcap", "db3"}
-
-    Raises
-    ------
-    CannotWriteError
-        No space, no permission, no such folder; a folder that is there already.
+    A destination that ends in a slash is a folder, of ROS 2 only, and has its metadata.yaml.
     """
     if destination.endswith("/"):
         with _new_folder(destination) as folder:
             _write_ros2(topics, folder, kind)
         return
-    if Path(destination).is_fifo():
-        raise CannotWriteError(destination, "a bag needs a file of its own, not a pipe")
     with replacing(destination) as temporary, TemporaryDirectory(dir=Path(temporary).parent) as scratch:
         inner = Path(scratch) / _NAME
         if kind == "ros1":

@@ -11,14 +11,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from formats.output.reference_systems import projjson
-from formats.output.wkt import parse
+from formats.output.common_forms import parse, projjson
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from formats.output.column_forms import Table
-    from formats.output.wkt import WktShape
+    from formats.output.common_forms import Table, WktShape
 
 _TYPES = {"real": pa.float64(), "integer": pa.int64(), "text": pa.string()}
 #: Of the binary geometry, which stands beside the text.
@@ -31,19 +29,8 @@ def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry:
     A table with a column of WKT becomes GeoParquet 1.1: it gains the column `GEOMETRY` of WKB,
     and the key ``geo`` says what that is. A reader that does not know GeoParquet still has the text.
 
-    Parameters
-    ----------
-    tables : iterable of dict of str to Cells
-        At least one: parts of the table with the same columns, of which one is held at a time.
-    crs : str or None
-        None is a site frame, for which GeoParquet has ``null``.
-    geometry : str
-        The column of WKT, if there is one.
-
-    Raises
-    ------
-    FormatError
-        The reference system is not known.
+    Of the tables, which are its parts, one is held at a time. Without a `crs` it is a site frame, for which
+    GeoParquet has ``null``.
     """
     extent = Extent()
     with ExitStack() as stack:
@@ -60,17 +47,10 @@ def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry:
 
 @dataclass
 class Extent:
-    """What kinds of shapes there are, and the box around them.
-
-    Parameters
-    ----------
-    kinds : set of str
-        As GeoParquet names them.
-    low, high : tuple of float or None
-        The least and the largest x and y.
-    """
+    """What kinds of shapes there are, and the box around them."""
 
     kinds: set[str] = field(default_factory=set)
+    #: The least and the largest x and y.
     low: tuple[float, float] | None = None
     high: tuple[float, float] | None = None
 

@@ -1,46 +1,40 @@
-"""CSV, JSON, GeoJSON and sequences of GeoJSON."""
+"""CSV, plain and packed, JSON, GeoJSON and sequences of GeoJSON. The same table gives the same bytes."""
 
 from __future__ import annotations
 
+import bz2
 import csv
+import gzip
+import io
 import json
 import math
-from typing import TYPE_CHECKING, Any, TextIO
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, cast
 
 import numpy as np
 
-from formats.output.column_forms import Cells
-from formats.output.reference_systems import SITE_FRAME, check_crs, is_wgs84, urn
-from formats.output.wkt import LAYER, parse
+from formats.output.common_forms import LAYER, SITE_FRAME, Cells, check_crs, is_wgs84, normalise, parse, urn
+from formats.output.whole_files import replacing
 from formats.table import BATCH_ROWS
 from formats.text.formulas import guarded
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
-    from formats.output.column_forms import Table
-
+    from formats.output.common_forms import Table, Values
 
 #: What stands before each feature: the record separator of RFC 8142, or nothing.
 _SEPARATORS = {"geojsonl": "", "geojsons": "\x1e"}
+#: Endings of packed files.
+PACKINGS = (".gz", ".bz2", ".zst")
 
 
 def write_text(
     table: Table, stream: TextIO, kind: str, crs: str | None, geometry: str, layer: str = LAYER
 ) -> None:
-    """Write a table as text.
-
-    Parameters
-    ----------
-    kind : {"csv", "json", "geojson", "geojsonl", "geojsons"}
-        The last two are sequences: one feature in each line, and with the separators of RFC 8142.
-    crs : str or None
-        Only GeoJSON says it.
-    geometry : str
-        The column of WKT; only GeoJSON takes it apart.
-    layer : str
-        The name that a collection of features has.
-    """
+    """Write a table as CSV, JSON or GeoJSON; "geojsonl" and "geojsons" (RFC 8142) have a feature a line."""
     if kind == "csv":
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(map(guarded, table))
@@ -122,3 +116,25 @@ def _feature(properties: dict[str, Any], geometry: str) -> dict[str, Any]:
         points = [list(point) for point in shape.points]
         described = {"type": shape.kind, "coordinates": points[0] if shape.kind == "Point" else points}
     return {"type": "Feature", "properties": _strict(properties), "geometry": described}
+
+
+def write_packed(columns: Mapping[str, Values], path: str) -> None:
+    """Write a table as packed CSV, whole or not at all; how, its ending says, one of `PACKINGS`."""
+    table = normalise(columns)
+    with replacing(path) as temporary, ExitStack() as stack:
+        file = stack.enter_context(Path(temporary).open("wb"))
+        packed = stack.enter_context(_packed(file, Path(path).suffix.lower()))
+        stream = stack.enter_context(io.TextIOWrapper(packed, encoding="utf-8", newline=""))
+        write_text(table, stream, "csv", None, "")
+
+
+def _packed(file: BinaryIO, ending: str) -> BinaryIO:
+    if ending == ".gz":
+        return cast("BinaryIO", gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0))
+    if ending == ".bz2":
+        return cast("BinaryIO", bz2.BZ2File(file, "wb"))
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return cast("BinaryIO", zstd.ZstdFile(file, "w"))

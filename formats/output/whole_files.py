@@ -40,8 +40,8 @@ def replacing(path: str) -> Iterator[str]:
     Parameters
     ----------
     path : str
-        The place. A link is followed; a pipe or device is written as it is. What is open already, such as
-        /dev/stdout or the shell's >(…), gets the file once it is complete.
+        The place. A link is followed. A pipe or a device, and what is open already, such as /dev/stdout or
+        the shell's >(…), gets the file once it is complete, and stays what it is.
 
     Yields
     ------
@@ -54,17 +54,16 @@ def replacing(path: str) -> Iterator[str]:
         No space, no permission, no such folder.
     """
     with explained(path):
-        if (descriptor := opened(path)) is not None:
-            with tempfile.NamedTemporaryFile(prefix="terrain-est-") as file:
-                yield file.name
-                _pass_on(file.name, descriptor)
-            return
         target = Path(path).resolve() if Path(path).is_symlink() else Path(path)
-        mode = target.stat().st_mode if target.exists() else None
-        if mode is not None and stat.S_ISDIR(mode):
-            raise CannotWriteError(path, "is a folder")
-        if mode is not None and not stat.S_ISREG(mode):
-            yield str(target)
+        descriptor = opened(path)
+        mode = target.stat().st_mode if descriptor is None and target.exists() else None
+        if mode is not None and (stat.S_ISDIR(mode) or stat.S_ISBLK(mode)):
+            raise CannotWriteError(path, "is a folder" if stat.S_ISDIR(mode) else "is a disk")
+        if descriptor is not None or (mode is not None and not stat.S_ISREG(mode)):
+            # Some kinds of files are not written from front to back, or are removed and made anew.
+            with tempfile.NamedTemporaryFile(prefix="terrain-est-", suffix=Path(path).suffix) as file:
+                yield file.name
+                _pass_on(file.name, path if descriptor is None else descriptor)
             return
         effective = os.access in os.supports_effective_ids
         if mode is not None and not os.access(target, os.W_OK, effective_ids=effective):
@@ -86,13 +85,7 @@ def replacing(path: str) -> Iterator[str]:
 
 
 def opened(path: str) -> int | None:
-    """Tell which of the files that this process has open a path leads to, as /dev/stdout and /dev/fd/63 do.
-
-    Returns
-    -------
-    int or None
-        Its descriptor.
-    """
+    """Return the descriptor of this process that a path leads to, as /dev/stdout and /dev/fd/63 do."""
     try:
         place = os.path.abspath(path)  # noqa: PTH100 - resolve would follow the last link too
     except FileNotFoundError:  # the working folder is gone
@@ -109,9 +102,9 @@ def opened(path: str) -> int | None:
     return None
 
 
-def _pass_on(path: str, descriptor: int) -> None:
-    """Write a file to one that is open, where that stands: opened anew it would begin from its start."""
-    with open(path, "rb") as file, open(descriptor, "wb", closefd=False) as target:  # noqa: PTH123
+def _pass_on(path: str, stream: int | str) -> None:
+    """Write a file to a pipe or device, or where an open one stands: opened anew that would begin anew."""
+    with open(path, "rb") as file, open(stream, "wb", closefd=isinstance(stream, str)) as target:  # noqa: PTH123
         shutil.copyfileobj(file, target)
 
 
@@ -153,19 +146,7 @@ def is_stream(path: str) -> bool:
 
 @contextmanager
 def explained(path: str) -> Iterator[None]:
-    """Turn what the system says about a failed write into a `CannotWriteError`.
-
-    Parameters
-    ----------
-    path : str
-        For the message.
-
-    Raises
-    ------
-    CannotWriteError
-    BrokenPipeError
-        Passed on: whoever read has gone, and that is no failure.
-    """
+    """Make what the system says of a failed write a `CannotWriteError`; a reader that went is no failure."""
     try:
         yield
     except BrokenPipeError:

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from formats.rosbag.bag_source import BagSource, open_bag
+from formats.rosbag.bag_source import BagSource
 
-__all__ = ["BagSource", "open_bag"]
+__all__ = ["BagSource"]

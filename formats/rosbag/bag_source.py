@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 from formats.errors import FormatError
 from formats.rosbag.containers import Container
-from formats.rosbag.decoding.decoder import Decoder, UndecodableError
+from formats.rosbag.decoding.decoder import Decodable, Decoder, UndecodableError
 from formats.rosbag.decoding.definitions import UnusableError, define
 from formats.rosbag.decoding.plain_extraction import FieldRequest
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.topic_columns import Reading, nearest
-from formats.salvage.decodable import Decodable
 from formats.table import BATCH_ROWS, Field, Source, Stream
 
 if TYPE_CHECKING:
@@ -42,22 +41,7 @@ class _Topic:
 
 
 class BagSource(Source):
-    """A ROS 1 bag, an MCAP or SQLite file of ROS 2, or the folder of a recording.
-
-    Parameters
-    ----------
-    kind : {"ros1", "mcap", "db3"}
-    salvage : bool
-        Read what is left of a damaged one.
-
-    Raises
-    ------
-    NotFoundError
-        No such file, or no permission to read it.
-    DamagedError
-        Cut off, corrupt or without index; with salvage, nothing of it can be read.
-    FormatError
-    """
+    """A ROS 1 bag, an MCAP or SQLite file of ROS 2, or the folder of a recording."""
 
     def __init__(self, path: str, kind: str, *, salvage: bool = False) -> None:
         super().__init__(path, kind)
@@ -182,48 +166,15 @@ class BagSource(Source):
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
         """Read the named fields of one topic, in the order of the log times.
 
-        Parameters
-        ----------
-        fields : sequence of str
-            Names from `Stream.fields`; elements of lists as ``effort[wheel_fl]`` or ``effort[2]``.
-            A name among `Field.elements` is looked up in each message; digits are a place.
-        batch_rows : int
-            Largest number of rows in one batch.
-
-        Yields
-        ------
-        dict of str to ndarray or Labels
-            Each field under the name asked for, and `LOG_TIME` and `STAMP`. What a message does
-            not have is NaN, NaT or the code −1.
-
-        Raises
-        ------
-        DamagedError
-            The bag, or one message of it, cannot be decoded.
-        FormatError
-            There is no such topic, field or element, or no definition of the type.
+        A name among `Field.elements` is looked up in each message; digits are a place. What a message does
+        not have is NaN, NaT or the code −1.
         """
         return (batch for _, batch in self.read_together({topic: fields}, batch_rows))
 
     def read_together(
         self, fields: Mapping[str, Sequence[str]], batch_rows: int = BATCH_ROWS
     ) -> Iterator[tuple[str, Batch]]:
-        """Read several topics in one pass: what decompresses a bag once instead of once for each.
-
-        Parameters
-        ----------
-        fields : mapping of str to sequence of str
-            topic → names as for `read`.
-
-        Yields
-        ------
-        batch : dict of str to ndarray or Labels
-            As from `read`, each topic in the order of its log times.
-
-        Raises
-        ------
-        DamagedError, FormatError
-        """
+        """Read several topics in one pass: what decompresses a bag once instead of once for each."""
         readings: dict[int, Reading] = {}
         for topic, names in fields.items():
             found = self._usable(topic)
@@ -254,16 +205,12 @@ class BagSource(Source):
         field = fields.get(name)
         if field is None or (bracket and not element.endswith("]")):
             raise FormatError(
-                self.path,
-                f"{stream.topic} has no field {asked!r}",
-                hint=nearest(name, fields, "fields"),
+                self.path, f"{stream.topic} has no field {asked!r}", hint=nearest(name, fields, "fields")
             )
         if field.kind not in {"numbers", "texts"}:
             if bracket:
                 raise FormatError(
-                    self.path,
-                    f"{stream.topic}: {name} is one value, not a list",
-                    hint=f"ask for {name}",
+                    self.path, f"{stream.topic}: {name} is one value, not a list", hint=f"ask for {name}"
                 )
             return FieldRequest(asked, name, field.kind)
         if not bracket:
@@ -298,22 +245,3 @@ class BagSource(Source):
 
 def _lists(decoder: Decoder) -> list[Leaf]:
     return [leaf for leaf in decoder.definition.leaves.values() if leaf.kind in {"numbers", "texts"}]
-
-
-def open_bag(path: str, kind: str, *, salvage: bool = False) -> BagSource:
-    """Open a bag.
-
-    Parameters
-    ----------
-    path : str
-        A file, or the folder of a rosbag2 recording.
-    kind : {"ros1", "mcap", "db3"}
-        By content, not by the ending of the name.
-    salvage : bool
-        Read what is left of a damaged one.
-
-    Raises
-    ------
-    NotFoundError, DamagedError, FormatError
-    """
-    return BagSource(path, kind, salvage=salvage)

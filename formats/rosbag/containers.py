@@ -12,8 +12,7 @@ import numpy as np
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMuchError
 from formats.recovery import Recovery
-from formats.rosbag.damage import HINTS, check, damaged
-from formats.rosbag.recording import Recording
+from formats.rosbag.bag_files import HINTS, Recording, check, damaged
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.raw_messages import of_payloads
 from formats.rosbag.storage.unpacking import unpack, unpacks
@@ -53,20 +52,7 @@ class Reader(Protocol):
 
 
 class Container:
-    """One bag, opened: its connections, and their raw messages.
-
-    Parameters
-    ----------
-    path : str
-        A file, or the folder of a rosbag2 recording.
-    kind : {"ros1", "mcap", "db3"}
-    salvage : bool
-        Read what is left of a damaged one, and tell in `recovery` what that is.
-
-    Raises
-    ------
-    NotFoundError, DamagedError, FormatError
-    """
+    """One bag, opened: its connections, and their raw messages."""
 
     def __init__(self, path: str, kind: str, *, salvage: bool = False) -> None:
         self.path = path
@@ -118,21 +104,8 @@ class Container:
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
         """Read the messages of some connections, file after file.
 
-        Parameters
-        ----------
-        wanted : collection of int
-            Places in `connections`.
-        size : int
-            How many bytes are read at a time; 1 reads as little as can be.
-
-        Yields
-        ------
-        dict of int to Messages
-            By place. In one file no message is earlier than one of its connection yielded before.
-
-        Raises
-        ------
-        DamagedError
+        `wanted` are places in `connections`, by which they come; `size` bytes are read at a time, with 1 as
+        few as can be. In one file no message is earlier than one of its connection yielded before.
         """
         allowance = Allowance(sum(file.stat().st_size for file in self._recording.files))
         for reader, places in self._readers:

@@ -28,15 +28,7 @@ _ZERO = np.datetime64(0, "ns")
 
 
 class Reading:
-    """The columns of one topic, collected until they fill a batch.
-
-    Parameters
-    ----------
-    path : str
-        As the user named the bag.
-    decoders : mapping of int to Decoder
-        By the place of the connection.
-    """
+    """The columns of one topic, collected until they fill a batch; decoders are by connection."""
 
     def __init__(
         self,
@@ -60,9 +52,6 @@ class Reading:
         #: Log times and columns that are not in a batch yet.
         self._waiting: list[list[Values]] = []
         self._rows = 0
-
-    def __hash__(self) -> int:
-        return id(self)
 
     def pieces(self, run: Run) -> Iterator[Run]:
         """Part messages so that those of the batches before a damaged one are read."""
@@ -141,13 +130,7 @@ class Reading:
 
 
 def nearest(name: str, choices: Iterable[str], what: str) -> str:
-    """Say which name may have been meant.
-
-    Parameters
-    ----------
-    what : str
-        Of which kind they are.
-    """
+    """Say which name may have been meant, of topics, fields or whatever they are."""
     choices = list(choices)
     close = get_close_matches(name, choices, n=3, cutoff=0.5)
     return (

@@ -17,17 +17,7 @@ __all__ = ["salvaged"]
 
 
 def salvaged(file: Path, kind: str) -> SalvagedFile:
-    """Return what reads one damaged file of a bag.
-
-    Parameters
-    ----------
-    kind : {"ros1", "mcap", "db3"}
-
-    Returns
-    -------
-    SalvagedFile
-        Not opened yet.
-    """
+    """Return what reads one damaged file of a bag, not opened yet."""
     if kind == "ros1":
         from formats.salvage.salvaged_ros1 import SalvagedRos1
 

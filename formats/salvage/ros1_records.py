@@ -1,12 +1,17 @@
-"""The records that a ROS 1 bag is made of: a header of named fields, then data, each with its length.
+"""What a ROS 1 bag is made of: records, and checksums of its message definitions.
 
-http://wiki.ros.org/Bags/Format/2.0
+A record is a header of named fields, then data, each with its length: http://wiki.ros.org/Bags/Format/2.0.
+The checksum is noted by each connection beside its definition. As ``genmsg`` computes it: MD5 of the
+constants, then of the fields in their order, without comments and spaces, each message type in place of
+which its own checksum stands.
 """
 
 from __future__ import annotations
 
+import re
 import struct
 from dataclasses import dataclass
+from hashlib import md5
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -14,6 +19,11 @@ if TYPE_CHECKING:
 
 SECOND = 1_000_000_000
 _LONGEST_HEADER = 1 << 20
+_BUILT_IN = frozenset(
+    {"bool", "byte", "char", "string", "time", "duration", "float32", "float64"}
+    | {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+)
+_DEEPEST = 50
 
 
 class BrokenRecordError(ValueError):
@@ -22,15 +32,10 @@ class BrokenRecordError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class BagRecord:
-    """One record; its data need not all be there.
-
-    Parameters
-    ----------
-    begin, end : int
-        Where its data begin, and end.
-    """
+    """One record; its data need not all be there."""
 
     fields: dict[bytes, bytes]
+    #: Where its data begin, and end.
     begin: int
     end: int
 
@@ -53,15 +58,7 @@ class BagRecord:
 
 
 def read_record(data: Any, at: int) -> BagRecord:
-    """Read the header of a record; its data may end beyond those that are there.
-
-    Raises
-    ------
-    BrokenRecordError
-        The header does not add up.
-    struct.error
-        It is cut off.
-    """
+    """Read the header of a record; its data may end beyond those that are there."""
     (length,) = struct.unpack_from("<I", data, at)
     begin, end = at + 4, at + 4 + length
     if length > _LONGEST_HEADER or end + 4 > len(data):
@@ -71,12 +68,7 @@ def read_record(data: Any, at: int) -> BagRecord:
 
 
 def fields_of(header: bytes) -> dict[bytes, bytes]:
-    """Return the fields of a header by their names.
-
-    Raises
-    ------
-    BrokenRecordError, struct.error
-    """
+    """Return the fields of a header by their names."""
     fields, at = {}, 0
     while at < len(header):
         (size,) = struct.unpack_from("<I", header, at)
@@ -102,3 +94,56 @@ def records(raw: bytes) -> Iterator[tuple[int, BagRecord | None]]:
             return
         yield at, record
         at = record.end
+
+
+class _UnknownError(Exception):
+    """Not all that the checksum covers can be told."""
+
+
+def checksum(text: str, type_name: str) -> str | None:
+    """Return the checksum of a definition, behind which are those of its parts, as bags hold it.
+
+    None where it cannot be told: a type is missing, or a constant is a number with a fraction or a text,
+    which tools write in more than one way.
+    """
+    main, *others = re.split(r"^=+\n", text, flags=re.MULTILINE)
+    sections = {_short(type_name): main}
+    for section in others:
+        first, _, rest = section.partition("\n")
+        sections[first.removeprefix("MSG:").strip()] = rest
+    try:
+        return _of(_short(type_name), sections, {}, 0)
+    except _UnknownError:
+        return None
+
+
+def _short(name: str) -> str:
+    return name.replace("/msg/", "/")
+
+
+def _of(name: str, sections: dict[str, str], known: dict[str, str], depth: int) -> str:
+    if name in known:
+        return known[name]
+    if name not in sections or depth > _DEEPEST:
+        raise _UnknownError
+    constants, fields = [], []
+    for line in sections[name].split("\n"):
+        kind, _, rest = line.partition("#")[0].strip().partition(" ")
+        rest = rest.strip()
+        if not kind:
+            continue
+        if "=" in rest:
+            if kind in {"string", "float32", "float64"}:
+                raise _UnknownError
+            constant, _, value = rest.partition("=")
+            constants.append(f"{kind} {constant.strip()}={value.strip()}")
+            continue
+        base = kind.partition("[")[0]
+        if base in _BUILT_IN:
+            fields.append(f"{kind} {rest}")
+            continue
+        package = name.partition("/")[0]
+        full = "std_msgs/Header" if base == "Header" else base if "/" in base else f"{package}/{base}"
+        fields.append(f"{_of(full, sections, known, depth + 1)} {rest}")
+    known[name] = md5("\n".join([*constants, *fields]).encode(), usedforsecurity=False).hexdigest()
+    return known[name]

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
+from formats.content import SIDE_FILES
 from formats.copies import kept, named
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.chunks import RUN_BYTES
@@ -43,7 +44,7 @@ class SalvagedDb3(SalvagedFile):
         """Find the readable pages; what a log beside the file holds is put into a copy first."""
         beside = [
             Path(f"{self.path}{ending}")
-            for ending in ("-wal", "-journal")
+            for ending in SIDE_FILES
             if Path(f"{self.path}{ending}").is_file() and Path(f"{self.path}{ending}").stat().st_size
         ]
         damage = [f"the recording was not closed: messages were left in {file.name}" for file in beside]
@@ -294,7 +295,7 @@ class SalvagedDb3(SalvagedFile):
                 recovery.goes_on = max(after)
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[dict[int, Messages]]:
-        """Read the messages of some connections; see `pieces.SalvagedFile.runs`."""
+        """Read the messages of some connections; see `salvaged_file.SalvagedFile.runs`."""
         rows = self._rows[np.isin(self._rows[:, 0], np.array(sorted(wanted), dtype=np.int64))]
         rows = rows[np.lexsort((rows[:, 4], rows[:, 1]))]
         found = (

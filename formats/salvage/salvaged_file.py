@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import mmap
 from abc import ABC, abstractmethod
+from binascii import crc32
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from formats.limits import CONNECTIONS, Allowance, TooMuchError, unpacked_limit
+from formats.limits import CHUNK_BYTES, CONNECTIONS, Allowance, TooMuchError, unpacked_limit
 from formats.recovery import Recovery
 from formats.rosbag.storage.raw_messages import WILD, Messages
+from formats.rosbag.storage.unpacking import unpack
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -32,16 +34,9 @@ _WAITING_PARTS = 50_000
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Messages that lie together, each vouched for by all that the file says of it.
+    """Messages that lie together, each vouched for by all that the file says of it."""
 
-    Parameters
-    ----------
-    rows : ndarray of int64, shape (n, 4)
-        Number of the connection, log time in ns, where the payload begins in the contents, its size.
-    load : callable
-        Returns the contents.
-    """
-
+    #: Connection, log time in ns, where the payload begins in the contents, its size: shape (n, 4).
     rows: Index
     load: Callable[[], bytes]
 
@@ -57,23 +52,22 @@ class Piece:
 
 
 class SalvagedFile(ABC):
-    """What can be read of one file of a bag, as the readers of whole files give it.
-
-    Attributes
-    ----------
-    spans : dict of int to (int, int)
-        First and last log time in ns of each connection, by its number.
-    """
+    """What can be read of one file of a bag, as the readers of whole files give it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.connections: list[Connection] = []
+        #: First and last log time in ns of each connection, by its number.
         self.spans: dict[int, tuple[int, int]] = {}
         self.recovery = Recovery()
         self.pieces: list[Piece] = []
         #: First and last log time of what can be read, as it lies in the file; None where something is lost.
         self.walk: list[Span | None] = []
         self.data: mmap.mmap | bytes = b""
+        #: No checksum vouches for some of it.
+        self.unchecked = False
+        #: Messages in no chunk, as rows of a piece, places being those in the file.
+        self._loose: list[tuple[int, int, int, int]] = []
 
     def open(self) -> None:
         """Find the readable pieces."""
@@ -91,14 +85,8 @@ class SalvagedFile(ABC):
     def take(self, found: Index, kept: Index, load: Callable[[], bytes], damage: str = "") -> None:
         """Take the messages that can be trusted of those that were found together.
 
-        Parameters
-        ----------
-        found, kept : ndarray, shapes (n, 4) and (m, 4)
-            As for `timeline`.
-        load : callable
-            As for `Piece`.
-        damage : str
-            What is wrong, where `found` is not all there was.
+        `found` and `kept` are as for `timeline`; `damage` says what is wrong where `found` is not all there
+        was.
         """
         self.recovery.aside += len(found) - len(kept)
         self.walk += timeline(found, kept)
@@ -107,20 +95,34 @@ class SalvagedFile(ABC):
         if damage:
             self.lose(damage)
 
+    def take_loose(self, row: tuple[int, int, int, int]) -> None:
+        """Take a message that is in no chunk, once those behind it are known; nothing vouches for it."""
+        self._loose.append(row)
+        if row[2] + row[3] - self._loose[0][2] > CHUNK_BYTES >> 5:
+            self.end_loose()
+
+    def end_loose(self) -> None:
+        """Take the messages that wait for those behind them."""
+        if self._loose:
+            first, last = self._loose[0][2], self._loose[-1][2] + self._loose[-1][3]
+            rows = rows_of([(number, time, begin - first, size) for number, time, begin, size in self._loose])
+            self._loose, self.unchecked = [], True
+            self.take(rows, tame(rows), lambda: self.data[first:last])
+
+    def contents(self, begin: int, end: int, packing: str, size: int, checksum: int = 0) -> bytes:
+        """Return what a chunk there unpacks to, if that is as it says."""
+        raw = unpack(self.data[begin:end], packing, size)
+        if len(raw) != size:
+            raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
+        if checksum and crc32(raw) != checksum:
+            raise ValueError("its checksum is wrong")
+        return raw
+
     def unpacked(self, load: Callable[[], bytes], stored: int, size: int) -> bytes | str:
         """Unpack a chunk, or say why that cannot be.
 
-        Parameters
-        ----------
-        load : callable
-            Returns the contents: no more than `size` bytes.
-        stored, size : int
-            Bytes in the file, and those that the file says they become.
-
-        Raises
-        ------
-        TooMuchError
-            All chunks together become more than a file may.
+        `load` returns no more than `size` bytes, which the file says that those `stored` become. TooMuchError
+        where all chunks together become more than a file may.
         """
         self._allowance.take(min(size, unpacked_limit(stored)))
         try:
@@ -130,6 +132,7 @@ class SalvagedFile(ABC):
 
     def lose(self, damage: str) -> None:
         """Note that something is lost here."""
+        self.end_loose()
         if damage not in self.recovery.damage:
             self.recovery.damage.append(damage)
         if not self.walk or self.walk[-1] is not None:
@@ -173,20 +176,7 @@ class SalvagedFile(ABC):
             self.recovery.expected = max(self.recovery.expected, self.recovery.read)
 
     def runs(self, wanted: Collection[int], size: int = 0) -> Iterator[dict[int, Messages]]:  # noqa: ARG002 - as `rosbag.containers.Reader` has it
-        """Read the messages of some connections.
-
-        Parameters
-        ----------
-        wanted : collection of int
-            Their numbers.
-        size : int
-            Not used: pieces are read one by one.
-
-        Yields
-        ------
-        dict of int to Messages
-            No message is earlier than one of its connection that was yielded before.
-        """
+        """Read the messages of some connections, none earlier than one of its connection before."""
         numbers = np.array(sorted(wanted), dtype=np.int64)
         chosen = sorted(
             (piece.first, rank, piece)
@@ -248,13 +238,7 @@ def _parted(
 
 
 def joined(parts: Sequence[Messages]) -> Messages:
-    """Join messages in one buffer that holds nothing else.
-
-    Returns
-    -------
-    Messages
-        In the order given.
-    """
+    """Join messages, in the order given, in one buffer that holds nothing else."""
     buffer = b"".join(part.payload(row) for part in parts for row in range(len(part)))
     sizes = np.concatenate([part.sizes for part in parts])
     times = np.concatenate([part.times for part in parts])
@@ -263,44 +247,19 @@ def joined(parts: Sequence[Messages]) -> Messages:
 
 
 def rows_of(found: Sequence[tuple[int, int, int, int]]) -> Index:
-    """Return the table of a piece.
-
-    Parameters
-    ----------
-    found : sequence of (int, int, int, int)
-        As `Piece.rows` has them. Times beyond the year 2262 are left out.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 4)
-    """
+    """Return the table of a piece as `Piece.rows` has it; times beyond the year 2262 are left out."""
     return np.array([row for row in found if 0 <= row[1] < 2**63], dtype=np.int64).reshape(-1, 4)
 
 
 def tame(rows: Index) -> Index:
-    """Leave out the messages whose time is far from that of the others.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (n, 4)
-
-    Returns
-    -------
-    ndarray, shape (m, 4)
-    """
+    """Leave out the messages, rows of a piece, whose time is far from that of the others."""
     if not len(rows):
         return rows
     return np.asarray(rows[np.abs(rows[:, 1] - int(np.median(rows[:, 1]))) <= WILD])
 
 
 def agreed(told: Sequence[tuple[bool, Any]]) -> Any | None:
-    """Return what a file says of something, if it does not contradict itself.
-
-    Parameters
-    ----------
-    told : sequence of (bool, object)
-        Whether a checksum vouches for it, and what is said.
-    """
+    """Return what a file says of something, if it does not contradict itself; checksums vouch for some."""
     trusted = [what for vouched, what in told if vouched] or [what for _, what in told]
     return trusted[0] if all(what == trusted[0] for what in trusted) else None
 
@@ -313,17 +272,9 @@ def join_told(told: dict[int, list[tuple[bool, Any]]], more: dict[int, list[tupl
 
 
 def timeline(found: Index, kept: Index) -> list[Span | None]:
-    """Return the times of messages that follow each other, and None between them where some are left out.
+    """Return the times (ns) of messages that follow each other, None between where some are left out.
 
-    Parameters
-    ----------
-    found, kept : ndarray, shapes (n, 4) and (m, 4)
-        Rows of a piece in the order of the file, and those of them that are kept.
-
-    Returns
-    -------
-    list of (int, int) or None
-        ns
+    `found` are rows of a piece in the order of the file, `kept` those of them that are kept.
     """
     right = np.isin(found[:, 2], kept[:, 2])
     edges = np.flatnonzero(np.diff(right)) + 1
@@ -336,20 +287,9 @@ def timeline(found: Index, kept: Index) -> list[Span | None]:
 
 
 def lost_between(spans: Sequence[Span | None], end: int | None) -> list[tuple[int | None, int | None]]:
-    """Return the stretches of time in which something was lost.
+    """Return the stretches of log time (ns) in which something was lost.
 
-    Parameters
-    ----------
-    spans : sequence of (int, int) or None
-        First and last log time of what can be read, in the order of the file; None where something
-        was lost.
-    end : int or None
-        When the log ended, where that is known.
-
-    Returns
-    -------
-    list of (int or None, int or None)
-        ns
+    Spans are as from `timeline`, in the order of the file; `end` is when the log ended, where that is known.
     """
     lost: list[tuple[int | None, int | None]] = []
     before: int | None = None

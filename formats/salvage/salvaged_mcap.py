@@ -17,9 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
-from formats.limits import CHUNK_BYTES
-from formats.rosbag.storage.unpacking import unpack
-from formats.salvage.salvaged_file import SalvagedFile, agreed, join_told, lost_between, rows_of, tame
+from formats.salvage.salvaged_file import SalvagedFile, agreed, join_told, lost_between, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -59,8 +57,6 @@ class SalvagedMcap(SalvagedFile):
     def scan(self) -> dict[int, Connection]:
         """Walk through the records of the file."""
         self._told = _Told()
-        self._loose: list[tuple[int, int, int, int]] = []
-        self._unchecked = False
         self.recovery.bytes_read = at = len(_MAGIC)
         size, ended = len(self.data), False
         while at < size and not ended:
@@ -68,24 +64,20 @@ class SalvagedMcap(SalvagedFile):
                 at, ended = self._record(at)
             except BrokenChunkError as error:
                 following = self._next_chunk(at + 1)
-                self._lose(
+                self.lose(
                     str(error) if following else f"cut off at byte {size:,}, in {error}: its index is missing"
                 )
                 at = following or size
-        self._end_loose()
+        self.end_loose()
         if not ended and not self.recovery.damage:
-            self._lose(f"cut off at byte {size:,}: the end of the file and with it the index are missing")
+            self.lose(f"cut off at byte {size:,}: the end of the file and with it the index are missing")
         told, recovery = self._told, self.recovery
-        recovery.checked = not self._unchecked
+        recovery.checked = not self.unchecked
         recovery.whole_known = ended
         if told.counts is not None:
             recovery.expected = sum(told.counts.values())
         recovery.lost = lost_between(self.walk, told.end) if recovery.damaged else []
         return self._connections()
-
-    def _lose(self, damage: str) -> None:
-        self._end_loose()
-        self.lose(damage)
 
     def _record(self, at: int) -> tuple[int, bool]:
         """Read one record; return where the next begins, and whether it was the last."""
@@ -147,23 +139,23 @@ class SalvagedMcap(SalvagedFile):
 
     def _chunk(self, begin: int, end: int) -> int:
         """Read a chunk and the index behind it; return where that ends."""
-        self._end_loose()
+        self.end_loose()
         head, contents, chunk_end = _head(self.data, begin)
         if chunk_end != end:
             raise BrokenChunkError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
         index, end = self._index(end)
         start, last, size, checksum, packing = head
-        load = partial(self._load, contents, end=chunk_end, packing=packing, size=size, checksum=checksum)
+        load = partial(self.contents, contents, chunk_end, packing, size, checksum)
         raw = self.unpacked(load, chunk_end - contents, size)
         if isinstance(raw, str):
-            self._lose(f"the chunk at byte {begin - _RECORD:,} cannot be read ({raw})")
+            self.lose(f"the chunk at byte {begin - _RECORD:,} cannot be read ({raw})")
             return end
         told = _Told()
         found, whole = _messages_in(raw, told, vouched=bool(checksum))
         rows = kept = rows_of(found)
         agrees = True
         if not checksum:
-            self._unchecked = True
+            self.unchecked = True
             kept = _confirmed(rows, index, start, last)
             agrees = len(kept) == len(found) and _complete(rows, index)
         damage = "" if whole else f"the chunk at byte {begin - _RECORD:,} contradicts itself"
@@ -175,14 +167,6 @@ class SalvagedMcap(SalvagedFile):
             join_told(self._told.channels, told.channels)
         self.take(rows, kept, load, damage)
         return end
-
-    def _load(self, begin: int, *, end: int, packing: str, size: int, checksum: int) -> bytes:
-        raw = unpack(self.data[begin:end], packing, size)
-        if len(raw) != size:
-            raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
-        if checksum and crc32(raw) != checksum:
-            raise ValueError("its checksum is wrong")
-        return raw
 
     def _index(self, at: int) -> tuple[dict[int, Any], int]:
         """Read the records of the index behind a chunk: entries by channel."""
@@ -203,18 +187,7 @@ class SalvagedMcap(SalvagedFile):
         channel, _, time, _ = struct.unpack_from("<HIQQ", self.data, begin)
         if end - begin < 22:
             raise BrokenChunkError(f"a message at byte {begin - _RECORD:,}")
-        self._loose.append((channel, time, begin + 22, end - begin - 22))
-        if end - self._loose[0][2] > CHUNK_BYTES >> 5:
-            self._end_loose()
-
-    def _end_loose(self) -> None:
-        if not self._loose:
-            return
-        first, last = self._loose[0][2], self._loose[-1][2] + self._loose[-1][3]
-        found = [(channel, time, begin - first, size) for channel, time, begin, size in self._loose]
-        self._loose = []
-        self._unchecked = True
-        self.take(rows := rows_of(found), tame(rows), lambda: self.data[first:last])
+        self.take_loose((channel, time, begin + 22, end - begin - 22))
 
     def _statistics(self, content: bytes) -> None:
         end, size = struct.unpack_from("<QI", content, 34)
@@ -227,7 +200,7 @@ class SalvagedMcap(SalvagedFile):
         self._told.end = end if 0 < end < 2**63 and counts else None
 
     def _data_end(self, at: int, checksum: int) -> None:
-        self._end_loose()
+        self.end_loose()
         if not checksum:
             return
         found = 0
@@ -236,7 +209,7 @@ class SalvagedMcap(SalvagedFile):
         if found != checksum:
             self.recovery.damage.append("the checksum of the data is wrong")
         else:
-            self._unchecked = False
+            self.unchecked = False
 
     def _footer(self, begin: int, summary: int, _: int, checksum: int) -> None:
         # The checksum covers the summary and the footer up to itself.

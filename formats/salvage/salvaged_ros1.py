@@ -20,9 +20,15 @@ from rosbags.rosbag1.reader import normalize
 from rosbags.typesys.msg import normalize_msgtype
 
 from formats.limits import CHUNK_BYTES, TooMuchError
-from formats.rosbag.storage.unpacking import unpack
-from formats.salvage.msg_checksum import checksum
-from formats.salvage.ros1_records import SECOND, BagRecord, BrokenRecordError, fields_of, read_record, records
+from formats.salvage.ros1_records import (
+    SECOND,
+    BagRecord,
+    BrokenRecordError,
+    checksum,
+    fields_of,
+    read_record,
+    records,
+)
 from formats.salvage.salvaged_file import SalvagedFile, agreed, join_told, lost_between, rows_of, tame
 
 _MAGIC = b"#ROSBAG V2.0\n"
@@ -55,8 +61,6 @@ class SalvagedRos1(SalvagedFile):
     def scan(self) -> dict[int, Connection]:
         """Walk through the records of the file."""
         self._told = _Told()
-        self._open: list[tuple[int, int, int, int]] = []
-        self._unchecked = False
         self.recovery.bytes_read = at = len(_MAGIC)
         size = len(self.data)
         while at < size:
@@ -67,32 +71,28 @@ class SalvagedRos1(SalvagedFile):
             except (BrokenRecordError, struct.error, UnicodeDecodeError, ValueError) as error:
                 what = str(error) if isinstance(error, BrokenRecordError) else f"a record at byte {at:,}"
                 following = self._next_chunk(at + 1)
-                self._lose(f"{what} is damaged" if following else f"cut off at byte {size:,}, in {what}")
+                self.lose(f"{what} is damaged" if following else f"cut off at byte {size:,}, in {what}")
                 at = following or size
-        self._end_open()
+        self.end_loose()
         told, recovery = self._told, self.recovery
         if told.index is None and not recovery.damage:
-            self._lose(f"cut off at byte {size:,}: its header is missing")
+            self.lose(f"cut off at byte {size:,}: its header is missing")
         elif told.index == 0:
-            self._lose("its index is missing: the recording was not closed properly")
+            self.lose("its index is missing: the recording was not closed properly")
         elif told.index is not None and told.index >= size:
             # Says more than where the last record is cut.
             recovery.damage = [text for text in recovery.damage if not text.startswith("cut off")]
-            self._lose(f"cut off at byte {size:,} of at least {told.index:,}: its index is missing")
+            self.lose(f"cut off at byte {size:,} of at least {told.index:,}: its index is missing")
             recovery.bytes_expected = told.index
         elif told.indexed < told.promised and not recovery.damage:
             of = f"{told.indexed:,} of {told.promised:,} records"
-            self._lose(f"cut off at byte {size:,}, in its index: {of} are there")
+            self.lose(f"cut off at byte {size:,}, in its index: {of} are there")
         recovery.whole_known = bool(told.index)
         if told.counted and told.counted == told.chunks:
             recovery.expected = told.counts
-        recovery.checked = not self._unchecked
+        recovery.checked = not self.unchecked
         recovery.lost = lost_between(self.walk, told.end or None) if recovery.damaged else []
         return self._connections()
-
-    def _lose(self, damage: str) -> None:
-        self._end_open()
-        self.lose(damage)
 
     def _record(self, at: int) -> int:
         """Read one record; return where the next begins."""
@@ -141,19 +141,19 @@ class SalvagedRos1(SalvagedFile):
 
     def _chunk(self, at: int, record: BagRecord) -> int:
         """Read a chunk and the index behind it; return where that ends."""
-        self._end_open()
+        self.end_loose()
         if record.begin == record.end:
             # Never closed: its messages follow as records of the file.
             return record.end
         packing, size = record.fields.get(b"compression", b"").decode(), record.number(b"size")
         index, end = self._index(record.end)
-        load = partial(self._load, record.begin, record.end, packing, size)
+        load = partial(self.contents, record.begin, record.end, packing, size)
         raw = self.unpacked(load, record.end - record.begin, size)
         if isinstance(raw, str):
-            self._lose(f"the chunk at byte {at:,} cannot be read ({raw})")
+            self.lose(f"the chunk at byte {at:,} cannot be read ({raw})")
             return end
         vouched = packing == "bz2"
-        self._unchecked = self._unchecked or not vouched
+        self.unchecked = self.unchecked or not vouched
         told = _Told()
         found, whole = _messages_in(raw, told, vouched=vouched)
         rows = rows_of([row[:4] for row in found])
@@ -174,14 +174,8 @@ class SalvagedRos1(SalvagedFile):
         first, last = record.begin, len(self.data)
         found, _ = _messages_in(self.data[first:last], self._told, vouched=False)
         rows = rows_of([row[:4] for row in found])
-        self._unchecked = True
+        self.unchecked = True
         self.take(rows, tame(rows), lambda: self.data[first:last])
-
-    def _load(self, begin: int, end: int, packing: str, size: int) -> bytes:
-        raw = unpack(self.data[begin:end], packing, size)
-        if len(raw) != size:
-            raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
-        return raw
 
     def _index(self, at: int) -> tuple[dict[int, set[tuple[int, int]]], int]:
         """Read the records of the index behind a chunk: times and places by connection."""
@@ -205,19 +199,7 @@ class SalvagedRos1(SalvagedFile):
 
     def _message(self, record: BagRecord) -> None:
         """Take a message of a chunk that was never closed."""
-        row = (record.number(b"conn"), record.time(), record.begin, record.end - record.begin)
-        self._open.append(row)
-        if record.end - self._open[0][2] > CHUNK_BYTES >> 5:
-            self._end_open()
-
-    def _end_open(self) -> None:
-        if not self._open:
-            return
-        first, last = self._open[0][2], self._open[-1][2] + self._open[-1][3]
-        found = [(number, time, begin - first, size) for number, time, begin, size in self._open]
-        self._open = []
-        self._unchecked = True
-        self.take(rows := rows_of(found), tame(rows), lambda: self.data[first:last])
+        self.take_loose((record.number(b"conn"), record.time(), record.begin, record.end - record.begin))
 
     def _chunk_info(self, record: BagRecord) -> None:
         content = self.data[record.begin : record.end]

@@ -24,10 +24,8 @@ if TYPE_CHECKING:
 MISSING = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none", "<na>", "nat"})
 #: The same as commonly written, for the parser's own fast comparison.
 MISSING_SPELLINGS = ("", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL", "None", "<NA>", "NaT")
-
 #: Integers beyond this lose digits as float64.
 EXACT = 2.0**53
-
 # Written so that no text of digits can be parted in two ways: that would take time with its square.
 _NUMBER = r"^[+-]?(\d+({point}\d*)?|{point}\d+)([eE][+-]?\d+)?$|^[+-]?inf(inity)?$"
 _TIME = re.compile(
@@ -39,29 +37,12 @@ _NS_LIMIT = 2**63
 
 
 def number_pattern(decimal: str) -> str:
-    """Return the regular expression of a number with this decimal sign.
-
-    Parameters
-    ----------
-    decimal : str
-        "." or ",".
-    """
+    """Return the regular expression of a number with this decimal sign, a point or a comma."""
     return _NUMBER.replace("{point}", re.escape(decimal))
 
 
 def kind_of(cells: Sequence[str], decimal: str) -> Kind | None:
-    """Tell what the cells of a column are, by majority.
-
-    Parameters
-    ----------
-    decimal : str
-        "." or ",".
-
-    Returns
-    -------
-    {"number", "text", "time"} or None
-        None where every cell is empty.
-    """
+    """Tell what the cells of a column are, by majority; None where every cell is empty."""
     pattern = re.compile(number_pattern(decimal), re.IGNORECASE | re.ASCII)
     if cells and _mostly(cells, pattern.match):
         # Also of those that are not empty.
@@ -81,20 +62,9 @@ def _mostly(cells: Sequence[str], match: Callable[[str], object]) -> bool:
 
 
 def numbers(cells: pa.Array, decimal: str) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Read cells as numbers.
+    """Read cells of text as numbers, and tell where there is something that is none.
 
-    Parameters
-    ----------
-    cells : pyarrow.Array of string, shape (n,)
-    decimal : str
-        "." or ",".
-
-    Returns
-    -------
-    values : ndarray, shape (n,)
-        float64, NaN where there is no number; int64 where float64 would lose digits.
-    bad : ndarray of bool, shape (n,)
-        True where there is something that is not a number.
+    They are float64, NaN where there is none; int64 where float64 would lose digits.
     """
     import pyarrow.compute as pc
 
@@ -116,16 +86,9 @@ def numbers(cells: pa.Array, decimal: str) -> tuple[NDArray[Any], NDArray[np.boo
 
 
 def floats(values: pa.Array) -> NDArray[np.float64]:
-    """Return numbers as they are; pyarrow's own conversion imports pandas, which takes half a second.
+    """Return numbers as they are, NaN where null; not to be written to.
 
-    Parameters
-    ----------
-    values : pyarrow.Array of float64, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        NaN where null; not to be written to.
+    pyarrow's own conversion imports pandas, which takes half a second.
     """
     data = values.buffers()[1]
     if data is None:
@@ -137,19 +100,10 @@ def floats(values: pa.Array) -> NDArray[np.float64]:
 
 
 def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:
-    """Return numbers without loss of digits.
+    """Return numbers without loss of digits: float64, NaN where null, or int64.
 
-    Parameters
-    ----------
-    values : pyarrow.Array of float64, shape (n,)
-    origin : pyarrow.Array of string or integer, shape (n,)
-        What they were made of.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        float64, NaN where null; int64 where all are integers, of which float64 loses digits, and none
-        is −0, which integers have not.
+    The latter where all of what they were made of are integers, of which float64 loses digits, and none is
+    −0, which integers have not.
     """
     import pyarrow.compute as pc
 
@@ -162,18 +116,9 @@ def exact(values: pa.Array, origin: pa.Array) -> NDArray[Any]:
 
 
 def times(cells: pa.Array) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
-    """Read cells as ISO 8601 times; those without a zone are taken as UTC.
+    """Read cells of text as ISO 8601 times (datetime64[ns], NaT where none), and tell where one is wrong.
 
-    Parameters
-    ----------
-    cells : pyarrow.Array of string, shape (n,)
-
-    Returns
-    -------
-    values : ndarray of datetime64[ns], shape (n,)
-        NaT where there is no time.
-    bad : ndarray of bool, shape (n,)
-        True where there is something that is not a time.
+    Those without a zone are taken as UTC.
     """
     import pyarrow.compute as pc
 
@@ -189,13 +134,7 @@ def times(cells: pa.Array) -> tuple[NDArray[np.datetime64], NDArray[np.bool_]]:
 
 
 class Names:
-    """The texts of one column so far: a text has the same code in every batch.
-
-    Parameters
-    ----------
-    meant : callable
-        Gives what a text stands for.
-    """
+    """The texts of one column so far, as what they stand for: a text has the same code in every batch."""
 
     def __init__(self, meant: Callable[[str], str] = str) -> None:
         self._meant = meant
@@ -203,12 +142,7 @@ class Names:
         self._names: tuple[str, ...] = ()
 
     def labels(self, cells: pa.Array) -> Labels:
-        """Turn cells into labels, without the spaces around them.
-
-        Parameters
-        ----------
-        cells : pyarrow.Array of string or of dictionary, shape (n,)
-        """
+        """Turn cells, of text or of a dictionary, into labels, without the spaces around them."""
         import pyarrow.compute as pc
 
         if not pa.types.is_dictionary(cells.type):

@@ -12,10 +12,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
 
-from formats.content import STANDARD_INPUT, TextStream
+from formats.content import SalvagedText, TextStream
 from formats.errors import DamagedError, FormatError
 from formats.recovery import HINT, Recovery
-from formats.salvage.salvaged_text import SalvagedText
 from formats.table import BATCH_ROWS, Field, Source, Stream
 from formats.text import plain_tables
 from formats.text.cell_values import MISSING, MISSING_SPELLINGS, Names, floats, kind_of, numbers, times
@@ -60,23 +59,7 @@ class DelimitedSource(Source):
     after the header are not counted. A column whose cells are all empty in the first 256 MiB
     is one of numbers.
 
-    Parameters
-    ----------
-    path : str
-        As the user named it.
-    file : str
-        Where it is.
-    salvage : bool
-        Read a table that is cut off in the middle of a row up to that row.
-
-    Attributes
-    ----------
-    skipped : int
-        Rows set aside in the last reading, for they have more fields than the header or were cut off.
-
-    Raises
-    ------
-    FormatError
+    With `salvage` a table that is cut off in the middle of a row is read up to that row.
     """
 
     def __init__(self, path: str, file: str, *, salvage: bool = False) -> None:
@@ -91,7 +74,7 @@ class DelimitedSource(Source):
             stream.close()
         # The cut may fall inside a character; the last line of a part is not used.
         text = head.decode("utf-8", "strict" if whole else "ignore")
-        self._dialect: Dialect = examine(self._label, text, whole=whole)
+        self._dialect: Dialect = examine(self.label, text, whole=whole)
         self.remarks = [
             *([f"packed with {stream.packing}"] if stream.packing else []),
             *([stream.encoding.upper()] if stream.encoding != "utf-8" else []),
@@ -100,16 +83,13 @@ class DelimitedSource(Source):
         self._said: dict[tuple[str, str], str] = {}
         self._kinds: dict[str, Kind] = {}
         self._kinds = dict(zip(self._dialect.names, self._look_ahead(), strict=True))
+        #: Rows set aside in the last reading, for they have more fields than the header or were cut off.
         self.skipped = 0
         self._count: int | None = None
 
     def _open(self) -> TextStream:
         kind = TextStream if self.recovery is None else SalvagedText
-        return kind(self._label, self._file)
-
-    @property
-    def _label(self) -> str:
-        return STANDARD_INPUT if self.path == "-" else self.path
+        return kind(self.label, self._file)
 
     def streams(self) -> tuple[Stream, ...]:
         """Return the one table; its rows are counted once it has been read."""
@@ -117,25 +97,10 @@ class DelimitedSource(Source):
         return (Stream(topic="", type="table", fields=fields, count=self._count),)
 
     def read(self, topic: str, fields: Sequence[str], batch_rows: int = BATCH_ROWS) -> Iterator[Batch]:
-        """Read the named columns, in the order of the file.
-
-        Parameters
-        ----------
-        topic : str
-            Always "".
-        batch_rows : int
-            Largest number of rows in one batch.
-
-        Raises
-        ------
-        FormatError
-            No such column, or no row that fits the header.
-        DamagedError
-            The compressed data are cut off or corrupt.
-        """
+        """Read the named columns, in the order of the file."""
         for name in fields:
             if topic or not name or name not in self._kinds:
-                raise FormatError(self._label, f"has no column {name!r}")
+                raise FormatError(self.label, f"has no column {name!r}")
         findings: _Findings = {}
         names = {field: Names(unguarded) for field in fields}
         count = 0
@@ -152,7 +117,7 @@ class DelimitedSource(Source):
         self.remarks += self._said.values()
         if fields and not count:
             raise FormatError(
-                self._label, f"has no row that fits its header: {next(iter(findings.values()), '')}"
+                self.label, f"has no row that fits its header: {next(iter(findings.values()), '')}"
             )
         self._count = count if fields else self._count
 
@@ -213,7 +178,7 @@ class DelimitedSource(Source):
 
     def _rows_alone(self) -> TextStream | FileIO:
         """Open the file after its header."""
-        stream = TextStream(self._label, self._file)
+        stream = TextStream(self.label, self._file)
         stream.read(self._dialect.offset)
         if stream.packing or stream.encoding != "utf-8" or stream.nul_bytes:
             return stream
@@ -237,7 +202,7 @@ class DelimitedSource(Source):
 
         self.skipped = 0
         stream = self._open()
-        mend = _Mending(self._label, self._dialect, places, uneven, findings)
+        mend = _Mending(self.label, self._dialect, places, uneven, findings)
         try:
             stream.read(self._dialect.offset)
             reader = pc.open_csv(
@@ -261,7 +226,7 @@ class DelimitedSource(Source):
         except pa.ArrowInvalid as error:
             after = f"after row {mend.row - 1}"
             what = "a quote that is not closed" if "straddl" in str(error) else str(error).splitlines()[0]
-            raise DamagedError(self._label, f"{after}: {what}", hint="open it in an editor there") from error
+            raise DamagedError(self.label, f"{after}: {what}", hint="open it in an editor there") from error
         finally:
             self.skipped = mend.skipped
             stream.close()

@@ -24,46 +24,23 @@ SAMPLE_ROWS = 1000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
-    """How a text table is written.
-
-    Parameters
-    ----------
-    names : tuple of str
-        One for each field of a row; empty where the header names none.
-    kinds : tuple
-        One for each field; None where its cells in the sample are all empty.
-    first_row : int
-        Number of the line on which the first row of data begins, from 1.
-    offset : int
-        Bytes of UTF-8 before the first row of data.
-    """
+    """How a text table is written."""
 
     delimiter: str
     decimal: str
+    #: One for each field of a row; empty where the header names none.
     names: tuple[str, ...]
+    #: One for each field; None where its cells in the sample are all empty.
     kinds: tuple[Kind | None, ...]
+    #: Number of the line on which the first row of data begins, from 1.
     first_row: int
+    #: Bytes of UTF-8 before the first row of data.
     offset: int
     remarks: tuple[str, ...]
 
 
 def examine(path: str, head: str, *, whole: bool) -> Dialect:
-    """Tell how a table is written.
-
-    Parameters
-    ----------
-    path : str
-        For messages.
-    head : str
-        The beginning of the text.
-    whole : bool
-        Whether that is all of it.
-
-    Raises
-    ------
-    FormatError
-        No header, no rows, names that occur twice, units in a row of their own.
-    """
+    """Tell how a table is written, by the beginning of its text; `whole` says that this is all of it."""
     lines = list(io.StringIO(head, newline=""))
     if not whole and lines:
         lines.pop()

@@ -9,13 +9,7 @@ _FORMULA = re.compile(r"'*(?:[=+\-@\uff1d\uff0b\uff0d\uff20].|[\t\r\n])", re.DOT
 
 
 def guarded(text: str | None) -> str | None:
-    """Put an apostrophe before a text that a spreadsheet would run.
-
-    Returns
-    -------
-    str or None
-        From which `unguarded` gives the text back.
-    """
+    """Put an apostrophe before a text that a spreadsheet would run; `unguarded` takes it off."""
     return f"'{text}" if text and _FORMULA.match(text) else text
 
 

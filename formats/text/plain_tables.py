@@ -37,35 +37,16 @@ class OddError(Exception):
 
 
 def columns(
-    stream: TextStream | io.FileIO,
-    delimiter: str,
-    decimal: str,
-    width: int,
-    kinds: Mapping[int, pa.DataType],
+    stream: TextStream | io.FileIO, delimiter: str, decimal: str, width: int, kinds: Mapping[int, pa.DataType]
 ) -> Generator[list[pa.Array], None, None]:
     """Read some columns of the rows that a stream still has.
 
-    Parameters
-    ----------
-    stream : TextStream or FileIO
-        The file itself where it should be plain UTF-8: threads then read it too.
-    delimiter, decimal : str
-        The latter is the sign of numbers, a point or a comma.
-    width : int
-        Number of columns of the table.
-    kinds : mapping of int to DataType
-        Place of a column → its type: float64 or string.
+    A file itself, not a stream of its text, should be plain UTF-8: threads then read it too. Of the `width`
+    columns of the table those are read whose place is in `kinds` (float64 or string), in that order, and with
+    nothing left out so far.
 
-    Yields
-    ------
-    list of pyarrow.Array
-        In the order of `kinds`, with nothing left out so far.
-
-    Raises
-    ------
-    OddError
-        A row has more or fewer cells, a cell of a number is none, float64 would lose digits of it,
-        or there are quote marks, NUL bytes or bytes that are no UTF-8. What was yielded before is right.
+    OddError where a row has more or fewer cells, a cell of a number is none, float64 would lose digits of it,
+    or there are quote marks, NUL bytes or bytes that are no UTF-8. What was yielded before is right.
     """
     names = [str(place) for place in range(width)]
     # Every spelling of a missing value is compared with every cell. Most numbers are there, or the cell is

@@ -70,7 +70,7 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
     import formats
     from terrain_cli.errors import InputError
     from terrain_cli.processes import parallel
-    from terrain_cli.telemetry.long.excerpt import MOST_ROWS
+    from terrain_cli.telemetry.long_logs import MOST_ROWS
 
     paths = formats.expand(context.params["inputs"])
     most = MOST_ROWS // len(paths)

@@ -346,8 +346,9 @@ def _identity(path: str) -> Hashable:
         status, rest = os.fstat(0) if path == "-" else os.stat(path), ""  # noqa: PTH116 - also /dev/fd/63
     except OSError:
         place = _resolved(path)
-        folder = next(folder for folder in place.parents if os.path.isdir(folder))  # noqa: PTH112 - never raises
-        status, rest = folder.stat(), str(place.relative_to(folder))
+        # A slash behind the name of a file is none to whoever writes it.
+        there = next(above for above in (place, *place.parents) if os.path.exists(above))  # noqa: PTH110 - never raises
+        status, rest = there.stat(), str(place).removeprefix(str(there))
     known = stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)
     return (status.st_dev, status.st_ino, rest) if known else None
 

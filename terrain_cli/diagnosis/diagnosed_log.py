@@ -15,7 +15,7 @@ from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, several_soils
 from terrain_cli.estimation import estimators
-from terrain_cli.telemetry.long.excerpt import notes
+from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.windows import joined_inputs
 
 if TYPE_CHECKING:

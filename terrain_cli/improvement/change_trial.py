@@ -15,7 +15,7 @@ from terrain_cli.estimation import estimators
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Estimated, Idle, Lost, Shift, Step
-from terrain_cli.telemetry.long.excerpt import notes
+from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.vocabulary.english import counted
 from terrain_cli.windows import joined_inputs
 

@@ -14,12 +14,12 @@ from formats.content import FILE_KINDS
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.rover.vehicle import FILE_NAME
+from terrain_cli.telemetry import bags
 from terrain_cli.telemetry.alignment import seconds
-from terrain_cli.telemetry.plan import derivable_channels, rover_advice, standard_messages
+from terrain_cli.telemetry.plan import derivable_channels, rover_advice, topic_discovery
 from terrain_cli.telemetry.plan.mapping import is_table
+from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.raw_columns import read_topics, stamps
-from terrain_cli.telemetry.read import bags
-from terrain_cli.telemetry.read.raw_channels import read_raw
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.english import counted
 
@@ -247,7 +247,7 @@ def text(document: dict[str, Any], *, verbose: bool = False) -> str:
         header = ("topic", "type", "messages", "rate", "largest gap")
         lines += ["", *_aligned([header, *map(_topic, topics)])]
     for stream in document["streams"]:
-        known = stream["topic"] and standard_messages.is_standard(stream["type"]) and not document["problem"]
+        known = stream["topic"] and topic_discovery.is_standard(stream["type"]) and not document["problem"]
         if verbose or not known:
             lines += ["", *_fields(stream)]
     for wheel in document["wheels"]:

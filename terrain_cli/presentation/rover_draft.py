@@ -8,7 +8,7 @@ from terrain_cli.errors import TerrainError
 from terrain_cli.presentation import inspection
 from terrain_cli.presentation.terminal import in_line
 from terrain_cli.rover import Rover
-from terrain_cli.telemetry.plan import rover_advice, standard_messages
+from terrain_cli.telemetry.plan import rover_advice, topic_discovery
 from terrain_cli.telemetry.plan.mapping import is_table
 from terrain_cli.toml import toml_text
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
@@ -174,7 +174,7 @@ def _has_unit(found: Holdings, feed: Feed) -> bool:
         return True
     types = {stream.topic: stream.type for stream in found.layout.source.streams()}
     name = feed.fields[0]
-    if standard_messages.unit_symbol(types.get(feed.topic, ""), name):
+    if topic_discovery.unit_symbol(types.get(feed.topic, ""), name):
         return True
     leaves = (name.partition("[")[0].rpartition(".")[2], feed.topic.rpartition("/")[2])
     return any(stated_unit(leaf, CHANNELS[feed.channel].dimension) for leaf in leaves)

@@ -43,7 +43,7 @@ def check(output: str | None, samples: str | None = None, crs: str | None = None
     try:
         formats.check_crs(crs)
         if "parquet" in kinds:
-            from formats.output.reference_systems import projjson
+            from formats.output.common_forms import projjson
 
             projjson(crs)
     except formats.FormatError as error:
@@ -105,7 +105,7 @@ def remark(output: str | None, crs: str | None) -> str:
     """
     if not output or not _kind(output).startswith("geojson") or _kind(output) == "geojson":
         return ""
-    from formats.output.reference_systems import is_wgs84
+    from formats.output.common_forms import is_wgs84
 
     if crs and is_wgs84(crs):
         return ""

@@ -68,7 +68,7 @@ def topics(table: Table, crs: str | None = None) -> list[Topic]:
     InputError
     """
     from formats.output.bag_writer import Topic
-    from formats.output.column_forms import normalise
+    from formats.output.common_forms import normalise
 
     stamps = _stamps(table)
     columns = {
@@ -145,7 +145,7 @@ def _places(
     table: Table, rows: NDArray[np.intp], ends: NDArray[np.intp]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
     """Return which messages have a longitude and latitude, and these."""
-    from formats.output.wkt import parse
+    from formats.output.common_forms import parse
 
     places = np.full((len(rows), 2), np.nan)
     for message, (row, end) in enumerate(zip(rows.tolist(), ends.tolist(), strict=True)):

@@ -23,13 +23,10 @@ _UNKNOWN = 8 << 30
 
 @cache
 def most_held() -> int:
-    """Return how long the columns of a log may be that are held whole.
+    """Return how many bytes the columns of a log may have that are held whole.
 
-    Returns
-    -------
-    int
-        Bytes: a share of the memory of this machine, of the container, or of what ``ulimit -v`` leaves,
-        whichever is least.
+    A share of the memory of this machine, of the container, or of what ``ulimit -v`` leaves, whichever is
+    least.
     """
     limits = []
     with suppress(OSError, ValueError, AttributeError):

@@ -23,13 +23,7 @@ _held: list[Callable[[Any], Any]] = []
 
 @contextmanager
 def jobs(count: int) -> Iterator[None]:
-    """Let `each` start so many processes.
-
-    Parameters
-    ----------
-    count : int
-        At least 1, with which none is started.
-    """
+    """Let `each` start so many processes; with 1 none is started."""
     token = _jobs.set(count)
     try:
         yield
@@ -38,26 +32,13 @@ def jobs(count: int) -> Iterator[None]:
 
 
 def each(
-    function: Callable[[Item], Result],
-    items: Sequence[Item],
-    before: Callable[[Item], None] = lambda _: None,
+    function: Callable[[Item], Result], items: Sequence[Item], before: Callable[[Item], None] = lambda _: None
 ) -> list[Result]:
-    """Return what a function makes of each item.
+    """Return what a function makes of each item, in their order.
 
-    Where no process can be started, or one is killed, the work is done in this one.
-
-    Parameters
-    ----------
-    function : callable
-        That can be pickled with all that is bound to it, as its results can: what is bound goes to a
-        process once, items one by one.
-    before : callable
-        Called in this process with each item before it is done, or waited for.
-
-    Returns
-    -------
-    list
-        In the order of the items.
+    Where no process can be started, or one is killed, the work is done in this one. The function, with all
+    that is bound to it, and its results can be pickled: what is bound goes to a process once, items one by
+    one. `before` is called in this process with each item before it is done, or waited for.
     """
     count = min(_jobs.get(), len(items))
     results = _in_processes(function, items, before, count) if count > 1 else []

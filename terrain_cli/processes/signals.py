@@ -20,14 +20,9 @@ _TOGETHER = 1.0
 
 
 class EndedError(SystemExit):
-    """The system wants this process to end.
+    """The system wants this process to end, by the signal of this number.
 
     Also a process that nobody watches ends on it without a word.
-
-    Parameters
-    ----------
-    number : int
-        Of the signal.
     """
 
     def __init__(self, number: int) -> None:

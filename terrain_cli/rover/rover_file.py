@@ -32,15 +32,7 @@ _UNIT_UNKNOWN = frozenset({"effort", "data"})
 
 
 def find(explicit: str | None, first_input: str | None) -> Path | None:
-    """Find the rover file: the one named, else beside the first input, else here.
-
-    Parameters
-    ----------
-    explicit : str or None
-        ``--rover FILE``; it need not exist, `load` says so.
-    first_input : str or None
-        A file, a folder (looked into first) or "-".
-    """
+    """Find the rover file: the one named, be it there or not, else in or beside the first input, or here."""
     if explicit:
         return Path(explicit)
     places = [Path()]
@@ -51,18 +43,7 @@ def find(explicit: str | None, first_input: str | None) -> Path | None:
 
 
 def load(path: str | Path | None) -> Rover:
-    """Read a rover file.
-
-    Parameters
-    ----------
-    path : str or Path or None
-        None for no file: nothing is known of the rover.
-
-    Raises
-    ------
-    ConfigurationError
-        The file cannot be read, is not TOML, or has an unknown key or an impossible value.
-    """
+    """Read a rover file; without one nothing is known of the rover."""
     if path is None:
         return Rover()
     path = Path(path)
@@ -305,11 +286,7 @@ _FILE = table(
                 {**_WHEEL, "position": vector(3, "[x, y, z]", _REACH), "channels": _CHANNELS, "motor": _MOTOR}
             )
         ),
-        "soil": table(
-            {
-                "shear_modulus": _modulus,
-            }
-        ),
+        "soil": table({"shear_modulus": _modulus}),
         "channels": _CHANNELS,
         "motor": _MOTOR,
         "vehicle": _vehicle,

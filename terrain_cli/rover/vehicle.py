@@ -24,131 +24,85 @@ NOISY = ("load", "torque", "sinkage", "slip", "drawbar_pull")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChannelEntry:
-    """Where rover.toml says one channel is found: a column, a field of a topic, or a constant.
-
-    Parameters
-    ----------
-    place : str
-        Where this stands, such as ``rover.toml: channels.torque``, for messages.
-    column : str, optional
-        Header of a table.
-    topic, field : str, optional
-        Topic of a bag and dotted path of the field in its message; without a field, its only one.
-    index : int, optional
-        Which element of a list, by the text beside it or by its place.
-    constant : float or str, optional
-        Text for a label.
-    unit : Unit, optional
-        None where the header or the message type is to tell.
-    scale, offset : float
-        The channel is unit(raw · scale + offset).
-    """
+    """Where rover.toml says one channel is found: a column, a field of a topic, or a constant."""
 
     channel: str
+    #: Where this stands, such as ``rover.toml: channels.torque``, for messages.
     place: str
     column: str | None = None
+    #: Topic of a bag and dotted path of the field in its message; without a field, its only one.
     topic: str | None = None
     field: str | None = None
     name: str | None = None
+    #: Which element of a list, by the text beside it or by its place.
     index: int | None = None
     constant: float | str | None = None
+    #: None where the header or the message type is to tell.
     unit: Unit | None = None
+    #: The channel is unit(raw · scale + offset).
     scale: float = 1.0
     offset: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """Standard deviation of a sensor's noise, whose relative and absolute parts add in quadrature.
+    """Standard deviation of a sensor's noise, whose relative and absolute parts add in quadrature."""
 
-    Parameters
-    ----------
-    relative : float
-        As a share of the value.
-    absolute : float
-        In the channel's SI unit.
-    offset : float
-        Standard deviation of a constant offset, in the same unit.
-    known : bool
-        Whether the noise is known, and not the offset alone.
-    """
-
+    #: As a share of the value.
     relative: float = 0.0
+    #: In the channel's SI unit.
     absolute: float = 0.0
+    #: Standard deviation of a constant offset, in the same unit.
     offset: float = 0.0
+    #: Whether the noise is known, and not the offset alone.
     known: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motor:
-    """Drive motor and gear, for the torque from its current.
+    """Drive motor and gear, for the torque from its current."""
 
-    Parameters
-    ----------
-    torque_constant : float
-        N m/A at the reference temperature.
-    temperature_coefficient : float
-        Relative change of the torque constant, 1/K.
-    reference_temperature : float
-        °C.
-    no_load_current : float
-        A.
-    """
-
+    #: N m/A at the reference temperature.
     torque_constant: float
     gear_ratio: float = 1.0
     efficiency: float = 1.0
+    #: Relative change of the torque constant, 1/K.
     temperature_coefficient: float = 0.0
+    #: °C.
     reference_temperature: float = 25.0
+    #: A.
     no_load_current: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vehicle:
-    """Body of the rover, for the load of each wheel.
+    """Body of the rover, for the load of each wheel."""
 
-    Parameters
-    ----------
-    mass : float
-        kg, wheels and suspension included.
-    centre_of_mass : (float, float, float)
-        x forward, y left, z up in m, from the same origin as the positions of the wheels.
-    gravity : float
-        m/s².
-    suspension : {"rigid", "rocker", "rocker-bogie"}
-    rocker_pivot, bogie_pivot : (float, float), optional
-        x and z in m.
-    """
-
+    #: kg, wheels and suspension included.
     mass: float
+    #: x forward, y left, z up in m, from the same origin as the positions of the wheels.
     centre_of_mass: Vector
+    #: m/s².
     gravity: float = units.STANDARD_GRAVITY
     suspension: Suspension = "rigid"
+    #: x and z in m.
     rocker_pivot: tuple[float, float] | None = None
     bogie_pivot: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wheel:
-    """One wheel; what its own table does not give is that of [wheel], [channels] and [motor].
+    """One wheel; what its own table does not give is that of [wheel], [channels] and [motor]."""
 
-    Parameters
-    ----------
-    name : str
-        Empty where rover.toml names no wheels.
-    radius, width : float or None
-        m.
-    grouser_height : float
-        m.
-    position : (float, float, float), optional
-        Of the point of contact: x forward, y left, z up in m.
-    """
-
+    #: Empty where rover.toml names no wheels.
     name: str = ""
+    #: m.
     radius: float | None = None
     width: float | None = None
     grouser_count: int = 0
+    #: m.
     grouser_height: float = 0.0
+    #: Of the point of contact: x forward, y left, z up in m.
     position: Vector | None = None
     channels: Mapping[str, ChannelEntry] = field(default_factory=dict)
     motor: Motor | None = None
@@ -156,39 +110,25 @@ class Wheel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rover:
-    """All that rover.toml says.
-
-    Parameters
-    ----------
-    path : Path or None
-        None where there is no file.
-    default : Wheel
-        [wheel], [channels] and [motor]: every wheel of a file that names none.
-    wheels : mapping of str to Wheel
-        [wheels.NAME], complete with what they take from the default.
-    shear_modulus : float or None
-        k of [soil] in m.
-    shear_modulus_factor : float
-        Within which it is expected to be right (one standard deviation).
-    max_gap : float or None
-        [sampling]: longest time in s over which a channel is interpolated.
-    steady : bool
-        [sampling]: the rows of tables are steady test points, whatever columns they have.
-    noise : mapping of str to SensorNoise
-        [noise]: what is known of the sensors, by channel.
-    estimate : mapping
-        [estimate]: long options of `terrain-est estimate` and their values.
-    """
+    """All that rover.toml says."""
 
     path: Path | None = None
+    #: [wheel], [channels] and [motor]: every wheel of a file that names none.
     default: Wheel = field(default_factory=Wheel)
+    #: [wheels.NAME], complete with what they take from the default.
     wheels: Mapping[str, Wheel] = field(default_factory=dict)
+    #: k of [soil] in m.
     shear_modulus: float | None = None
+    #: Within which it is expected to be right (one standard deviation).
     shear_modulus_factor: float = K_FACTOR
     vehicle: Vehicle | None = None
+    #: [sampling]: longest time in s over which a channel is interpolated.
     max_gap: float | None = None
+    #: [sampling]: the rows of tables are steady test points, whatever columns they have.
     steady: bool = False
+    #: [noise]: what is known of the sensors, by channel.
     noise: Mapping[str, SensorNoise] = field(default_factory=dict)
+    #: [estimate]: long options of `terrain-est estimate` and their values.
     estimate: Mapping[str, str | int | float] = field(default_factory=dict)
 
     @property
@@ -197,18 +137,7 @@ class Rover:
         return str(self.path) if self.path else FILE_NAME
 
     def wheel(self, name: str = "") -> Wheel:
-        """Return the wheel of a name, or the only one there is.
-
-        Parameters
-        ----------
-        name : str
-            A label of the channel `wheel`; empty where the data name no wheel.
-
-        Raises
-        ------
-        ConfigurationError
-            rover.toml lists its wheels, and this is none of them.
-        """
+        """Return the wheel of a name, or, where the data name none, the only one there is."""
         if name in self.wheels:
             return self.wheels[name]
         if not self.wheels:
@@ -227,13 +156,7 @@ class Rover:
         )
 
     def geometry(self, wheel: Wheel) -> tuple[float, float]:
-        """Return radius and width of a wheel in m.
-
-        Raises
-        ------
-        ConfigurationError
-            One of them is not given.
-        """
+        """Return radius and width of a wheel in m."""
         if wheel.radius is not None and wheel.width is not None:
             return wheel.radius, wheel.width
         missing = [name for name in ("radius", "width") if getattr(wheel, name) is None]
@@ -242,30 +165,13 @@ class Rover:
         raise self._missing(f"the {' and '.join(missing)}{of}", f"[wheel]{lines}")
 
     def soil_shear_modulus(self) -> float:
-        """Return the shear modulus k in m.
-
-        Raises
-        ------
-        ConfigurationError
-            It is not given.
-        """
+        """Return the shear modulus k in m."""
         if self.shear_modulus is None:
             raise self._missing("the shear modulus", "[soil]\nshear_modulus = …  # m")
         return self.shear_modulus
 
     def positions(self) -> dict[str, Vector]:
-        """Return where each wheel touches the ground.
-
-        Returns
-        -------
-        dict of str to (float, float, float)
-            wheel → x, y, z in m.
-
-        Raises
-        ------
-        ConfigurationError
-            A wheel has no position, or the file names no wheels.
-        """
+        """Return where each wheel touches the ground: x, y, z in m."""
         places = {name: wheel.position for name, wheel in self.wheels.items()}
         missing = [name for name, place in places.items() if place is None]
         if missing or not places:

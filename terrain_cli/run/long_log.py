@@ -15,7 +15,7 @@ import numpy as np
 from terrain_cli import estimation
 from terrain_cli.estimation import estimators
 from terrain_cli.presentation import segment_table
-from terrain_cli.telemetry.long.excerpt import joined
+from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.windows import cut_windows
 

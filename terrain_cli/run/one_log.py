@@ -11,7 +11,7 @@ from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
 from terrain_cli.presentation import posterior_table, segment_table
 from terrain_cli.run import long_log
-from terrain_cli.telemetry.derive.doubts import Doubt
+from terrain_cli.telemetry.derive.unit_doubts import Doubt
 from terrain_cli.telemetry.plan.mapping import is_table
 from terrain_cli.windows import cut_windows, locations
 

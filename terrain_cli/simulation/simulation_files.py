@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 import formats
-from formats.output.packed_csv import PACKINGS, write_packed
+from formats.output.text_writer import PACKINGS, write_packed
 from terrain_cli.simulation import scenario
 from terrain_cli.simulation import simulated_log as logs
 from terrain_cli.simulation.simulated_log import truth_table

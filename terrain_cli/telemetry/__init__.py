@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import formats
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry import raw_columns
+from terrain_cli.telemetry import raw_columns, tables
 from terrain_cli.telemetry.channel_sources import Plan
 from terrain_cli.telemetry.derive import effect_inputs
 from terrain_cli.telemetry.derive.assembly import assemble, wheel_of
 from terrain_cli.telemetry.derive.conditions import Condition
-from terrain_cli.telemetry.long.excerpt import Excerpt
-from terrain_cli.telemetry.long.long_tables import Request, in_parts
+from terrain_cli.telemetry.long_logs import Excerpt, Request, in_parts
 from terrain_cli.telemetry.plan import derivable_channels, rover_advice
 from terrain_cli.telemetry.plan.mapping import is_table, plan
-from terrain_cli.telemetry.read import tables
-from terrain_cli.telemetry.read.raw_channels import read_raw
+from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Raw, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
+from terrain_cli.vocabulary.quantities import PREDICTED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -44,66 +43,10 @@ __all__ = [
     "wheel_of",
 ]
 
-#: What models are compared with: any one of these will do.
-_PREDICTED = ("torque", "drawbar_pull", "sinkage")
 
-
-def read(
-    path: str,
-    rover: Rover,
-    *,
-    wheels: Collection[str] = (),
-    where: Condition | None = None,
-    effects: Sequence[Effect] | None = None,
-    compared: bool = False,
-    most: int | None = None,
-    salvage: bool = False,
-) -> list[Samples]:
-    """Read the samples of every wheel of a log.
-
-    Parameters
-    ----------
-    path : str
-        A file, a folder that is one log, or "-".
-    wheels : collection of str
-        Only these; all if empty.
-    where : Condition, optional
-        Keeps the samples that satisfy it.
-    effects : sequence of Effect, optional
-        For the whole model instead of the line: its effects, whose channels are read too. So is the
-        drawbar pull, where it is there, and samples of a skidding wheel are kept.
-    compared : bool
-        For a comparison with a model: torque may be absent, and every channel and further numeric
-        column is read, as something that the residuals may follow.
-    most : int, optional
-        Of a table of more rows, and of a bag of more samples, only unbroken pieces are kept that
-        are spread over it (`Excerpt`). A table is then never in memory as a whole.
-    salvage : bool
-        Read what is left of a damaged file.
-
-    Returns
-    -------
-    list of Samples
-        Ordered by the name of the wheel.
-
-    Raises
-    ------
-    formats.errors.FormatError
-        The file cannot be read.
-    InputError
-        It does not hold what is needed.
-    ConfigurationError
-        rover.toml does not fit it, or lacks the geometry of a wheel.
-    """
-    return read_source(
-        formats.open_source(path, salvage=salvage),
-        rover,
-        wheels=wheels,
-        where=where,
-        effects=effects,
-        compared=compared,
-        most=most,
-    )
+def read(path: str, rover: Rover, *, salvage: bool = False, **options: Any) -> list[Samples]:
+    """Read the samples of every wheel of a log (a file, a folder that is one, "-"); see `read_source`."""
+    return read_source(formats.open_source(path, salvage=salvage), rover, **options)
 
 
 def read_source(
@@ -117,17 +60,15 @@ def read_source(
     most: int | None = None,
     kept: Collection[str] = (),
 ) -> list[Samples]:
-    """Read the samples of every wheel of an opened source.
+    """Read the samples of some wheels (all if none is named) of an opened source, ordered by name.
 
-    Parameters
-    ----------
-    kept : collection of str
-        Further numeric columns of a table that are read too, named in lower case: they become drivers.
+    `effects` are those of the whole model instead of the line: their channels are read too, and the drawbar
+    pull, and samples of a skidding wheel are kept. To be `compared` with a model, samples may lack torque,
+    and have every channel and further numeric column, as something that residuals may follow. `kept` are such
+    columns that are read in any case, named in lower case.
 
-    Raises
-    ------
-    formats.errors.FormatError, InputError, ConfigurationError
-        As for `read`.
+    Of a table of more than `most` rows, and of a bag of more samples, only unbroken pieces are kept that are
+    spread over it (`Excerpt`). A table is then never in memory as a whole.
     """
     request = _request(source, rover, wheels, where, effects, compared=compared, kept=kept)
     check = partial(_check, request, compared=compared)
@@ -152,28 +93,12 @@ def read_parts(
     where: Condition | None = None,
     effects: Sequence[Effect] | None = None,
 ) -> list[Samples] | Iterator[Samples]:
-    """Read a long table part by part, for the line y = c + x tan φ; anything else whole.
-
-    Parameters
-    ----------
-    rows : int
-        A table of more is long.
-
-    Returns
-    -------
-    list of Samples, or iterator of them
-        As from `read_source`, or from `long_tables.in_parts`.
-
-    Raises
-    ------
-    formats.errors.FormatError, InputError, ConfigurationError
-        As for `read`.
-    """
+    """Read a table of more than some rows part by part, for the line y = c + x tan φ; anything else whole."""
     request = _request(source, rover, wheels, where, effects)
     check = partial(_check, request, compared=False)
-    feeds = (request.layout.shared, *request.layout.wheels.values())
+    timed = any(feed.channel == "time" for feed in request.layout.every_feed)
     # Steady test points belong together by their labels, wherever they stand.
-    begin, rest = _begun(request, rows if any("time" in some for some in feeds) else None)
+    begin, rest = _begun(request, rows if timed else None)
     if begin is not None and rest is not None:
         return in_parts(request, begin, rest, check)
     result = _whole(request, begin, check, compared=False)
@@ -242,7 +167,7 @@ def _whole(
 def _drop_empty(raws: Sequence[Raw]) -> None:
     """Drop what a model would predict, but of which a column holds no value: it was not measured."""
     for raw in raws:
-        for name in raw.channels.keys() & set(_PREDICTED):
+        for name in raw.channels.keys() & set(PREDICTED):
             if not np.isfinite(raw.channels[name]).any():
                 del raw.channels[name]
                 raw.remarks.append(f"{name}: {raw.feeds[name]} holds no value: taken as not measured")
@@ -258,12 +183,12 @@ def _check(request: Request, raws: Sequence[Raw], *, compared: bool) -> None:
     layout, rover, effects = request.layout, request.rover, request.effects or ()
     lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
     if compared:
-        # A model predicts what is there.
+        # A model predicts what is there: any one of these will do.
         lacks = {
             raw.wheel: [
                 lack
                 for lack in lacks[raw.wheel]
-                if lack.what not in _PREDICTED or raw.channels.keys().isdisjoint(_PREDICTED)
+                if lack.what not in PREDICTED or raw.channels.keys().isdisjoint(PREDICTED)
             ]
             for raw in raws
         }
@@ -278,8 +203,9 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
     """Split what a condition reads into columns of the file and channels."""
     headers = {f.name for f in layout.source.streams()[0].fields} if is_table(layout.source) else set[str]()
     columns = where.names & headers
-    fed = {channel for feeds in (layout.shared, *layout.wheels.values()) for channel in feeds}
-    known = fed.union(NEEDED, () if is_table(layout.source) else ("time",))
+    known = {feed.channel for feed in layout.every_feed}.union(
+        NEEDED, () if is_table(layout.source) else ("time",)
+    )
     for name in sorted(where.names - headers - known):
         raise InputError(
             f"{layout.source.path}: --where: there is no column {name}{nearest(name, headers | known)}",
@@ -289,18 +215,7 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
 
 
 def lacking(raw: Raw, rover: Rover) -> list[derivable_channels.Lack]:
-    """Say what is missing for an estimate under one wheel.
-
-    Returns
-    -------
-    list of Lack
-        Channels, then what rover.toml does not say.
-
-    Raises
-    ------
-    ConfigurationError
-        rover.toml names its wheels, and this is none of them.
-    """
+    """Say what is missing for an estimate under one wheel: channels, then what rover.toml does not say."""
     wheel = wheel_of(raw, rover)
     return derivable_channels.routes(raw.channels, wheel, rover)[1] + derivable_channels.settings(
         wheel, rover

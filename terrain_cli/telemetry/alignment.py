@@ -26,17 +26,9 @@ CLOCK_TOLERANCE = 0.5
 
 
 def default_gap(time: Array) -> float:
-    """Largest gap, in s, across which a channel sampled at these times is interpolated.
+    """Largest gap, in s, across which a channel sampled at these times (in s, increasing) is interpolated.
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        In s, increasing.
-
-    Returns
-    -------
-    float
-        3.5 median intervals, at least 0.5 s: one or two lost samples are bridged, a pause is not.
+    3.5 median intervals, at least 0.5 s: one or two lost samples are bridged, a pause is not.
     """
     if len(time) < 2:
         return LEAST_GAP
@@ -46,17 +38,7 @@ def default_gap(time: Array) -> float:
 def stretch_gap(time: Array, max_gap: float | None = None) -> float:
     """Longest time without a sample, in s, that does not interrupt a drive.
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Of its samples, in s.
-    max_gap : float, optional
-        What rover.toml allows; `default_gap` if not given.
-
-    Returns
-    -------
-    float
-        At least one and a half intervals: no clock is too slow for its own samples.
+    At least one and a half intervals: no clock is too slow for its own samples.
     """
     finite = np.isfinite(time)
     known = time if finite.all() else time[finite]
@@ -68,22 +50,11 @@ def stretch_gap(time: Array, max_gap: float | None = None) -> float:
 
 
 def resample(clock: Array, time: Array, values: Array, max_gap: float | None = None) -> Array:
-    """Linear interpolation that refuses to bridge gaps or to extrapolate.
+    """Linear interpolation at the times of a clock (s) that refuses to bridge gaps or to extrapolate.
 
-    Parameters
-    ----------
-    clock : ndarray, shape (n,)
-        Times wanted, in s.
-    time, values : ndarray, shape (m,)
-        The channel's own samples; NaN where it was asked and had no answer.
-    max_gap : float, optional
-        Largest distance in s between the two samples on either side; `default_gap` if not given.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        A time that is in `time` gets exactly what was measured then, be it NaN. Others are
-        interpolated between numbers, and are NaN outside the channel's time span and inside gaps.
+    A time that is in `time` gets exactly what was measured then, be it NaN. Others are interpolated between
+    numbers, and are NaN outside the channel's time span and between two samples further apart than `max_gap`
+    (s; `default_gap` if not given).
     """
     if not ascends(time):
         order = np.argsort(time, kind="stable")
@@ -98,45 +69,23 @@ def resample(clock: Array, time: Array, values: Array, max_gap: float | None = N
 
 
 def ascends(time: Array) -> bool:
-    """Tell whether every time is a number, and none is earlier than the one before.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-    """
+    """Tell whether every time is a number, and none is earlier than the one before."""
     return bool(np.isfinite(time).all() and (time[1:] >= time[:-1]).all())
 
 
 @dataclass(frozen=True, slots=True)
 class Neighbours:
-    """Where the times of a clock lie between the samples of a topic: the same for all its channels.
+    """Where the times of a clock lie between the samples of a topic: the same for all its channels."""
 
-    Parameters
-    ----------
-    after : ndarray of int, shape (n,)
-        The sample at each time, or the next.
-    share : ndarray, shape (n,)
-        How far the time is from the sample before to that; NaN where nothing may be interpolated.
-    exact : ndarray of bool, shape (n,)
-        The sample is of this very time.
-    """
-
+    #: The sample at each time, or the next; shape (n,).
     after: NDArray[np.intp]
+    #: How far the time is from the sample before to that; NaN where nothing may be interpolated; shape (n,).
     share: Array
+    #: The sample is of this very time; shape (n,).
     exact: NDArray[np.bool_]
 
     def between(self, values: Array) -> Array:
-        """Interpolate.
-
-        Parameters
-        ----------
-        values : ndarray, shape (m,)
-            Of the samples; none is NaN.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Interpolate values of the samples, of which none is NaN."""
         if len(values) == 0:
             return np.full(len(self.after), np.nan)
         following, before = values[self.after], values[np.maximum(self.after - 1, 0)]
@@ -145,17 +94,7 @@ class Neighbours:
 
 
 def neighbours(clock: Array, time: Array, max_gap: float | None = None) -> Neighbours:
-    """Find the samples on either side of each time of a clock.
-
-    Parameters
-    ----------
-    clock : ndarray, shape (n,)
-        In s.
-    time : ndarray, shape (m,)
-        Of the samples, in s; they ascend.
-    max_gap : float, optional
-        As for `resample`.
-    """
+    """Find the samples (ascending times in s) on either side of each time of a clock; see `resample`."""
     if len(time) == 0:
         nothing = np.zeros(len(clock), dtype=np.intp)
         return Neighbours(nothing, np.full(len(clock), np.nan), nothing > 0)
@@ -169,19 +108,10 @@ def neighbours(clock: Array, time: Array, max_gap: float | None = None) -> Neigh
 
 
 def seconds(stamps: NDArray[np.datetime64], origin: float) -> Array:
-    """Seconds since `origin` of absolute times, without losing digits.
+    """Seconds since `origin`, whole seconds since 1970, of absolute times: rounded to 1 µs.
 
-    Parameters
-    ----------
-    stamps : ndarray of datetime64[ns], shape (n,)
-    origin : float
-        Whole seconds since 1970.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Rounded to 1 µs: a clock in seconds since 1970 held in a double resolves 0.24 µs, so the
-        same log read from a table and from a bag gets the same times only after rounding.
+    A clock in seconds since 1970 held in a double resolves 0.24 µs, so the same log read from a table and
+    from a bag gets the same times only after rounding.
     """
     nanoseconds = stamps.astype("datetime64[ns]").astype(np.int64)
     missing = np.isnat(stamps)
@@ -190,18 +120,7 @@ def seconds(stamps: NDArray[np.datetime64], origin: float) -> Array:
 
 
 def origin_of(times: NDArray[np.float64]) -> float:
-    """Whole seconds to subtract from a clock in s so that its fractions keep their digits.
-
-    Parameters
-    ----------
-    times : ndarray, shape (n,)
-        In s.
-
-    Returns
-    -------
-    float
-        0 for a clock that starts near zero.
-    """
+    """Whole seconds to subtract from a clock so that its fractions keep their digits, or 0."""
     finite = np.isfinite(times)
     first = float(times[np.argmax(finite)]) if finite.any() else 0.0
     return float(np.floor(first)) if abs(first) > 1e8 else 0.0
@@ -212,25 +131,9 @@ def check_unit_of_time(
 ) -> None:
     """Refuse a clock that is plainly not in seconds.
 
-    Parameters
-    ----------
-    path, column : str
-        For the message.
-    time : ndarray, shape (n,)
-        As read, taken to be in s.
-    speed : ndarray, shape (n,), or None
-        Of the wheel centre or of the rim in m/s.
-    radius : float
-        Wheel radius in m.
-    stated : bool
-        The header says what they are in.
-
-    Raises
-    ------
-    InputError
-        The times lie thousands of years away, or less than a microsecond apart, or, where no unit is
-        stated, they are whole numbers so far apart that the wheel would travel three radii between
-        two samples.
+    The times lie thousands of years away, or less than a microsecond apart, or, where the header does not say
+    what they are in (`stated`), they are whole numbers so far apart that the wheel (speed in m/s, radius in
+    m) would travel three radii between two samples.
     """
     # The beginning of a clock shows what it counts.
     time, speed = time[:_BEGINNING], None if speed is None else speed[:_BEGINNING]
@@ -263,22 +166,11 @@ def check_unit_of_time(
 def split_clock(
     time: Array, least: int = 10
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Find where a clock restarts, steps back for a moment, or repeats itself.
+    """Find where a clock (s, NaN is passed over) restarts, steps back for a moment, or repeats itself.
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        In s, in the order of the file; NaN is passed over.
-    least : int
-        A step back after which the clock runs forward for this many samples, without reaching the
-        time before, is a restart; others are samples out of order.
-
-    Returns
-    -------
-    restarts : ndarray of int
-        Indices at which a new clock begins.
-    backwards, repeated : ndarray of bool, shape (n,)
-        Samples out of order, and samples at the time of the one before.
+    A step back after which it runs forward for `least` samples, without reaching the time before, is a
+    restart; others are samples out of order. Returns the indices at which a new clock begins, and which
+    samples are out of order, or at the time of the one before.
     """
     backwards, repeated = np.zeros(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
     if np.isfinite(time).all() and (time[1:] > time[:-1]).all():

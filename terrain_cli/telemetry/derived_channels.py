@@ -26,9 +26,7 @@ STANDING = 1e-3
 _BLOCK = 8192
 
 
-def slip(
-    angular_velocity: ArrayLike, velocity: ArrayLike, radius: float, *, standing: float = STANDING
-) -> Array:
+def slip(angular_velocity: ArrayLike, velocity: ArrayLike, radius: float) -> Array:
     """Slip of a wheel: i = 1 − V/(rω) driving, rω/V − 1 skidding.
 
     Wong, *Theory of Ground Vehicles*, chapter 1. The same in reverse, where both ω and V are
@@ -40,8 +38,6 @@ def slip(
         ω in rad/s, V of the wheel centre in m/s.
     radius : float
         r in m.
-    standing : float
-        abs(ω) in rad/s up to which slip is undefined.
 
     Returns
     -------
@@ -49,7 +45,7 @@ def slip(
         NaN where the wheel stands.
     """
     omega = np.asarray(angular_velocity, dtype=float)
-    turning = np.where(np.abs(omega) > standing, omega, np.nan)
+    turning = np.where(np.abs(omega) > STANDING, omega, np.nan)
     ratio = np.asarray(velocity, dtype=float) / (radius * turning)
     skids = ratio > 1.0
     if not skids.any():

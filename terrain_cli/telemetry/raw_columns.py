@@ -9,9 +9,10 @@ import numpy as np
 from formats import LOG_TIME, STAMP, Labels
 from terrain_cli.errors import InputError
 from terrain_cli.processes.memory import most_held
+from terrain_cli.telemetry import alignment
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -30,37 +31,25 @@ _LARGEST, _SMALLEST = 1e30, 1e-30
 
 
 def join(columns: Sequence[Column]) -> Column:
-    """Join the pieces of one column.
-
-    Parameters
-    ----------
-    columns : sequence of ndarray or Labels
-        A column that is text in one piece is text in all.
-    """
+    """Join the pieces of one column: what is text in one piece is text in all."""
     arrays = [column for column in columns if not isinstance(column, Labels)]
     if len(arrays) == len(columns):
         return np.concatenate(arrays) if len(arrays) > 1 else arrays[0]
+    return join_labels([as_labels(column) for column in columns])
+
+
+def join_labels(parts: Sequence[Labels]) -> Labels:
+    """Join labels, their names in order of appearance."""
     names: dict[str, int] = {}
     codes = []
-    for column in columns:
-        piece = as_labels(column)
-        new = np.array([names.setdefault(name, len(names)) for name in piece.names] + [-1], dtype=np.int32)
-        codes.append(new[piece.codes])
+    for part in parts:
+        new = np.array([names.setdefault(name, len(names)) for name in part.names] + [-1], dtype=np.int32)
+        codes.append(new[part.codes])
     return Labels(np.concatenate(codes), tuple(names))
 
 
 def as_labels(column: Column) -> Labels:
-    """Return a column as labels: whole numbers lose their ".0", days their midnight.
-
-    Parameters
-    ----------
-    column : ndarray or Labels, shape (n,)
-
-    Returns
-    -------
-    Labels, shape (n,)
-        The names in their order of appearance.
-    """
+    """Return a column as labels as they appear: whole numbers lose their ".0", days their midnight."""
     if isinstance(column, Labels):
         return column
     known = ~np.isnat(column) if column.dtype.kind == "M" else ~np.isnan(column)
@@ -83,14 +72,6 @@ def as_numbers(column: Column) -> Array:
 
     What is larger than anything measured is cut to a size that is still beyond all that is accepted, and
     what is smaller is zero.
-
-    Parameters
-    ----------
-    column : ndarray or Labels, shape (n,)
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
     """
     if isinstance(column, Labels):
         return _measurable(np.array([*(_number(name) for name in column.names), np.nan]))[column.codes]
@@ -115,48 +96,17 @@ def _number(text: str) -> float:
 
 
 def take(column: Column, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Column:
-    """Take some rows of a column.
-
-    Parameters
-    ----------
-    column : ndarray or Labels, shape (n,)
-    rows : ndarray or slice
-        Indices, or a mask.
-    """
-    if isinstance(column, Labels):
-        return Labels(column.codes[rows], column.names)
-    return column[rows]
+    """Take some rows of a column."""
+    return column.take(rows) if isinstance(column, Labels) else column[rows]
 
 
 def read_whole(source: Source, topic: str, fields: Sequence[str]) -> dict[str, Column]:
-    """Read the named columns of a table or topic.
-
-    Returns
-    -------
-    dict of str to ndarray or Labels
-        Empty columns if there is no record.
-    """
+    """Read the named columns of a table or topic; empty ones if there is no record."""
     return read_topics(source, {topic: fields})[topic]
 
 
 def read_topics(source: Source, fields: Mapping[str, Sequence[str]]) -> dict[str, dict[str, Column]]:
-    """Read the named columns of several topics in one pass.
-
-    Parameters
-    ----------
-    fields : mapping of str to sequence of str
-        topic → names.
-
-    Returns
-    -------
-    dict of str to dict
-        topic → what `read_whole` returns.
-
-    Raises
-    ------
-    InputError
-        They are more than can be held.
-    """
+    """Read the named columns of several topics in one pass; InputError where they cannot be held."""
     batches: dict[str, list[Batch]] = {topic: [] for topic in fields}
     size, most = 0, most_held()
     for topic, batch in source.read_together(fields):
@@ -180,30 +130,29 @@ def _empty(fields: Sequence[str]) -> dict[str, Column]:
 
 
 def whole(batches: list[Batch]) -> dict[str, Column]:
-    """Join batches.
-
-    Parameters
-    ----------
-    batches : list of dict
-        At least one; emptied.
-    """
+    """Join batches, one at least, which are emptied."""
     # One column at a time, so that never more than one is held twice.
     return {name: join([batch.pop(name) for batch in batches]) for name in list(batches[0])}
 
 
+def as_clock(path: str, header: str, column: Column, seconds: Callable[[], Array]) -> tuple[float, Array]:
+    """Return the whole seconds taken off a clock, and those since, which `seconds` reads of numbers."""
+    if isinstance(column, Labels):
+        raise InputError(
+            f"{path}: column {header!r} holds texts that are no times, such as {column.names[0]!r}",
+            hint="times are seconds, or ISO 8601 such as 2026-11-21T08:00:00Z",
+        )
+    if column.dtype.kind == "M":
+        known = column[~np.isnat(column)]
+        origin = float(known[0].astype("datetime64[s]").astype(np.int64)) if len(known) else 0.0
+        return origin, alignment.seconds(column, origin)
+    values = seconds()
+    origin = alignment.origin_of(values)
+    return origin, np.round(values - origin, 6) if origin else values
+
+
 def begin(source: Source, fields: Sequence[str], rows: int) -> tuple[list[Batch], Iterator[Batch] | None]:
-    """Begin to read a table.
-
-    Parameters
-    ----------
-    rows : int
-        Stop once there are more.
-
-    Returns
-    -------
-    rest : iterator of dict, or None
-        None if the table is not longer.
-    """
+    """Begin to read a table until there are more than some rows; the rest is None if there are not."""
     batches, count = iter(source.read("", fields, _AT_ONCE) if fields else ()), 0
     first: list[Batch] = []
     for batch in batches:
@@ -217,16 +166,7 @@ def begin(source: Source, fields: Sequence[str], rows: int) -> tuple[list[Batch]
 def header_stamps(columns: Mapping[str, Column]) -> NDArray[np.datetime64] | None:
     """Return the stamps of a topic's headers, if every message has one.
 
-    Parameters
-    ----------
-    columns : mapping
-        From `read_whole`.
-
-    Returns
-    -------
-    ndarray of datetime64[ns], shape (n,), or None
-        A stamp of zero is none, unless the others follow it within seconds: a simulated clock
-        starts there.
+    A stamp of zero is none, unless the others follow it within seconds: a simulated clock starts there.
     """
     stamp = np.array(columns[STAMP])
     missing = np.isnat(stamp)
@@ -240,17 +180,6 @@ def header_stamps(columns: Mapping[str, Column]) -> NDArray[np.datetime64] | Non
 
 
 def stamps(columns: Mapping[str, Column]) -> tuple[NDArray[np.datetime64], bool]:
-    """Return the times of a topic's messages, and whether they are the stamps of their headers.
-
-    Parameters
-    ----------
-    columns : dict
-        From `read_whole`.
-
-    Returns
-    -------
-    times : ndarray of datetime64[ns], shape (n,)
-        The headers' stamps if every message has one, else the times of the log.
-    """
+    """Return the headers' stamps of a topic if every message has one (True), else the times of the log."""
     stamp = header_stamps(columns)
     return (np.asarray(columns[LOG_TIME]), False) if stamp is None else (stamp, True)

@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 
-from formats import Labels
 from terrain_cli.telemetry.raw_columns import take
 from terrain_cli.vocabulary.choices import K_FACTOR
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from formats import Column
+    from formats import Column, Labels
     from terrain_cli.mechanics.wheel_model import WheelGeometry
     from terrain_cli.rover import SensorNoise
     from terrain_cli.telemetry.channel_sources import Feed
@@ -41,26 +40,18 @@ class LineGeometry(TypedDict):
 
 
 class Geometry(NamedTuple):
-    """Of a wheel, and the shear modulus assumed of its soil.
+    """Of a wheel, and the shear modulus assumed of its soil."""
 
-    Parameters
-    ----------
-    radius, width, shear_modulus : float
-        r, b and k in m.
-    grouser_height : float
-        In m.
-    gravity : float
-        In m/s².
-    shear_modulus_factor : float
-        Within which k is expected to be right (one standard deviation).
-    """
-
+    #: r, b and k in m.
     radius: float
     width: float
     shear_modulus: float
+    #: In m.
     grouser_height: float = 0.0
     grouser_count: int = 0
+    #: In m/s².
     gravity: float = STANDARD_GRAVITY
+    #: Within which k is expected to be right (one standard deviation).
     shear_modulus_factor: float = K_FACTOR
 
     @property
@@ -78,25 +69,17 @@ class Geometry(NamedTuple):
 
 @dataclass(kw_only=True)
 class Raw:
-    """The channels of one wheel on one clock, before anything is derived or judged.
-
-    Parameters
-    ----------
-    origin : float
-        Whole seconds taken off the clock.
-    time : ndarray, shape (n,), or None
-        In s.
-    channels : dict of str to ndarray, shape (n,)
-        In SI units.
-    extras : dict of str to ndarray or Labels, shape (n,)
-        Further columns that were asked for, as read.
-    """
+    """The channels of one wheel on one clock, before anything is derived or judged."""
 
     wheel: str
+    #: Whole seconds taken off the clock.
     origin: float
+    #: In s; shape (n,).
     time: NDArray[np.float64] | None
+    #: In SI units; shape (n,).
     channels: dict[str, NDArray[np.float64]]
     labels: dict[str, Labels]
+    #: Further columns that were asked for, as read; shape (n,).
     extras: dict[str, Column]
     feeds: dict[str, Feed]
     remarks: list[str] = field(default_factory=list)
@@ -106,16 +89,10 @@ class Raw:
         return len(self.time) if self.time is not None else max(map(len, columns), default=0)
 
     def select(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> None:
-        """Keep some samples only.
-
-        Parameters
-        ----------
-        rows : ndarray
-            Indices, or a mask.
-        """
+        """Keep some samples only."""
         self.time = None if self.time is None else self.time[rows]
         self.channels = {name: values[rows] for name, values in self.channels.items()}
-        self.labels = {name: Labels(column.codes[rows], column.names) for name, column in self.labels.items()}
+        self.labels = {name: column.take(rows) for name, column in self.labels.items()}
         self.extras = {name: take(column, rows) for name, column in self.extras.items()}
 
 
@@ -189,15 +166,14 @@ class Samples:
         rows : ndarray or slice
             Indices, or a mask.
         """
-        labelled = {name: Labels(column.codes[rows], column.names) for name, column in self.labels.items()}
         return replace(
             self,
             time=None if self.time is None else self.time[rows],
             channels={name: column[rows] for name, column in self.channels.items()},
-            labels=labelled,
+            labels={name: column.take(rows) for name, column in self.labels.items()},
             stretch=self.stretch[rows],
             distance=None if self.distance is None else self.distance[rows],
-            set_aside=Labels(self.set_aside.codes[rows], self.set_aside.names),
+            set_aside=self.set_aside.take(rows),
             drivers={name: column[rows] for name, column in self.drivers.items()},
             drive=None if self.drive is None else self.drive[rows],
         )
@@ -215,3 +191,14 @@ class Samples:
         return {
             self.set_aside.names[j]: int(counts[j]) for j in np.argsort(-counts, kind="stable") if counts[j]
         }
+
+
+def joined_columns(
+    parts: Sequence[Samples], of: Callable[[Samples], Mapping[str, NDArray[np.float64]]]
+) -> dict[str, NDArray[np.float64]]:
+    """Join the channels or drivers of some samples, NaN where one lacks a column."""
+    names = dict.fromkeys(name for part in parts for name in of(part))
+    return {
+        name: np.concatenate([of(part).get(name, np.full(len(part), np.nan)) for part in parts])
+        for name in names
+    }

@@ -30,13 +30,7 @@ _DOTTED = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{_PARTS}}}{_PART
 
 
 def read_text(path: str | Path) -> str:
-    """Read the text of a file.
-
-    Raises
-    ------
-    ConfigurationError
-        It cannot be read, is not UTF-8, or too long for what a person writes.
-    """
+    """Read the text of a file."""
     from formats.copies import read_short
     from formats.errors import FormatError
 
@@ -56,23 +50,7 @@ def read_text(path: str | Path) -> str:
 
 
 def parse(content: str, path: str | Path) -> dict[str, Any]:
-    """Parse TOML.
-
-    Parameters
-    ----------
-    path : str or Path
-        For the message.
-
-    Returns
-    -------
-    dict
-        As it stands there, nothing checked.
-
-    Raises
-    ------
-    ConfigurationError
-        It is not TOML.
-    """
+    """Parse TOML; nothing in it is checked."""
     if len(content) > _LONGEST:
         raise ConfigurationError(f"{path}: longer than {_LONGEST:,} characters")
     if _DOTTED.search(content):
@@ -97,25 +75,14 @@ def shown(value: object) -> str:
 
 
 def require(values: Mapping[str, object], place: str, *keys: str) -> None:
-    """Refuse a table that lacks a key.
-
-    Raises
-    ------
-    ConfigurationError
-    """
+    """Refuse a table that lacks a key."""
     for key in keys:
         if key not in values:
             raise ConfigurationError(f"{place}: {key} is missing")
 
 
 def number(what: str, low: float = -math.inf, high: float = math.inf, *, whole: bool = False) -> Rule:
-    """Return the rule for a number within bounds.
-
-    Parameters
-    ----------
-    what : str
-        What it must be, in words.
-    """
+    """Return the rule for a number within bounds; `what` it must be is said in words."""
     kinds = int if whole else (int, float)
 
     def rule(value: Any, place: str) -> Any:
@@ -131,15 +98,7 @@ def number(what: str, low: float = -math.inf, high: float = math.inf, *, whole: 
 
 
 def vector(size: int, axes: str, reach: float) -> Rule:
-    """Return the rule for a list of metres.
-
-    Parameters
-    ----------
-    axes : str
-        As a person writes it: ``[x, y, z]``.
-    reach : float
-        Largest size of each, m.
-    """
+    """Return the rule for a list of metres up to some reach; a person writes its axes as [x, y, z]."""
     metres = number(f"a number of metres from {-reach:g} to {reach:g}", -reach, reach)
 
     def rule(value: Any, place: str) -> Any:
@@ -190,13 +149,7 @@ def several(rule_of_each: Rule) -> Rule:
 
 
 def each(value: Any, place: str) -> Iterator[tuple[str, Any, str]]:
-    """Yield key, value and place of all in a table.
-
-    Raises
-    ------
-    ConfigurationError
-        It is no table.
-    """
+    """Yield key, value and place of all in a table."""
     if not isinstance(value, dict):
         raise ConfigurationError(f"{place}: must be a table, not {shown(value)}")
     for key, inner in value.items():
@@ -204,13 +157,7 @@ def each(value: Any, place: str) -> Iterator[tuple[str, Any, str]]:
 
 
 def table(rules: Mapping[str, Rule]) -> Rule:
-    """Return the rule for a table whose keys are known.
-
-    Parameters
-    ----------
-    rules : mapping of str to callable
-        By key.
-    """
+    """Return the rule for a table whose keys are known."""
 
     def rule(value: Any, place: str) -> Any:
         checked = {}

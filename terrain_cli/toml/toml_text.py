@@ -16,18 +16,7 @@ def key(name: str) -> str:
 
 
 def value(content: Any) -> str:
-    """Write a value on one line.
-
-    Parameters
-    ----------
-    content : str, bool, int, float, date, time, or a list or mapping of such
-        Numbers of NumPy are numbers; entries of a mapping that are None are left out.
-
-    Raises
-    ------
-    TypeError
-        TOML has no such value.
-    """
+    """Write a value, of NumPy too, on one line; entries of a mapping that are None are left out."""
     for kind, write in _WRITERS:
         if isinstance(content, kind):
             return write(content)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,7 +11,7 @@ from terrain_cli.errors import InputError
 from terrain_cli.vocabulary import units
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from terrain_cli.vocabulary.units import Unit
 
@@ -19,26 +20,16 @@ LABEL = "label"
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One quantity of a sample.
-
-    Parameters
-    ----------
-    dimension : str
-        One of `units.DIMENSIONS`, or "label" (text).
-    description : str
-        One line for a person.
-    aliases : tuple of str
-        Words, in lower case with underscores: other names that can mean nothing else.
-    letters : tuple of str
-        Symbols, which are this channel only as they are written.
-    """
+    """One quantity of a sample."""
 
     name: str
     symbol: str
+    #: One of `units.DIMENSIONS`, or "label" (text).
     dimension: str
-    description: str
     _: KW_ONLY
-    aliases: tuple[str, ...] = ()
+    #: Words, in lower case with underscores, apart by blanks: other names that can mean nothing else.
+    aliases: str = ""
+    #: Symbols, which are this channel only as they are written.
     letters: tuple[str, ...] = ()
 
     @property
@@ -55,118 +46,76 @@ _CHANNELS = (
         "time",
         "t",
         "time",
-        "time of the sample",
-        aliases=("timestamp", "time_stamp", "stamp", "datetime", "time_utc", "utc_time", "time_iso_8601"),
+        aliases="timestamp time_stamp stamp datetime time_utc utc_time time_iso_8601",
         letters=("t",),
     ),
-    Channel("wheel", "", LABEL, "name of the wheel", aliases=("wheel_name", "wheel_id")),
+    Channel("wheel", "", LABEL, aliases="wheel_name wheel_id"),
     Channel(
         "load",
         "W",
         "force",
-        "vertical load on the wheel",
-        aliases=(
-            "normal_load",
-            "vertical_load",
-            "wheel_load",
-            "normal_force",
-            "vertical_force",
-            "fz",
-            "fz_load",
-        ),
+        aliases="normal_load vertical_load wheel_load normal_force vertical_force fz fz_load",
         letters=("W",),
     ),
     Channel(
         "torque",
         "T",
         "torque",
-        "drive torque at the wheel",
-        aliases=("wheel_torque", "drive_torque", "driving_torque", "wheel_drive_torque"),
+        aliases="wheel_torque drive_torque driving_torque wheel_drive_torque",
         letters=("T",),
     ),
-    Channel("sinkage", "z", "length", "sinkage of the wheel", aliases=("wheel_sinkage",), letters=("z",)),
-    Channel(
-        "entry_angle",
-        "θ1",
-        "angle",
-        "angle from the vertical at which the rim meets the ground",
-        aliases=("theta1", "theta_1", "θ1", "θ_1"),
-    ),
+    Channel("sinkage", "z", "length", aliases="wheel_sinkage", letters=("z",)),
+    # From the vertical, where the rim meets the ground.
+    Channel("entry_angle", "θ1", "angle", aliases="theta1 theta_1 θ1 θ_1"),
     Channel(
         "angular_velocity",
         "ω",
         "angular speed",
-        "angular velocity of the wheel",
-        aliases=("omega", "angular_speed", "wheel_angular_velocity", "wheel_angular_speed"),
+        aliases="omega angular_speed wheel_angular_velocity wheel_angular_speed",
         letters=("ω",),
     ),
+    # Forward, of the wheel centre.
     Channel(
         "velocity",
         "V",
         "speed",
-        "forward velocity of the wheel centre",
-        aliases=(
-            "forward_velocity",
-            "forward_speed",
-            "travel_velocity",
-            "travel_speed",
-            "longitudinal_velocity",
-        ),
+        aliases="forward_velocity forward_speed travel_velocity travel_speed longitudinal_velocity",
         letters=("V", "v"),
     ),
-    Channel(
-        "slip",
-        "i",
-        "ratio",
-        "slip",
-        aliases=("slip_ratio", "wheel_slip", "longitudinal_slip"),
-        letters=("i",),
-    ),
-    Channel(
-        "drawbar_pull", "DP", "force", "drawbar pull", aliases=("drawbar", "drawbar_force"), letters=("DP",)
-    ),
-    Channel("pitch", "", "angle", "pitch, positive nose up", aliases=("pitch_angle",)),
-    Channel("roll", "", "angle", "roll, positive left side up", aliases=("roll_angle",)),
-    Channel("yaw_rate", "", "angular speed", "yaw rate, positive to the left"),
-    Channel("motor_current", "", "current", "current of the drive motor", aliases=("drive_motor_current",)),
-    Channel(
-        "motor_temperature",
-        "",
-        "temperature",
-        "temperature of the drive motor",
-        aliases=("motor_temp", "drive_motor_temperature"),
-    ),
-    Channel(
-        "acceleration",
-        "",
-        "acceleration",
-        "acceleration along the track",
-        aliases=("forward_acceleration", "longitudinal_acceleration"),
-    ),
-    Channel("pass_number", "", "ratio", "number of wheels that drove here before", aliases=("pass_no",)),
-    Channel(
-        "slip_angle",
-        "β",
-        "angle",
-        "slip angle",
-        aliases=("beta", "sideslip_angle", "side_slip_angle"),
-        letters=("β",),
-    ),
-    Channel("x", "", "length", "position in the site frame", aliases=("easting",), letters=("x",)),
-    Channel("y", "", "length", "position in the site frame", aliases=("northing",), letters=("y",)),
-    Channel("elevation", "", "length", "elevation in the site frame"),
-    Channel("longitude", "", "coordinate", "longitude", aliases=("lon", "lng")),
-    Channel("latitude", "", "coordinate", "latitude", aliases=("lat",)),
-    Channel("terrain", "", LABEL, "terrain", aliases=("terrain_label", "terrain_type", "terrain_class")),
-    Channel("run", "", LABEL, "one continuous drive", aliases=("run_id", "run_name")),
+    Channel("slip", "i", "ratio", aliases="slip_ratio wheel_slip longitudinal_slip", letters=("i",)),
+    Channel("drawbar_pull", "DP", "force", aliases="drawbar drawbar_force", letters=("DP",)),
+    # Positive nose up.
+    Channel("pitch", "", "angle", aliases="pitch_angle"),
+    # Positive left side up.
+    Channel("roll", "", "angle", aliases="roll_angle"),
+    # Positive to the left.
+    Channel("yaw_rate", "", "angular speed"),
+    Channel("motor_current", "", "current", aliases="drive_motor_current"),
+    Channel("motor_temperature", "", "temperature", aliases="motor_temp drive_motor_temperature"),
+    # Along the track.
+    Channel("acceleration", "", "acceleration", aliases="forward_acceleration longitudinal_acceleration"),
+    # How many wheels drove here before.
+    Channel("pass_number", "", "ratio", aliases="pass_no"),
+    Channel("slip_angle", "β", "angle", aliases="beta sideslip_angle side_slip_angle", letters=("β",)),
+    Channel("x", "", "length", aliases="easting", letters=("x",)),
+    Channel("y", "", "length", aliases="northing", letters=("y",)),
+    # Like x and y in the site frame.
+    Channel("elevation", "", "length"),
+    Channel("longitude", "", "coordinate", aliases="lon lng"),
+    Channel("latitude", "", "coordinate", aliases="lat"),
+    Channel("terrain", "", LABEL, aliases="terrain_label terrain_type terrain_class"),
+    # One continuous drive.
+    Channel("run", "", LABEL, aliases="run_id run_name"),
 )
 CHANNELS: dict[str, Channel] = {channel.name: channel for channel in _CHANNELS}
-
 _LETTERS = {letter: channel for channel in _CHANNELS for letter in channel.letters}
 #: Alone it may be ω or a load, with its unit only one of them.
 _OPEN_LETTERS = {"w": ("angular_velocity", "load")}
 _WORDS = {
-    word: channel for channel in _CHANNELS for word in (channel.name, *channel.aliases) if len(word) > 1
+    word: channel
+    for channel in _CHANNELS
+    for word in (channel.name, *channel.aliases.split())
+    if len(word) > 1
 }
 _MEASURED = re.compile(r"^(?:meas|measured)[_\s-]+", re.IGNORECASE)
 _GAP = re.compile(r"[_\s-]+")
@@ -177,37 +126,15 @@ _NO_UNIT = frozenset({"in", "1", "ratio", "fraction"})
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """The channel that a header means.
-
-    Parameters
-    ----------
-    unit : Unit or None
-        Stated in the header, else the program's own; none for labels.
-    exact : bool
-        The header has the channel's own name, not an alias.
-    stated : bool
-        The header has the unit.
-    """
+    """The channel that a header means."""
 
     channel: str
+    #: Stated in the header, else the program's own; none for labels.
     unit: Unit | None
+    #: The header has the channel's own name, not an alias.
     exact: bool
+    #: The header has the unit.
     stated: bool
-
-
-class Resolution(NamedTuple):
-    """What the headers of one table or message are.
-
-    Parameters
-    ----------
-    channels : dict
-        channel → (header, match).
-    extras : dict
-        Every other header → its unit, where it states one.
-    """
-
-    channels: dict[str, tuple[str, Match]]
-    extras: dict[str, Unit | None]
 
 
 def _look_up(name: str, *, letters: bool) -> Channel | None:
@@ -239,27 +166,11 @@ def _readings(header: str) -> Iterator[tuple[str, str, bool]]:
 
 
 def identify(header: str, *, letters: bool = True, chosen: Collection[str] = ()) -> Match | None:
-    """Find the channel that a header means, and its unit.
+    """Find the channel and unit that a header means (``torque``, ``Normal load (kN)``, ``T [mN m]``).
 
-    Parameters
-    ----------
-    header : str
-        ``torque``, ``Normal load (kN)``, ``meas_sinkage_mm``, ``T [mN m]``, …
-    letters : bool
-        Take W, T, z, x, … as channels. Not for fields of messages, where x and z are the
-        coordinates of anything.
-    chosen : collection of str
-        Channels given elsewhere, which no header is taken for.
-
-    Returns
-    -------
-    Match or None
-        None for a header that means no channel.
-
-    Raises
-    ------
-    InputError
-        A channel with a unit that is none, or is not of its dimension.
+    `letters` takes W, T, z, x, … as channels: not for fields of messages, where x and z are the coordinates
+    of anything. No header is taken for a channel `chosen` elsewhere. InputError for a unit that is none, or
+    not of its dimension.
     """
     header = header.strip()
     # Brackets need not hold a unit: "time (UTC)" is the alias time_utc.
@@ -304,37 +215,21 @@ def unit_hint(channel: str) -> str:
 
 
 def stated_unit(header: str, dimension: str | None = None) -> Unit | None:
-    """Return the unit that the header of any column states, in brackets or as its ending.
-
-    Parameters
-    ----------
-    dimension : str, optional
-        What the unit must measure.
-    """
+    """Return the unit (of some dimension) that the header of any column states, in brackets or at its end."""
     readings = (text for _, text, bracketed in _readings(header.strip()) if bracketed or text != "min")
     return next(filter(None, (units.parse(text, dimension) for text in readings)), None)
 
 
-def resolve(headers: Iterable[str], *, letters: bool = True, chosen: Collection[str] = ()) -> Resolution:
-    """Say what each header of a table is; the channel's own name wins over an alias.
+def resolve(headers: Iterable[str], *, chosen: Collection[str] = ()) -> dict[str, tuple[str, Match]]:
+    """Find the header, and what it says, of each channel; the channel's own name wins over an alias.
 
-    Parameters
-    ----------
-    letters : bool
-        As for `identify`.
-    chosen : collection of str
-        Channels that rover.toml gives.
-
-    Raises
-    ------
-    InputError
-        Two headers that mean one channel equally well, or a header with a wrong unit.
+    InputError where two headers mean one channel equally well, or one has a wrong unit.
     """
     headers = list(headers)
     bare = CHANNELS.keys() & set(headers)
     found: dict[str, list[tuple[str, Match]]] = {}
     for header in headers:
-        match = identify(header, letters=letters, chosen=chosen if header in bare else bare.union(chosen))
+        match = identify(header, chosen=chosen if header in bare else bare.union(chosen))
         if match:
             found.setdefault(match.channel, []).append((header, match))
     channels: dict[str, tuple[str, Match]] = {}
@@ -346,5 +241,100 @@ def resolve(headers: Iterable[str], *, letters: bool = True, chosen: Collection[
                 hint=f'choose one in rover.toml: [channels] {channel} = "{best[0][0]}"',
             )
         channels[channel] = best[0]
-    taken = {header for header, _ in channels.values()}
-    return Resolution(channels, {header: stated_unit(header) for header in headers if header not in taken})
+    return channels
+
+
+# Headers that mean a time: exporters' and other languages'.
+# Left out because they also mean something else: temps (temperatures), tick and ticks, index, frame,
+# seq and date (a row of numbers or days, of no unit), duration and period (of each test).
+_TIME_WORDS = frozenset(
+    (  # noqa: SIM905 - as a list it would take three pages
+        "ts tstamp t_stamp times clock clock_time elapsed elapsed_time time_elapsed epoch epoch_time unix "
+        "unix_time unixtime unix_timestamp posix_time utc utctime utc_timestamp utc_datetime "
+        "timestamp_utc gmt date_time datetime_utc iso_time isotime time_iso t_rel t_abs rel_time "
+        "relative_time time_rel time_relative abs_time absolute_time time_abs time_since_start "
+        "seconds_since_start uptime up_time runtime run_time time_boot boot_time monotonic monotonic_time "
+        "sim_time simtime simulation_time ros_time rostime bag_time bagtime rosbag_timestamp log_time "
+        "logtime rec_time record_time recv_time receive_time received_at pub_time publish_time msg_time "
+        "message_time header_stamp wall_time walltime wall_clock system_time sys_time device_time "
+        "sensor_time sample_time measurement_time mission_time mission_elapsed_time met sclk scet "
+        "spacecraft_clock gps_time gpstime gps_seconds gps_tow time_of_week tow time_of_day zeit "
+        "zeitstempel zeitpunkt uhrzeit messzeit laufzeit datum_zeit heure horodatage horodate instant "
+        "tiempo hora marca_de_tiempo marca_temporal fecha_hora tempo orario data_ora data_hora "
+        "carimbo_de_tempo tijd tijdstempel tijdstip tid tidpunkt tidsstempel tidsstämpel aika aikaleima "
+        "czas znacznik_czasu čas cas idő ido zaman timp vrijeme vreme waktu thời_gian время час "
+        "метка_времени χρόνος "
+        "時間 時刻 时间 时刻 时间戳 時間戳 タイムスタンプ 시간 시각 타임스탬프 समय الوقت زمن זמן"
+    ).split()
+)
+#: Where a topic's name stands before it: /wheel/header/stamp, msg.timestamp.
+_TIME_LEAVES = frozenset({"time", *CHANNELS["time"].aliases.split()})
+#: What `rostopic echo -p` and rosbag_to_csv write is in ns, whatever the header is called.
+_NANOSECONDS = re.compile(r"%time|field\.(.*\.)?stamp|rosbagTimestamp")
+_TIME_BRACKETS = re.compile(r"(.*\S)\s*[\[(]([^\[\]()]*)[\])]$")
+_TIME_ENDING = re.compile(r"(.+)[_./](.+)$")
+_FRACTION = re.compile(r"(?P<stem>.*?)(?P<unit>n(?:ano)?secs?|usecs?)$", re.IGNORECASE)
+#: Beside one of these, seconds are those of a minute.
+_PARTS_OF_A_DAY = frozenset({"min", "minute", "minutes", "h", "hour", "hours"})
+
+
+class TimeName(NamedTuple):
+    """Columns that may be the time."""
+
+    #: One, or whole seconds and what is beyond them.
+    headers: tuple[str, ...]
+    #: Of the last.
+    unit: Unit
+
+
+def time_pairs(headers: Sequence[str]) -> list[TimeName]:
+    """Find the columns of whole seconds that have another of what is beyond them (secs, nsecs)."""
+    found = []
+    for header in headers:
+        match = _FRACTION.fullmatch(header)
+        unit = units.parse(match["unit"].lower(), "time") if match else None
+        wholes = {f"{match['stem']}{ending}".casefold() for ending in ("sec", "secs")} if match else set()
+        whole = next((other for other in headers if other.casefold() in wholes), None)
+        if whole and unit:
+            found.append(TimeName((whole, header), unit))
+    return found
+
+
+def time_names(headers: Iterable[str]) -> list[TimeName]:
+    """Find the columns whose names mean a time, among those that are no channel."""
+    plain = {header: _plain_time(header) for header in headers}
+    of_a_day = not _PARTS_OF_A_DAY.isdisjoint(plain.values())
+    found = []
+    for header, text in plain.items():
+        unit = _time_unit(header, text)
+        if unit and not (of_a_day and units.parse(text, "time")):
+            found.append(TimeName((header,), unit))
+    return found
+
+
+def _plain_time(header: str) -> str:
+    """Spell a header in one way: rosTime, "ROS time" and __ros_time are one."""
+    text = unicodedata.normalize("NFKC", header)
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", text).casefold()
+    return re.sub(r"[_\s-]+", "_", text).strip("_%#/ ")
+
+
+def _time_unit(header: str, text: str) -> Unit | None:
+    """Return the unit of a header that means a time, seconds where it says none; else None."""
+    if _NANOSECONDS.fullmatch(header.strip()):
+        return units.parse("ns", "time")
+    if len(text) > 1 and text not in _PARTS_OF_A_DAY and (unit := units.parse(text, "time")):
+        return unit
+    if _means_time(text):
+        return CHANNELS["time"].unit
+    for pattern in (_TIME_BRACKETS, _TIME_ENDING):
+        match = pattern.fullmatch(text)
+        if match and _means_time(match[1].strip("_")):
+            unit = units.parse(match[2], "time")
+            # A bracket may also say which clock it is: elapsed (UTC).
+            return unit or (CHANNELS["time"].unit if match[2] in _TIME_WORDS else None)
+    return None
+
+
+def _means_time(name: str) -> bool:
+    return name in _TIME_WORDS or re.split(r"[./]", name)[-1] in _TIME_LEAVES

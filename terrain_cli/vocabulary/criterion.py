@@ -16,22 +16,15 @@ JUDGED = "judged"
 
 
 class DeclaredCriterion(NamedTuple):
-    """A number that decides, and why it is that number.
-
-    Parameters
-    ----------
-    question : str
-        What it answers, with others beside it.
-    remark : str
-        Why the answers to one question differ.
-    value : float
-        The one in force.
-    """
+    """A number that decides, and why it is that number."""
 
     module: str
     name: str
+    #: What it answers, with others beside it.
     question: str
+    #: Why the answers to one question differ.
     remark: str
+    #: The one in force.
     value: float
     meaning: str
     evidence: str

@@ -9,26 +9,10 @@ if TYPE_CHECKING:
 
 
 def counted(number: int, noun: str, ending: str = "s") -> str:
-    """Write how many there are: "1 segment", "2,250 samples".
-
-    Parameters
-    ----------
-    noun : str
-        Of one.
-    ending : str
-        Of several.
-    """
+    """Write how many there are: "1 segment", "2,250 samples"."""
     return f"{number:,} {noun}{'' if number == 1 else ending}"
 
 
 def listed(names: Sequence[str], last: str = "and") -> str:
-    """Join names: "a, b and c".
-
-    Parameters
-    ----------
-    names : sequence of str
-        At least one.
-    last : str
-        Between the last two.
-    """
+    """Join names: "a, b and c"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"

@@ -23,19 +23,13 @@ PREDICTED = ("torque", "drawbar_pull", "sinkage")
 
 
 class Quantity(NamedTuple):
-    """Something measured, as it is shown.
+    """Something measured, as it is shown."""
 
-    Parameters
-    ----------
-    words, symbol, unit : str
-        Name, symbol and unit; the latter two may be empty.
-    factor : float
-        From SI to `unit`.
-    """
-
+    #: Name, symbol and unit; the latter two may be empty.
     words: str
     symbol: str
     unit: str
+    #: From SI to `unit`.
     factor: float
 
     @property
@@ -51,13 +45,7 @@ class Quantity(NamedTuple):
 
 
 def quantity(name: str, unit: str) -> Quantity:
-    """Return how a channel or driver is shown.
-
-    Parameters
-    ----------
-    unit : str
-        SI; empty where it is not known.
-    """
+    """Return how a channel or driver is shown; its unit is SI, and empty where it is not known."""
     channel = CHANNELS.get(name)
     shown, factor = ("mm", 1e3) if name in _IN_MM and unit == "m" else _SHOWN.get(unit, (unit, 1.0))
     return Quantity(
@@ -79,13 +67,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def plus_minus(value: float, error: float) -> str:
-    """Write a value with its standard error, to the digits that the error leaves.
-
-    Returns
-    -------
-    str
-        The value alone where the error is not known.
-    """
+    """Write a value with its standard error, if that is known, to the digits that the error leaves."""
     if not error > 0.0 or error == float("inf") or value != value:  # noqa: PLR0124 - NaN
         return number(value)
     digits = max(0, 1 - int(f"{error:.1e}".partition("e")[2]))

@@ -24,20 +24,12 @@ _POUND_FORCE = 4.4482216152605
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit and how its values become the program's.
-
-    Parameters
-    ----------
-    symbol : str
-        As it is shown to a person, such as ``N m``.
-    dimension : str
-        What it measures: "length", "torque", …
-    factor, offset : float
-        value in the program = value · factor + offset.
-    """
+    """A unit and how its values become the program's."""
 
     symbol: str
+    #: What it measures: "length", "torque", …
     dimension: str
+    #: value in the program = value · factor + offset.
     factor: float = 1.0
     offset: float = 0.0
 
@@ -50,14 +42,6 @@ class Unit:
         if self.factor == 1.0 and self.offset == 0.0:
             return values
         return values * self.factor + self.offset
-
-    @overload
-    def from_si(self, values: float) -> float: ...
-    @overload
-    def from_si(self, values: NDArray[np.float64]) -> NDArray[np.float64]: ...
-    def from_si(self, values: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
-        """Return values of the program in this unit: the inverse of `to_si`."""
-        return (values - self.offset) / self.factor
 
 
 #: dimension → symbol → (factor, further spellings). The first unit is the program's own.
@@ -73,11 +57,7 @@ _TABLE: dict[str, dict[str, tuple[float, str]]] = {
         "ft": (_FOOT, "foot feet"),
     },
     # "grad" is left out: a gon to some and a degree to others.
-    "angle": {
-        "rad": (1.0, "radian radians"),
-        "mrad": (1e-3, ""),
-        "deg": (DEGREE, "° degree degrees"),
-    },
+    "angle": {"rad": (1.0, "radian radians"), "mrad": (1e-3, ""), "deg": (DEGREE, "° degree degrees")},
     "coordinate": {"deg": (1.0, "° degree degrees"), "rad": (1.0 / DEGREE, "radian radians")},
     "force": {
         "N": (1.0, "newton newtons"),
@@ -107,11 +87,7 @@ _TABLE: dict[str, dict[str, tuple[float, str]]] = {
         "mm/s": (1e-3, "mmps"),
         "km/h": (1.0 / 3.6, "kmh kph kmph"),
     },
-    "acceleration": {
-        "m/s²": (1.0, "m/s/s mps2"),
-        "mm/s²": (1e-3, ""),
-        "g": (STANDARD_GRAVITY, "g0"),
-    },
+    "acceleration": {"m/s²": (1.0, "m/s/s mps2"), "mm/s²": (1e-3, ""), "g": (STANDARD_GRAVITY, "g0")},
     "current": {"A": (1.0, "amp amps ampere amperes"), "mA": (1e-3, "")},
     "temperature": {"°C": (1.0, "degC deg_C C celsius"), "K": (1.0, "kelvin")},
     "time": {
@@ -173,24 +149,12 @@ DIMENSIONS = tuple(_TABLE)
 
 
 def si(dimension: str) -> Unit:
-    """Return the unit in which the program keeps a dimension.
-
-    Parameters
-    ----------
-    dimension : str
-        One of `DIMENSIONS`.
-    """
+    """Return the unit in which the program keeps a dimension."""
     return next(iter(_UNITS[dimension].values()))
 
 
 def symbols(dimension: str) -> tuple[str, ...]:
-    """Return the symbols of the units of a dimension, the program's own first.
-
-    Parameters
-    ----------
-    dimension : str
-        One of `DIMENSIONS`.
-    """
+    """Return the symbols of the units of a dimension, the program's own first."""
     return tuple(_TABLE[dimension])
 
 
@@ -200,12 +164,7 @@ def parse(text: str, dimension: str | None = None) -> Unit | None:
     Case counts where it separates two units. Where the dimension leaves one reading it does
     not: the ``nm`` of a torque is the newton metre. A capital M is never taken for milli.
 
-    Parameters
-    ----------
-    text : str
-        ``mm``, ``N·m``, ``rad s⁻¹``, ``m/s^2``, …
-    dimension : str, optional
-        What the unit must measure. Without it a text with two meanings (``g``) is no unit.
+    Without a dimension a text with two meanings (``g``) is no unit.
     """
     key = _key(text)
     if dimension is None:

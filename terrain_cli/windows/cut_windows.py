@@ -69,12 +69,7 @@ class Windows:
         return _lined(self.samples)
 
     def measured(self) -> Measured:
-        """Return load, torque, sinkage and slip of the usable samples, in SI units.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (n,)
-        """
+        """Return load, torque, sinkage and slip of the usable samples, in SI units."""
         return _measured(self.samples, self.rows)
 
     @property
@@ -83,13 +78,7 @@ class Windows:
         return np.asarray(at_rows(self.samples.channels["slip"], self.rows) >= 0.0)
 
     def thinned(self, most: int) -> Windows:
-        """Return the same windows with no more samples than some number, evenly spread.
-
-        Parameters
-        ----------
-        most : int
-            Of each window.
-        """
+        """Return the same windows with no more samples of each than some number, evenly spread."""
         count = np.diff(self.bounds)
         if not np.any(count > most):
             return self
@@ -116,23 +105,12 @@ class Windows:
 
 
 def at_rows(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
-    """Return some values of a column: the column itself, not a copy, where these are all.
-
-    Parameters
-    ----------
-    column : ndarray, shape (n,)
-    """
+    """Return some values of a column: the column itself, not a copy, where these are all."""
     return column[which(rows, len(column))]
 
 
 def which(rows: NDArray[np.intp], n: int) -> NDArray[np.intp] | slice:
-    """Return an index of rows that makes no copy where these are all, in their order.
-
-    Parameters
-    ----------
-    n : int
-        How many there are.
-    """
+    """Return an index of rows that makes no copy where these are all n, in their order."""
     return slice(None) if len(rows) == n and bool(np.all(rows[1:] > rows[:-1])) else rows
 
 
@@ -147,17 +125,7 @@ def _measured(samples: Samples, rows: NDArray[np.intp]) -> Measured:
 
 
 def line(samples: Samples, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the coordinates x and y of samples on the soil's line.
-
-    Parameters
-    ----------
-    rows : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    x, y : ndarray, shape (n,)
-        In Pa.
-    """
+    """Return the coordinates x and y, in Pa, of samples on the soil's line."""
     return linear.line_coordinates(**_measured(samples, rows), **samples.geometry.line)
 
 
@@ -275,19 +243,7 @@ def _followed(samples: Samples, index: NDArray[np.intp] | slice) -> list[NDArray
 
 
 def check_number(source: str, count: int) -> None:
-    """Refuse more windows than can be held.
-
-    Parameters
-    ----------
-    source : str
-        The input.
-    count : int
-        Windows of all its wheels so far.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse more windows than can be held."""
     if count > MOST:
         raise InputError(
             f"{source}: more than {MOST:,} segments",
@@ -298,18 +254,7 @@ def check_number(source: str, count: int) -> None:
 def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, NDArray[np.intp]] | None:
     """Join the windows of each terrain to one; all of them where there are no terrain labels.
 
-    Parameters
-    ----------
-    step : int
-        Every so many samples are taken.
-
-    Returns
-    -------
-    windows : Windows
-        Its samples ordered by terrain.
-    order : ndarray of int
-        Which usable sample each of them was.
-
+    Every `step`-th sample is taken, ordered by terrain, and it is told which usable sample each of them was.
     None where every window is on a terrain of its own already.
     """
     labels, rows = windows.samples.labels.get("terrain"), windows.rows
@@ -331,15 +276,7 @@ def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, NDArray[np.int
 def thinned(windows: Windows, share: float) -> Windows:
     """Keep a share of the samples of every window, in unbroken pieces spread evenly over it.
 
-    Parameters
-    ----------
-    share : float
-        Between 0 and 1; of short windows more is kept.
-
-    Returns
-    -------
-    Windows
-        The same windows. Samples of different pieces belong to different stretches.
+    Of short windows more is kept. Samples of different pieces belong to different stretches.
     """
     kept, sizes = [], []
     for start, stop in zip(windows.bounds[:-1], windows.bounds[1:], strict=True):

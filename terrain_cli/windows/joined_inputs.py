@@ -9,10 +9,12 @@ import numpy as np
 
 from formats import Labels
 from terrain_cli.telemetry.derive import effect_inputs
+from terrain_cli.telemetry.raw_columns import join_labels
+from terrain_cli.telemetry.wheel_samples import joined_columns
 from terrain_cli.windows.cut_windows import Windows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -27,20 +29,10 @@ _PAUSE = 1000.0
 
 
 def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list[Windows]:
-    """Join what was measured of the same wheel in several inputs.
+    """Join what was measured, with every channel, of the same wheel in several inputs.
 
-    Parameters
-    ----------
-    several : sequence of Windows
-        Read for a comparison: with every channel.
-    effects : iterable of Effect
-        What they need is computed, as far as the channels allow.
-
-    Returns
-    -------
-    list of Windows
-        One for each wheel and geometry, of which tables of test points and logs are kept apart. The
-        windows are those of the inputs; each input has runs of its own.
+    One for each wheel and geometry, of which tables of test points and logs are kept apart; each input has
+    runs of its own. What effects need is computed, as far as the channels allow.
     """
     effects = list(effects)
     parts: dict[tuple[object, ...], list[Windows]] = {}
@@ -65,7 +57,7 @@ def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
         first,
         source=", ".join(dict.fromkeys(one.source for one in samples)),
         time=_times(samples),
-        channels=_columns(samples, lambda one: one.channels),
+        channels=joined_columns(samples, lambda one: one.channels),
         labels=_labels(samples),
         drive=None,
         total=None,
@@ -73,9 +65,9 @@ def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
         distance=None
         if any(one.distance is None for one in samples)
         else np.concatenate([one.distance for one in samples if one.distance is not None]),
-        set_aside=_one_label([one.set_aside for one in samples]),
+        set_aside=join_labels([one.set_aside for one in samples]),
         remarks=[remark for one in samples for remark in one.remarks],
-        drivers=_columns(samples, lambda one: one.drivers),
+        drivers=joined_columns(samples, lambda one: one.drivers),
     )
     joined.drivers.update(effect_inputs.of_samples(joined, turning))
     return Windows(
@@ -107,14 +99,6 @@ def _times(samples: Sequence[Samples]) -> Array | None:
     return np.concatenate(parts)
 
 
-def _columns(samples: Sequence[Samples], of: Callable[[Samples], dict[str, Array]]) -> dict[str, Array]:
-    names = dict.fromkeys(name for one in samples for name in of(one))
-    return {
-        name: np.concatenate([of(one).get(name, np.full(len(one), np.nan)) for one in samples])
-        for name in names
-    }
-
-
 def _labels(samples: Sequence[Samples]) -> dict[str, Labels]:
     """Join the labels; runs of different inputs are different, and an input without them is one."""
     found = {}
@@ -130,15 +114,5 @@ def _labels(samples: Sequence[Samples]) -> dict[str, Labels]:
                 parts.append(Labels(own.codes, tuple(f"input {number + 1} {run}" for run in own.names)))
             else:
                 parts.append(own)
-        found[name] = _one_label(parts)
+        found[name] = join_labels(parts)
     return found
-
-
-def _one_label(parts: Sequence[Labels]) -> Labels:
-    names = tuple(dict.fromkeys(name for part in parts for name in part.names))
-    codes = []
-    for part in parts:
-        place = np.array([names.index(name) for name in part.names], dtype=np.int32)
-        known = part.codes >= 0
-        codes.append(np.where(known, place[np.where(known, part.codes, 0)], -1) if len(place) else part.codes)
-    return Labels(np.concatenate(codes).astype(np.int32), names)

@@ -8,7 +8,7 @@ from binascii import crc32
 import numpy as np
 from bags import MCAP, ROS1, typestore, write_ros1, write_ros2
 
-from formats.rosbag import open_bag
+from formats.rosbag import BagSource
 
 JOINTS, FLOAT = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 N = 120
@@ -58,7 +58,7 @@ def with_checksums(data):
 
 
 def opened(path, kind, *, salvage=True):
-    return open_bag(str(path), kind, salvage=salvage)
+    return BagSource(str(path), kind, salvage=salvage)
 
 
 def samples(source):

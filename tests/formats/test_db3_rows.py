@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
 
-from formats.rosbag import open_bag
+from formats.rosbag import BagSource
 from formats.rosbag.storage import db3_rows
 from formats.rosbag.storage.db3 import Db3File
 from formats.table import LOG_TIME
@@ -218,7 +218,7 @@ def test_a_recording_with_images(tmp_path):
         if k % 10 == 0:
             made.append(("/image", image, 100 * k + 1, {"height": k, "data": bytes(200_000)}))
     path = write_ros2(tmp_path / "run", made, typestore(ros1=False), "db3")
-    source = open_bag(str(path), "db3")
+    source = BagSource(str(path), "db3")
     found = {topic: [] for topic in ("/speed", "/image")}
     for topic, batch in source.read_together({"/speed": ["data"], "/image": ["height"]}):
         found[topic].append(batch)

@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formats import write_table
-from formats.output.qgis_styles import COLOURS, classes, qml
+from formats.output.geopackage import COLOURS, classes, qml
 
 #: What QGIS 3 itself puts into a GeoPackage when a style is saved there.
 QGIS_COLUMNS = [

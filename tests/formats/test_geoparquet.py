@@ -16,7 +16,7 @@ import pytest
 import shapely
 
 from formats import FormatError, write_table
-from formats.output.reference_systems import projjson
+from formats.output.common_forms import projjson
 
 ROOT = Path(__file__).parents[2]
 #: Of the WKB encoding, in the specification and in its JSON schema.

@@ -20,11 +20,10 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefiniti
 from salvage_cases import START, samples, write
 
 import formats
-from formats import limits
+from formats import limits, page_claims, parquet_source
 from formats.errors import DamagedError, FormatError, NotFoundError
-from formats.parquet import page_claims, parquet_source
-from formats.parquet.page_claims import check_pages
-from formats.rosbag import containers, open_bag, recording
+from formats.page_claims import check_pages
+from formats.rosbag import BagSource, bag_files, containers
 from formats.rosbag.decoding.decoder import Decoder, UndecodableError
 from formats.rosbag.decoding.definitions import FILLER, UnusableError, define
 from formats.rosbag.storage.unpacking import unpack, zstd
@@ -74,7 +73,7 @@ def test_a_bag_with_a_bomb(tmp_path, kind, salvage, monkeypatch):
     monkeypatch.setattr(limits, "UNPACKED_BYTES", 1_000)
     monkeypatch.setattr(limits, "UNPACKED_RATIO", 2)
     with pytest.raises(DamagedError, match=r"unpacks to more than|nothing can be read") as caught:
-        samples(open_bag(str(path), kind, salvage=salvage))
+        samples(BagSource(str(path), kind, salvage=salvage))
     assert "\n" not in str(caught.value)
 
 
@@ -83,7 +82,7 @@ def test_a_packed_recording_with_a_bomb(tmp_path, salvage):
     path = write(tmp_path, "mcap", "file")
     path.write_bytes(zstd.compress(NOTHING))
     with pytest.raises(DamagedError, match="unpacks to more than"):
-        open_bag(str(path.parent), "mcap", salvage=salvage)
+        BagSource(str(path.parent), "mcap", salvage=salvage)
 
 
 @salvage
@@ -93,10 +92,10 @@ def test_a_packed_message_with_a_bomb(tmp_path, salvage):
         base.execute("UPDATE messages SET data = ? WHERE id = 7", (zstd.compress(NOTHING),))
     base.close()
     if salvage:
-        assert len(samples(open_bag(str(path.parent), "db3", salvage=True))) == 239
+        assert len(samples(BagSource(str(path.parent), "db3", salvage=True))) == 239
     else:
         with pytest.raises(DamagedError, match="unpacks to more than"):
-            samples(open_bag(str(path.parent), "db3"))
+            samples(BagSource(str(path.parent), "db3"))
 
 
 @salvage
@@ -291,7 +290,7 @@ def test_a_database_that_calculates_for_ever(tmp_path, view, salvage):
             base.execute("INSERT INTO messages(id, topic_id, timestamp) VALUES (1, 1, 1)")
     base.close()
     with pytest.raises(DamagedError, match=r"no plain table|nothing can be read"):
-        samples(open_bag(str(path), "db3", salvage=salvage))
+        samples(BagSource(str(path), "db3", salvage=salvage))
 
 
 @salvage
@@ -309,7 +308,7 @@ def test_columns_of_other_kinds(tmp_path, column, value, salvage):
         base.execute(f"UPDATE messages SET {column} = {value}")  # noqa: S608 - written above
     base.close()
     with contextlib.suppress(FormatError):
-        assert len(samples(open_bag(str(path), "db3", salvage=salvage))) <= 1
+        assert len(samples(BagSource(str(path), "db3", salvage=salvage))) <= 1
 
 
 def test_folders_linked_in_circles(tmp_path):
@@ -332,7 +331,7 @@ def test_metadata_that_never_end(tmp_path, monkeypatch, salvage):
     else:
         with pytest.raises(DamagedError, match="longer than"):
             formats.open_source(str(path.parent))
-    assert recording.METADATA_BYTES < 6_000_000
+    assert bag_files.METADATA_BYTES < 6_000_000
 
 
 @pytest.mark.parametrize("name", ["../../secret.mcap", "/etc/passwd", "..", ".", ""])
@@ -356,7 +355,7 @@ def test_an_index_that_names_a_chunk_twice(tmp_path):
     record = data[at : at + 9 + struct.unpack_from("<Q", data, at + 1)[0]]
     path.write_bytes(data[:at] + record * 3 + data[at:])
     with pytest.raises(DamagedError, match="names a chunk twice"):
-        open_bag(str(path), "mcap")
+        BagSource(str(path), "mcap")
 
     path = write(tmp_path, "ros1")
     data = bytearray(path.read_bytes())
@@ -365,7 +364,7 @@ def test_an_index_that_names_a_chunk_twice(tmp_path):
     data[at : at + 8] = data[before : before + 8]
     path.write_bytes(data)
     with pytest.raises(DamagedError, match="names a chunk twice"):
-        open_bag(str(path), "ros1")
+        BagSource(str(path), "ros1")
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap", "db3"])
@@ -373,10 +372,10 @@ def test_more_definitions_than_any_log_has(tmp_path, kind, monkeypatch):
     path = write(tmp_path, kind)
     monkeypatch.setattr(containers, "DEFINITIONS_CHARACTERS", 100)
     with pytest.raises(DamagedError, match="definitions have more than 100 characters"):
-        open_bag(str(path), kind)
+        BagSource(str(path), kind)
     monkeypatch.setattr(containers, "CONNECTIONS", 1)
     with pytest.raises(DamagedError, match="more than 1 connections"):
-        open_bag(str(path), kind)
+        BagSource(str(path), kind)
 
 
 FINDINGS = sorted((Path(__file__).parent / "findings").iterdir())

@@ -11,8 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from formats import DamagedError, FormatError, Labels, open_source
-from formats.parquet import page_claims, parquet_source
+from formats import DamagedError, FormatError, Labels, open_source, page_claims, parquet_source
 
 
 @pytest.fixture

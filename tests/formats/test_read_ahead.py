@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from formats.read_ahead import ahead
+from formats.parquet_source import ahead
 
 
 def test_items_come_in_their_order():

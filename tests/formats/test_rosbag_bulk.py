@@ -23,7 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 from test_bulk_extraction import requests
 
 from formats.errors import FormatError
-from formats.rosbag import open_bag
+from formats.rosbag import BagSource
 from formats.rosbag.decoding.decoder import Decoder
 from formats.rosbag.decoding.definitions import define
 from formats.rosbag.decoding.plain_extraction import extract
@@ -125,7 +125,7 @@ def plainly(messages, leaf, request):
 
 def assert_same(path, kind, batch_rows):
     """Compare every field of every topic with rosbags' decoding; return the columns by topic."""
-    source = open_bag(str(path), kind)
+    source = BagSource(str(path), kind)
     expected = expected_of(source, path, kind)
     for stream in source.streams():
         assert stream.count == len(expected.get(stream.topic, {LOG_TIME: ()})[LOG_TIME])
@@ -202,7 +202,7 @@ def test_one_pass_over_all_topics(tmp_path, container, monkeypatch):
         path = write_ros1(tmp_path / "run.bag", rows(), store, compression, chunk=3_000)
     else:
         path = write_ros2(tmp_path / "run", rows(), store, kind, compression, chunk=3_000)
-    source = open_bag(str(path), kind)
+    source = BagSource(str(path), kind)
     source.streams()
     read = Counter()
     plain = chunks._read
@@ -233,7 +233,7 @@ def test_topics_that_begin_together_are_listed_together(tmp_path, monkeypatch):
         "_read",
         lambda file, position, size: taken.append(position) or plain(file, position, size),
     )
-    source = open_bag(str(path), "mcap")
+    source = BagSource(str(path), "mcap")
     elements = {s.topic: f.elements for s in source.streams() for f in s.fields if f.name == "effort"}
     assert elements == {f"/joints{k}": (f"wheel{k}",) for k in range(12)}
     begins = {chunk.chunk_start_offset for chunk in source._container._readers[0][0].chunks}
@@ -310,7 +310,7 @@ def test_mcap_chunks_without_an_index_are_walked(tmp_path):
             if writer.storage.chunk.bio.tell() > 3_000:
                 writer.storage.close_chunk()
         reader.close()
-    a, b = open_bag(str(whole), "mcap"), open_bag(str(folder / "run.mcap"), "mcap")
+    a, b = BagSource(str(whole), "mcap"), BagSource(str(folder / "run.mcap"), "mcap")
     assert [stream.count for stream in b.streams()] == [200, 200]
     for topic, name in (("/joints", "effort[fr]"), ("/speed", "data")):
         first, second = (joined(list(source.read(topic, [name]))) for source in (a, b))
@@ -348,7 +348,7 @@ def test_an_index_that_lies(tmp_path, container):
     )
     path.write_bytes(data)
     with pytest.raises(FormatError, match="corrupt or cut off"):
-        list(open_bag(str(path), kind).read("/x", ["data"]))
+        list(BagSource(str(path), kind).read("/x", ["data"]))
 
 
 def test_runs_are_parted_by_time(tmp_path):

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 
 from formats.errors import FormatError, NotFoundError
-from formats.rosbag import open_bag
+from formats.rosbag import BagSource
 from formats.table import LOG_TIME, STAMP, Labels
 
 WRENCH, SOIL = "geometry_msgs/msg/WrenchStamped", "rover_msgs/msg/Soil"
@@ -70,7 +70,7 @@ def bag(request, tmp_path):
 
 
 def check(path, kind):
-    source = open_bag(str(path), kind)
+    source = BagSource(str(path), kind)
     streams = {stream.topic: stream for stream in source.streams()}
     assert list(streams) == ["/wrench", "/soil"]
     assert (source.path, source.kind) == (str(path), kind)
@@ -164,7 +164,7 @@ def test_folder_with_a_file_missing(tmp_path):
     file = write_ros2(tmp_path / "run", rows(), typestore(CUSTOM_ROS2, ros1=False), "mcap")
     file.unlink()
     with pytest.raises(NotFoundError, match=r"not there: run\.mcap"):
-        open_bag(str(tmp_path / "run"), "mcap")
+        BagSource(str(tmp_path / "run"), "mcap")
 
 
 def test_folder_in_an_unknown_compression(tmp_path):
@@ -173,14 +173,14 @@ def test_folder_in_an_unknown_compression(tmp_path):
     text = metadata.read_text().replace("compression_mode: ''", "compression_mode: FILE")
     metadata.write_text(text.replace("compression_format: ''", "compression_format: lzma"))
     with pytest.raises(FormatError, match="compressed with 'lzma'"):
-        open_bag(str(tmp_path / "run"), "mcap")
+        BagSource(str(tmp_path / "run"), "mcap")
 
 
 def test_no_such_file(tmp_path):
     with pytest.raises(NotFoundError, match=r"nothing\.bag: no such file"):
-        open_bag(str(tmp_path / "nothing.bag"), "ros1")
+        BagSource(str(tmp_path / "nothing.bag"), "ros1")
     with pytest.raises(NotFoundError, match=r"neither metadata\.yaml nor a db3 file"):
-        open_bag(str(tmp_path), "db3")
+        BagSource(str(tmp_path), "db3")
 
 
 def test_no_permission(bag):
@@ -191,14 +191,14 @@ def test_no_permission(bag):
         os.seteuid(65_534)  # root may read anything
     try:
         with pytest.raises(NotFoundError, match="Permission denied"):
-            open_bag(str(path), kind)
+            BagSource(str(path), kind)
     finally:
         if root:
             os.seteuid(0)
 
 
 def test_two_topics_read_by_turns(bag):
-    source = open_bag(str(bag[0]), bag[1])
+    source = BagSource(str(bag[0]), bag[1])
     turns = zip(
         source.read("/wrench", ["wrench.force.x"], 3), source.read("/soil", ["moisture"], 1), strict=True
     )
@@ -221,7 +221,7 @@ def test_mcap_without_chunks(tmp_path):
     records = data[begin + 9 + 40 : begin + 9 + 40 + size]
     end = b"\x0f" + (4).to_bytes(8, "little") + bytes(4) + b"\x02" + (20).to_bytes(8, "little") + bytes(20)
     flat.write_bytes(data[:begin] + records + end + data[:8])
-    source = open_bag(str(flat), "mcap")
+    source = BagSource(str(flat), "mcap")
     assert [(stream.count, stream.start) for stream in source.streams()] == [(N, None), (N // 3, None)]
     wrench, soil = source.read("/wrench", ["wrench.force.z"], 7), source.read("/soil", ["moisture"], 7)
     force = [
@@ -234,7 +234,7 @@ def test_mcap_of_another_profile(tmp_path):
     path = write_ros2(tmp_path / "run", list(rows()), typestore(CUSTOM_ROS2, ros1=False), "mcap")
     path.write_bytes(path.read_bytes().replace(b"ros2", b"ros1", 1))
     with pytest.raises(FormatError, match="profile is 'ros1'") as caught:
-        open_bag(str(path), "mcap")
+        BagSource(str(path), "mcap")
     assert caught.value.exit_code == 65
 
 
@@ -257,7 +257,7 @@ def test_two_publishers_of_one_topic(tmp_path, kind):
             writer.write(ids[i % 3 == 0], 100 * i, payload)
     (file,) = (tmp_path / "run").glob(f"*.{kind}")
     for path in (file, tmp_path / "run"):
-        source = open_bag(str(path), kind)
+        source = BagSource(str(path), kind)
         assert [stream.count for stream in source.streams()] == [20]
         (batch,) = source.read("/x", ["data"])
         assert batch["data"].tolist() == list(range(20))
@@ -272,7 +272,7 @@ def test_db3_with_a_type_that_has_no_definition(tmp_path):
             (SOIL,),
         )
     database.close()
-    source = open_bag(str(path), "db3")
+    source = BagSource(str(path), "db3")
     soil = source.streams()[1]
     assert (soil.type, soil.fields, soil.count) == (SOIL, (), N // 3)
     assert source.remarks == [f"/soil cannot be read: {SOIL}: the file has no definition of it"]
@@ -299,7 +299,7 @@ def test_db3_with_two_definitions_of_a_type_is_read_by_that_of_the_topics_hash(t
     with sqlite3.connect(path) as database:
         insert_definition(database, "RIHS01_other", OTHER)
     database.close()
-    (batch,) = open_bag(str(path), "db3").read("/soil", ["moisture"])
+    (batch,) = BagSource(str(path), "db3").read("/soil", ["moisture"])
     assert batch["moisture"].tolist() == [0.25 * i for i in range(0, N, 3)]
 
 
@@ -316,7 +316,7 @@ def test_db3_where_nothing_says_which_definition_holds_is_not_guessed(tmp_path, 
         insert_definition(database, "", known if read else text)
         database.execute("UPDATE topics SET type_description_hash=''")
     database.close()
-    source = open_bag(str(path), "db3")
+    source = BagSource(str(path), "db3")
     if read:
         (batch,) = source.read("/soil", ["moisture"])
         assert len(batch["moisture"]) == N // 3
@@ -339,7 +339,7 @@ def test_mcap_with_a_topic_that_is_not_of_ros(tmp_path):
             writer.write_message("/x", schema, {"data": float(i)}, log_time=100 * i)
             writer._writer.add_message(channel, 100 * i, b"{}", 100 * i)
         writer.finish()
-    source = open_bag(str(path), "mcap")
+    source = BagSource(str(path), "mcap")
     assert [stream.topic for stream in source.streams() if stream.fields] == ["/x"]
     assert source.remarks == ["/log cannot be read: foxglove.Log: the file has no definition of it"]
     (batch,) = source.read("/x", ["data"])
@@ -359,7 +359,7 @@ def test_db3_as_older_recorders_wrote_it(tmp_path, schema):
         if schema < 2:
             database.execute("ALTER TABLE topics DROP COLUMN offered_qos_profiles")
     database.close()
-    source = open_bag(str(path), "db3")
+    source = BagSource(str(path), "db3")
     (batch,) = source.read("/wrench", ["wrench.force.z"])
     assert batch["wrench.force.z"][1] == 0.5
     assert f"no definition in the file of {WRENCH}: read as ROS 2 Humble defines it" in source.remarks
@@ -372,7 +372,7 @@ def test_a_standard_type_that_differs_from_the_recorded_hash_is_not_guessed(tmp_
         database.execute("UPDATE topics SET type_description_hash='RIHS01_0'")
     database.close()
     with pytest.raises(FormatError, match="the file has no definition of it"):
-        open_bag(str(path), "db3").read("/wrench", ["wrench.force.z"])
+        BagSource(str(path), "db3").read("/wrench", ["wrench.force.z"])
 
 
 def open_in(folder):
@@ -385,5 +385,5 @@ def open_in(folder):
 
 def test_many_open_and_dropped_leave_no_file_open(bag):
     for _ in range(5):
-        open_bag(str(bag[0]), bag[1]).streams()
+        BagSource(str(bag[0]), bag[1]).streams()
     assert not open_in(bag[0].parent)

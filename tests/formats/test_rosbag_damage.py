@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from profiles import examples
 
 from formats.errors import DamagedError, FormatError
-from formats.rosbag import open_bag
+from formats.rosbag import BagSource
 
 JOINTS, FLOAT = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 N = 120
@@ -46,7 +46,7 @@ def whole(tmp_path_factory):
 
 
 def read_all(path, kind):
-    opened = open_bag(str(path), kind)
+    opened = BagSource(str(path), kind)
     columns = {}
     for stream in opened.streams():
         for field in stream.fields:
@@ -82,7 +82,7 @@ def test_something_else(tmp_path, kind):
     path = tmp_path / "run.bag"
     path.write_text("time,torque\n0,1\n" * 20)
     with pytest.raises(DamagedError, match="it begins with b'time,torque"):
-        open_bag(str(path), kind)
+        BagSource(str(path), kind)
 
 
 @pytest.mark.parametrize("share", [0.00005, 0.002, 0.03, 0.3, 0.6, 0.9, 0.97, 0.9999])
@@ -138,7 +138,7 @@ def test_corrupt_chunk(tmp_path, whole, kind, compression):
     data[chunks[2] : chunks[2] + 9] = bytes(9)
     path = tmp_path / "run"
     path.write_bytes(data)
-    reading = open_bag(str(path), kind).read("/speed", ["data"], 4)
+    reading = BagSource(str(path), kind).read("/speed", ["data"], 4)
     got = []
 
     def collect():
@@ -172,7 +172,7 @@ def test_corrupt_metadata(tmp_path, text):
     write(tmp_path, "mcap")
     (tmp_path / "run" / "metadata.yaml").write_text(text)
     with pytest.raises(DamagedError, match=r"metadata\.yaml: corrupt or cut off"):
-        open_bag(str(tmp_path / "run"), "mcap")
+        BagSource(str(tmp_path / "run"), "mcap")
 
 
 def test_mcap_that_states_more_messages_than_can_be_found(tmp_path, whole):
@@ -216,7 +216,7 @@ def test_db3_whose_last_messages_are_in_a_log_beside_it(tmp_path):
     with sqlite3.connect(copy) as database:
         database.execute(hint.partition("'")[2].rstrip("'"))
     database.close()
-    (batch,) = open_bag(str(copy), "db3").read("/speed", ["data"])
+    (batch,) = BagSource(str(copy), "db3").read("/speed", ["data"])
     assert batch["@log"].astype(int).tolist() == [10 * i + 8 for i in range(N)]
 
 

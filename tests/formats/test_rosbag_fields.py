@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 
 from formats.errors import DamagedError, FormatError
-from formats.rosbag import open_bag
+from formats.rosbag import BagSource
 from formats.table import LOG_TIME, STAMP, Labels
 
 JOINTS, FLOAT = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
@@ -30,8 +30,8 @@ CUSTOM = {
 def bag(tmp_path, rows, kind="ros1", custom=None, **options):
     store = typestore(custom, ros1=kind == "ros1")
     if kind == "ros1":
-        return open_bag(str(write_ros1(tmp_path / "run.bag", rows, store, **options)), kind)
-    return open_bag(str(write_ros2(tmp_path / "run", rows, store, kind, **options)), kind)
+        return BagSource(str(write_ros1(tmp_path / "run.bag", rows, store, **options)), kind)
+    return BagSource(str(write_ros2(tmp_path / "run", rows, store, kind, **options)), kind)
 
 
 kinds = pytest.mark.parametrize("kind", ["ros1", "mcap", "db3"])
@@ -196,7 +196,7 @@ def test_two_definitions_of_one_type(tmp_path):
             make = store.types["x_msgs/msg/T"]
             one = make(float(i), i / 8, "n") if i % 2 == 0 else make(i / 8, 3, float(i), 9.0)
             writer.write(ids[i % 2], 10 * i, store.serialize_ros1(one, "x_msgs/msg/T"))
-    opened = open_bag(str(tmp_path / "run.bag"), "ros1")
+    opened = BagSource(str(tmp_path / "run.bag"), "ros1")
     assert set(fields(opened, "/x")) == {"torque", "sinkage", "note", "mode"}
     (batch,) = opened.read("/x", ["torque", "sinkage", "mode", "note"])
     assert batch["torque"].tolist() == list(range(8))
@@ -284,7 +284,7 @@ def test_no_definition_in_a_ros1_bag(tmp_path):
         ):
             connection = writer.add_connection(topic, type_name, msgdef="", md5sum=hash_)
             writer.write(connection, 1, payload)
-    opened = open_bag(str(tmp_path / "run.bag"), "ros1")
+    opened = BagSource(str(tmp_path / "run.bag"), "ros1")
     (batch,) = opened.read("/known", ["data"])
     assert batch["data"].tolist() == [2.5]
     assert [len(stream.fields) for stream in opened.streams()] == [1, 0, 0]
@@ -316,7 +316,7 @@ def test_definitions_that_cannot_be_used(tmp_path, text, reason):
         store = typestore(ros1=True)
         good = writer.add_connection("/good", FLOAT, typestore=store)
         writer.write(good, 1, store.serialize_ros1(store.types[FLOAT](2.5), FLOAT))
-    opened = open_bag(str(tmp_path / "run.bag"), "ros1")
+    opened = BagSource(str(tmp_path / "run.bag"), "ros1")
     assert len(opened.streams()) == 2
     with pytest.raises(FormatError, match=reason):
         opened.read("/x", [])
@@ -355,7 +355,7 @@ def test_a_definition_in_idl(tmp_path, kind):
         connection = writer.add_connection("/soil", "x_msgs/msg/Soil", msgdef=IDL, rihs01="RIHS01_0")
         payload = store.serialize_cdr(message(store, "x_msgs/msg/Soil", values), "x_msgs/msg/Soil")
         writer.write(connection, 5, payload)
-    opened = open_bag(str(tmp_path / "run"), kind)
+    opened = BagSource(str(tmp_path / "run"), kind)
     assert opened.remarks == []
     assert fields(opened, "/soil")["torque"] == ("numbers", ("0", "1"))
     (batch,) = opened.read("/soil", ["sinkage", "torque[1]", "terrain"])
@@ -379,7 +379,7 @@ def test_a_message_that_does_not_fit_is_named_by_its_number(tmp_path, kind):
         count = itertools.count()
         store.serialize_cdr = lambda *a, **k: serialize(*a, **k)[: 12 if next(count) != 6 else 11]
         path = write_ros2(tmp_path / "run", rows, store, kind)
-    reading = open_bag(str(path), kind).read("/x", ["data"], 4)
+    reading = BagSource(str(path), kind).read("/x", ["data"], 4)
     assert len(next(reading)["data"]) == 4
     with pytest.raises(DamagedError, match="/x: message 7 does not fit its definition") as caught:
         next(reading)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from formats.rosbag import open_bag
+from formats.rosbag import BagSource
 from formats.table import LOG_TIME, STAMP, Labels
 
 BAGS = Path(__file__).parents[2] / ".." / "shared" / "data" / "bags"
@@ -37,7 +37,7 @@ def columns(opened, topic, fields):
 
 def test_husky():
     path = BAGS / "robot_localization_test1.bag"
-    opened = open_bag(str(path), "ros1")
+    opened = BagSource(str(path), "ros1")
     streams = {stream.topic: stream for stream in opened.streams()}
     assert {topic: (stream.type, stream.count) for topic, stream in streams.items()} == {
         "/imu/data": ("sensor_msgs/msg/Imu", 11_865),
@@ -65,7 +65,7 @@ def test_husky():
 
 def test_joint_states():
     path = BAGS / "plotjuggler_fake_joint_state.bag"
-    opened = open_bag(str(path), "ros1")
+    opened = BagSource(str(path), "ros1")
     (stream,) = opened.streams()
     elements = {field.name: field.elements for field in stream.fields}
     assert elements["position"] == tuple(f"joint_{i}" for i in range(6))
@@ -85,5 +85,5 @@ def test_cut_off(tmp_path, name, share):
     path = tmp_path / name
     path.write_bytes(data[: int(len(data) * share)])
     with pytest.raises(Exception, match="its index is missing") as caught:
-        open_bag(str(path), "ros1")
+        BagSource(str(path), "ros1")
     assert "rosbag reindex" in caught.value.hint

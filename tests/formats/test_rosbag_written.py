@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 
 import numpy as np
 import pytest
@@ -130,7 +131,15 @@ def test_a_failure_leaves_the_old_file(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_no_pipe(tmp_path):
-    os.mkfifo(tmp_path / "pipe.bag")
-    with pytest.raises(CannotWriteError, match="not a pipe"):
-        write_bag(topics(), str(tmp_path / "pipe.bag"), "ros1")
+def test_a_pipe_gets_the_whole_bag(tmp_path):
+    pipe, path = tmp_path / "pipe.bag", tmp_path / "run.bag"
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", str(pipe)], stdout=subprocess.PIPE) as reader:
+        try:
+            write_bag(topics(), str(pipe), "ros1")
+            got, _ = reader.communicate(timeout=30)
+        finally:
+            # Nothing else ends it where the pipe was never opened.
+            reader.kill()
+    write_bag(topics(), str(path), "ros1")
+    assert got == path.read_bytes()

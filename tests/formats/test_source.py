@@ -142,7 +142,7 @@ def test_bags_are_told_by_their_first_bytes(monkeypatch):
         sys.modules,
         "formats.rosbag",
         SimpleNamespace(
-            open_bag=lambda path, kind, **_: (
+            BagSource=lambda path, kind, **_: (
                 opened.append((path, kind)) or SimpleNamespace(kind=kind, remarks=[])
             )
         ),

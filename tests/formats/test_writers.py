@@ -9,6 +9,7 @@ import math
 import os
 import resource
 import sqlite3
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -20,7 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formats import CannotWriteError, FormatError, check_crs, output_kind, replacing, write_table
-from formats.output.wkt import parse
+from formats.output.common_forms import parse
 
 ENDINGS = ["csv", "parquet", "json", "geojson", "gpkg", "geojsonl", "geojsons"]
 
@@ -252,6 +253,33 @@ def test_full_device(columns):
         write_table(columns, full := Path("/dev/full").open("w"))  # noqa: SIM115 (closing it fails again)
     with pytest.raises(OSError, match="No space left"):
         full.close()
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_pipe_of_any_name_gets_the_whole_file_and_stays_a_pipe(columns, tmp_path, ending):
+    """A GeoPackage is removed and made anew where it is written, which no pipe or device may be."""
+    pipe, whole = tmp_path / f"pipe.{ending}", tmp_path / f"whole.{ending}"
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", str(pipe)], stdout=subprocess.PIPE) as reader:
+        try:
+            write_table(columns, str(pipe))
+            assert pipe.is_fifo()
+            got, _ = reader.communicate(timeout=30)
+        finally:
+            # Nothing else ends it where the pipe was never opened.
+            reader.kill()
+    write_table(columns, str(whole))
+    assert got == whole.read_bytes()
+    assert names_in(tmp_path) == sorted([pipe.name, whole.name])
+
+
+def test_no_disk_is_written(columns, tmp_path, monkeypatch):
+    disk = tmp_path / "disk.csv"
+    disk.write_text("as it was")
+    monkeypatch.setattr(stat, "S_ISBLK", lambda _: True)
+    with pytest.raises(CannotWriteError, match="is a disk"):
+        write_table(columns, str(disk))
+    assert disk.read_text() == "as it was"
 
 
 def test_closed_pipe_is_the_callers_matter(columns):

@@ -19,7 +19,7 @@ from terrain_cli.errors import InputError
 from terrain_cli.mechanics import linear
 from terrain_cli.run import long_log, one_log
 from terrain_cli.run.settings import Settings
-from terrain_cli.telemetry.long import long_tables
+from terrain_cli.telemetry import long_logs
 from terrain_cli.windows import cut_windows
 
 GEOMETRY = {"radius": 0.125, "width": 0.1, "shear_modulus": 0.018}
@@ -74,8 +74,8 @@ def small(monkeypatch):
     monkeypatch.setattr(long_log, "REACH", 3000)
     monkeypatch.setattr(long_log, "SETTLED", 900)
     monkeypatch.setattr(long_log, "LONGEST", 8000)
-    monkeypatch.setattr(long_tables, "ROWS", 700)
-    monkeypatch.setattr(long_tables, "BESIDE", 300)
+    monkeypatch.setattr(long_logs, "ROWS", 700)
+    monkeypatch.setattr(long_logs, "BESIDE", 300)
 
 
 @pytest.fixture
@@ -239,8 +239,8 @@ SHORT = """
 import sys
 from terrain_cli.app import main
 from terrain_cli.run import long_log
-from terrain_cli.telemetry.long import long_tables
-long_log.MOST_ROWS, long_log.REACH, long_log.SETTLED, long_tables.ROWS = 20_000, 20_000, 2_000, 10_000
+from terrain_cli.telemetry import long_logs
+long_log.MOST_ROWS, long_log.REACH, long_log.SETTLED, long_logs.ROWS = 20_000, 20_000, 2_000, 10_000
 if __name__ == "__main__":
     main(sys.argv[1:])
 """

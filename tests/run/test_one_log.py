@@ -9,7 +9,7 @@ import pandas as pd
 from terrain_cli import rover
 from terrain_cli.run import long_log, one_log
 from terrain_cli.run.settings import Settings
-from terrain_cli.telemetry.long import long_tables
+from terrain_cli.telemetry import long_logs
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 
@@ -35,8 +35,8 @@ def test_each_step_of_each_wheel_moves_on():
 
 def test_a_long_log_moves_on_with_its_rows(monkeypatch):
     monkeypatch.setattr(long_log, "MOST_ROWS", 1000)
-    monkeypatch.setattr(long_tables, "ROWS", 400)
-    monkeypatch.setattr(long_tables, "BESIDE", 100)
+    monkeypatch.setattr(long_logs, "ROWS", 400)
+    monkeypatch.setattr(long_logs, "BESIDE", 100)
     rows = len(pd.read_parquet(SAMPLE / "run.parquet"))
     steps, shares = told(SAMPLE / "run.parquet")
     assert len(steps) > 5

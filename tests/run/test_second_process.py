@@ -19,7 +19,7 @@ from terrain_cli import rover
 from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.run import long_log, one_log, second_process
 from terrain_cli.run.settings import Settings
-from terrain_cli.telemetry.long import long_tables
+from terrain_cli.telemetry import long_logs
 from terrain_cli.telemetry.wheel_samples import Geometry, Samples
 
 
@@ -27,8 +27,8 @@ from terrain_cli.telemetry.wheel_samples import Geometry, Samples
 def long(monkeypatch, tmp_path):
     """Return a function that reads a table as a long log, of many parts."""
     monkeypatch.setattr(long_log, "MOST_ROWS", 1000)
-    monkeypatch.setattr(long_tables, "ROWS", 700)
-    monkeypatch.setattr(long_tables, "BESIDE", 300)
+    monkeypatch.setattr(long_logs, "ROWS", 700)
+    monkeypatch.setattr(long_logs, "BESIDE", 300)
     (tmp_path / "rover.toml").write_text(ROVER)
     path = tmp_path / "run.parquet"
     dirty(drive(LENGTHS)).to_parquet(path, index=False)

@@ -17,10 +17,9 @@ from terrain_cli.app import main
 from terrain_cli.errors import InputError
 from terrain_cli.simulation.drive_file import PRESETS
 from terrain_cli.simulation.simulated_soils import SOILS
-from terrain_cli.telemetry.derive.doubts import Doubt, ImplausibleError
-from terrain_cli.telemetry.long import long_tables
+from terrain_cli.telemetry import long_logs, tables
+from terrain_cli.telemetry.derive.unit_doubts import Doubt, ImplausibleError
 from terrain_cli.telemetry.plan import mapping
-from terrain_cli.telemetry.read import tables
 from terrain_cli.vocabulary.channels import CHANNELS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -186,6 +185,12 @@ def test_what_rover_toml_states_is_believed_and_doubted(name, drive, judged):
     assert any(says in doubt for doubt in judged(table, f"{GEOMETRY}[channels]\n{stated}"))
 
 
+def test_a_velocity_that_was_derived_is_wrong_with_its_slip(drive, judged):
+    with pytest.raises(ImplausibleError, match="slip is beyond ±1") as error:
+        judged(without(drive.assign(slip=1e2 * slip_of(drive)), "velocity"))
+    assert error.value.channel == "slip"
+
+
 def test_a_header_states_a_unit_too(drive, judged):
     (doubt,) = judged(drive.assign(torque=1e3 * drive["torque"]).rename(columns={"torque": "torque_Nm"}))
     assert 'if it is in N mm, torque = { column = "torque_Nm", unit = "N mm" }' in doubt
@@ -308,7 +313,7 @@ def test_an_entry_angle_beyond_half_a_turn_is_no_depth(drive, judged, tmp_path):
 def in_parts(path, rover):
     source = open_source(path)
     layout = mapping.plan(source, rover)
-    request = long_tables.Request(
+    request = long_logs.Request(
         layout=layout,
         rover=rover,
         channels=frozenset(CHANNELS),
@@ -318,12 +323,12 @@ def in_parts(path, rover):
         effects=None,
     )
     batches = source.read("", tables.fields(layout, CHANNELS, layout.extras), 50)
-    return list(long_tables.in_parts(request, [next(batches)], batches, lambda _: None))
+    return list(long_logs.in_parts(request, [next(batches)], batches, lambda _: None))
 
 
 def test_a_long_log_is_doubted_as_a_whole(drive, judged, monkeypatch, tmp_path):
-    monkeypatch.setattr(long_tables, "ROWS", 120)
-    monkeypatch.setattr(long_tables, "BESIDE", 40)
+    monkeypatch.setattr(long_logs, "ROWS", 120)
+    monkeypatch.setattr(long_logs, "BESIDE", 40)
     path, rover = str(tmp_path / "run.csv"), tmp_path / "rover.toml"
 
     def told():
@@ -345,12 +350,12 @@ def test_a_long_log_is_doubted_as_a_whole(drive, judged, monkeypatch, tmp_path):
 
 
 def test_the_samples_that_are_looked_at_are_bounded(monkeypatch):
-    from terrain_cli.telemetry.derive import unit_evidence
+    from terrain_cli.telemetry.derive import unit_doubts
 
-    monkeypatch.setattr(unit_evidence, "MOST", 64)
+    monkeypatch.setattr(unit_doubts, "MOST", 64)
     drive = steady()
     channels = {name: drive[name].to_numpy() for name in drive if name != "time"}
-    gathered = unit_evidence.UnitEvidence(telemetry.Geometry(RADIUS, 0.1, 0.018), {})
+    gathered = unit_doubts.UnitEvidence(telemetry.Geometry(RADIUS, 0.1, 0.018), {})
     for begin in range(0, 1000, 90):
         rows = slice(begin, begin + 90)
         part = telemetry.Samples(

@@ -11,8 +11,9 @@ from formats import Labels
 from terrain_cli.telemetry.derive import usable_samples
 
 NAN, INF = float("nan"), float("inf")
-RADIUS = 0.125
+RADIUS, WIDTH = 0.125, 0.1
 GOOD = {"load": 80.0, "torque": 3.0, "sinkage": 0.01, "slip": 0.3, "angular_velocity": 1.0, "velocity": 0.1}
+GOOD["drawbar_pull"] = 5.0
 
 
 def channels(n=3, **changes):
@@ -24,7 +25,7 @@ def channels(n=3, **changes):
 
 
 def reasons(columns, time=None):
-    found, _ = usable_samples.set_aside(columns, time, RADIUS)
+    found, _ = usable_samples.set_aside(columns, time, RADIUS, WIDTH)
     return [None if code < 0 else found.names[code] for code in found.codes]
 
 
@@ -51,6 +52,15 @@ def reasons(columns, time=None):
         ({"sinkage": RADIUS}, "sinkage beyond the wheel radius"),
         ({"load": 0.0}, "load not positive"),
         ({"load": -80.0}, "load not positive"),
+        # An overflow of 16 bits, and a number that stands for a missing value.
+        ({"load": 65_535.0}, "load beyond what soil bears"),
+        ({"load": 1e4, "sinkage": 0.1}, None),
+        ({"torque": -9999.0}, "torque beyond what soil takes"),
+        ({"torque": -999.0}, "torque beyond what soil takes"),
+        ({"torque": 100.0}, None),
+        ({"drawbar_pull": 32_767.0}, "drawbar_pull beyond what soil takes"),
+        ({"drawbar_pull": -800.0}, None),
+        ({"sinkage": 1e-9}, None),
         ({"torque": -0.1}, None),
         ({"slip": 0.0}, None),
         ({"slip": 1.0}, None),
@@ -65,7 +75,7 @@ def test_each_reason(changes, reason):
     [(-0.01, None), (-0.99, None), (-1.0, None), (-1.01, "wheel turns against its course (slip < -1)")],
 )
 def test_the_whole_model_covers_a_wheel_that_skids(slip, reason):
-    found, _ = usable_samples.set_aside(channels(slip=slip), None, RADIUS, skids=True)
+    found, _ = usable_samples.set_aside(channels(slip=slip), None, RADIUS, WIDTH, skids=True)
     assert [None if code < 0 else found.names[code] for code in found.codes] == [None, reason, None]
 
 
@@ -91,7 +101,7 @@ values = st.sampled_from([NAN, INF, -INF, -1.0, 0.0, 1e-4, 0.01, 0.5, 1.0, 2.0, 
 @given(st.lists(st.fixed_dictionaries(dict.fromkeys(GOOD, values)), min_size=1, max_size=12))
 def test_what_is_used_can_be_used(rows):
     columns = {name: np.array([row[name] for row in rows]) for name in GOOD}
-    found, _ = usable_samples.set_aside(columns, None, RADIUS)
+    found, _ = usable_samples.set_aside(columns, None, RADIUS, WIDTH)
     used = {name: column[found.codes < 0] for name, column in columns.items()}
     assert all(np.isfinite(used[name]).all() for name in GOOD if name not in {"angular_velocity", "velocity"})
     assert np.all((used["load"] > 0) & (used["sinkage"] > 0) & (used["sinkage"] < RADIUS))

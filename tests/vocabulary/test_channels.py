@@ -32,9 +32,9 @@ def test_a_channels_name_is_taken_as_it_is(name):
 
 
 def test_no_alias_belongs_to_two_channels():
-    words = [word for c in CHANNELS.values() for word in {c.name, *c.aliases, *c.letters}]
+    words = [word for c in CHANNELS.values() for word in {c.name, *c.aliases.split(), *c.letters}]
     assert len(words) == len(set(words))
-    assert all(word == word.lower() for c in CHANNELS.values() for word in c.aliases)
+    assert all(word == word.lower() for c in CHANNELS.values() for word in c.aliases.split())
 
 
 @pytest.mark.parametrize(
@@ -166,23 +166,20 @@ def test_fields_of_messages_have_no_letters():
 
 def test_slip_hides_no_slip_angle():
     found = resolve(["slip", "slip_angle_deg", "sinkage_mm"])
-    assert {name: header for name, (header, _) in found.channels.items()} == {
+    assert {name: header for name, (header, _) in found.items()} == {
         "slip": "slip",
         "slip_angle": "slip_angle_deg",
         "sinkage": "sinkage_mm",
     }
 
 
-def test_resolve_sorts_channels_from_extras():
+def test_resolve_sorts_channels_from_other_columns():
     found = resolve(["time", "W", "sinkage_mm", "T [°C]", "cable_N", "note", "terrain"])
-    assert {channel: header for channel, (header, _) in found.channels.items()} == {
+    assert {channel: header for channel, (header, _) in found.items()} == {
         "time": "time", "load": "W", "sinkage": "sinkage_mm", "terrain": "terrain",
     }  # fmt: skip
-    assert {h: u and u.symbol for h, u in found.extras.items()} == {
-        "T [°C]": "°C",
-        "cable_N": "N",
-        "note": None,
-    }
+    assert [stated_unit(header).symbol for header in ("T [°C]", "cable_N")] == ["°C", "N"]
+    assert stated_unit("note") is None
 
 
 @pytest.mark.parametrize(
@@ -198,8 +195,8 @@ def test_resolve_sorts_channels_from_extras():
 )
 def test_the_channels_own_name_wins(headers, winner):
     found = resolve(headers)
-    assert found.channels["load"][0] == winner
-    assert list(found.extras) == [header for header in headers if header != winner]
+    assert found["load"][0] == winner
+    assert list(found) == ["load"]
 
 
 @pytest.mark.parametrize("headers", [["T_Nm", "wheel_torque"], ["x", "torque_mNm", "torque_Nm"]])
@@ -209,14 +206,14 @@ def test_two_columns_that_can_be_one_channel_are_an_error(headers):
         resolve(headers)
     assert f"columns {first!r} and {second!r} can all be torque" in str(error.value)
     assert f'[channels] torque = "{first}"' in error.value.hint
-    assert resolve(headers, chosen={"torque"}).channels.keys() == {"x"} & set(headers)
+    assert resolve(headers, chosen={"torque"}).keys() == {"x"} & set(headers)
 
 
 def test_of_a_letter_in_both_cases_none_is_preferred():
     with pytest.raises(InputError, match="columns 'V' and 'v' can all be velocity"):
         resolve(["V", "v"])
     found = resolve(["W", "w", "T", "t"])
-    assert {channel: header for channel, (header, _) in found.channels.items()} == {
+    assert {channel: header for channel, (header, _) in found.items()} == {
         "load": "W", "torque": "T", "time": "t",
     }  # fmt: skip
 

@@ -52,6 +52,16 @@ def test_what_looks_like_a_time_is_offered_by_name(tmp_path, terrain_est_here):
     assert "time = {" in done.stderr
 
 
+def test_a_clock_of_whole_seconds_is_offered_too(tmp_path, terrain_est_here):
+    log = tmp_path / "run.csv"
+    points = [
+        f"{k // 4},{80 + 9 * (k % 3)},{2 + 0.3 * (k % 5)},0.0{1 + k % 4},0.{1 + k % 6}" for k in range(48)
+    ]
+    log.write_text("\n".join(["tick,W,T,z,slip", *points, ""]), "utf-8")
+    done = terrain_est_here("estimate", log, "--rover", ROVER, "--wheel", "front-left")
+    assert "if 'tick' is the time: [channels] time = { column = \"tick\"" in done.stderr
+
+
 @pytest.mark.parametrize("verb", ["estimate", "inspect", "compare"])
 def test_a_table_without_time_is_said_to_hold_steady_points(verb, tmp_path, terrain_est_here):
     log = tmp_path / "points.csv"

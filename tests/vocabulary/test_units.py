@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from terrain_cli.vocabulary import units
 
@@ -52,7 +50,6 @@ def test_a_symbol_names_its_unit_with_and_without_the_dimension(dimension, symbo
 def test_values_become_the_programs(text, dimension, value, expected):
     unit = units.parse(text, dimension)
     assert unit.to_si(value) == pytest.approx(expected, rel=1e-12)
-    assert unit.from_si(expected) == pytest.approx(value, rel=1e-12)
     np.testing.assert_allclose(unit.to_si(np.array([value, value])), [expected, expected], rtol=1e-12)
 
 
@@ -121,12 +118,6 @@ def test_case_does_not_count_where_the_dimension_leaves_one_reading(text, dimens
 )
 def test_what_could_mean_something_else_is_no_unit(text, dimension):
     assert units.parse(text, dimension) is None
-
-
-@given(st.sampled_from(EVERY_UNIT), st.floats(-1e6, 1e6))
-def test_there_and_back(unit, value):
-    found = units.parse(unit[1], unit[0])
-    assert found.from_si(found.to_si(value)) == pytest.approx(value, rel=1e-9, abs=1e-6)
 
 
 def test_the_programs_own_unit_changes_nothing():

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from terrain_cli.windows.segmentation import block_sums
-from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
+from terrain_cli.windows.segmentation import sample_blocks
+from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
 from terrain_cli.windows.segmentation.sensor_noise import block_noise, correlation_factor, tame
 
 X, Y = 12_000.0, 8_000.0
@@ -10,8 +10,8 @@ X, Y = 12_000.0, 8_000.0
 
 def noise_of(x, y, step=4):
     """Return the noise of samples, none of which is taken for wild."""
-    rows, _, _ = block_sums.summed(x, y, step, 1.5, np.empty((6, len(x) + step)))
-    return block_noise(rows, block_sums.sizes(len(x), step), step, np.full(2, 1e-9 * X))
+    rows, _, _ = sample_blocks.summed(x, y, step, 1.5, np.empty((6, len(x) + step)))
+    return block_noise(rows, sample_blocks.sizes(len(x), step), step, np.full(2, 1e-9 * X))
 
 
 def tamed(x, y, step):

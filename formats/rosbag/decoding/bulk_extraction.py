@@ -61,19 +61,8 @@ def gather(
 ) -> list[tuple[Values, bool]]:
     """Take values from all messages at once.
 
-    Parameters
-    ----------
-    messages : Messages
-        At least one; all of this definition.
-
-    Returns
-    -------
-    list of (ndarray, bool)
-        What `formats.rosbag.decoding.plain_extraction.extract` returns for the same messages, decoded.
-
-    Raises
-    ------
-    UnevenError
+    What `plain_extraction.extract` returns for the same messages, decoded, of which there is at least one;
+    UnevenError where that cannot be.
     """
     cursor = _Cursor(
         definition, messages, {name for leaf, request in wanted for name in _needs(leaf, request)}
@@ -86,19 +75,8 @@ def elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -
 
     rosbags writes and compiles the code that decodes a type: 20 ms for each topic.
 
-    Parameters
-    ----------
-    message : Messages
-        One.
-
-    Returns
-    -------
-    list of (tuple of str, bool)
-        What `formats.rosbag.decoding.plain_extraction.elements_of` returns for the same message, decoded.
-
-    Raises
-    ------
-    UnevenError
+    What `plain_extraction.elements_of` returns for the same message, decoded; UnevenError where that cannot
+    be.
     """
     wanted = {name for leaf in lists for name in (leaf.name, _names_of(leaf)) if name}
     cursor = _Cursor(definition, message, wanted)

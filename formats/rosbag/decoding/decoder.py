@@ -4,27 +4,25 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from formats.rosbag.decoding.bulk_extraction import UnevenError, elements, gather
-from formats.rosbag.decoding.plain_extraction import elements_of, extract
+from formats.rosbag.decoding.plain_extraction import FieldRequest, elements_of, extract
 from formats.table import STAMP
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from formats.recovery import Recovery
     from formats.rosbag.decoding.bulk_extraction import Elements
     from formats.rosbag.decoding.definitions import Definition, Leaf
-    from formats.rosbag.decoding.plain_extraction import FieldRequest, Values
+    from formats.rosbag.decoding.plain_extraction import Values
+    from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Messages
 
 
 class UndecodableError(Exception):
-    """A message does not follow its definition.
-
-    Parameters
-    ----------
-    row : int
-        Its place among the payloads.
-    """
+    """A message does not follow its definition; `row` is its place among the payloads."""
 
     def __init__(self, row: int, reason: str) -> None:
         super().__init__(reason)
@@ -38,17 +36,7 @@ class Decoder:
         self.definition = definition
 
     def columns(self, messages: Messages, requests: Sequence[FieldRequest]) -> list[tuple[Values, bool]]:
-        """Take one value per request from each message.
-
-        Returns
-        -------
-        list of (ndarray, bool)
-            For each request the values, and whether any message has them.
-
-        Raises
-        ------
-        UndecodableError
-        """
+        """Take one value per request from each message, and tell whether any message has it."""
         leaves = [self._leaf(request) for request in requests]
         wanted = [(leaf, request) for leaf, request in zip(leaves, requests, strict=True) if leaf is not None]
         try:
@@ -62,17 +50,7 @@ class Decoder:
         ]
 
     def elements(self, message: Messages, lists: Sequence[Leaf]) -> list[Elements]:
-        """Tell how the elements of lists are called in one message; see `plain_extraction.elements_of`.
-
-        Parameters
-        ----------
-        message : Messages
-            One.
-
-        Raises
-        ------
-        UndecodableError
-        """
+        """Tell how the elements of lists are called in one message; see `plain_extraction.elements_of`."""
         try:
             return elements(self.definition, message, lists)
         except UnevenError:
@@ -96,3 +74,68 @@ class Decoder:
         leaf = self.definition.leaves.get(request.field)
         plural = "" if request.key is None else "s"
         return leaf if leaf is not None and leaf.kind == request.kind + plural else None
+
+
+class Decodable:
+    """Sets aside the messages of a damaged bag that cannot be decoded, and counts them in its recovery.
+
+    The remarks begin with what the recovery has to say, and are kept up to date.
+    """
+
+    def __init__(self, recovery: Recovery, remarks: list[str]) -> None:
+        self._recovery = recovery
+        self._remarks = remarks
+        self._told = recovery.sentences()
+        self._known: set[tuple[int, int]] = set()
+        remarks[:0] = self._told
+
+    def only(self, runs: Iterable[Run], decoders: Mapping[int, Decoder]) -> Iterator[Run]:
+        """Leave out of each run what cannot be decoded."""
+        for run in runs:
+            kept = {place: self._kept(place, messages, decoders[place]) for place, messages in run.items()}
+            yield {place: messages for place, messages in kept.items() if len(messages)}
+
+    def _kept(self, place: int, messages: Messages, decoder: Decoder) -> Messages:
+        if not len(messages):
+            return messages
+        try:
+            gather(decoder.definition, messages, _texts(decoder, messages))
+        except (UnevenError, UndecodableError):
+            right = np.array([_decodes(decoder, messages, row) for row in range(len(messages))])
+            self._note(place, messages.order[~right].tolist())
+            return messages.take(right)
+        return messages
+
+    def _note(self, place: int, orders: list[int]) -> None:
+        new = {(place, order) for order in orders} - self._known
+        if not new:
+            return
+        self._known |= new
+        self._recovery.aside += len(new)
+        self._recovery.read -= len(new)
+        for sentence in self._told:
+            self._remarks.remove(sentence)
+        self._told = self._recovery.sentences()
+        self._remarks[:0] = self._told
+
+
+def _texts(decoder: Decoder, messages: Messages) -> list[tuple[Leaf, FieldRequest]]:
+    """Ask for every text of the messages: numbers are right in any bytes, texts are not."""
+    leaves = decoder.definition.leaves.values()
+    wanted = [(leaf, FieldRequest(leaf.name, leaf.name, "text")) for leaf in leaves if leaf.kind == "text"]
+    if lists := [leaf for leaf in leaves if leaf.kind == "texts"]:
+        first = decoder.message(messages.payload(0))
+        for leaf in lists:
+            places = range(len(elements_of(first, leaf)[0]))
+            wanted += [
+                (leaf, FieldRequest(f"{leaf.name}[{place}]", leaf.name, "text", place)) for place in places
+            ]
+    return wanted
+
+
+def _decodes(decoder: Decoder, messages: Messages, row: int) -> bool:
+    try:
+        decoder.message(messages.payload(row))
+    except UndecodableError:
+        return False
+    return True

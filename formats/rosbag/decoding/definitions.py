@@ -10,8 +10,7 @@ from rosbags.interfaces import MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from formats.limits import DEPTH, TooMuchError
-from formats.rosbag.decoding.definition_bounds import check_idl, checked, msg_text
-from formats.rosbag.decoding.msg_language import plain_types
+from formats.rosbag.decoding.definition_texts import check_idl, checked, msg_text, plain_types
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -51,26 +50,17 @@ class UnusableError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """One field of a message, or one list of numbers or texts.
-
-    Parameters
-    ----------
-    kind : {"number", "text", "time", "numbers", "texts"}
-    base : str
-        The base type, or `TIME` or `DURATION`.
-    path : tuple of str
-        The members that lead to the value or to the list.
-    inner : tuple of str
-        The members that lead on from each element, where the elements are messages.
-    names : tuple of str or None
-        What names the elements: the path of the list ``name`` beside a list of values, or
-        ("name",) where each element is a message with the text ``name``.
-    """
+    """One field of a message, or one list of numbers or texts."""
 
     kind: Kind
+    #: The base type, or `TIME` or `DURATION`.
     base: str
+    #: The members that lead to the value or to the list.
     path: Path
+    #: The members that lead on from each element, where the elements are messages.
     inner: Path = ()
+    #: What names the elements: the path of the list ``name`` beside a list of values, or ("name",) where each
+    #: element is a message with the text ``name``.
     names: Path | None = None
 
     @property
@@ -81,29 +71,18 @@ class Leaf:
 
 @dataclass(frozen=True, kw_only=True)
 class Definition:
-    """How the messages of one connection are laid out.
+    """How the messages of one connection are laid out."""
 
-    Parameters
-    ----------
-    type : str
-        Name of the message type, as ``sensor_msgs/msg/JointState``.
-    ros1 : bool
-        Serialised as ROS 1 does; as CDR if not.
-    types : dict
-        This type and those it is made of, as rosbags parses them.
-    leaves : dict of str to Leaf
-        By name, in the order of the definition.
-    compile : callable
-        Makes the store that decodes single messages.
-    origin : str
-        Where the definition is from, if not from the file.
-    """
-
+    #: Name of the message type, as ``sensor_msgs/msg/JointState``.
     type: str
+    #: Serialised as ROS 1 does; as CDR if not.
     ros1: bool
+    #: This type and those it is made of, as rosbags parses them.
     types: Typesdict
     leaves: dict[str, Leaf]
+    #: Makes the store that decodes single messages.
     compile: Callable[[], Typestore]
+    #: Where the definition is from, if not from the file.
     origin: str = ""
 
     @cached_property
@@ -131,10 +110,7 @@ def _members(types: Typesdict, type_name: str) -> list[tuple[str, FieldDesc]]:
 def define(connection: Connection, *, ros1: bool) -> Definition:
     """Find the definition of a connection's messages: in the file, else among the standard types.
 
-    Raises
-    ------
-    UnusableError
-        There is no definition, or not one that can be used.
+    UnusableError where there is none, or not one that can be used.
     """
     reasons = []
     for find, origin in ((_from_file, ""), (_from_standard, "ROS 1 Noetic" if ros1 else "ROS 2 Humble")):
@@ -209,18 +185,7 @@ def _from_standard(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Ca
 
 
 def find_leaves(types: Typesdict, type_name: str) -> dict[str, Leaf]:
-    """Return the fields of a message by name, in the order of its definition.
-
-    Parameters
-    ----------
-    types : dict
-        As rosbags parses them.
-
-    Raises
-    ------
-    UnusableError
-        A type it is made of is missing, or not supported.
-    """
+    """Return the fields of a message by name, in the order of its definition."""
     return {leaf.name: leaf for leaf in _leaves(types, type_name)}
 
 

@@ -27,23 +27,15 @@ Values: TypeAlias = "NDArray[Any]"
 
 @dataclass(frozen=True, slots=True)
 class FieldRequest:
-    """What is asked of each message.
+    """What is asked of each message."""
 
-    Parameters
-    ----------
-    asked : str
-        As the caller wrote it.
-    field : str
-        Name of the leaf.
-    kind : {"number", "text", "time"}
-        What comes out, one per message.
-    key : int, str or None
-        Which element of a list: its place or its name; None where the field is no list.
-    """
-
+    #: As the caller wrote it.
     asked: str
+    #: Name of the leaf.
     field: str
+    #: What comes out, one per message.
     kind: Kind
+    #: Which element of a list: its place or its name; None where the field is no list.
     key: int | str | None = None
 
     def blank(self, rows: int) -> Values:
@@ -54,20 +46,7 @@ class FieldRequest:
 
 
 def extract(messages: Sequence[object], leaf: Leaf, request: FieldRequest) -> tuple[Values, bool]:
-    """Take one value from each message.
-
-    Parameters
-    ----------
-    messages : sequence
-        As rosbags decodes them.
-
-    Returns
-    -------
-    values : ndarray, shape (len(messages),)
-        See `Values`.
-    present : bool
-        Some message has the element asked for, be it NaN.
-    """
+    """Take one value from each message; tell whether some message has the element asked for, be it NaN."""
     column, present = request.blank(len(messages)), False
     for i, message in enumerate(messages):
         value = _walk(message, leaf.path)
@@ -79,15 +58,7 @@ def extract(messages: Sequence[object], leaf: Leaf, request: FieldRequest) -> tu
 
 
 def elements_of(message: object, leaf: Leaf) -> tuple[tuple[str, ...], bool]:
-    """Tell how the elements of a list are called.
-
-    Returns
-    -------
-    elements : tuple of str
-        The names beside the list if they fit it, else the places.
-    named : bool
-        They are names.
-    """
+    """Tell how the elements of a list are called: by the names beside it if these fit (and True)."""
     values = _walk(message, leaf.path)
     names = _names(message, values, leaf)
     if names and len(names) == len(values) == len(set(names)) and all(names):

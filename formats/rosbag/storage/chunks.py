@@ -36,28 +36,19 @@ _ORDER = 1 << 40
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chunk:
-    """Where a chunk and its index stand in the file.
+    """Where a chunk and its index stand in the file."""
 
-    Parameters
-    ----------
-    position, stored : int
-        Of the bytes that `unpack` takes.
-    unpack : callable
-        Makes the contents of them.
-    slow : bool
-        It is worth a thread.
-    first : int
-        The least log time in it, ns.
-    index : tuple of (int, int, int), optional
-        Of each connection its number, where its entries begin in the file, and how many there are.
-        None if there is no index; the chunk is then walked.
-    """
-
+    #: Of the bytes that `unpack` takes.
     position: int
     stored: int
+    #: Makes the contents of them.
     unpack: Callable[[bytes], bytes | memoryview]
+    #: It is worth a thread.
     slow: bool
+    #: The least log time in it, ns.
     first: int
+    #: Of each connection its number, where its entries begin in the file, and how many there are. None if
+    #: there is no index; the chunk is then walked.
     index: tuple[tuple[int, int, int], ...] | None
 
 
@@ -85,12 +76,7 @@ _Unpacked: TypeAlias = tuple[int, Chunk, bytes | memoryview]
 
 
 def opened(file: BinaryIO | None) -> BinaryIO:
-    """Return the file of a reader that rosbags opens and closes.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Return the file of a reader that rosbags opens and closes."""
     if file is None:
         raise ValueError("not open")
     return file
@@ -101,24 +87,9 @@ def runs(
 ) -> Iterator[Run]:
     """Read the messages of some connections, each in the order of its log times.
 
-    Parameters
-    ----------
-    chunks : sequence of Chunk
-        In the order of the file.
-    wanted : collection of int
-        Numbers of connections.
-    size : int
-        Bytes of chunks that are joined; 1 reads as little ahead as can be.
-
-    Yields
-    ------
-    dict of int to Messages
-        No message is earlier than one of its connection that was yielded before.
-
-    Raises
-    ------
-    Exception
-        Of any kind, where the file is damaged. What comes before the damage was yielded.
+    `wanted` are numbers of connections; chunks of `size` bytes are joined, with 1 as few as can be. No
+    message is earlier than one of its connection that was yielded before. A damaged file raises anything,
+    after what comes before the damage was yielded.
     """
     chosen = sorted(
         (chunk.first, rank, chunk)

@@ -13,12 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.interfaces import (
-    Connection,
-    ConnectionExtRosbag2,
-    MessageDefinition,
-    MessageDefinitionFormat,
-)
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
 from formats.copies import named
 from formats.limits import CHUNK_BYTES, TooMuchError
@@ -163,20 +158,7 @@ class Db3File:
         return found
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
-        """Read the messages of some connections.
-
-        Parameters
-        ----------
-        wanted : collection of int
-            Their numbers.
-        size : int
-            Bytes that are read at a time.
-
-        Yields
-        ------
-        dict of int to Messages
-            In the order of the log times.
-        """
+        """Read the messages of some connections in the order of their log times, some bytes at a time."""
         if self._database is None:
             raise ValueError("not open")
         if self._leaves is not None:

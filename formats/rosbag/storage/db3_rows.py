@@ -46,19 +46,13 @@ for _serial in (1, 2, 3, 4, 5, 6, 8, 9):
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """Rows of messages.
+    """Rows of messages."""
 
-    Parameters
-    ----------
-    number, topic, time : ndarray of int64, shape (n,)
-        Key, key of the topic, log time in ns.
-    begin, size : ndarray of int64, shape (n,)
-        Where the payload begins in the file, −1 if it goes on in other pages, and its bytes.
-    """
-
+    #: Key, key of the topic, log time in ns; shape (n,).
     number: Index
     topic: Index
     time: Index
+    #: Where the payload begins in the file, −1 if it goes on in other pages, and its bytes; shape (n,).
     begin: Index
     size: Index
 
@@ -69,17 +63,9 @@ class _Rows:
 class Leaves:
     """The table of messages of one file.
 
-    Parameters
-    ----------
-    root : int
-        The first page of the table. Its columns are id, topic_id, timestamp and data, and id is the key.
-    fetch : callable
-        Returns the payload of a key, however long it is.
-
-    Raises
-    ------
-    BrokenPageError, IndexError
-        Something is not plain, or damaged.
+    `root` is its first page. Its columns are id, topic_id, timestamp and data, and id is the key; `fetch`
+    returns the payload of a key, however long. BrokenPageError or IndexError where something is not plain, or
+    damaged.
     """
 
     def __init__(self, file: BufferedReader, root: int, fetch: Callable[[int], bytes]) -> None:
@@ -188,19 +174,7 @@ def _distinct(page: Index) -> tuple[Index, Index]:
 
 
 def _decoded(block: Bytes, page: Index, pages: Pages) -> _Rows:
-    """Decode the rows of some leaves.
-
-    Parameters
-    ----------
-    block : ndarray of uint8
-        The pages, one after the other.
-    page : ndarray of int64, shape (m,)
-        Their numbers.
-
-    Raises
-    ------
-    BrokenPageError, IndexError
-    """
+    """Decode the rows of some leaves: their bytes, one after the other, and their numbers."""
     size, usable = pages.size, pages.usable
     first = np.arange(len(page)) * size
     if (block[first] != TABLE_LEAF).any():

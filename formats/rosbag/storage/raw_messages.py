@@ -21,24 +21,16 @@ WILD = 3600 * 10**9
 
 @dataclass(frozen=True, slots=True)
 class Messages:
-    """Messages of one connection, in the order of their log times.
+    """Messages of one connection, in the order of their log times."""
 
-    Parameters
-    ----------
-    buffer : bytes or memoryview of bytes
-        May hold more than these messages.
-    starts, sizes : ndarray of int64, shape (n,)
-        Of each payload, in bytes.
-    times : ndarray of int64, shape (n,)
-        Log times, ns.
-    order : ndarray of int64, shape (n,)
-        Rising with the place in the file: what decides between equal times.
-    """
-
+    #: May hold more than these messages.
     buffer: bytes | memoryview
+    #: Of each payload, in bytes; shape (n,).
     starts: Index
     sizes: Index
+    #: Log times, ns; shape (n,).
     times: Index
+    #: Rising with the place in the file: what decides between equal times; shape (n,).
     order: Index
 
     def __len__(self) -> int:
@@ -63,20 +55,7 @@ class Messages:
 def of_payloads(
     payloads: Sequence[bytes], times: Sequence[int] | None = None, order: Sequence[int] | None = None
 ) -> Messages:
-    """Join single messages.
-
-    Parameters
-    ----------
-    times : sequence of int, optional
-        Log times in ns; zero if not given.
-    order : sequence of int, optional
-        As in `Messages`; rising by one if not given.
-
-    Raises
-    ------
-    OverflowError
-        A time is beyond the year 2262.
-    """
+    """Join single messages; log times are in ns, zero if not given, and `order` rises by one if not given."""
     rows = len(payloads)
     sizes = np.fromiter(map(len, payloads), np.int64, rows)
     clock = np.zeros(rows, np.int64) if times is None else np.array(times, dtype=np.int64)
@@ -87,16 +66,9 @@ def of_payloads(
 def collected(
     messages: Iterable[tuple[int, int, bytes]], size: int, most: int = 64
 ) -> Iterator[dict[int, Messages]]:
-    """Collect single messages by connection.
+    """Collect messages (connection, log time in ns, payload) by connection, to pieces of so many bytes.
 
-    Parameters
-    ----------
-    messages : iterable of (int, int, bytes)
-        Number of the connection, log time in ns and payload.
-    size : int
-        Bytes after which those collected are yielded.
-    most : int
-        Messages that are taken before their bytes are counted.
+    `most` messages are taken before their bytes are counted.
     """
     rows = iter(messages)
     done = 0
@@ -115,15 +87,8 @@ def collected(
 def astray(times: Index) -> NDArray[np.bool_]:
     """Tell which log times are none: far from those before and behind, which are not far from each other.
 
-    Parameters
-    ----------
-    times : ndarray of int64, shape (n,)
-        In ns, in the order in which they were recorded.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        A clock that was set stays where it was set to: its times are right.
+    Times are in ns, in the order in which they were recorded. A clock that was set stays where it was set to:
+    its times are right.
     """
     if len(times) < 3:
         return np.zeros(len(times), dtype=bool)
@@ -143,48 +108,12 @@ def astray(times: Index) -> NDArray[np.bool_]:
 
 
 def numbers_at(buffer: bytes | memoryview | NDArray[np.uint8], places: Index, code: str) -> NDArray[Any]:
-    """Read a number at each of some places, wherever they are.
-
-    Parameters
-    ----------
-    buffer : bytes, memoryview or ndarray of uint8
-    places : ndarray of int64, shape (n,)
-    code : str
-        NumPy's, such as "<u4".
-
-    Returns
-    -------
-    ndarray, shape (n,)
-
-    Raises
-    ------
-    IndexError
-        A place is beyond the buffer.
-    """
+    """Read a number (of NumPy's code, such as "<u4") at each of some places, wherever they are."""
     count = max(0, len(buffer) - int(code[2:]) + 1)
     return np.asarray(np.ndarray((count,), code, buffer, strides=(1,))[places])
 
 
 def parts_at(buffer: bytes | memoryview | NDArray[np.uint8], places: Index, size: int) -> NDArray[np.uint8]:
-    """Copy equally long parts together: of some bytes here and there, twice as fast as number by number.
-
-    Parameters
-    ----------
-    buffer : bytes, memoryview or ndarray of uint8
-    places : ndarray of int64, shape (n,)
-        Where the parts begin.
-    size : int
-        Bytes of one.
-
-    Returns
-    -------
-    ndarray of uint8, shape (n * size,)
-        One after the other.
-
-    Raises
-    ------
-    IndexError
-        A part ends beyond the buffer.
-    """
+    """Copy equally long parts together: of some bytes here and there, twice as fast as number by number."""
     count = max(0, len(buffer) - size + 1)
     return np.ndarray((count,), f"V{size}", buffer, strides=(1,))[places].view("u1")

@@ -67,15 +67,7 @@ class Ros1File(Reader):
         return chunk._replace(decompressor=_BOUNDED.get(chunk.decompressor, chunk.decompressor))
 
     def read_index_data(self, pos: int, indexes: Unused) -> None:  # noqa: ARG002 - as rosbags calls it
-        """Note where the index of one connection in one chunk stands.
-
-        Parameters
-        ----------
-        pos : int
-            Of the chunk.
-        indexes : dict
-            Not used.
-        """
+        """Note where the index of one connection in one chunk stands."""
         bio = opened(self.bio)
         (length,) = _UINT32.unpack(bio.read(4))
         header = bio.read(length)

@@ -29,22 +29,10 @@ _LZ4_AT_ONCE = 4 << 20
 
 
 def unpack(packed: bytes | memoryview, packing: str, most: int = CHUNK_BYTES) -> bytes:
-    """Unpack a chunk or a message.
+    """Unpack a chunk or a message ("lz4", "zstd", "bz2", "none" or "") to so many bytes at the most.
 
-    Parameters
-    ----------
-    packing : {"lz4", "zstd", "bz2", "none", ""}
-    most : int
-        Bytes that it becomes at most, where something tells.
-
-    Raises
-    ------
-    TooMuchError
-        It becomes more than that, or than `formats.limits.unpacked_limit` allows.
-    ValueError
-        It is cut off, or packed in an unknown way.
-    Exception
-        What the library below says of corrupt bytes.
+    TooMuchError beyond that, or beyond `formats.limits.unpacked_limit`; ValueError where it is cut off, or
+    packed in an unknown way; of corrupt bytes what the library below raises.
     """
     if packing in {"", "none"}:
         return bytes(packed)
@@ -87,13 +75,7 @@ def _claimed(data: bytes) -> int:
 
 
 def unpacks(packed: bytes, packing: str) -> bool:
-    """Tell whether something can be unpacked.
-
-    Parameters
-    ----------
-    packing : str
-        As for `unpack`.
-    """
+    """Tell whether something can be unpacked."""
     try:
         unpack(packed, packing)
     except Exception:  # noqa: BLE001 - the libraries raise anything

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.telemetry import alignment, derived_channels
+from terrain_cli.telemetry.channel_sources import match_name
 from terrain_cli.telemetry.derive import effect_inputs, plausibility, usable_samples
-from terrain_cli.telemetry.derive.unit_evidence import UnitEvidence
+from terrain_cli.telemetry.derive.unit_doubts import UnitEvidence
 from terrain_cli.telemetry.plan import derivable_channels
 from terrain_cli.telemetry.raw_columns import as_numbers
-from terrain_cli.telemetry.wheel_names import match_name
 from terrain_cli.telemetry.wheel_samples import Geometry, Raw, Samples
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
@@ -31,13 +31,7 @@ if TYPE_CHECKING:
 
 
 def wheel_of(raw: Raw, rover: Rover) -> Wheel:
-    """Return what rover.toml says of the wheel of some samples.
-
-    Raises
-    ------
-    ConfigurationError
-        rover.toml names its wheels, and this is none of them.
-    """
+    """Return what rover.toml says of the wheel of some samples."""
     return rover.wheel(match_name(raw.wheel, rover.wheels) or raw.wheel)
 
 
@@ -53,23 +47,9 @@ def assemble(
 ) -> Samples:
     """Derive what was not recorded, and judge every sample of a wheel.
 
-    Parameters
-    ----------
-    raw : Raw
-        Consumed: its channels become those of the result. Nothing may be `lacking`.
-    effects : sequence of Effect, optional
-        As for `read`; samples without something that an effect needs are set aside.
-    columns : collection of str
-        Further numeric columns that are kept, where they were read.
-    checked : bool
-        It is a later part of a log, whose units were looked at.
-
-    Raises
-    ------
-    InputError
-        Its times are not in seconds.
-    ImplausibleError
-        It cannot be true.
+    The raw channels are consumed: they become those of the result. Nothing may be `lacking`. `columns` are
+    further numeric ones that are kept, where they were read; `checked` says that it is a later part of a log,
+    whose units were looked at.
     """
     source, wheel = layout.source, wheel_of(raw, rover)
     radius, width = rover.geometry(wheel)
@@ -87,7 +67,9 @@ def assemble(
     origins = derivable_channels.complete(raw, wheel, rover)
     if where is not None:
         _keep(raw, where)
-    reasons, restarts = usable_samples.set_aside(raw.channels, raw.time, radius, skids=effects is not None)
+    reasons, restarts = usable_samples.set_aside(
+        raw.channels, raw.time, radius, width, skids=effects is not None
+    )
     gap = alignment.stretch_gap(raw.time, rover.max_gap) if raw.time is not None else 0.0
     stretch = usable_samples.stretches(
         raw.time,

@@ -41,17 +41,9 @@ _FORM = (
 class Condition:
     """A condition on the rows of a table or the samples of a wheel.
 
-    Parameters
-    ----------
-    text : str
-        Comparisons (``== != < <= > >=``) of column names with numbers or quoted texts, joined by
-        ``and``, ``or``, ``not`` and parentheses. A header that is not a plain name stands in
-        backticks: ```load [kN]` > 0.1``.
-
-    Raises
-    ------
-    UsageError
-        The text is anything else. It is never executed.
+    Comparisons (``== != < <= > >=``) of column names with numbers or quoted texts, joined by ``and``, ``or``,
+    ``not`` and parentheses. A header that is not a plain name stands in backticks: ```load [kN]` > 0.1``.
+    Anything else is a UsageError, and never executed.
     """
 
     def __init__(self, text: str) -> None:
@@ -104,23 +96,7 @@ class Condition:
         }
 
     def holds(self, columns: Mapping[str, Column]) -> Mask:
-        """Evaluate the condition.
-
-        Parameters
-        ----------
-        columns : mapping of str to ndarray or Labels, shape (n,)
-            One entry for each of `wheel_names`.
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-            False wherever it turns on a number or time that is missing.
-
-        Raises
-        ------
-        UsageError
-            It compares texts with numbers.
-        """
+        """Tell in which rows the condition holds: not where it turns on a number or time that is missing."""
         return self._evaluate(self._tree, columns)[0]
 
     def _evaluate(self, node: ast.AST, columns: Mapping[str, Column]) -> tuple[Mask, Mask]:

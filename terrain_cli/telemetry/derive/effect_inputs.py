@@ -34,18 +34,10 @@ _RIPPLING, _BESIDE = ("torque", "drawbar_pull", "sinkage"), ("time", "load", "sl
 
 
 def sources(name: str) -> tuple[str, ...]:
-    """Return what a need is computed from.
+    """Return the channels and columns, "time" among them, that a need is computed from.
 
-    Parameters
-    ----------
-    name : str
-        A channel, a further column, the rate of either (``torque_rate``), the angle through which
-        the wheel has turned (``wheel_angle``, see `grouser_phase`), or a constant of the wheel.
-
-    Returns
-    -------
-    tuple of str
-        Channels and columns; "time" is one of them.
+    It is a channel, a further column, the rate of either (``torque_rate``), the angle through which the wheel
+    has turned (``wheel_angle``, see `grouser_phase`), or a constant of the wheel.
     """
     if name in CHANNELS:
         return (name,)
@@ -103,40 +95,17 @@ def _there(raw: Raw) -> set[str]:
 def drivers(
     raw: Raw, wheel: Wheel, rows: NDArray[np.intp], stretch: NDArray[np.intp], effects: Iterable[Effect]
 ) -> dict[str, Array]:
-    """Compute what makes a difference to the effects of a model.
+    """Compute what makes a difference to the effects of a model; nothing of what they need may be `lacking`.
 
-    Parameters
-    ----------
-    raw : Raw
-        Nothing of what they need may be `lacking`.
-    rows : ndarray of int
-        The samples that can be used.
-    stretch : ndarray of int, shape (n,)
-        Number of the continuous stretch of each sample.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n,)
-        Without the constants of the wheel, and without what an effect only uses if it is there, and
-        is not. NaN where not known, and outside `rows`.
+    `rows` are the samples that can be used. Without the constants of the wheel, and without what an effect
+    only uses if it is there, and is not. NaN where not known, and outside `rows`.
     """
     known = {**{name: as_numbers(column) for name, column in raw.extras.items()}, **raw.channels}
     return _computed(known, raw.time, rows, stretch, wheel.grouser_count, effects)
 
 
 def of_samples(samples: Samples, effects: Iterable[Effect]) -> dict[str, Array]:
-    """Compute what makes a difference to further effects, from samples that were read for a comparison.
-
-    Parameters
-    ----------
-    samples : Samples
-        With every channel and further column.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n,)
-        As from `drivers`: what cannot be computed is not there.
-    """
+    """Compute what makes a difference to further effects, where samples for a comparison tell it."""
     known = {**samples.drivers, **samples.channels}
     found = _computed(
         known, samples.time, samples.usable, samples.stretch, samples.geometry.grouser_count, effects

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.telemetry.derive import doubts
-from terrain_cli.telemetry.derive.doubts import ALIKE, Doubt, Mend, Suspicion, Weight
+from terrain_cli.telemetry.derive import unit_doubts
+from terrain_cli.telemetry.derive.unit_doubts import ALIKE, Doubt, Mend, Suspicion, Weight
 from terrain_cli.telemetry.derive.usable_samples import MOST_PRESSURE
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.telemetry.channel_sources import Plan
-    from terrain_cli.telemetry.derive.unit_evidence import UnitEvidence
+    from terrain_cli.telemetry.derive.unit_doubts import UnitEvidence
 
     Array = NDArray[np.float64]
 
@@ -351,9 +351,10 @@ def _stuck(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
 
 #: In this order: of several that are errors the first is raised.
 CHECKS: tuple[Callable[[UnitEvidence], Suspicion | None], ...] = (
+    # A velocity that was derived from a slip in % is wrong with it.
+    _slip,
     _track,
     _sparse,
-    _slip,
     _rim,
     _depth,
     _forces,
@@ -369,12 +370,6 @@ CHECKS: tuple[Callable[[UnitEvidence], Suspicion | None], ...] = (
 
 
 def found(layout: Plan, wheel: str, evidence: UnitEvidence) -> list[Doubt]:
-    """Say what is hardly true of a wheel, and what would mend it.
-
-    Raises
-    ------
-    ImplausibleError
-        It cannot be true.
-    """
+    """Say what is hardly true of a wheel, and what would mend it; what cannot be true is an error."""
     suspicions = filter(None, (check(evidence) for check in CHECKS))
-    return doubts.tell(layout, wheel, evidence.feeds, suspicions)
+    return unit_doubts.tell(layout, wheel, evidence.feeds, suspicions)

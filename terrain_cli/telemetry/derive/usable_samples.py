@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 
 #: The densest soils bear 0.6 MPa with a safety of 3 (BS 8004, presumed bearing values); Pa.
 MOST_PRESSURE = 2e6
+#: Cohesion of a soil that bears it: a strip presses with (2 + π) c at the most (Prandtl 1921); Pa.
+_MOST_COHESION = MOST_PRESSURE / (2.0 + np.pi)
+#: T/(W r) of friction alone, four times what the equations give (`plausibility.MOST_TORQUE`): judged.
+_MOST_FRICTION = 10.0
+#: z/r: on firm ground a sensor's noise may make a sinkage as small as it likes. Judged.
+_LEAST_DEPTH = 0.01
 #: No vehicle on soil is faster; m/s.
 MOST_SPEED = 100.0
 BACKWARDS = "time runs backwards"
@@ -27,28 +33,12 @@ STANDS = "wheel stands (ω = 0, slip undefined)"
 
 
 def set_aside(
-    channels: Mapping[str, Array], time: Array | None, radius: float, *, skids: bool = False
+    channels: Mapping[str, Array], time: Array | None, radius: float, width: float, *, skids: bool = False
 ) -> tuple[Labels, NDArray[np.intp]]:
-    """Give each sample the first reason for which it cannot be used.
+    """Give each sample the first reason for which it cannot be used (else −1), and find clock restarts.
 
-    Parameters
-    ----------
-    channels : mapping of str to ndarray, shape (n,)
-        SI units; load and slip are needed, and torque and sinkage where they are there at all;
-        angular_velocity and velocity are used where they are there.
-    time : ndarray, shape (n,), or None
-        In s.
-    radius : float
-        Wheel radius in m.
-    skids : bool
-        Keep the samples of a skidding wheel, which the whole model covers and the line does not.
-
-    Returns
-    -------
-    reasons : Labels, shape (n,)
-        Code −1 where the sample can be used.
-    restarts : ndarray of int
-        Indices at which the clock begins anew.
+    Of the channels (SI) load and slip are needed, and others used where they are there. `skids` keeps the
+    samples of a skidding wheel, which the whole model covers and the line does not.
     """
     n = len(channels["load"])
     names: list[str] = []
@@ -70,13 +60,13 @@ def set_aside(
         because(BACKWARDS, backwards)
         because("time repeated", repeated)
     with np.errstate(invalid="ignore"):
-        for reason, where in _unusable(channels, radius, skids=skids):
+        for reason, where in _unusable(channels, radius, width, skids=skids):
             because(reason, where)
     return Labels(codes, tuple(names)), restarts
 
 
 def _unusable(
-    channels: Mapping[str, Array], radius: float, *, skids: bool
+    channels: Mapping[str, Array], radius: float, width: float, *, skids: bool
 ) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Yield what can be wrong with the values of a sample, and where it is, the plainest reason first."""
     omega = channels.get("angular_velocity")
@@ -102,15 +92,18 @@ def _unusable(
         yield "sinkage not positive", channels["sinkage"] <= 0.0
         yield "sinkage beyond the wheel radius", channels["sinkage"] >= radius
     yield "load not positive", load <= 0.0
-    yield from _beyond(channels, radius)
+    yield from _beyond(channels, radius, width)
 
 
-def _beyond(channels: Mapping[str, Array], radius: float) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+def _beyond(
+    channels: Mapping[str, Array], radius: float, width: float
+) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     """Yield what no single sample can be, and where it is."""
-    # The whole wheel pressed into the densest soil, were it as wide as it is high.
-    force = MOST_PRESSURE * (2.0 * radius) ** 2
+    depth = np.clip(channels.get("sinkage", np.array(radius)) / radius, _LEAST_DEPTH, 1.0)
+    area = width * radius * np.sqrt((2.0 - depth) * depth)
+    force = _MOST_COHESION * area + _MOST_FRICTION * np.abs(channels["load"])
     limits = {
-        "load": (force, "load beyond what soil bears"),
+        "load": (MOST_PRESSURE * area, "load beyond what soil bears"),
         "torque": (force * radius, "torque beyond what soil takes"),
         "drawbar_pull": (force, "drawbar_pull beyond what soil takes"),
         "velocity": (MOST_SPEED, "velocity beyond that of any vehicle"),
@@ -122,19 +115,7 @@ def _beyond(channels: Mapping[str, Array], radius: float) -> Iterator[tuple[str,
 
 
 def also_aside(reasons: Labels, reason: str, where: NDArray[np.bool_]) -> Labels:
-    """Set further samples aside.
-
-    Parameters
-    ----------
-    reasons : Labels, shape (n,)
-        From `set_aside`.
-    where : ndarray of bool, shape (n,)
-
-    Returns
-    -------
-    Labels, shape (n,)
-        As before where there was a reason already.
-    """
+    """Set further samples aside; where there was a reason already, that stays."""
     new = where & (reasons.codes < 0)
     if not new.any():
         return reasons
@@ -156,22 +137,8 @@ def stretches(
     nothing usable, for longer than `max_gap`. A wheel that stands does not interrupt the ground
     under it.
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,), or None
-        In s; without a clock only runs count.
-    reasons : Labels, shape (n,)
-        From `set_aside`.
-    runs : Labels, shape (n,), optional
-    restarts : ndarray of int, optional
-        From `set_aside`.
-    max_gap : float
-        In s.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        Increasing from 0. A gap is counted at the first usable sample behind it.
+    Numbers rise from 0; a gap is counted at the first usable sample behind it. Without a clock only runs
+    count.
     """
     n = len(reasons)
     begins = np.zeros(n, dtype=bool)
@@ -190,22 +157,7 @@ def stretches(
 
 
 def driving_time(time: Array, reasons: Labels, max_gap: float) -> Array:
-    """Return a clock that stops while the wheel stands, so that only lost driving counts as a gap.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        In s; n > 0.
-    reasons : Labels, shape (n,)
-        From `set_aside`.
-    max_gap : float
-        In s.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In s, never falling.
-    """
+    """Return a clock (s, never falling) that stops while the wheel stands: only lost driving is a gap."""
     standing, astray = (_is(reasons, reason) for reason in (STANDS, BACKWARDS))
     known, clock, n = np.isfinite(time) & ~astray, time, len(time)
     if not known.all():

@@ -35,21 +35,14 @@ SOURCES = (
 
 
 class Lack(NamedTuple):
-    """Something that is needed and can be had from nothing.
+    """Something that is needed and can be had from nothing."""
 
-    Parameters
-    ----------
-    what : str
-        A channel, "geometry" or "shear modulus".
-    ask : tuple of str
-        Channels that would supply it; empty where rover.toml itself must say it.
-    lines : tuple of str
-        What to add to rover.toml, if not a channel: the header of a table, then its keys.
-    """
-
+    #: A channel, "geometry" or "shear modulus".
     what: str
     because: str
+    #: Channels that would supply it; empty where rover.toml itself must say it.
     ask: tuple[str, ...] = ()
+    #: What to add to rover.toml, if not a channel: the header of a table, then its keys.
     lines: tuple[str, ...] = ()
 
 
@@ -57,16 +50,6 @@ def routes(available: Collection[str], wheel: Wheel, rover: Rover) -> tuple[dict
     """Say how each needed channel that was not recorded can be derived, or what is missing.
 
     So for the velocity, which no estimate needs, but some effects do.
-
-    Parameters
-    ----------
-    available : collection of str
-        Channels that are there.
-
-    Returns
-    -------
-    derived : dict of str to str
-        Channel → from what, in words.
     """
     have = set(available)
     ways = {
@@ -134,18 +117,7 @@ def settings(wheel: Wheel, rover: Rover) -> list[Lack]:
 
 
 def complete(raw: Raw, wheel: Wheel, rover: Rover) -> dict[str, str]:
-    """Derive the channels that were not recorded and that `routes` finds, in place.
-
-    Parameters
-    ----------
-    raw : Raw
-        `raw.channels` gains the derived ones.
-
-    Returns
-    -------
-    dict of str to str
-        Where every channel comes from, in words; derived ones begin with "derived".
-    """
+    """Derive in place the channels not recorded that `routes` finds; say where every channel comes from."""
     origins = {name: str(feed) for name, feed in raw.feeds.items()}
     body = raw.feeds.get("velocity")
     # What is infinite is set aside later.

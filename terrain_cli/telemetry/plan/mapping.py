@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry.channel_sources import CLOCKS, Feed, Plan
-from terrain_cli.telemetry.plan import standard_messages, table_clock, topic_discovery
+from terrain_cli.telemetry.channel_sources import CLOCKS, Feed, Plan, match_name
+from terrain_cli.telemetry.plan import table_clock, topic_discovery
 from terrain_cli.telemetry.raw_columns import as_numbers
-from terrain_cli.telemetry.wheel_names import match_name
-from terrain_cli.vocabulary import time_names, units
-from terrain_cli.vocabulary.channels import CHANNELS, identify, resolve, stated_unit, unit_hint
+from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.channels import CHANNELS, identify, resolve, stated_unit, time_pairs, unit_hint
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,16 +32,7 @@ def is_table(source: Source) -> bool:
 
 
 def plan(source: Source, rover: Rover) -> Plan:
-    """Decide what feeds each channel: rover.toml first, then names, then the standard messages.
-
-    Raises
-    ------
-    InputError
-        Two columns for one channel, a unit of the wrong dimension.
-    ConfigurationError
-        rover.toml names a column or topic that is not there, or leaves out a unit that nothing
-        else gives.
-    """
+    """Decide what feeds each channel: rover.toml first, then names, then the standard messages."""
     streams = {stream.topic: stream for stream in source.streams()}
     result = Plan(source=source)
     asked = _asked(rover, streams, table=is_table(source), labels=result.labels)
@@ -80,38 +70,30 @@ def _plan_table(result: Plan, stream: Stream, asked: dict[str, dict[str, Feed]],
     chosen = _given(asked) | ({"wheel"} if "" in result.labels else set())
     headers = [f.name for f in stream.fields]
     settled = steady or "time" in headers or any("time" in feeds for feeds in asked.values())
-    pairs = [] if settled else time_names.pairs(headers)
+    pairs = [] if settled else time_pairs(headers)
     halves = {header for pair in pairs for header in pair.headers}
     try:
-        resolution = resolve(
+        channels = resolve(
             [header for header in headers if header not in halves],
             chosen=chosen | ({"time"} if steady else set()),
         )
     except InputError as error:
         raise InputError(f"{result.source.path}: {error}", hint=error.hint) from None
-    for channel, (header, match) in resolution.channels.items():
+    for channel, (header, match) in channels.items():
         if channel == "wheel":
             result.labels[""] = header
-        elif match.unit != CHANNELS[channel].unit:
-            result.shared[channel] = Feed(
-                channel=channel,
-                topic="",
-                fields=(header,),
-                unit=match.unit,
-                note="converted",
-                stated=match.stated,
-            )
-        else:
-            note = "" if match.exact or match.stated else "recognised by its name"
-            result.shared[channel] = Feed(
-                channel=channel, topic="", fields=(header,), unit=match.unit, note=note, stated=match.stated
-            )
+            continue
+        note = "" if match.exact or match.stated else "recognised by its name"
+        if match.unit != CHANNELS[channel].unit:
+            note = "converted"
+        result.shared[channel] = Feed(
+            channel=channel, fields=(header,), unit=match.unit, note=note, stated=match.stated
+        )
     result.shared |= asked.pop("", {})
     result.wheels = asked
     if not settled:
         table_clock.settle(result, pairs)
-    feeds = [*result.shared.values(), *(feed for its in asked.values() for feed in its.values())]
-    used = {name for feed in feeds for name in feed.fields} | set(result.labels.values())
+    used = {name for feed in result.every_feed for name in feed.fields} | set(result.labels.values())
     kinds = {f.name: f.kind for f in stream.fields}
     result.extras = tuple(name for name, kind in kinds.items() if kind == "number" and name not in used)
 
@@ -134,7 +116,7 @@ def _plan_bag(
     joints = [
         name
         for s in streams.values()
-        if s.type == standard_messages.JOINT_STATE
+        if s.type == topic_discovery.JOINT_STATE
         for f in s.fields
         for name in f.elements
     ]
@@ -162,7 +144,7 @@ def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed
 
     They are in messages of another publisher.
     """
-    if stream.type != standard_messages.JOINT_STATE:
+    if stream.type != topic_discovery.JOINT_STATE:
         return []
     feeds = (feed for its in asked.values() for feed in its.values() if feed.topic == stream.topic)
     joints = {name.partition("[")[2].removesuffix("]") for feed in feeds for name in feed.fields}
@@ -179,15 +161,8 @@ def _unheard(result: Plan, stream: Stream, asked: Mapping[str, Mapping[str, Feed
 def only_wheel(rover: Rover, there: Sequence[str] = ()) -> str:
     """Return the name of a wheel that the data do not name.
 
-    Parameters
-    ----------
-    there : sequence of str
-        Wheels that the topics tell apart.
-
-    Returns
-    -------
-    str
-        What rover.toml calls it, the joint or topic that it asks for, or "wheel".
+    What rover.toml calls it, the joint or topic that it asks for (by the wheels that the topics tell apart),
+    or "wheel".
     """
     entries = rover.default.channels
     if "wheel" in entries and entries["wheel"].constant is not None:
@@ -263,7 +238,7 @@ def _meant(entry: ChannelEntry, stream: Stream, wheel: str) -> Feed | None:
 def _unit(entry: ChannelEntry, message_type: str, name: str, topic: str) -> Unit | None:
     """Return the unit that the type of a message or the name of a field, topic or column fixes."""
     channel, dimension = entry.channel, CHANNELS[entry.channel].dimension
-    symbol = standard_messages.unit_symbol(message_type, name)
+    symbol = topic_discovery.unit_symbol(message_type, name)
     if symbol:
         unit = units.parse(symbol, dimension)
         if unit is None:

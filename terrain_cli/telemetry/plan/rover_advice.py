@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from terrain_cli.telemetry.plan import standard_messages
+from terrain_cli.telemetry.channel_sources import match_name
+from terrain_cli.telemetry.plan import topic_discovery
 from terrain_cli.telemetry.plan.derivable_channels import NOWHERE
 from terrain_cli.telemetry.plan.mapping import is_table
 from terrain_cli.telemetry.plan.topic_discovery import OF_WHEELS
-from terrain_cli.telemetry.wheel_names import match_name
 from terrain_cli.toml import toml_text
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
@@ -35,13 +35,7 @@ def because(plan: Plan, wheel: str, lack: Lack) -> str:
 
 
 def reasons(plan: Plan, wheel: str, lacks: Sequence[Lack]) -> list[str]:
-    """Say in a few words why channels are missing.
-
-    Returns
-    -------
-    list of str
-        Channels of which the data say nothing stand together in one.
-    """
+    """Say in a few words why channels are missing; those of which the data say nothing in one."""
     told = [(lack.what, because(plan, wheel, lack)) for lack in lacks]
     silent = [what for what, text in told if text.startswith(NOWHERE)]
     loud = [f"no {what}: {text}" for what, text in told if not text.startswith(NOWHERE)]
@@ -50,18 +44,7 @@ def reasons(plan: Plan, wheel: str, lacks: Sequence[Lack]) -> list[str]:
 
 
 def lines(plan: Plan, lacks: Mapping[str, Sequence[Lack]]) -> str:
-    """Write the lines that would supply what is missing.
-
-    Parameters
-    ----------
-    lacks : mapping of str to sequence of Lack
-        By wheel.
-
-    Returns
-    -------
-    str
-        TOML, each table once.
-    """
+    """Write the lines of TOML, each table once, that would supply what is missing of each wheel."""
     tables: dict[str, dict[str, None]] = {}
     for wheel, missing in lacks.items():
         for lack in missing:
@@ -92,12 +75,7 @@ def header(plan: Plan, wheel: str, channel: str) -> str:
 def entry(feed: Feed, unit: str, scale: float = 1.0) -> str:
     """Write the line that reads a channel in another unit from where it is read now.
 
-    Parameters
-    ----------
-    unit : str
-        That what was read in SI units is in instead.
-    scale : float
-        To that unit.
+    The unit is that which what was read in SI units is in instead, and `scale` leads to it.
     """
     symbol, scale = _in(feed, unit, scale)
     keys = [place(feed) if feed.constant is None else f"constant = {toml_text.value(feed.constant)}"]
@@ -155,7 +133,7 @@ def _topic(plan: Plan, wheel: str, channel: str) -> list[str]:
     joints = [
         (stream.topic, names)
         for stream in (streams if channel == "torque" else ())
-        if stream.type == standard_messages.JOINT_STATE
+        if stream.type == topic_discovery.JOINT_STATE
         and (names := next((f.elements for f in stream.fields if f.name == "effort"), ()))
     ]
     # Of several topics of joints that which has the one called as the wheel.
@@ -178,10 +156,8 @@ def _fitting(plan: Plan, dimension: str) -> Iterator[str]:
     """Yield the topics that are not used with their fields of one number, which may be of a dimension."""
     for stream in plan.source.streams():
         for field in stream.fields if not _used(plan, stream.topic) else ():
-            symbol = standard_messages.unit_symbol(stream.type, field.name)
-            known = (
-                units.parse(symbol, dimension) if symbol else not standard_messages.is_standard(stream.type)
-            )
+            symbol = topic_discovery.unit_symbol(stream.type, field.name)
+            known = units.parse(symbol, dimension) if symbol else not topic_discovery.is_standard(stream.type)
             if field.kind == "number" and known and not field.name.startswith("header."):
                 yield f"{stream.topic} {field.name}"
 
@@ -205,5 +181,4 @@ def _is_value(stream: Stream) -> bool:
 
 
 def _used(plan: Plan, topic: str) -> bool:
-    feeds = (*plan.shared.values(), *(feed for its in plan.wheels.values() for feed in its.values()))
-    return any(feed.topic == topic for feed in feeds)
+    return any(feed.topic == topic for feed in plan.every_feed)

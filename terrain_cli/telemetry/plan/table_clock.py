@@ -14,15 +14,14 @@ from terrain_cli.telemetry.channel_sources import Feed
 from terrain_cli.telemetry.raw_columns import as_labels, as_numbers, take
 from terrain_cli.telemetry.wheel_samples import Notice
 from terrain_cli.toml import toml_text
-from terrain_cli.vocabulary import time_names
-from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
+from terrain_cli.vocabulary.channels import CHANNELS, stated_unit, time_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Generator, Mapping, Sequence
 
     from formats import Batch, Column, Source
     from terrain_cli.telemetry.channel_sources import Plan
-    from terrain_cli.vocabulary.time_names import TimeName
+    from terrain_cli.vocabulary.channels import TimeName
 
 #: Rows that are looked at.
 _ROWS = 65_536
@@ -54,6 +53,11 @@ class _Rise(NamedTuple):
         return self.steps >= _FEW and self.up >= _RISING
 
     @property
+    def in_whole_seconds(self) -> bool:
+        """It never falls and rises time and again, if not at every row."""
+        return self.down == 0.0 and round(self.up * self.steps) >= _FEW
+
+    @property
     def as_a_clock(self) -> bool:
         """It hardly falls, as what is called a time must not; one row has nothing to rise from."""
         return not self.steps or (self.up >= _RISING * (self.up + self.down) and self.up * _WHEELS >= 1.0)
@@ -62,23 +66,13 @@ class _Rise(NamedTuple):
 def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
     """Find the time of a table that has no column `time`, and doubt that it has none.
 
-    Parameters
-    ----------
-    plan : Plan
-        Gains the feed of the time, or else a remark, or the error that its rows can hardly be steady
-        test points.
-    pairs : sequence of TimeName
-        Its columns of whole seconds and fractions.
-
-    Raises
-    ------
-    InputError
-        Several columns can be the time.
+    The plan gains the feed of the time, or else a remark, or the error that its rows can hardly be steady
+    test points. `pairs` are its columns of whole seconds and fractions.
     """
     source, known = plan.source, plan.shared.get("time")
     unused = _unused(plan)
     halves = {header for pair in pairs for header in pair.headers}
-    names = time_names.names(header for header in unused if header not in halves)
+    names = time_names(header for header in unused if header not in halves)
     if known and not (pairs or names):
         return
     label = plan.labels.get("")
@@ -102,8 +96,7 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
 
 
 def _unused(plan: Plan) -> list[str]:
-    every = [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
-    used = {name for feed in every for name in feed.fields} | set(plan.labels.values())
+    used = {name for feed in plan.every_feed for name in feed.fields} | set(plan.labels.values())
     return [f.name for f in plan.source.streams()[0].fields if f.name not in used]
 
 
@@ -157,13 +150,10 @@ def _rise(column: Column, wheels: Labels | None, *, whole: bool = False) -> _Ris
 
 def _feed(name: TimeName) -> Feed:
     if len(name.headers) == 1:
-        return Feed(
-            channel="time", topic="", fields=name.headers, unit=name.unit, note="recognised by its name"
-        )
+        return Feed(channel="time", fields=name.headers, unit=name.unit, note="recognised by its name")
     factor = name.unit.factor
     return Feed(
         channel="time",
-        topic="",
         fields=name.headers,
         unit=CHANNELS["time"].unit,
         combine=lambda seconds, beyond: seconds + beyond * factor,
@@ -188,7 +178,7 @@ def _doubt(plan: Plan, table: Mapping[str, Column], wheels: Labels | None) -> No
         if rise.steadily:
             clear = is_time or stated or (rise.steps >= _MANY and not rise.counts)
             (sure if clear else rising).append(header)
-        elif is_time and rise.up > 0.0:
+        elif (is_time and rise.up > 0.0) or rise.in_whole_seconds:
             rising.append(header)
     shown = ", ".join(map(repr, (sure or rising)[:_OFFERED]))
     entries = [_entry(header, table[header]) for header in (sure or rising)[:_OFFERED]]

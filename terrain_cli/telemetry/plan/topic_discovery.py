@@ -1,23 +1,54 @@
-"""Channels found in the topics of a bag without rover.toml, and the wheels that they belong to."""
+"""Channels found in the topics of a bag without rover.toml, and the wheels that they belong to.
+
+Standard ROS messages have units, and fields that can mean only one channel. Units and axes (x forward,
+y left, z up) are those of REP 103. What a message leaves open is not guessed: the `effort` of a JointState
+may be a torque or a current, the velocity of a TwistStamped may be commanded.
+"""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from terrain_cli.telemetry.channel_sources import Feed
-from terrain_cli.telemetry.plan import standard_messages
-from terrain_cli.telemetry.wheel_names import match_name
+import numpy as np
+
+from terrain_cli.telemetry.channel_sources import Feed, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, identify
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from formats import Field, Stream
     from terrain_cli.telemetry.channel_sources import Plan
+    from terrain_cli.vocabulary.channels import Match
 
+    Array = NDArray[np.float64]
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+_STANDARD = re.compile(
+    r"(std|sensor|geometry|nav|diagnostic|tf2|rosgraph|rcl_interfaces|visualization)_msgs/msg/"
+)
+#: Fields of standard messages whose unit the message's definition fixes.
+_UNITS = (
+    (r"JointState", r"velocity", "rad/s"),
+    (r"JointState", r"position", "rad"),
+    (r"(Wrench|WrenchStamped)", r"(wrench\.)?force\.[xyz]", "N"),
+    (r"(Wrench|WrenchStamped)", r"(wrench\.)?torque\.[xyz]", "N m"),
+    (r"(Odometry|Pose.*|Point.*)", r"(.*\.)?(position|point)\.[xyz]", "m"),
+    (r"Point", r"[xyz]", "m"),
+    (r"(Odometry|Twist.*)", r"(.*\.)?linear\.[xyz]", "m/s"),
+    (r"(Odometry|Twist.*)", r"(.*\.)?angular\.[xyz]", "rad/s"),
+    (r"(Imu|Accel.*)", r"(.*\.)?(linear_acceleration|linear)\.[xyz]", "m/s²"),
+    (r"Imu", r"angular_velocity\.[xyz]", "rad/s"),
+    (r"NavSatFix", r"(longitude|latitude)", "deg"),
+    (r"NavSatFix", r"altitude", "m"),
+    (r"Temperature", r"temperature", "°C"),
+)
 #: Rank of what is called as a channel is: above what a standard message is taken to mean.
 NAMED = -1
 #: Members of single-valued messages that only say that there is a value.
@@ -29,39 +60,89 @@ OF_WHEELS = (
 )
 
 
+def pitch(x: Array, y: Array, z: Array, w: Array) -> Array:
+    """Pitch (rad) of a unit quaternion, positive nose up (REP 103's rotation about y: nose down)."""
+    return -np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+
+
+def roll(x: Array, y: Array, z: Array, w: Array) -> Array:
+    """Roll (rad) of a unit quaternion, positive left side up."""
+    return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x**2 + y**2))
+
+
+def _attitude(prefix: str, rank: int) -> Iterator[Feed]:
+    quaternion = tuple(f"{prefix}orientation.{axis}" for axis in "xyzw")
+    for channel, combine, up in (("pitch", pitch, "nose up"), ("roll", roll, "left side up")):
+        note = f"{up}, from the orientation"
+        yield Feed(channel=channel, fields=quaternion, combine=combine, note=note, rank=rank)
+
+
+_AXES = "the sensor's axes taken as x forward, z up"
+#: The channels that standard messages carry; their topics are those of a bag.
+MEANINGS: dict[str, tuple[Feed, ...]] = {
+    "nav_msgs/msg/Odometry": (
+        Feed(
+            channel="velocity",
+            fields=("twist.twist.linear.x",),
+            note="odometry taken as the true speed, not the wheels' own",
+            of_body=True,
+        ),
+        Feed(channel="yaw_rate", fields=("twist.twist.angular.z",), rank=1),
+        Feed(channel="x", fields=("pose.pose.position.x",)),
+        Feed(channel="y", fields=("pose.pose.position.y",)),
+        Feed(channel="elevation", fields=("pose.pose.position.z",)),
+        *_attitude("pose.pose.", 1),
+    ),
+    "sensor_msgs/msg/Imu": (Feed(channel="yaw_rate", fields=("angular_velocity.z",)), *_attitude("", 0)),
+    "sensor_msgs/msg/NavSatFix": (
+        Feed(channel="longitude", fields=("longitude",)),
+        Feed(channel="latitude", fields=("latitude",)),
+    ),
+    "geometry_msgs/msg/WrenchStamped": (
+        Feed(channel="load", fields=("wrench.force.z",), note=_AXES),
+        Feed(channel="drawbar_pull", fields=("wrench.force.x",), note=_AXES),
+    ),
+    "geometry_msgs/msg/Wrench": (
+        Feed(channel="load", fields=("force.z",), note=_AXES),
+        Feed(channel="drawbar_pull", fields=("force.x",), note=_AXES),
+    ),
+}
+
+
+def is_standard(message_type: str) -> bool:
+    """Tell whether a type belongs to the packages that come with ROS."""
+    return _STANDARD.match(message_type) is not None
+
+
+def unit_symbol(message_type: str, field: str) -> str | None:
+    """Return the unit that a standard message fixes for a field, unless its definition leaves it open."""
+    if not is_standard(message_type):
+        return None
+    name = message_type.rpartition("/")[2]
+    bare = field.partition("[")[0]
+    for types, fields, symbol in _UNITS:
+        if re.fullmatch(types, name) and re.fullmatch(fields, bare):
+            return symbol
+    return None
+
+
 @dataclass(frozen=True, slots=True)
 class TopicCandidate:
-    """A feed found without being asked for.
-
-    Parameters
-    ----------
-    places : tuple of str
-        Names that might tell its wheel: the parts of the topic, or the name beside a list.
-    """
+    """A feed found without being asked for."""
 
     feed: Feed
+    #: Names that might tell its wheel: the parts of the topic, or the name beside a list.
     places: tuple[str, ...]
 
 
 def find(stream: Stream) -> tuple[list[TopicCandidate], str | None]:
-    """Find the channels that one topic carries.
-
-    Returns
-    -------
-    label : str or None
-        The field that names the wheel of each message.
-
-    Raises
-    ------
-    InputError
-        A name with a unit that its channel cannot have.
-    """
+    """Find the channels that one topic carries, and the field, if any, that names the wheel."""
     fields = [f for f in stream.fields if not f.name.startswith("header.")]
-    if stream.type == standard_messages.JOINT_STATE:
+    if stream.type == JOINT_STATE:
         return _find_joints(stream), None
     if {f.name for f in fields} in _VALUE:
         return _find_by_topic(stream, fields[0]), None
-    if standard_messages.is_standard(stream.type):
+    if is_standard(stream.type):
         return _find_by_type(stream), None
     return _find_by_field(stream, fields)
 
@@ -92,8 +173,11 @@ def _find_by_topic(stream: Stream, field: Field) -> list[TopicCandidate]:
     match = identify(leaf, letters=False)
     if match is None or match.channel in {"time", "wheel"} or not _fits(field, match.channel):
         return []
-    feed = Feed(channel=match.channel, topic=stream.topic, fields=(field.name,), unit=match.unit, rank=NAMED)
-    return [TopicCandidate(feed, tuple(places))]
+    return [TopicCandidate(_named(stream, match, field.name), tuple(places))]
+
+
+def _named(stream: Stream, match: Match, path: str) -> Feed:
+    return Feed(channel=match.channel, topic=stream.topic, fields=(path,), unit=match.unit, rank=NAMED)
 
 
 def _fits(field: Field, channel: str) -> bool:
@@ -104,22 +188,12 @@ def _fits(field: Field, channel: str) -> bool:
 def _find_by_type(stream: Stream) -> list[TopicCandidate]:
     found = []
     there = {field.name for field in stream.fields}
-    for meaning in standard_messages.meanings(stream.type):
+    for meaning in MEANINGS.get(stream.type, ()):
         if not there.issuperset(meaning.fields):
             continue
-        symbol = standard_messages.unit_symbol(stream.type, meaning.fields[0])
+        symbol = unit_symbol(stream.type, meaning.fields[0])
         unit = None if meaning.combine else units.parse(symbol or "", CHANNELS[meaning.channel].dimension)
-        feed = Feed(
-            channel=meaning.channel,
-            topic=stream.topic,
-            fields=meaning.fields,
-            unit=unit,
-            combine=meaning.combine,
-            note=meaning.note,
-            rank=meaning.rank,
-            of_body=meaning.of_body,
-        )
-        found.append(TopicCandidate(feed, _places(stream)))
+        found.append(TopicCandidate(replace(meaning, topic=stream.topic, unit=unit), _places(stream)))
     return found
 
 
@@ -136,42 +210,19 @@ def _find_by_field(stream: Stream, fields: Sequence[Field]) -> tuple[list[TopicC
         if match.channel == "wheel":
             label = field.name if field.kind == "text" else label
         elif field.kind == "numbers":
-            feeds = (
-                (
-                    Feed(
-                        channel=match.channel,
-                        topic=stream.topic,
-                        fields=(f"{field.name}[{name}]",),
-                        unit=match.unit,
-                        rank=NAMED,
-                    ),
-                    name,
-                )
+            found += [
+                TopicCandidate(_named(stream, match, f"{field.name}[{name}]"), (name,))
                 for name in field.elements
-            )
-            found += [TopicCandidate(feed, (name,)) for feed, name in feeds]
+            ]
         elif _fits(field, match.channel):
-            feed = Feed(
-                channel=match.channel, topic=stream.topic, fields=(field.name,), unit=match.unit, rank=NAMED
-            )
-            found.append(TopicCandidate(feed, _places(stream)))
+            found.append(TopicCandidate(_named(stream, match, field.name), _places(stream)))
     return found, label
 
 
 def wheels_in(candidates: Mapping[str, Sequence[TopicCandidate]], labelled: Collection[str]) -> list[str]:
-    """Name the wheels that topics or joints of one kind tell apart.
+    """Name the wheels that topics or joints tell apart, by the first channel that has several.
 
-    Parameters
-    ----------
-    candidates : mapping of str to sequence of TopicCandidate
-        By channel.
-    labelled : collection of str
-        Topics whose messages name their wheel.
-
-    Returns
-    -------
-    list of str
-        Of the first channel of which there are several; empty if there is none.
+    The messages of topics that are `labelled` name their wheel.
     """
     for channel in OF_WHEELS:
         places = [c.places for c in candidates.get(channel, ()) if c.feed.topic not in labelled]
@@ -190,14 +241,9 @@ def _differing(places: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def assign(channel: str, found: Sequence[TopicCandidate], others: Iterable[str], plan: Plan) -> None:
-    """Give the feeds found for a channel to the wheels they belong to.
+    """Give the feeds found for a channel to the wheels they belong to; the others are not wanted.
 
-    Parameters
-    ----------
-    others : iterable of str
-        Wheels and joints of the bag that are not wanted.
-    plan : Plan
-        Gains the feeds; what none of several may be preferred for goes to `plan.doubtful`.
+    What none of several may be preferred for goes to `plan.doubtful`.
     """
     apart = dict.fromkeys(name for name in others if match_name(name, plan.wheels) is None)
     names = [*plan.wheels, *apart]

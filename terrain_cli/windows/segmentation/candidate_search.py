@@ -45,16 +45,11 @@ _SURVEY_SAMPLES = 40
 
 @dataclass(frozen=True)
 class Limits:
-    """Least size of a window.
-
-    Parameters
-    ----------
-    driven : ndarray, shape (n + 1,), optional
-        Metres up to each bound a window may have.
-    """
+    """Least size of a window."""
 
     samples: int
     metres: float = 0.0
+    #: Metres up to each bound a window may have; shape (n + 1,).
     driven: Array | None = None
 
     def met(self, first: Index, last: Index) -> NDArray[np.bool_]:
@@ -76,14 +71,8 @@ class _Places(NamedTuple):
 class _Chunks:
     """Costs of all windows within chunks of places, from which those least in sum are chosen.
 
-    Parameters
-    ----------
-    places : _Places
-        From 0 to n.
-    limits : Limits
-        Windows that begin or end at a seam may be shorter: they go on beyond it.
-    index : ndarray of int, shape (size + 1, chunks)
-        From `_chunked`.
+    Windows that begin or end at a seam may be shorter than the limits: they go on beyond it. `index`, shape
+    (size + 1, chunks), is from `_chunked`.
     """
 
     def __init__(self, places: _Places, limits: Limits, index: Index) -> None:
@@ -155,19 +144,10 @@ def _chunked(places: int, size: int) -> Index:
 
 
 def candidates(moments: RunningMoments, limits: Limits, penalty: float) -> tuple[Index, float]:
-    """Search for bounds among which all changes of the line are.
+    """Search for bounds, from 0 to n, among which all changes of the line are.
 
-    Parameters
-    ----------
-    penalty : float
-        Least gain of a bound, for white noise.
-
-    Returns
-    -------
-    bounds : ndarray of int
-        Samples, from 0 to n.
-    factor : float
-        By which the noise's correlation raises what a bound gains by chance.
+    `penalty` is the least gain of a bound, for white noise; by the factor that is returned the noise's
+    correlation raises what a bound gains by chance.
     """
     factor = _survey(moments, limits, penalty)
     places = _promising(moments, penalty * factor)
@@ -220,19 +200,9 @@ def _finer(moments: RunningMoments, edges: Index, block: Index) -> _Places:
 def _wanders(windows: Array, parts: Array, limit: float) -> NDArray[np.bool_]:
     """Tell in which windows the residuals about one line do not stay about it.
 
-    Parameters
-    ----------
-    windows : ndarray, shape (10, k)
-        Moments.
-    parts : ndarray, shape (5, m, k)
-        Moments W to XY of the first samples of each, of more and more of them.
-    limit : float
-        Squared range of the sums of residuals, and of their products with x, in units of the
-        variance of such a sum over the window.
-
-    Returns
-    -------
-    ndarray of bool, shape (k,)
+    `windows`, shape (10, k), are moments, and `parts`, shape (5, m, k), the moments W to XY of the first
+    samples of each, of more and more of them. The limit is of the squared range of the sums of residuals, and
+    of their products with x, in units of the variance of such a sum over the window.
     """
     slope, _ = line_costs.best_line(windows)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):

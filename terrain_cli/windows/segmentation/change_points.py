@@ -20,8 +20,8 @@ from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.segmentation.candidate_search import Limits, candidates
 from terrain_cli.windows.segmentation.merging import Criteria, Criterion, Refinement
 from terrain_cli.windows.segmentation.plain_windows import checked_distance, distinct, whole_windows
-from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
 from terrain_cli.windows.segmentation.running_moments import LONG, RunningMoments
+from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

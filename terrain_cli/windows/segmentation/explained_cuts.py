@@ -40,18 +40,9 @@ def needed(
 ) -> Bounds:
     """Return the bounds that are needed whatever y follows of some drivers.
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        Coordinates of the line, in Pa.
-    drivers : sequence of ndarray, shape (n,)
-        What y may follow in all windows alike; those that are not known everywhere are passed over.
-    bounds : ndarray of int, shape (windows + 1,)
-        From `change_points`.
-    fixed : ndarray of int
-        Bounds that stay: breaks of the series.
-    penalty : float
-        What a change must gain, in units of the long-run variance of the residuals.
+    x and y are in Pa; drivers that are not known everywhere are passed over. The `fixed` bounds, breaks of
+    the series, stay. The penalty is what a change must gain, in units of the long-run variance of the
+    residuals.
     """
     if len(np.setdiff1d(bounds[1:-1], fixed)) < _LEAST:
         return bounds

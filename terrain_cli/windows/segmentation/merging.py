@@ -39,17 +39,11 @@ _TOGETHER = 512
 
 @dataclass(frozen=True)
 class Criterion:
-    """Gain that makes a bound a change of soil.
+    """Gain that makes a bound a change of soil."""
 
-    Parameters
-    ----------
-    penalty : float
-        What chance may gain, in units of the noise's variance.
-    tolerance : float
-        Distance between two lines, as a share of the strength, that one soil may show.
-    """
-
+    #: What chance may gain, in units of the noise's variance.
     penalty: float
+    #: Distance between two lines, as a share of the strength, that one soil may show.
     tolerance: float
 
     def ratio(self, left: Array, right: Array, slopes: line_costs.Slopes | None = None) -> Array:
@@ -65,20 +59,13 @@ class Criterion:
 
 @dataclass(frozen=True)
 class Criteria:
-    """What a change of soil must meet.
+    """What a change of soil must meet."""
 
-    Parameters
-    ----------
-    always : Criterion
-        For the two windows.
-    beside : Criterion
-        For their samples beside the bound alone ...
-    gradual : Criterion
-        ... or else this for the windows.
-    """
-
+    #: For the two windows.
     always: Criterion
+    #: For their samples beside the bound alone ...
     beside: Criterion
+    #: ... or else this for the windows.
     gradual: Criterion
 
 

@@ -17,24 +17,9 @@ if TYPE_CHECKING:
 
 
 def whole_windows(n: int, *, breaks: Breaks = ()) -> Bounds:
-    """Return one window for each stretch between breaks.
+    """Return one window for each stretch between breaks: samples before which a new run begins, or a gap is.
 
-    Parameters
-    ----------
-    n : int
-        Number of samples.
-    breaks : sequence of int
-        Samples before which the series is interrupted: a new run, or a gap.
-
-    Returns
-    -------
-    ndarray of int, shape (windows + 1,)
-        Window j is ``[bounds[j], bounds[j + 1])``. The first bound is 0, the last is n.
-
-    Raises
-    ------
-    ValueError
-        A break lies outside 0 to n.
+    Window j is ``[bounds[j], bounds[j + 1])``. The first bound is 0, the last is n.
     """
     at = np.asarray(breaks, dtype=np.intp)
     if at.size and (at.min() < 0 or at.max() > n):
@@ -43,20 +28,7 @@ def whole_windows(n: int, *, breaks: Breaks = ()) -> Bounds:
 
 
 def label_windows(codes: ArrayLike, *, breaks: Breaks = ()) -> Bounds:
-    """Return a window for each run of samples with the same label.
-
-    Parameters
-    ----------
-    codes : array_like of int, shape (n,)
-        Label of each sample; samples without one share a code of their own.
-    breaks : sequence of int
-        As for `whole_windows`.
-
-    Returns
-    -------
-    ndarray of int, shape (windows + 1,)
-        As from `whole_windows`.
-    """
+    """Return a window for each run of samples with the same label, or all without one."""
     labels = np.asarray(codes)
     changes = np.flatnonzero(labels[1:] != labels[:-1]) + 1
     return whole_windows(len(labels), breaks=np.concatenate([changes, np.asarray(breaks, dtype=np.intp)]))
@@ -72,29 +44,8 @@ def fixed_windows(
 ) -> Bounds:
     """Return windows of one length; what is left at the end of a stretch is a window of its own.
 
-    Parameters
-    ----------
-    n : int
-        Number of samples.
-    samples : int, optional
-        Length in samples.
-    metres : float, optional
-        Length in m; give this or `samples`.
-    distance : array_like, shape (n,), optional
-        Metres driven up to each sample, never falling; needed for `metres`.
-    breaks : sequence of int
-        As for `whole_windows`. Lengths are counted anew from each.
-
-    Returns
-    -------
-    ndarray of int, shape (windows + 1,)
-        As from `whole_windows`.
-
-    Raises
-    ------
-    ValueError
-        Not exactly one of `samples` and `metres`, one that is not positive, `metres` without
-        `distance`, or a distance that is not finite or falls.
+    `distance`, metres driven up to each sample, never falls; `metres` needs it. Lengths are counted anew from
+    each break.
     """
     bounds = whole_windows(n, breaks=breaks)
     if (samples is None) == (metres is None):
@@ -118,29 +69,16 @@ def fixed_windows(
 
 
 def distinct(values: Bounds) -> Bounds:
-    """Return the different values, rising.
+    """Return the different values, rising, as ``np.unique`` does.
 
-    Parameters
-    ----------
-    values : ndarray of int, shape (k,)
-
-    Returns
-    -------
-    ndarray of int
-        As from ``np.unique``, which imports masked arrays: as long as it takes to search a short log.
+    That imports masked arrays: as long as it takes to search a short log.
     """
     rising = np.sort(values)
     return rising[np.diff(rising, prepend=rising[:1] - 1) > 0]
 
 
 def checked_distance(distance: ArrayLike, n: int) -> NDArray[np.float64]:
-    """Return the distance as floats.
-
-    Raises
-    ------
-    ValueError
-        It has not n values, or is not finite, or falls.
-    """
+    """Return the distance as floats; ValueError where it has not n values, or is not finite, or falls."""
     driven = np.asarray(distance, dtype=float)
     if driven.shape != (n,):
         raise ValueError(f"distance has shape {driven.shape}, there are {n} samples")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.windows.segmentation import block_sums
+from terrain_cli.windows.segmentation import sample_blocks
 from terrain_cli.windows.segmentation.line_costs import (
     MIDDLE_SLOPE,
     NOISE_XX,
@@ -18,7 +18,7 @@ from terrain_cli.windows.segmentation.line_costs import (
     X,
     across,
 )
-from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
+from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
 from terrain_cli.windows.segmentation.sensor_noise import tame
 
 if TYPE_CHECKING:
@@ -37,12 +37,7 @@ class RunningMoments:
     Sums are accumulated block by block; what ten million of them lose by cancellation is far below
     `sensor_noise.FLOOR`. Windows may begin at any sample.
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        In Pa.
-    step : int
-        Samples in a block, over which the noise is taken as constant.
+    The noise is taken as constant over the `step` samples of a block.
     """
 
     def __init__(self, x: Array, y: Array, step: int) -> None:
@@ -50,7 +45,7 @@ class RunningMoments:
         self.edges = np.append(np.arange(0, len(x), step, dtype=np.intp), len(x))
         self.samples = ReplacedSamples(x, y)
         sums, self.noise = tame(self.samples, step)
-        number = block_sums.sizes(len(x), step)
+        number = sample_blocks.sizes(len(x), step)
         noise_xx, noise_xy, noise_yy = self.noise
         self._weight = 1.0 / across(noise_xx, noise_xy, noise_yy, MIDDLE_SLOPE)
         #: Sums over all blocks before each, shape (10, blocks + 1).
@@ -80,15 +75,8 @@ class RunningMoments:
     def finer(self, block: Index) -> tuple[Index, Array]:
         """Return bounds `FINE` samples apart from the beginning of blocks on, and the sums before each.
 
-        Parameters
-        ----------
-        block : ndarray of int, shape (k,)
-            Of a multiple of `FINE` samples. What is beyond the end of the stretch means nothing.
-
-        Returns
-        -------
-        bounds : ndarray of int, shape (k, step / FINE)
-        sums : ndarray, shape (10, k, step / FINE)
+        Blocks are of a multiple of `FINE` samples. What is beyond the end of the stretch means nothing.
+        Shapes (k, step / FINE) and (10, k, step / FINE).
         """
         count = self.step // FINE
         x, y = self.samples.blocks(block, self.step).reshape(2, -1, FINE)
@@ -103,13 +91,8 @@ class RunningMoments:
     def _weighted(self, block: Index, powers: Array, number: Index) -> Array:
         """Return the weighted moments of parts of blocks, shape (10, ..., k).
 
-        Parameters
-        ----------
-        block : ndarray of int, shape (k,)
-        powers : ndarray, shape (5, ..., k)
-            Sums over the parts of x, y, x², xy and y².
-        number : ndarray of int, shape (..., k)
-            Samples of the parts.
+        `powers`, shape (5, ..., k), are sums over the parts of x, y, x², xy and y²; `number`, shape (..., k),
+        is their samples.
         """
         weight = self._weight[block]
         rows = np.empty((ROWS, *powers.shape[1:]))
@@ -121,17 +104,9 @@ class RunningMoments:
         return rows
 
     def around(self, sample: Index, reach: int) -> tuple[Index, Array]:
-        """Return every bound within reach of samples, and the sums before it.
+        """Return every bound within reach of k samples, and the sums before it, shape (10, k, 2 reach + 1).
 
-        Parameters
-        ----------
-        sample : ndarray of int, shape (k,)
-
-        Returns
-        -------
-        bounds : ndarray of int, shape (k, 2 reach + 1)
-            Beyond the ends of the stretch no samples, for which the sums are those at the end.
-        sums : ndarray, shape (10, k, 2 reach + 1)
+        Beyond the ends of the stretch there are no samples: the sums are those at the end.
         """
         begin = np.maximum(sample - reach, 0)
         bounds = begin[:, None] + np.arange(2 * reach + 1)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.windows.segmentation import block_sums
+from terrain_cli.windows.segmentation import sample_blocks
 from terrain_cli.windows.segmentation.line_costs import LARGEST_SLOPE, SMALLEST_SLOPE
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
+    from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -39,44 +39,29 @@ LARGEST_LAG = 30
 def tame(samples: ReplacedSamples, step: int) -> tuple[Array, Array]:
     """Replace wild samples, one or two in a row, by the median of five around them.
 
-    Parameters
-    ----------
-    samples : ReplacedSamples
-        Three or more; some are replaced.
-    step : int
-        Samples in a block.
-
-    Returns
-    -------
-    sums : ndarray, shape (5, blocks)
-        Of x, y, x², xy and y² over blocks.
-    noise : ndarray, shape (3, blocks)
-        Variance of x, covariance, variance of y, in Pa².
-
-    Raises
-    ------
-    ValueError
-        A sample is not finite.
+    Of three or more. Returns the sums of x, y, x², xy and y² over blocks, shape (5, blocks), and the noise:
+    variance of x, covariance, variance of y, in Pa², shape (3, blocks). ValueError where a sample is not
+    finite.
     """
     n = len(samples)
-    number = block_sums.sizes(n, step)
-    rows = np.empty((block_sums.ROWS, len(number)))
+    number = sample_blocks.sizes(n, step)
+    rows = np.empty((sample_blocks.ROWS, len(number)))
     usual = np.abs(samples.at(np.arange(0, n, 1 + n // 4096))).mean(axis=1)
     usual[usual == 0.0] = 1.0
-    stale = list(block_sums.slabs(n, step))
+    stale = list(sample_blocks.slabs(n, step))
     with np.errstate(invalid="ignore"):
         place, middles = _measure(samples, step, usual, stale, rows)
     # The sums are there already; they may overflow.
-    if not np.isfinite(rows[block_sums.SUMS]).all():
+    if not np.isfinite(rows[sample_blocks.SUMS]).all():
         samples.check_finite()
     # Where three of five are wild, some are seen only after others have been replaced.
     for _ in range(3):
         if not len(place):
             break
         samples.replace(place, middles)
-        stale = list(block_sums.about(place, n, step))
+        stale = list(sample_blocks.about(place, n, step))
         place, middles = _measure(samples, step, usual, stale, rows)
-    return rows[block_sums.POWERS], block_noise(rows, number, step, LEVEL_FLOOR * usual)
+    return rows[sample_blocks.POWERS], block_noise(rows, number, step, LEVEL_FLOOR * usual)
 
 
 def _measure(
@@ -86,14 +71,14 @@ def _measure(
 
     Returns which of their samples are wild, and the medians of x and y there.
     """
-    spans = [block_sums.around(part, len(samples), step) for part in parts]
+    spans = [sample_blocks.around(part, len(samples), step) for part in parts]
     room = np.empty((6, max(len(span) for span in spans) * step))
     far = []
     for part, span in zip(parts, spans, strict=True):
         x, y = samples.of_blocks(span, step)
-        rows, place, limit = block_sums.summed(x, y, step, usual[0] / usual[1], room)
-        own = block_sums.as_index(np.searchsorted(span, part))
-        out[:, block_sums.as_index(part)] = rows[:, own]
+        rows, place, limit = sample_blocks.summed(x, y, step, usual[0] / usual[1], room)
+        own = sample_blocks.as_index(np.searchsorted(span, part))
+        out[:, sample_blocks.as_index(part)] = rows[:, own]
         asked = np.zeros(len(span), dtype=bool)
         asked[own] = True
         mine = asked[place // step]
@@ -109,27 +94,14 @@ def _measure(
 def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:
     """Estimate the covariance of the noise of (x, y), block by block.
 
-    From second differences, in which a drift of the load cancels, averaged over `block_sums.REACH`
+    From second differences, in which a drift of the load cancels, averaged over `sample_blocks.REACH`
     samples on either side. A load that varies from sample to sample moves (x, y) along the soil's
     line and would pass for noise: it shows as a correlation that noise has not, and is taken out.
 
-    Parameters
-    ----------
-    rows : ndarray, shape (8, blocks)
-        From `block_sums.summed`, of 3 samples or more.
-    number : ndarray of int, shape (blocks,)
-        Samples of each block.
-    step : int
-        Samples in a block.
-    least : ndarray, shape (2,)
-        Below this no level of x and y is believed, in Pa.
-
-    Returns
-    -------
-    ndarray, shape (3, blocks)
-        Variance of x, covariance, variance of y, in Pa².
+    `rows` are from `sample_blocks.summed`; below `least`, shape (2,), in Pa, no level of x and y is believed.
+    Returns variance of x, covariance, variance of y, in Pa², shape (3, blocks).
     """
-    squares = block_sums.moving_mean(rows[[block_sums.POWER_X, block_sums.POWER_Y]], number, step)
+    squares = sample_blocks.moving_mean(rows[[sample_blocks.POWER_X, sample_blocks.POWER_Y]], number, step)
     xx, yy = np.maximum(squares, least[:, None] ** 2)
     # Relative to the levels of x and y.
     units = np.stack([xx, np.sqrt(xx * yy), yy])
@@ -138,8 +110,8 @@ def block_noise(rows: Array, number: Index, step: int, least: Array) -> Array:
     number[0] -= 1
     number[-1] -= 1
     # Second differences of white noise have six times its variance.
-    noise_xx, noise_xy, noise_yy = found = block_sums.moving_mean(
-        rows[block_sums.SECONDS] / (6.0 * units), number, step
+    noise_xx, noise_xy, noise_yy = found = sample_blocks.moving_mean(
+        rows[sample_blocks.SECONDS] / (6.0 * units), number, step
     )
     noise_xx += FLOOR**2
     noise_yy += FLOOR**2
@@ -179,19 +151,8 @@ def correlation_factor(residuals: Array, starts: Index, fitted: int) -> float:
     Long-run variance by prewhitening (Andrews & Monahan 1992, Econometrica 60(4)) with a
     first-order autoregression and Bartlett's window, over the variance from second differences.
 
-    Parameters
-    ----------
-    residuals : ndarray, shape (n,)
-        About the lines, in units of the standard deviation from second differences.
-    starts : ndarray of int
-        First samples of the windows, without 0: no products are taken across them.
-    fitted : int
-        Number of parameters fitted to these residuals.
-
-    Returns
-    -------
-    float
-        At least 1.
+    Residuals are about the lines, in units of the standard deviation from second differences; `starts` are
+    the first samples of the windows, without 0: no products are taken across them. The factor is at least 1.
     """
     n = len(residuals)
     limit = 6.0 * 1.4826 * float(np.median(np.abs(residuals)))

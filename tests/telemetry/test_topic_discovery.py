@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from terrain_cli.telemetry.plan import standard_messages
+from terrain_cli.telemetry.plan import topic_discovery
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS
 
@@ -30,8 +30,8 @@ angles = st.floats(-1.5, 1.5)
 )
 def test_attitude_by_hand(quaternion, pitch, roll):
     x, y, z, w = (np.array([value]) for value in quaternion)
-    assert standard_messages.pitch(x, y, z, w)[0] == pytest.approx(pitch, abs=1e-12)
-    assert standard_messages.roll(x, y, z, w)[0] == pytest.approx(roll, abs=1e-12)
+    assert topic_discovery.pitch(x, y, z, w)[0] == pytest.approx(pitch, abs=1e-12)
+    assert topic_discovery.roll(x, y, z, w)[0] == pytest.approx(roll, abs=1e-12)
 
 
 @given(st.floats(-3.1, 3.1), angles, angles)
@@ -50,8 +50,8 @@ def test_attitude_of_yaw_pitch_and_roll_in_turn(yaw, pitch, roll):
         [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], forward, atol=1e-12
     )
     columns = [np.array([value]) for value in (x, y, z, w)]
-    assert standard_messages.pitch(*columns)[0] == pytest.approx(pitch, abs=1e-6)
-    assert standard_messages.roll(*columns)[0] == pytest.approx(roll, abs=1e-6)
+    assert topic_discovery.pitch(*columns)[0] == pytest.approx(pitch, abs=1e-6)
+    assert topic_discovery.roll(*columns)[0] == pytest.approx(roll, abs=1e-6)
 
 
 def fields_of(store, name, prefix=""):
@@ -65,14 +65,14 @@ def fields_of(store, name, prefix=""):
 @pytest.mark.parametrize("version", [Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE])
 def test_every_field_taken_for_granted_is_in_its_message(version):
     store = get_typestore(version)
-    types = [name for name in store.fielddefs if standard_messages.meanings(name)]
+    types = [name for name in store.fielddefs if name in topic_discovery.MEANINGS]
     assert len(types) == 5
     for name in types:
         fields = set(fields_of(store, name))
-        for meaning in standard_messages.meanings(name):
+        for meaning in topic_discovery.MEANINGS[name]:
             assert set(meaning.fields) <= fields
             assert meaning.channel in CHANNELS
-            symbol = standard_messages.unit_symbol(name, meaning.fields[0])
+            symbol = topic_discovery.unit_symbol(name, meaning.fields[0])
             # Either the message fixes the unit, or the function gives radians.
             assert (meaning.combine is None) == (symbol is not None)
             if symbol:
@@ -93,9 +93,9 @@ def test_every_field_taken_for_granted_is_in_its_message(version):
     ],
 )
 def test_units_that_messages_fix(kind, field, unit):
-    assert standard_messages.unit_symbol(kind, field) == unit
+    assert topic_discovery.unit_symbol(kind, field) == unit
 
 
 def test_what_ros_brings():
-    assert standard_messages.is_standard("nav_msgs/msg/Odometry")
-    assert not standard_messages.is_standard("rover_nav_msgs/msg/Odometry")
+    assert topic_discovery.is_standard("nav_msgs/msg/Odometry")
+    assert not topic_discovery.is_standard("rover_nav_msgs/msg/Odometry")

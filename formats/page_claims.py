@@ -59,19 +59,7 @@ def check_pages(file: str, leaves: Collection[int] | None = None) -> bool:
 
     What is damaged otherwise is passed over: pyarrow tells.
 
-    Parameters
-    ----------
-    leaves : collection of int, optional
-        Columns of a row group whose pages are looked at: those that will be read; all if not given.
-
-    Returns
-    -------
-    bool
-        Each of these pages has a checksum, and there are some.
-
-    Raises
-    ------
-    TooMuchError
+    Tells whether there are pages of these columns of a row group (all if not given), each with a checksum.
     """
     with Path(file).open("rb", buffering=0) as stream:
         number = stream.fileno()

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from formats import LOG_TIME, Labels
-from terrain_cli.errors import InputError
-from terrain_cli.telemetry import alignment, raw_columns
-from terrain_cli.telemetry.read import own_clocks
-from terrain_cli.telemetry.wheel_names import match_name
+from terrain_cli.telemetry import own_clocks, raw_columns
+from terrain_cli.telemetry.channel_sources import match_name
 from terrain_cli.telemetry.wheel_samples import Raw
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
@@ -26,18 +24,9 @@ if TYPE_CHECKING:
 
 
 def fields(plan: Plan, wanted: Collection[str], extras: Sequence[str]) -> list[str]:
-    """Name the columns to read.
-
-    Parameters
-    ----------
-    wanted : collection of str
-        Channels; those without a feed are passed over.
-    extras : sequence of str
-        Further columns.
-    """
+    """Name the columns to read for some channels; those without a feed are passed over."""
     label = plan.labels.get("")
-    every = [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
-    names = {name for feed in every if feed.channel in wanted for name in feed.fields}
+    names = {name for feed in plan.every_feed if feed.channel in wanted for name in feed.fields}
     return sorted(names.union(extras, [label] if label else []))
 
 
@@ -49,25 +38,9 @@ def read(
     max_gap: float | None,
     batches: list[Batch] | None = None,
 ) -> list[Raw]:
-    """Read the wheels of a table.
+    """Read the wheels of a table; `choose` names them, from the column of wheel labels if there is one.
 
-    Parameters
-    ----------
-    wanted : collection of str
-        Channels; those without a feed are passed over.
-    extras : sequence of str
-        Further columns.
-    choose : callable
-        Names the wheels to read, from the column of wheel labels if there is one.
-    max_gap : float or None
-        As for `alignment.resample`.
-    batches : list of dict, optional
-        The `fields`, where they were read before.
-
-    Returns
-    -------
-    list of Raw
-        In the order of `choose`.
+    `batches` are the columns `fields`, where they were read before.
     """
     names = fields(plan, wanted, extras)
     table: dict[str, Column] = {}
@@ -86,15 +59,7 @@ def read(
 
 
 def nameless(plan: Plan, table: Mapping[str, Column], rows: slice = slice(None)) -> int:
-    """Count the rows that name no wheel.
-
-    Parameters
-    ----------
-    table : mapping
-        After `wheels`.
-    rows : slice
-        Those that count.
-    """
+    """Count those of some rows that name no wheel, after `wheels`."""
     column = table.get(plan.labels.get("", ""))
     return int(np.count_nonzero(column.codes[rows] < 0)) if isinstance(column, Labels) else 0
 
@@ -111,20 +76,7 @@ def wheels(
     extras: Sequence[str],
     choose: Callable[[Labels | None], list[str]],
 ) -> list[Raw]:
-    """Sort the columns of a table, or of part of it, by wheel and channel.
-
-    Parameters
-    ----------
-    table : dict of str to ndarray or Labels
-        The columns `fields`; its column of wheels is replaced by labels.
-    wanted, extras, choose
-        As for `read`.
-
-    Returns
-    -------
-    list of Raw
-        In the order of `choose`.
-    """
+    """Sort the columns of a table, or of part of it, by wheel and channel; those of wheels become labels."""
     table.pop(LOG_TIME, None)
     label = plan.labels.get("")
     named = raw_columns.as_labels(table[label]) if label else None
@@ -178,19 +130,10 @@ def _wheel(
 
 def _time(path: str, feed: Feed, several: list[Column]) -> tuple[float, Array]:
     """Return the origin of a clock and the seconds since."""
-    column = several[0]
-    if isinstance(column, Labels):
-        raise InputError(
-            f"{path}: column {feed.fields[0]!r} holds texts that are no times, such as {column.names[0]!r}",
-            hint="times are seconds, or ISO 8601 such as 2026-11-21T08:00:00Z",
-        )
-    exact = feed.scale == 1.0 and feed.offset == 0.0
-    if exact and column.dtype.kind in "iu" and feed.unit and feed.unit.symbol == "ns":
-        column = column.astype("datetime64[ns]")
-    if column.dtype.kind == "M":
-        known = column[~np.isnat(column)]
-        origin = float(known[0].astype("datetime64[s]").astype(np.int64)) if len(known) else 0.0
-        return origin, alignment.seconds(column, origin)
-    values = feed.si([raw_columns.as_numbers(one) for one in several])
-    origin = alignment.origin_of(values)
-    return origin, np.round(values - origin, 6) if origin else values
+    column, exact = several[0], feed.scale == 1.0 and feed.offset == 0.0
+    whole = not isinstance(column, Labels) and column.dtype.kind in "iu"
+    if exact and whole and feed.unit and feed.unit.symbol == "ns":
+        column = np.asarray(column, "datetime64[ns]")
+    return raw_columns.as_clock(
+        path, feed.fields[0], column, lambda: feed.si([raw_columns.as_numbers(one) for one in several])
+    )

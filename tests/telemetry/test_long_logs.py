@@ -10,11 +10,9 @@ import formats
 from terrain_cli import telemetry
 from terrain_cli.effects import find
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import raw_columns
-from terrain_cli.telemetry.long import excerpt, long_tables
-from terrain_cli.telemetry.long.excerpt import Excerpt, excerpted, joined
+from terrain_cli.telemetry import long_logs, raw_columns, tables
+from terrain_cli.telemetry.long_logs import Excerpt, excerpted, joined
 from terrain_cli.telemetry.plan import mapping
-from terrain_cli.telemetry.read import tables
 from terrain_cli.vocabulary.channels import CHANNELS
 
 GEOMETRY = "[wheel]\nradius = 0.125\nwidth = 0.1\ngrouser_count = 12\ngrouser_height = 0.01\n"
@@ -30,8 +28,8 @@ def rover(rover_of):
 @pytest.fixture
 def small(monkeypatch):
     """Make parts so small that a table of some thousand rows has many."""
-    monkeypatch.setattr(long_tables, "ROWS", 170)
-    monkeypatch.setattr(long_tables, "BESIDE", 64)
+    monkeypatch.setattr(long_logs, "ROWS", 170)
+    monkeypatch.setattr(long_logs, "BESIDE", 64)
 
 
 def log(seed=0, n=N, rate=20.0):
@@ -73,7 +71,7 @@ def dirty(table, rng, standing=(20, 150, 300)):
 def in_parts(path, rover, *, wheels=(), effects=(), rows=None):
     source = formats.open_source(path)
     layout = mapping.plan(source, rover)
-    request = long_tables.Request(
+    request = long_logs.Request(
         layout=layout,
         rover=rover,
         channels=frozenset(CHANNELS),
@@ -85,7 +83,7 @@ def in_parts(path, rover, *, wheels=(), effects=(), rows=None):
     names = tables.fields(layout, CHANNELS, layout.extras)
     batches = list(source.read("", names, 50))
     begin = batches[:3] if rows is None else [raw_columns.whole(batches[:rows])]
-    return list(long_tables.in_parts(request, begin, iter(batches[rows or 3 :]), lambda _: None))
+    return list(long_logs.in_parts(request, begin, iter(batches[rows or 3 :]), lambda _: None))
 
 
 def by_wheel(found):
@@ -179,7 +177,7 @@ def test_short_tables_are_read_whole(tmp_path, rover):
 
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
 def test_long_tables_are_read_in_unbroken_pieces(small, monkeypatch, tmp_path, rover, ending):
-    monkeypatch.setattr(excerpt, "PIECE", 50)
+    monkeypatch.setattr(long_logs, "PIECE", 50)
     table = log(n=6000)
     table.loc[3000:, "time"] += 30.0
     table.loc[700:720, "torque"] = np.nan
@@ -209,7 +207,7 @@ def test_long_tables_are_read_in_unbroken_pieces(small, monkeypatch, tmp_path, r
 
 
 def test_of_many_wheels_each_keeps_its_share(small, monkeypatch, tmp_path, rover):
-    monkeypatch.setattr(excerpt, "PIECE", 50)
+    monkeypatch.setattr(long_logs, "PIECE", 50)
     table = pd.concat([log(k, n=3000).assign(wheel=f"w{k}") for k in range(3)]).sort_index(kind="stable")
     table.to_csv(tmp_path / "run.csv", index=False)
     found = telemetry.read(str(tmp_path / "run.csv"), rover, effects=(), compared=True, most=3000)

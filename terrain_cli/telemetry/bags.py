@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from formats import LOG_TIME, Labels
-from terrain_cli.telemetry import alignment, raw_columns
-from terrain_cli.telemetry.channel_sources import CLOCKS
-from terrain_cli.telemetry.read import own_clocks
-from terrain_cli.telemetry.wheel_names import match_name
+from terrain_cli.telemetry import alignment, own_clocks, raw_columns
+from terrain_cli.telemetry.channel_sources import CLOCKS, match_name
 from terrain_cli.telemetry.wheel_samples import Raw
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
@@ -61,27 +59,12 @@ class _Bridges:
 
 
 def fields(plan: Plan, wanted: Collection[str]) -> dict[str, list[str]]:
-    """Tell what is read of a bag.
-
-    Parameters
-    ----------
-    wanted : collection of str
-        Channels; those without a feed are passed over.
-
-    Returns
-    -------
-    dict of str to list of str
-        topic → fields.
-    """
+    """Tell which fields of which topics are read for some channels; those without a feed are passed over."""
     found: dict[str, set[str]] = {}
-    for feed in _feeds(plan):
+    for feed in plan.every_feed:
         if feed.channel in wanted and feed.topic:
             found.setdefault(feed.topic, {*filter(None, [plan.labels.get(feed.topic)])}).update(feed.fields)
     return {topic: sorted(names) for topic, names in found.items()}
-
-
-def _feeds(plan: Plan) -> list[Feed]:
-    return [feed for feeds in (plan.shared, *plan.wheels.values()) for feed in feeds.values()]
 
 
 def wheels(
@@ -91,23 +74,9 @@ def wheels(
     choose: Callable[[Labels | None], list[str]],
     max_gap: float | None,
 ) -> list[Raw]:
-    """Part the topics of a bag into its wheels.
+    """Part the topics of a bag, the columns named by `fields`, into its wheels.
 
-    Parameters
-    ----------
-    tables : mapping of str to dict
-        topic → the columns named by `fields`, whole.
-    wanted : collection of str
-        Channels; those without a feed are passed over.
-    choose : callable
-        Names the wheels to read, from the wheel labels of the messages if they have them.
-    max_gap : float or None
-        As for `alignment.resample`.
-
-    Returns
-    -------
-    list of Raw
-        In the order of `choose`.
+    `choose` names the wheels to read, from the wheel labels of the messages if they have them.
     """
     origin, times, remarks = one_clock(tables)
     topics = {}
@@ -116,7 +85,8 @@ def wheels(
         topics[topic] = _Topic(times[topic], table, raw_columns.as_labels(table[label]) if label else None)
     # The torque's labels name the wheels; other topics may tell of fewer.
     ordered = sorted(
-        _feeds(plan), key=lambda feed: CLOCKS.index(feed.channel) if feed.channel in CLOCKS else len(CLOCKS)
+        plan.every_feed,
+        key=lambda feed: CLOCKS.index(feed.channel) if feed.channel in CLOCKS else len(CLOCKS),
     )
     labels = (topics[feed.topic].wheels for feed in ordered if feed.topic in topics)
     result = []
@@ -133,17 +103,7 @@ def wheels(
 def one_clock(tables: Mapping[str, Mapping[str, Column]]) -> tuple[float, dict[str, Array], list[str]]:
     """Put all topics on one clock: the headers' stamps, or the log's where there are none.
 
-    Parameters
-    ----------
-    tables : mapping of str to mapping
-        topic → columns, from `raw_columns.read_whole`.
-
-    Returns
-    -------
-    origin : float
-        Whole seconds taken off.
-    times : dict of str to ndarray
-        topic → the time of each message in s.
+    Returns the whole seconds taken off, the time of each message of each topic in s, and remarks.
     """
     logged = {topic: np.asarray(table[LOG_TIME]) for topic, table in tables.items()}
     stamps = {

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry.channel_sources import CLOCKS
+from terrain_cli.telemetry import bags, tables
+from terrain_cli.telemetry.channel_sources import CLOCKS, match_name
 from terrain_cli.telemetry.plan.mapping import is_table, only_wheel
 from terrain_cli.telemetry.raw_columns import read_topics
-from terrain_cli.telemetry.read import bags, tables
-from terrain_cli.telemetry.wheel_names import match_name
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -32,34 +31,9 @@ def read_raw(
     batches: list[Batch] | None = None,
     topics: Mapping[str, dict[str, Column]] | None = None,
 ) -> list[Raw]:
-    """Read the channels asked for, wheel by wheel.
+    """Read the channels asked for, wheel by wheel, ordered by name; those without a feed are passed over.
 
-    Parameters
-    ----------
-    channels : iterable of str
-        Those without a feed are passed over.
-    extras : sequence of str
-        Further columns of a table.
-    wheels : collection of str
-        Only these; all if empty.
-    batches : list of dict, optional
-        The columns of a table, where they were read before.
-    topics : mapping of str to dict, optional
-        The columns of the topics of a bag (`bags.fields`), where they were read before.
-
-    Returns
-    -------
-    list of Raw
-        Ordered by the name of the wheel.
-
-    Raises
-    ------
-    formats.errors.FormatError
-        The file cannot be read.
-    InputError
-        A wheel is not there.
-    ConfigurationError
-        rover.toml names several wheels, and the data do not say of which they are.
+    `batches` are the columns of a table, `topics` those of the topics of a bag, where they were read before.
     """
     wanted = set(channels)
 
@@ -74,18 +48,7 @@ def read_raw(
 
 
 def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Collection[str]) -> list[str]:
-    """Name the wheels to read: labels of a column, those of rover.toml, or the only one.
-
-    Parameters
-    ----------
-    wheels : collection of str
-        Only these; all if empty.
-
-    Raises
-    ------
-    InputError, ConfigurationError
-        As for `read_raw`.
-    """
+    """Name the wheels to read: labels of a column, those of rover.toml, or the only one."""
     path = plan.source.path
     if labels is None:
         there = sorted(plan.wheels) or [only_wheel(rover)]
@@ -104,36 +67,12 @@ def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Colle
 
 
 def labels_there(labels: Labels) -> list[str]:
-    """Return the labels that occur.
-
-    Returns
-    -------
-    list of str
-        Sorted.
-    """
+    """Return the labels that occur, sorted."""
     return sorted(labels.names[code] for code in np.unique(labels.codes) if code >= 0)
 
 
 def among(path: str, there: Sequence[str], wheels: Collection[str]) -> list[str]:
-    """Choose among wheels.
-
-    Parameters
-    ----------
-    path : str
-        Of the input, for the message.
-    wheels : collection of str
-        As asked for, to the letter: left is not front-left. All if empty.
-
-    Returns
-    -------
-    list of str
-        In the order of `there`.
-
-    Raises
-    ------
-    InputError
-        One is not there.
-    """
+    """Choose those among wheels that are asked for to the letter, all if none is; left is not front-left."""
     for name in wheels:
         if name not in there:
             meant = match_name(name, there)

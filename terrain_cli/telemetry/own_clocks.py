@@ -54,37 +54,20 @@ _MEETINGS, _AVOID = 8, 1 / 8
 
 @dataclass(frozen=True, slots=True)
 class OwnClocks:
-    """The clocks of the columns of a wheel.
-
-    Parameters
-    ----------
-    slowest : str
-        The channel whose rows are the samples.
-    interval : float
-        Its usual one, in s.
-    regular : bool
-        Whether it ticks regularly, so that a lost value shows.
-    intervals : dict of str to float
-        Of the channels that may be interpolated.
-    """
+    """The clocks of the columns of a wheel."""
 
     slowest: str
+    #: Its usual one, in s.
     interval: float
+    #: Whether it ticks regularly, so that a lost value shows.
     regular: bool
     intervals: dict[str, float]
 
     def bring(self, raw: Raw, max_gap: float | None) -> Mask:
         """Bring the channels of a wheel, or of a part of it, to the rows of the slowest, in place.
 
-        Parameters
-        ----------
-        max_gap : float or None
-            Longest gap in s that is bridged; a column's own intervals bound it as well.
-
-        Returns
-        -------
-        ndarray of bool
-            Samples of which a value that counts was interpolated.
+        Gaps no longer than `max_gap` (s) are bridged; a column's own intervals bound them as well. Returns
+        the samples of which a value that counts was interpolated.
         """
         assert raw.time is not None  # noqa: S101 - only found where there is a clock
         time, channels, bounds = raw.time, raw.channels, _pieces(raw)
@@ -144,13 +127,7 @@ class OwnClocks:
         return np.union1d(own, empty[nearest[first]])
 
     def told(self, wheel: str, samples: int, interpolated: int) -> Notice:
-        """Say what became of the rows.
-
-        Parameters
-        ----------
-        samples, interpolated : int
-            How many there are, and in how many of them a value that counts was interpolated.
-        """
+        """Say what became of the rows: how many samples, and in how many values were interpolated."""
         text = (
             f"wheel {wheel}: columns are filled on clocks of their own: {self.slowest} has a value every "
             f"{self.interval:.3g} s, and its {samples} rows are the samples"
@@ -162,13 +139,7 @@ class OwnClocks:
 
 
 def find(raw: Raw) -> OwnClocks | None:
-    """Find the clocks of the columns of a wheel.
-
-    Returns
-    -------
-    OwnClocks or None
-        None where the rows are the clock, and a cell that is empty is a value that is missing.
-    """
+    """Find the clocks of a wheel's columns; none where the rows are the clock, and empty cells are lost."""
     if raw.time is None or len(raw) < 2:
         return None
     there = {name: mask for name, mask in _filled(raw.channels).items() if mask.any()}
@@ -214,17 +185,9 @@ def _counted(measured: Collection[str]) -> list[str]:
 
 
 def slowest(times: Mapping[str, Array]) -> tuple[str, float] | None:
-    """Return the slowest of the channels that make a sample, and its usual interval in s.
+    """Return the slowest of the channels (times in s) that make a sample, and its usual interval in s.
 
-    Parameters
-    ----------
-    times : mapping of str to ndarray
-        Of the samples of each channel, in s. The first of `CLOCKS` among them is the usual clock.
-
-    Returns
-    -------
-    (str, float) or None
-        None where no channel is clearly slower than the usual clock.
+    None where none is clearly slower than the usual clock, the first of `CLOCKS` among them.
     """
     intervals = {name: _interval(times[name])[0] for name in _counted(times)}
     if not intervals:

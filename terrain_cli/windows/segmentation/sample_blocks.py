@@ -1,6 +1,7 @@
-"""Sums over blocks of equal length of a stretch of samples; the last block may be shorter.
+"""Samples in blocks of equal length, and sums over these; the last block may be shorter.
 
-Everything that is asked of all samples is summed here, in one pass over them.
+Everything that is asked of all samples is summed here, in one pass over them. A few samples are replaced,
+without a copy of the others.
 """
 
 from __future__ import annotations
@@ -24,32 +25,18 @@ POWERS, SUMS, POWER_X, POWER_Y = slice(0, 5), slice(0, 2), 2, 4
 #: and of squares and products of the second differences of x and y, as far as they are noise.
 SECONDS = slice(5, 8)
 ROWS = 8
-
 #: Samples on either side from which the noise of a sample is learnt.
 REACH = 64
 #: A difference larger than this many mean differences is a step or a wild value, not noise.
 WILD = 3.0
 #: A sample further from its neighbours than this many mean steps is not the soil's doing.
 OUTLIER = 4.7
-
 #: Samples worked on at a time: few enough to stay in the processor's cache.
 _SLAB = 131_072
 
 
 def sizes(n: int, step: int) -> Index:
-    """Return the number of samples of each block.
-
-    Parameters
-    ----------
-    n : int
-        Samples, at least 1.
-    step : int
-        Samples in a block.
-
-    Returns
-    -------
-    ndarray of int, shape (blocks,)
-    """
+    """Return the number of samples of each block of so many."""
     number = np.full(-(-n // step), step, dtype=np.intp)
     number[-1] = n - (len(number) - 1) * step
     return number
@@ -61,37 +48,14 @@ def reach(step: int) -> int:
 
 
 def slabs(n: int, step: int) -> Iterator[Index]:
-    """Part blocks into runs.
-
-    Parameters
-    ----------
-    n, step : int
-        As for `sizes`.
-
-    Yields
-    ------
-    block : ndarray of int
-        Rising.
-    """
+    """Part blocks, by their rising numbers, into runs."""
     count, length = len(sizes(n, step)), max(1, _SLAB // step)
     for first in range(0, count, length):
         yield np.arange(first, min(first + length, count))
 
 
 def about(place: Index, n: int, step: int) -> Iterator[Index]:
-    """Part the blocks that depend on some samples into pieces, with what is around them as long as a run.
-
-    Parameters
-    ----------
-    place : ndarray of int, shape (k,)
-    n, step : int
-        As for `sizes`.
-
-    Yields
-    ------
-    block : ndarray of int
-        As from `slabs`.
-    """
+    """Part the blocks that depend on some samples into pieces, with what is around them as long as a run."""
     away = 2 * reach(step) + 2
     block = _beside(distinct(place // step), away, (n - 1) // step)
     length = max(1, _SLAB // step // (2 * away))
@@ -125,24 +89,12 @@ def as_index(block: Index) -> Index | slice:
 def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Array, Index, Array]:
     """Sum what is to be known of the samples over blocks, and look for samples far from a neighbour.
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-    step : int
-        Samples in a block.
-    scale : float
-        s, which brings y to the scale of x: a second difference is of size |Δ²x| + s |Δ²y|.
-    room : ndarray, shape (6, n rounded up to blocks)
-        Is overwritten.
+    `scale` is s, which brings y to the scale of x: a second difference is of size |Δ²x| + s |Δ²y|. `room`,
+    shape (6, n rounded up to blocks), is overwritten.
 
-    Returns
-    -------
-    rows : ndarray, shape (8, blocks)
-        The first and the last sample have no second difference.
-    place : ndarray of int, shape (k,)
-        Rising, among them all samples of which a step of x or y, to or from them, is beyond the limit.
-    limit : ndarray, shape (2, k)
-        For x and y there.
+    Returns the rows, shape (8, blocks), in which the first and the last sample have no second difference;
+    places, rising, among them all samples of which a step of x or y, to or from them, is beyond the limit;
+    and that limit for x and y there, shape (2, k).
     """
     n, number = len(x), sizes(len(x), step)
     samples = len(number) * step
@@ -188,22 +140,9 @@ def summed(x: Array, y: Array, step: int, scale: float, room: Array) -> tuple[Ar
 
 
 def moving_mean(sums: Array, number: Index, step: int, out: Array | None = None) -> Array:
-    """Return the mean over blocks up to `REACH` samples away, near the ends over as many of them.
+    """Return the mean over blocks up to `REACH` samples away, near the ends over as many: (k, blocks).
 
-    Parameters
-    ----------
-    sums : ndarray, shape (k, blocks)
-        Of each block.
-    number : ndarray of int, shape (blocks,)
-        Of what is summed.
-    step : int
-        Samples in a block.
-    out : ndarray, shape (k, blocks), optional
-        For the means; it may be the sums.
-
-    Returns
-    -------
-    ndarray, shape (k, blocks)
+    `sums` are of each block, and `number` is how many values were summed there; `out` may be the sums.
     """
     blocks, near = len(number), reach(step)
     width = min(2 * near + 1, blocks)
@@ -223,3 +162,71 @@ def _running(values: NDArray[np.number], width: int) -> NDArray[np.number]:
     part = _running(values, half)
     total = part[..., :-half] + part[..., half:]
     return total if width == 2 * half else total[..., :-1] + values[..., width - 1 :]
+
+
+class ReplacedSamples:
+    """Samples (x, y), in Pa, in the order of time; one at least."""
+
+    def __init__(self, x: Array, y: Array) -> None:
+        self._values = x, y
+        self._place = np.empty(0, dtype=np.intp)
+        self._instead = np.empty((2, 0))
+
+    def __len__(self) -> int:
+        return len(self._values[0])
+
+    def check_finite(self) -> None:
+        """Raise a ValueError where a sample is not finite."""
+        if not all(np.isfinite(values).all() for values in self._values):
+            raise ValueError("x and y must be finite")
+
+    def replace(self, place: Index, values: Array) -> None:
+        """Take other values, shape (2, k), for some samples."""
+        place = np.concatenate([place, self._place])
+        # What came last is the first of equals.
+        order = np.argsort(place, kind="stable")
+        order = order[np.diff(place[order], prepend=-1) > 0]
+        self._place = place[order]
+        self._instead = np.concatenate([values, self._instead], axis=1)[:, order]
+
+    def at(self, place: Index) -> Array:
+        """Return samples, shape (2, ...); behind the end the last one is repeated."""
+        place = np.minimum(place, len(self) - 1)
+        found = np.stack([values[place] for values in self._values])
+        if len(self._place):
+            nearest = np.minimum(np.searchsorted(self._place, place), len(self._place) - 1)
+            replaced = self._place[nearest] == place
+            found[:, replaced] = self._instead[:, nearest[replaced]]
+        return found
+
+    def between(self, first: int, last: int) -> Array | tuple[Array, Array]:
+        """Return x and y of the samples from the first up to the last."""
+        begin, end = np.searchsorted(self._place, [first, last])
+        x, y = (values[first:last] for values in self._values)
+        if begin == end:
+            return x, y
+        found = np.stack([x, y])
+        found[:, self._place[begin:end] - first] = self._instead[:, begin:end]
+        return found
+
+    def of_blocks(self, block: Index, step: int) -> Array | tuple[Array, Array]:
+        """Return x and y of the samples of rising blocks; the last block of all may be shorter."""
+        if is_run(block):
+            return self.between(int(block[0]) * step, min(int(block[-1] + 1) * step, len(self)))
+        behind = max(int(block[-1] + 1) * step - len(self), 0)
+        return self.blocks(block, step).reshape(2, -1)[:, : len(block) * step - behind]
+
+    def blocks(self, block: Index, step: int) -> Array:
+        """Return the samples of blocks of equal length, shape (2, k, step), as from `at`."""
+        found = np.empty((2, len(block), step))
+        whole = len(self) // step
+        # Rows are copied faster than single samples.
+        odd = np.searchsorted(self._place, block * step) < np.searchsorted(self._place, (block + 1) * step)
+        odd |= block >= whole
+        if whole:
+            for values, rows in zip(self._values, found, strict=True):
+                values[: whole * step].reshape(-1, step).take(block, axis=0, out=rows, mode="clip")
+        row = np.flatnonzero(odd)
+        if len(row):
+            found[:, row] = self.at(block[row, None] * step + np.arange(step))
+        return found

@@ -1,20 +1,29 @@
-"""The evidence on the units of a drive's channels, collected part by part in bounded memory."""
+"""The evidence on the units of a drive's channels, and doubts that follow from it.
+
+Evidence is collected part by part in bounded memory. A doubt is a remark on an improbable channel, with
+the line of rover.toml that would correct it.
+"""
 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
+from terrain_cli.errors import InputError
 from terrain_cli.telemetry.derived_channels import STANDING
+from terrain_cli.telemetry.plan import rover_advice
+from terrain_cli.telemetry.wheel_samples import Notice
+from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from numpy.typing import NDArray
 
-    from terrain_cli.telemetry.channel_sources import Feed
+    from terrain_cli.telemetry.channel_sources import Feed, Plan
     from terrain_cli.telemetry.wheel_samples import Geometry, Samples
 
     Array = NDArray[np.float64]
@@ -25,52 +34,35 @@ MOST = 1 << 14
 BLOCKS = 8
 #: Metres in a degree of the Earth's meridian. The Moon's is 0.27 of that: no check is so fine as to see it.
 _DEGREE = 111_195.0
+#: What has the unit of another channel.
+ALIKE = {"x": "y", "longitude": "latitude"}
 
 
 class UnitEvidence:
-    """Some samples of a wheel that turns, evenly spread, and what needs every sample.
-
-    Parameters
-    ----------
-    feeds : mapping of str to Feed
-        Of its channels.
-
-    Attributes
-    ----------
-    measured : frozenset of str
-        Channels that are neither derived nor a constant of rover.toml.
-    interval : float
-        Median time between two samples in s; NaN without a clock.
-    ends : dict of str to (float, float)
-        Least and greatest value of each channel.
-    count : int
-        Samples of which that is known.
-    blocks : list of (float, float, float, float)
-        Of each block: metres by time and velocity, metres along the track, metres from its first
-        place to its last, and how much of that is the jitter of the places.
-    on_earth : bool
-        The places are longitudes and latitudes, or metres of a map: from a satellite receiver.
-    """
+    """Some samples of a wheel that turns, evenly spread, and what needs every sample."""
 
     def __init__(self, geometry: Geometry, feeds: Mapping[str, Feed]) -> None:
         self.geometry, self.feeds = geometry, feeds
+        #: Channels that are neither derived nor a constant of rover.toml.
         self.measured = frozenset(name for name, feed in feeds.items() if feed.constant is None)
-        self.interval, self.count, self.on_earth = np.nan, 0, False
+        #: Median time between two samples in s; NaN without a clock.
+        self.interval = np.nan
+        #: Samples of which the ends are known.
+        self.count = 0
+        #: The places are longitudes and latitudes, or metres of a map: from a satellite receiver.
+        self.on_earth = False
+        #: Least and greatest value of each channel.
         self.ends: dict[str, tuple[float, float]] = {}
+        #: Of each block: metres by time and velocity, metres along the track, metres from its first place to
+        #: its last, and how much of that is the jitter of the places.
         self.blocks: list[tuple[float, float, float, float]] = []
         self._kept: dict[str, Array] = {}
         self._step, self._skip = 1, 0
 
-    def __contains__(self, name: str) -> bool:
-        return name in self._kept
-
     def columns(self, *names: str) -> list[Array] | None:
         """Return the samples in which each of some channels is known.
 
-        Returns
-        -------
-        list of ndarray, or None
-            None where they are fewer than 5: a median of less says nothing.
+        None where they are fewer than 5: a median of less says nothing.
         """
         if not all(name in self._kept for name in names):
             return None
@@ -142,3 +134,89 @@ def _block(driven: Array, x: Array, y: Array, stretch: NDArray[np.intp]) -> tupl
         jitter = max(float(np.median(np.abs(np.diff(c, 2)))) if len(c) > 2 else 0.0 for c in (x, y))
         ends = float(np.hypot(x[-1] - x[0], y[-1] - y[0]))
         return float(driven[-1] - driven[0]), float(steps.sum()), ends, jitter
+
+
+class Doubt(Notice):
+    """A remark that says that what was measured is hardly true."""
+
+    __slots__ = ()
+
+
+class ImplausibleError(InputError):
+    """What was measured cannot be true; the unit of `channel` is likely to be wrong."""
+
+    def __init__(self, message: str, *, hint: str = "", channel: str = "") -> None:
+        super().__init__(message, hint=hint)
+        self.channel = channel
+
+
+class Mend(NamedTuple):
+    """A unit that a channel may be in."""
+
+    channel: str
+    unit: str
+    #: To that unit: 0.001 kgf are grams.
+    scale: float = 1.0
+
+    @property
+    def factor(self) -> float:
+        """What the values read so far are multiplied by."""
+        unit = units.parse(self.unit, CHANNELS[self.channel].dimension)
+        return self.scale * (unit.factor if unit else 1.0)
+
+
+Weight = Literal["odd", "impossible", "contradiction"]
+
+
+class Suspicion(NamedTuple):
+    """What is hardly true."""
+
+    what: str
+    #: Whose unit or sign it may be.
+    channel: str
+    mend: Mend | None = None
+    #: The last two are errors: what no unit makes true, unless the file or rover.toml states the unit;
+    #: channels that contradict each other, unless rover.toml does.
+    weight: Weight = "odd"
+
+
+def tell(layout: Plan, wheel: str, feeds: Mapping[str, Feed], suspicions: Iterable[Suspicion]) -> list[Doubt]:
+    """Say what is hardly true of a wheel, and what would mend it; what cannot be true is an error."""
+    told = []
+    for suspicion in suspicions:
+        feed = feeds.get(suspicion.channel)
+        what, weight = f"wheel {wheel}: {suspicion.what}", suspicion.weight
+        if feed is None:
+            told.append(Doubt(what))
+            continue
+        header, lines = rover_advice.header(layout, wheel, suspicion.channel), _lines(feeds, suspicion)
+        if weight != "odd" and not (feed.stated and (feed.asked or weight == "impossible")):
+            hint = [f"state its unit in rover.toml, whichever it is; {_if(feed, suspicion)}:", header, *lines]
+            raise ImplausibleError(
+                f"{layout.source.path}: {what}", hint="\n".join(hint), channel=suspicion.channel
+            )
+        if suspicion.mend is None:
+            told.append(Doubt(f"{what}; see whether {feed.place} is what it is taken for"))
+        else:
+            told.append(
+                Doubt(f"{what}: {_if(feed, suspicion)}, {', '.join(lines)} under {header} of rover.toml")
+            )
+    return told
+
+
+def _lines(feeds: Mapping[str, Feed], suspicion: Suspicion) -> list[str]:
+    """Write the line of rover.toml that mends it, or else the one that says that nothing is to mend."""
+    channel = suspicion.channel
+    own = CHANNELS[channel].unit
+    _, unit, scale = suspicion.mend or Mend(channel, own.symbol if own else "1")
+    names = (channel, ALIKE.get(channel, channel))
+    return [rover_advice.entry(feeds[name], unit, scale) for name in dict.fromkeys(names) if name in feeds]
+
+
+def _if(feed: Feed, suspicion: Suspicion) -> str:
+    if suspicion.mend is None:
+        return "if it is the one taken"
+    _, unit, scale = suspicion.mend
+    if scale < 0.0:
+        return "if the sensor's sign is the other way round"
+    return f"if it is in {rover_advice.meant(feed, unit, scale)}"

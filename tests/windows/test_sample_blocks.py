@@ -6,17 +6,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
 
-from terrain_cli.windows.segmentation import block_sums, sensor_noise
-from terrain_cli.windows.segmentation.replaced_samples import ReplacedSamples
+from terrain_cli.windows.segmentation import sample_blocks, sensor_noise
 from terrain_cli.windows.segmentation.running_moments import FINE, RunningMoments
+from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
 
 SMALL_SLAB, SMALL_REACH = 24, 6
 
 
 @pytest.fixture(autouse=True)
 def _small_slabs(monkeypatch):
-    monkeypatch.setattr(block_sums, "_SLAB", SMALL_SLAB)
-    monkeypatch.setattr(block_sums, "REACH", SMALL_REACH)
+    monkeypatch.setattr(sample_blocks, "_SLAB", SMALL_SLAB)
+    monkeypatch.setattr(sample_blocks, "REACH", SMALL_REACH)
 
 
 @st.composite
@@ -32,7 +32,7 @@ def series(draw, shortest=3):
 
 
 def summed(x, y, step, scale=2.0):
-    return block_sums.summed(x, y, step, scale, np.full((6, len(x) + step), np.nan))
+    return sample_blocks.summed(x, y, step, scale, np.full((6, len(x) + step), np.nan))
 
 
 def steps_by_hand(x, y):
@@ -45,7 +45,7 @@ def steps_by_hand(x, y):
 def mean_by_hand(values, step):
     """Return the mean around each sample, and of at least as many blocks near the ends."""
     blocks_of = np.arange(len(values)) // step
-    near, last = max(1, round(block_sums.REACH / step)), blocks_of[-1]
+    near, last = max(1, round(sample_blocks.REACH / step)), blocks_of[-1]
     first = np.clip(blocks_of - near, 0, max(last - 2 * near, 0))
     chosen = [values[(blocks_of >= f) & (blocks_of <= f + 2 * near)] for f in first]
     # There is no step to the first sample.
@@ -54,24 +54,28 @@ def mean_by_hand(values, step):
 
 def by_hand(x, y, step, scale=2.0):
     n = len(x)
-    rows = np.zeros((block_sums.ROWS, -(-n // step)))
+    rows = np.zeros((sample_blocks.ROWS, -(-n // step)))
     _, (dx, dy) = steps_by_hand(x, y)
     size = np.abs(dx) + scale * np.abs(dy)
-    limit = block_sums.WILD * mean_by_hand(size, step)
+    limit = sample_blocks.WILD * mean_by_hand(size, step)
     for i in range(n):
         block = i // step
-        rows[block_sums.POWERS, block] += x[i], y[i], x[i] ** 2, x[i] * y[i], y[i] ** 2
+        rows[sample_blocks.POWERS, block] += x[i], y[i], x[i] ** 2, x[i] * y[i], y[i] ** 2
         kept = min(1.0, limit[i] / max(size[i], 1e-300)) ** 2
-        rows[block_sums.SECONDS, block] += kept * dx[i] ** 2, kept * dx[i] * dy[i], kept * dy[i] ** 2
+        rows[sample_blocks.SECONDS, block] += kept * dx[i] ** 2, kept * dx[i] * dy[i], kept * dy[i] ** 2
     return rows
 
 
 @given(series())
 def test_one_pass_is_plain_loops(case):
     found, expected = summed(*case)[0], by_hand(*case)
-    np.testing.assert_allclose(found[block_sums.POWERS], expected[block_sums.POWERS], rtol=1e-12, atol=1e-6)
+    np.testing.assert_allclose(
+        found[sample_blocks.POWERS], expected[sample_blocks.POWERS], rtol=1e-12, atol=1e-6
+    )
     # Whether a step is wild hangs on a mean of halves, which sums in another order.
-    np.testing.assert_allclose(found[block_sums.SECONDS], expected[block_sums.SECONDS], rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(
+        found[sample_blocks.SECONDS], expected[sample_blocks.SECONDS], rtol=1e-9, atol=1e-6
+    )
 
 
 @given(series())
@@ -79,7 +83,7 @@ def test_what_is_far_from_a_neighbour_is_found(case):
     x, y, step = case
     _, place, limit = summed(*case)
     rises, _ = steps_by_hand(x, y)
-    expected = block_sums.OUTLIER * np.stack([mean_by_hand(rise, step) for rise in rises])
+    expected = sample_blocks.OUTLIER * np.stack([mean_by_hand(rise, step) for rise in rises])
     np.testing.assert_allclose(limit, expected[:, place], rtol=1e-9)
     either = [np.maximum(rise, np.append(rise[1:], 0.0)) for rise in rises]
     assert set(np.flatnonzero((either > expected * (1.0 + 1e-9)).any(axis=0))) <= set(place)
@@ -90,19 +94,23 @@ def test_what_depends_on_changed_samples_is_measured_again(case, changed):
     """Part by part, as all at once, and with few samples around some again."""
     x, y, step = np.tile(case[0], 12), np.tile(case[1], 12), case[2]
     samples, usual = ReplacedSamples(x, y), np.array([2.0, 1.0])
-    out = np.full((block_sums.ROWS, -(-len(x) // step)), np.nan)
-    sensor_noise._measure(samples, step, usual, list(block_sums.slabs(len(x), step)), out)
+    out = np.full((sample_blocks.ROWS, -(-len(x) // step)), np.nan)
+    sensor_noise._measure(samples, step, usual, list(sample_blocks.slabs(len(x), step)), out)
     place = np.unique(np.array(changed) % len(x))
     samples.replace(place, np.stack([x[place], y[place]]) + 500.0)
-    again, _ = sensor_noise._measure(samples, step, usual, list(block_sums.about(place, len(x), step)), out)
+    again, _ = sensor_noise._measure(
+        samples, step, usual, list(sample_blocks.about(place, len(x), step)), out
+    )
     x[place] += 500.0
     y[place] += 500.0
     expected = np.full(out.shape, np.nan)
     wild, _ = sensor_noise._measure(
-        ReplacedSamples(x, y), step, usual, list(block_sums.slabs(len(x), step)), expected
+        ReplacedSamples(x, y), step, usual, list(sample_blocks.slabs(len(x), step)), expected
     )
     np.testing.assert_allclose(out, expected, rtol=1e-9, atol=1e-9 * expected.max())
-    np.testing.assert_allclose(out[block_sums.POWERS], summed(x, y, step)[0][block_sums.POWERS], rtol=1e-12)
+    np.testing.assert_allclose(
+        out[sample_blocks.POWERS], summed(x, y, step)[0][sample_blocks.POWERS], rtol=1e-12
+    )
     assert set(again) <= set(wild)
 
 
@@ -110,9 +118,9 @@ def test_what_is_long_is_measured_slab_by_slab(monkeypatch):
     rng = np.random.default_rng(2)
     x, y = 1e4 + 100.0 * rng.standard_normal(5000), 5e3 + 80.0 * rng.standard_normal(5000)
     x[::700] *= 3.0
-    monkeypatch.setattr(block_sums, "_SLAB", 10_000)
+    monkeypatch.setattr(sample_blocks, "_SLAB", 10_000)
     whole = sensor_noise.tame(ReplacedSamples(x, y), 4)
-    monkeypatch.setattr(block_sums, "_SLAB", 400)
+    monkeypatch.setattr(sample_blocks, "_SLAB", 400)
     for part, one in zip(sensor_noise.tame(ReplacedSamples(x, y), 4), whole, strict=True):
         np.testing.assert_allclose(part, one, rtol=1e-9)
 
@@ -145,7 +153,7 @@ def tame_by_hand(x, y, step):
         wild = np.zeros(n, dtype=bool)
         middles = []
         for values, rise in zip((x, y), steps_by_hand(x, y)[0], strict=True):
-            limit = block_sums.OUTLIER * mean_by_hand(rise, step)
+            limit = sample_blocks.OUTLIER * mean_by_hand(rise, step)
             padded = np.pad(values, 2, mode="reflect")
             middles.append(np.median([padded[k : k + n] for k in range(5)], axis=0))
             wild |= np.abs(values - middles[-1]) > limit
@@ -160,7 +168,7 @@ def test_near_the_ends_the_mean_is_that_of_the_first_or_last_blocks(count):
     width = min(2 * SMALL_REACH + 1, count)
     first = np.clip(np.arange(count) - SMALL_REACH, 0, count - width)
     expected = [values[f : f + width].mean() for f in first]
-    found = block_sums.moving_mean(values[None], np.ones(count, dtype=int), 1)[0]
+    found = sample_blocks.moving_mean(values[None], np.ones(count, dtype=int), 1)[0]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
@@ -174,7 +182,7 @@ def test_no_wild_sample_is_overlooked(case):
     found = samples.between(0, len(x))
     np.testing.assert_array_equal(found, tame_by_hand(x, y, step))
     np.testing.assert_array_equal((x, y), before)
-    np.testing.assert_allclose(sums, summed(*found, step)[0][block_sums.POWERS], rtol=1e-12)
+    np.testing.assert_allclose(sums, summed(*found, step)[0][sample_blocks.POWERS], rtol=1e-12)
 
 
 @given(series(), st.data())

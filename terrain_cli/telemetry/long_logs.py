@@ -1,22 +1,23 @@
-"""The samples of a long table part by part, as if it had been read whole."""
+"""Logs too long to be held at once: an excerpt of pieces, and the samples of a long table part by part."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from formats import Labels
+from formats.recovery import told
 from terrain_cli.processes.memory import keep_freed
-from terrain_cli.telemetry import alignment, raw_columns
+from terrain_cli.telemetry import alignment, own_clocks, raw_columns, tables
 from terrain_cli.telemetry.derive import plausibility, usable_samples
 from terrain_cli.telemetry.derive.assembly import assemble
-from terrain_cli.telemetry.derive.doubts import Doubt
 from terrain_cli.telemetry.derive.effect_inputs import ANGLE
-from terrain_cli.telemetry.derive.unit_evidence import UnitEvidence
-from terrain_cli.telemetry.read import own_clocks, tables
-from terrain_cli.telemetry.read.raw_channels import choose_wheels, labels_there
+from terrain_cli.telemetry.derive.unit_doubts import Doubt, UnitEvidence
+from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
+from terrain_cli.telemetry.wheel_samples import Notice, joined_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -28,11 +29,15 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry.channel_sources import Plan
     from terrain_cli.telemetry.derive.conditions import Condition
-    from terrain_cli.telemetry.read.own_clocks import OwnClocks
+    from terrain_cli.telemetry.own_clocks import OwnClocks
     from terrain_cli.telemetry.wheel_samples import Raw, Samples
 
     Array = NDArray[np.float64]
 
+#: Rows that are read whole, of all inputs together, where only a share of them is compared.
+MOST_ROWS = 2_000_000
+#: Usable samples of a piece.
+PIECE = 1000
 #: Rows in a part, and rows on either side that are looked at with it: where a clock restarts, what
 #: a rate is, and across which gap a channel is interpolated depends on neighbours.
 ROWS, BESIDE = 1 << 17, 4096
@@ -40,57 +45,117 @@ ROWS, BESIDE = 1 << 17, 4096
 _ROW = "@row"
 
 
+class Excerpt:
+    """Every so many pieces of the usable samples of each wheel, so many that no more than a limit are kept.
+
+    The length of the log need not be known: where the limit is passed, every second piece goes.
+
+    At least half of the limit are kept, if there are more. The parts of each wheel are consecutive.
+    """
+
+    def __init__(self, most: int, parts: Iterable[Samples]) -> None:
+        self._most, self._step = most, 1
+        self._kept: dict[str, list[tuple[Samples, NDArray[np.intp]]]] = {}
+        self._seen: Counter[str] = Counter()
+        self._rows: Counter[str] = Counter()
+        for part in parts:
+            self._add(part)
+
+    def _add(self, part: Samples) -> None:
+        usable, wheel = part.usable, part.wheel
+        number = self._seen[wheel] + np.arange(len(usable))
+        self._seen[wheel] += len(usable)
+        self._rows[wheel] += len(part)
+        kept = self._chosen(number)
+        self._kept.setdefault(wheel, []).append((part.taken(usable[kept]), number[kept]))
+        while sum(len(numbers) for pieces in self._kept.values() for _, numbers in pieces) > self._most:
+            self._step *= 2
+            for wheel, pieces in self._kept.items():
+                thinned = [(samples.taken(c), n[c]) for samples, n in pieces for c in [self._chosen(n)]]
+                self._kept[wheel] = [one for one in thinned if len(one[1])] or thinned[:1]
+
+    def _chosen(self, number: NDArray[np.intp]) -> NDArray[np.bool_]:
+        return np.asarray(number // PIECE % self._step == 0)
+
+    def samples(self) -> list[Samples]:
+        """Return the usable samples kept, by wheel; those of different pieces are of different stretches."""
+        return [self._joined(wheel) for wheel in sorted(self._kept)]
+
+    def _joined(self, wheel: str) -> Samples:
+        pieces = self._kept.pop(wheel)
+        number = np.concatenate([numbers for _, numbers in pieces])
+        whole = joined([samples for samples, _ in pieces])
+        broken = (np.diff(number, prepend=number[:1]) > 1) | (
+            np.diff(whole.stretch, prepend=whole.stretch[:1]) != 0
+        )
+        total = self._seen[wheel] if self._rows[wheel] else None
+        return replace(whole, stretch=np.cumsum(broken), drive=whole.stretch, total=total)
+
+
+def joined(parts: Sequence[Samples]) -> Samples:
+    """Join parts of one wheel, with the words of the first."""
+
+    def optional(values: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+        known = [value for value in values if value is not None]
+        return np.concatenate(known) if known else None
+
+    first = parts[0]
+    return replace(
+        first,
+        time=optional([part.time for part in parts]),
+        channels=joined_columns(parts, lambda part: part.channels),
+        labels={
+            name: raw_columns.join_labels([part.labels[name] for part in parts]) for name in first.labels
+        },
+        stretch=np.concatenate([part.stretch for part in parts]),
+        distance=optional([part.distance for part in parts]),
+        set_aside=raw_columns.join_labels([part.set_aside for part in parts]),
+        drivers=joined_columns(parts, lambda part: part.drivers),
+    )
+
+
+def excerpted(samples: Sequence[Samples]) -> list[str]:
+    """Say of how many samples how many were kept, if not all were."""
+    total = sum(len(one.usable) if one.total is None else one.total for one in samples)
+    kept = sum(len(one.usable) for one in samples)
+    if kept == total:
+        return []
+    return [f"{kept} of {total} samples are read, in unbroken pieces of {PIECE} spread over each input"]
+
+
+def notes(samples: Sequence[Samples]) -> list[str]:
+    """Say what was not read of some inputs, lost or left out, and what every command says of them."""
+    saved = [
+        f"{one.source}: {remark}"
+        for one in samples
+        for remark in [*told(one.remarks), *(r for r in one.remarks if isinstance(r, Notice))]
+    ]
+    return [*dict.fromkeys(saved), *excerpted(samples)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What is to be read of a table.
-
-    Parameters
-    ----------
-    extras : tuple of str
-        Further columns.
-    wheels : tuple of str
-        Only these; all if empty.
-    effects : sequence of Effect or None
-        As for `telemetry.read`.
-    """
+    """What is to be read of a table."""
 
     layout: Plan
     rover: Rover
     channels: frozenset[str]
     extras: tuple[str, ...]
+    #: Only these; all if empty.
     wheels: tuple[str, ...]
     where: Condition | None
     effects: Sequence[Effect] | None
 
 
 def in_parts(
-    request: Request,
-    begin: list[Batch],
-    rest: Iterable[Batch],
-    check: Callable[[list[Raw]], None],
+    request: Request, begin: list[Batch], rest: Iterable[Batch], check: Callable[[list[Raw]], None]
 ) -> Iterator[Samples]:
     """Yield the samples of a table part by part.
 
     Distance, stretches, the angle of the wheel and the clock's origin go on from part to part.
 
-    Parameters
-    ----------
-    begin : list of dict
-        The first batches; emptied.
-    rest : iterable of dict
-        Those that follow.
-    check : callable
-        Refuses wheels of which something is missing.
-
-    Yields
-    ------
-    Samples
-        Of each wheel in turn. What a person should know stands in the first part of a wheel.
-
-    Raises
-    ------
-    formats.errors.FormatError, InputError, ConfigurationError
-        As for `telemetry.read`.
+    The first batches are emptied; `check` refuses wheels of which something is missing. Parts come of each
+    wheel in turn. What a person should know stands in the first part of a wheel.
     """
     keep_freed()
     layout, rover = request.layout, request.rover
@@ -119,13 +184,7 @@ def in_parts(
             end.bring(raw, first, last, rover.max_gap)
             end.count_on(raw)
             samples = assemble(
-                layout,
-                raw,
-                rover,
-                request.where,
-                request.effects,
-                (*layout.extras, _ROW),
-                checked=end.begun,
+                layout, raw, rover, request.where, request.effects, (*layout.extras, _ROW), checked=end.begun
             )
             if not end.begun:
                 told = samples.remarks[len(source.remarks) :]
@@ -146,13 +205,7 @@ def in_parts(
 
 
 def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[str, Column], int, int]]:
-    """Join batches to tables, each with rows of its neighbours.
-
-    Yields
-    ------
-    first, last : int
-        The rows of it that are its own.
-    """
+    """Join batches to tables, each with rows of its neighbours; of its own are those from first to last."""
     pending: list[Batch] = []
     count = before = 0
 

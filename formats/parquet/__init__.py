@@ -1,1 +1,0 @@
-"""Parquet: files, folders of parts, partitions."""

@@ -1,1 +1,0 @@
-"""Logs too long to be held at once."""

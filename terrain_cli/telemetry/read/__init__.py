@@ -1,1 +1,0 @@
-"""From the fields of files to the raw channels of each wheel."""
