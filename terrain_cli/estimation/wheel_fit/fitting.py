@@ -135,7 +135,11 @@ def fit(
     learner: LikelyNoise | ScaledDifferences | None = None
     if noise is None:
         differences = by_differences
-        learner = ScaledDifferences(data, ordered=correlated) if differences else LikelyNoise(data, size)
+        learner = (
+            ScaledDifferences(data, ordered=correlated)
+            if differences
+            else LikelyNoise(data, size, ordered=correlated)
+        )
     dof, begun = np.inf, None
     if isinstance(learner, ScaledDifferences):
         problem, dof, _ = _learn(problem, data, learner)
@@ -305,6 +309,7 @@ def _learn(
         taken += np.trace(np.eye(len(shared)) - held)
         dof = max(float(sample.seen.sum() - taken), 1.0)
         settled = learner.settled(float(normal.misfit.sum()), dof, (own, gain, held))
+        dof /= learner.lasting
         problem = replace(problem, noise=learner.noise)
         if settled:
             break

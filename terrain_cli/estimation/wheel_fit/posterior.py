@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.estimation.line.correlation import student
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.wheel_fit.bounds import overshoot, truncate
 from terrain_cli.estimation.wheel_fit.excess_scatter import excess, memory
@@ -177,6 +178,11 @@ def posterior(
     )
 
 
+def _surely(lasting: Array, number: Array) -> Array:
+    """Widen what is known of samples that are not independent by Student's t."""
+    return np.asarray(lasting * (student(number / lasting - 1.0) / student(number - 1.0)) ** 2)
+
+
 def _honest(normal: Normal, noise: Array) -> tuple[Normal, Normal]:
     """Return what is left of the normal equations without that which the noise of the design feigns.
 
@@ -250,8 +256,21 @@ class _Last:
         self.score_shared[:, rows] = self.axes_shared.T @ (self.score_shared[:, rows] + score[local:])
 
     def memory(self) -> tuple[Array, Array]:
-        """Return the samples to an independent one, along the axes of own and shared unknowns."""
-        return memory(self.score, self.bounds), memory(self.score_shared, self.bounds, together=True)
+        """Return how much more scores vary than white ones, along the axes of own and shared unknowns.
+
+        By the samples to an independent one, and Student's t for the fewer that are independent.
+        """
+        number = np.diff(self.bounds).astype(float)
+        # What the data weigh beside the priors, of which the data and the priors together are 1.
+        taken = np.clip(1.0 - np.einsum("wpj,wpj->jw", self.axes, self.axes), 0.0, 1.0)
+        taken_shared = np.clip(1.0 - np.sum(self.axes_shared**2, axis=0), 0.0, 1.0)[:, None]
+        return (
+            _surely(memory(self.score, self.bounds, taken=taken), number),
+            _surely(
+                memory(self.score_shared, self.bounds, taken=taken_shared, together=True),
+                number.sum(keepdims=True),
+            ),
+        )
 
 
 def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -> tuple[Array, Array]:
