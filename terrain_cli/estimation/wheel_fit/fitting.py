@@ -19,7 +19,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate,
 from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.noise_differences import ScaledDifferences
 from terrain_cli.estimation.wheel_fit.noise_likelihood import LikelyNoise
-from terrain_cli.estimation.wheel_fit.normal_equations import inverse
+from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.strayed_windows import mend
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -155,7 +155,9 @@ def fit(
     if isinstance(learner, LikelyNoise):
         found = _widened(problem, data, found, learner.others())
     if not by_differences:
-        found = _no_wider(problem, found)
+        own, t = no_wider(found.own, found.t)
+        low, high, _ = limits(problem.unknowns.local)
+        found = replace(found, t=np.clip(t, low, high), own=own)
     spread = float(student(np.array([dof]))[0]) / 1.959964 if learner else 1.0
     known = data.count > 0
     about = parameters((*model.soil, *local), sought, found, known, spread)
@@ -244,25 +246,6 @@ def _widened(problem: Problem, data: FitData, found: Posterior, others: Iterable
             shared=found.shared + np.outer(common, common),
         )
     return found
-
-
-def _no_wider(problem: Problem, found: Posterior) -> Posterior:
-    """Return a posterior that is along no axis wider than the prior, whose variance is 1.
-
-    Where the data are worth so little for their misfit, the mean goes back to that of the prior.
-    """
-    size, axes = np.linalg.eigh(0.5 * (found.own + np.swapaxes(found.own, 1, 2)))
-    # Nearly exact data leave rounding of either sign.
-    size = np.abs(size)
-    if not (size > 1.0).any():
-        return found
-    along = np.einsum("wab,wa->wb", axes, found.t) / np.maximum(size, 1.0)
-    low, high, _ = limits(problem.unknowns.local)
-    return replace(
-        found,
-        t=np.clip(np.einsum("wab,wb->wa", axes, along), low, high),
-        own=(axes * np.minimum(size, 1.0)[:, None, :]) @ np.swapaxes(axes, 1, 2),
-    )
 
 
 def _room(variance: Array, way: Array) -> Array:

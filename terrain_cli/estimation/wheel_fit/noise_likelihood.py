@@ -11,8 +11,8 @@ with the residuals g and their derivatives A by the unknowns (Patterson & Thomps
 Fisher scoring in log s_c. A channel has two such terms, noise that is a share of its value and noise that is
 constant: torque that errs by the same amount at any slip, taken for a share of it, would pass for slip
 that errs. Noise that lasts for several samples tells less of itself than so many independent ones: the
-likelihood then counts for so much less beside the prior. The true values of the inputs are those of the fit (`linearised`), so that a load
-that really varies from sample to sample does not pass for noise.
+likelihood then counts for so much less beside the prior. The true values of the inputs are those of the
+fit (`linearised`), so that a load that really varies from sample to sample does not pass for noise.
 """
 
 from __future__ import annotations
