@@ -40,7 +40,7 @@ METHODS = ("least-squares", "ridge", "recursive")
 #: k assumed by that of the soil.
 ASSUMED = {"true k": 1.0, "k 50 % too large": 1.5}
 #: Windows of the paper's estimators by those of the full model, and samples after which their trace is looked at.
-MORE, STEPS = 3, (30, 100, 300)
+MORE, STEPS = 4, (30, 100, 300)
 
 
 def bag(table, folder):
@@ -158,7 +158,7 @@ def told(number, seed):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--windows", type=int, default=60, help="windows of each row of the table")
+    parser.add_argument("--windows", type=int, default=40, help="windows of each row of the table")
     parser.add_argument("--seed", type=int, default=25)
     asked = parser.parse_args()
     lines = []
