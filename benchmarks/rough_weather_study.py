@@ -29,6 +29,8 @@ NOISE, ROUGHNESS = 0.03, "AR(1) 0.95"
 WEATHER = {
     "fair: white noise of 3 %": {},
     "outliers: 2 % at 10 standard deviations": {"outliers": 0.02},
+    "outliers: 8 % at 10 standard deviations": {"outliers": 0.08},
+    "outliers: 8 %, with --robust": {"outliers": 0.08},
     "noise of AR(1) 0.8": {"memory": 0.8},
     "slip off by 0.03, either way, and this is stated": {"offset": 0.03},
     "quantised in steps of 5 %": {"step": 0.05},
@@ -40,7 +42,7 @@ METHODS = ("least-squares", "ridge", "recursive")
 #: k assumed by that of the soil.
 ASSUMED = {"true k": 1.0, "k 50 % too large": 1.5}
 #: Windows of the paper's estimators by those of the full model, and samples after which their trace is looked at.
-MORE, STEPS = 4, (30, 100, 300)
+MORE, STEPS = 2, (30, 100, 300)
 
 
 def bag(table, folder):
@@ -60,14 +62,14 @@ def bag(table, folder):
     return path, "\n".join(lines)
 
 
-def full(number, pull, seed, name):
-    """Return the errors of the default estimate."""
-    rng = np.random.default_rng([seed, list(WEATHER).index(name), pull])
+def full(number, seed, name):
+    """Return the errors of the default estimate; every other window has its drawbar pull measured."""
+    rng = np.random.default_rng([seed, list(WEATHER.values()).index(WEATHER[name])])
     found = []
     with TemporaryDirectory() as folder:
         rover = Path(folder, "rover.toml")
         while len(found) < number:
-            drawn = window(rng, ROUGHNESS, pull, NOISE, **WEATHER[name])
+            drawn = window(rng, ROUGHNESS, len(found) % 2 > 0, NOISE, **WEATHER[name])
             if not drawn:
                 continue
             text = rover_text(drawn, {}, WEATHER[name].get("offset", 0.0))
@@ -78,7 +80,8 @@ def full(number, pull, seed, name):
             else:
                 rover.write_text(text, encoding="utf-8")
                 (samples,) = terrain.from_frame(drawn.table, rover)
-            found.append(errors_of(drawn, terrain.estimate(terrain.segment(samples, "none"))))
+            windows = terrain.segment(samples, "none")
+            found.append(errors_of(drawn, terrain.estimate(windows, robust="--robust" in name)))
     return np.array(found, float)
 
 
@@ -125,20 +128,20 @@ def row(found):
 def told(number, seed):
     yield "Do the errors of `estimate` hold in rough weather? Noise of the sensors learnt from the window itself, k unknown"
     yield ""
-    yield f"{number} windows of 300 samples at {RATE:g} Hz a row, seed {seed}; rules were set on seeds 901 to 911. Vehicles, soils"
-    yield "and shapes of the contact are those of window_coverage_study.txt. The load wanders by 25 % as AR(1) 0.95."
+    yield f"{number} windows of 300 samples at {RATE:g} Hz a row, half of them with drawbar pull, seed {seed}; rules were"
+    yield "set on seeds 901 to 911. Vehicles, soils and shapes of the contact are those of window_coverage_study.txt. The load"
+    yield "wanders by 25 % as AR(1) 0.95."
     yield "covered: share of the 95 % intervals that are given that hold the truth; strength is that at the stress for the"
     yield "whole log. width: median error of the strength as a share of it. false ok: rows marked ok of which c or φ is more"
     yield "than three standard errors off."
     yield ""
     head = f"{'c':>6}{'φ':>6}{'strength':>10}{'width':>8}{'ok':>6}{'false ok':>10}{'worst':>7}"
-    yield f"{'default, noise of 3 %, and':<50}{'pull':<5}{head}"
+    yield f"{'default, noise of 3 %, and':<55}{head}"
     false = okay = 0
     for name in WEATHER:
-        for pull in (False, True):
-            text, wrong, ok = row(full(number, pull, seed, name))
-            false, okay = false + wrong, okay + ok
-            yield f"{name:<50}{'yes' if pull else 'no':<5}{text}"
+        text, wrong, ok = row(full(number, seed, name))
+        false, okay = false + wrong, okay + ok
+        yield f"{name:<55}{text}"
     yield ""
     yield f"Rows marked ok: {okay}; more than three standard errors off: {false} ({false / okay:.1%})."
     yield ""
@@ -158,7 +161,7 @@ def told(number, seed):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--windows", type=int, default=40, help="windows of each row of the table")
+    parser.add_argument("--windows", type=int, default=60, help="windows of each row of the table")
     parser.add_argument("--seed", type=int, default=25)
     asked = parser.parse_args()
     lines = []
