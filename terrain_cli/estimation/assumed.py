@@ -42,6 +42,8 @@ _EXPONENT = 0.85
 _ORDER = 8
 #: Least and greatest c in Pa and tan φ of soils: c as far as four standard deviations of `unknowns.DEFAULT`.
 _SOILS = (np.array([0.0, 0.05]), np.array([22.5e3, np.tan(LARGEST_PHI)]))
+#: Standard deviation of c over published soils, Pa: one that errs by more is not told.
+_SPREAD_C = 5e3
 #: Steps in c and tan φ that tell how the estimate moves with the soil, and steps towards it.
 _STEPS, _NEWTON = np.array([1e3, 0.05]), 3
 
@@ -63,7 +65,7 @@ def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineM
         pivot = np.maximum(-corr * c_se / tan_se, 0.0)
     (size_c, size_t), mixed = (np.sqrt(np.sum(moved**2, axis=2)).T, np.sum(moved[:, 0] * moved[:, 1], axis=1))
     both = size_c * size_t
-    separable = estimates.separable & (phi_se <= LARGEST_PHI_SE)
+    separable = estimates.separable & (phi_se <= LARGEST_PHI_SE) & (c_se <= _SPREAD_C)
     lost = ~separable & np.isin(estimates.status, ("ill-conditioned", "ok"))
     return replace(
         estimates,
