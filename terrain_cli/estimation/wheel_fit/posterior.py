@@ -58,6 +58,9 @@ _STEP = 0.3
 _FARTHEST = 2.0
 #: Beyond this many of them a correction of shared unknowns is none.
 _SMALL = 1.0
+#: Degrees of freedom that Student's t is taken for at the least: fewer samples hardly know their own memory,
+#: and white ones would now and then lose all that they tell.
+_FEWEST = 10.0
 #: Information of a prior ten times as wide, and of nothing.
 _WIDE, _NOTHING = 0.01, 1e-9
 
@@ -151,13 +154,14 @@ def posterior(
         # Their noise is that of their long run already.
         lasting = np.where(missed, 1.0, lasting)
     inner = honest.information[:, :local, :local]
-    lengthened = _lengthen(scatter * inner, last.axes, lasting.T)
+    number = data.count.astype(float)
+    lengthened = _lengthen(scatter * inner, last.axes, _surely(lasting, number).T)
     along = np.concatenate([gain, np.broadcast_to(np.eye(len(shared)), (len(gain), *shared.shape))], axis=1)
     plain, larger = (
         np.asarray(np.einsum("wax,wab,wby->xy", along, factor * honest.information, along), dtype=float)
         for factor in (1.0, scatter)
     )
-    lengthened_shared = _lengthen(larger, last.axes_shared, lasting_shared[:, 0])
+    lengthened_shared = _lengthen(larger, last.axes_shared, _surely(lasting_shared[:, 0], number.sum()))
     priors = np.eye(len(shared)) + np.einsum("wpx,wpy->xy", gain, gain)
     sure = replace(sure, information=sure.information / scatter)
     t, cut_off = truncate(t, _sandwich(own, inner, lengthened, np.eye(local)), beyond, problem.unknowns.local)
@@ -180,7 +184,8 @@ def posterior(
 
 def _surely(lasting: Array, number: Array) -> Array:
     """Widen what is known of samples that are not independent by Student's t."""
-    return np.asarray(lasting * (student(number / lasting - 1.0) / student(number - 1.0)) ** 2)
+    independent = np.maximum(number / lasting - 1.0, _FEWEST)
+    return np.asarray(lasting * np.maximum(student(independent) / student(number - 1.0), 1.0) ** 2)
 
 
 def _honest(normal: Normal, noise: Array) -> tuple[Normal, Normal]:
@@ -256,20 +261,13 @@ class _Last:
         self.score_shared[:, rows] = self.axes_shared.T @ (self.score_shared[:, rows] + score[local:])
 
     def memory(self) -> tuple[Array, Array]:
-        """Return how much more scores vary than white ones, along the axes of own and shared unknowns.
-
-        By the samples to an independent one, and Student's t for the fewer that are independent.
-        """
-        number = np.diff(self.bounds).astype(float)
+        """Return the samples to an independent one, along the axes of own and shared unknowns."""
         # What the data weigh beside the priors, of which the data and the priors together are 1.
         taken = np.clip(1.0 - np.einsum("wpj,wpj->jw", self.axes, self.axes), 0.0, 1.0)
         taken_shared = np.clip(1.0 - np.sum(self.axes_shared**2, axis=0), 0.0, 1.0)[:, None]
         return (
-            _surely(memory(self.score, self.bounds, taken=taken), number),
-            _surely(
-                memory(self.score_shared, self.bounds, taken=taken_shared, together=True),
-                number.sum(keepdims=True),
-            ),
+            memory(self.score, self.bounds, taken=taken),
+            memory(self.score_shared, self.bounds, taken=taken_shared, together=True),
         )
 
 
