@@ -10,7 +10,7 @@ from terrain_cli.estimation.line.correlation import samples_per_independent
 from terrain_cli.estimation.line.moments import segment_sum
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from terrain_cli.estimation.line.moments import Bounds
 
@@ -79,7 +79,7 @@ def slow_share(residuals: Array, bounds: Bounds) -> Array:
     return np.asarray(share.max(axis=0, initial=0.0))
 
 
-def memory(rows: Array, bounds: Bounds, *, taken: ArrayLike = 0.0, together: bool = False) -> Array:
+def memory(rows: Array, bounds: Bounds, *, taken: Array | float = 0.0, together: bool = False) -> Array:
     """Return how many samples make an independent one.
 
     The autocorrelation is taken as that of a first-order process above white noise, from lags 1
@@ -92,7 +92,7 @@ def memory(rows: Array, bounds: Bounds, *, taken: ArrayLike = 0.0, together: boo
     rows : ndarray, shape (r, n)
         Series of mean zero, such as the parts of a score.
     bounds : ndarray of int, shape (w + 1,)
-    taken : array_like, shape (r, w) or (r, 1)
+    taken : ndarray, shape (r, w) or (r, 1), or float
         What a fit took of a series' sum of squares, were it white, in terms of the variance of a sample: 1
         of the residuals about a mean.
     together : bool
@@ -135,7 +135,7 @@ def memory(rows: Array, bounds: Bounds, *, taken: ArrayLike = 0.0, together: boo
     return np.minimum(lasting, _of_means(rows, bounds, power, taken, together=together))
 
 
-def _of_means(rows: Array, bounds: Bounds, power: Array, taken: ArrayLike, *, together: bool) -> Array:
+def _of_means(rows: Array, bounds: Bounds, power: Array, taken: Array | float, *, together: bool) -> Array:
     """Return the most samples that an independent one may take, from the scatter of means of n^⅔ samples."""
     length = np.diff(bounds)
     size = np.maximum((length ** (2.0 / 3.0)).astype(int), 1)
