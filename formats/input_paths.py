@@ -61,8 +61,8 @@ def expand(inputs: Sequence[str]) -> list[str]:
 def parts(log: str) -> list[str]:
     """List the files of a log.
 
-    Of a rosbag2 folder all that is in it, but for settings (.toml), which may lie there too; of a database also
-    what SQLite keeps beside it.
+    Of a rosbag2 folder all that is in it, but for settings (.toml), which may lie there too; of a database
+    also what SQLite keeps beside it.
     """
     folder = Path(log)
     if log == "-":

@@ -156,7 +156,7 @@ def test_several_inputs_at_once(folder, compare):
     found = compare(folder / "clean.csv", folder / "sinks.parquet", "--segments", "none")
     assert len(found["data"]["sources"]) == 2
     assert [segment["segment"] for segment in found["segments"]] == [1, 1]
-    assert all(math.isfinite(segment["phi_deg"]) for segment in found["segments"])
+    assert all(math.isfinite(segment["torque"]["rmse"]) for segment in found["segments"])
 
 
 def test_same_seed_same_answer(folder, terrain_est, terrain_est_here):

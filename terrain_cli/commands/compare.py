@@ -43,6 +43,7 @@ Examples:
 )
 @options.wheel
 @comparison_options.cutting
+@comparison_options.soils
 @options.as_json
 @click.option(
     "--plot",
@@ -83,7 +84,8 @@ def command(context: click.Context, /, **_: Any) -> None:
         for file in files:
             like = outcomes[0] if outcomes else None
             tell = partial(progress.say, str(file.path or file.model.base))
-            outcomes.append(compared(cut, file, like=like, seed=seed, progress=tell))
+            soils = comparison_options.asked(context.params, cut, file)
+            outcomes.append(compared(cut, file, like=like, soils=soils, seed=seed, progress=tell))
             progress.advance()
     first, second = outcomes[0], outcomes[1] if len(outcomes) > 1 else None
     differences = against(first, second, seed=seed) if second else []

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from terrain_cli.commands.progress import Progress
+    from terrain_cli.estimation.estimate_request import EstimateRequest
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Rover
     from terrain_cli.windows.cut_windows import Windows
@@ -47,6 +48,12 @@ _CUTTING = (
 def cutting(command: options.F) -> options.F:
     """Add the options by which windows are cut, samples are kept and chance is drawn."""
     return reduce(lambda decorated, option: option(decorated), reversed(_CUTTING), command)
+
+
+def soils(command: options.F) -> options.F:
+    """Add the options of `estimate` that decide on c and φ of the segments, and on nothing else."""
+    of_estimate = (options.folds, options.robust, options.at_stress)
+    return reduce(lambda decorated, option: option(decorated), reversed(of_estimate), command)
 
 
 def read(context: click.Context, model: Sequence[ModelFile], progress: Progress) -> list[Windows]:
@@ -127,3 +134,20 @@ def _cut(
         for samples in wheels
         if len(samples.usable)
     ]
+
+
+def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> EstimateRequest:
+    """Return what `estimate` is asked for the segments of a comparison.
+
+    Parameters
+    ----------
+    given : mapping of str to value
+        The parameters of a verb with `cutting` and `soils`.
+    """
+    from terrain_cli.estimation import estimators
+    from terrain_cli.estimation.estimate_request import EstimateRequest
+
+    # Before the work, not after it.
+    estimators.choose("auto", file, robust=given["robust"])
+    options_of_estimate = {name: given[name] for name in ("min_samples", "folds", "robust", "at_stress")}
+    return EstimateRequest(wheels=cut, file=file, **options_of_estimate)

@@ -141,7 +141,8 @@ at_stress = click.option(
 robust = click.option(
     "--robust",
     is_flag=True,
-    help="Give samples far from the fit less weight. The full model leaves out wild ones anyway.",
+    help="Give samples far from the fit less weight: for logs in which more than a tenth of them are wild. "
+    "Fewer are left out anyway.",
 )
 crs = click.option(
     "--crs",

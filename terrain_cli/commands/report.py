@@ -42,6 +42,7 @@ Examples:
 )
 @options.wheel
 @comparison_options.cutting
+@comparison_options.soils
 @options.quiet
 @click.pass_context
 def command(context: click.Context, /, **_: Any) -> None:
@@ -64,7 +65,8 @@ def command(context: click.Context, /, **_: Any) -> None:
     with Progress(len(given["inputs"]) + 2, enabled=not given["quiet"]) as progress:
         cut = comparison_options.read(context, [file], progress)
         tell = partial(progress.say, str(file.path or file.model.base))
-        comparison = compared(cut, file, seed=given["seed"], progress=tell)
+        soils = comparison_options.asked(given, cut, file)
+        comparison = compared(cut, file, soils=soils, seed=given["seed"], progress=tell)
         progress.advance()
         say = partial(progress.say, given["output"])
         further = [report.history(file.history)]

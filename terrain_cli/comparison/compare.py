@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,8 @@ from terrain_cli.comparison.comparison_outcome import (
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.estimation.estimate_request import EstimateRequest
+from terrain_cli.models import ModelFile
 from terrain_cli.processes import parallel
 from terrain_cli.vocabulary.english import counted
 from terrain_cli.windows.cut_windows import thinned
@@ -28,7 +30,7 @@ from terrain_cli.windows.cut_windows import thinned
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from terrain_cli.comparison.comparison_outcome import Finding
     from terrain_cli.estimation.wheel_fit import Noise, Prior
@@ -54,11 +56,12 @@ def compare(
     wheels: Sequence[Windows],
     model: Model,
     *,
-    fixed: Mapping[str, ArrayLike] | None = None,
+    fixed: Mapping[str, float] | None = None,
     priors: Mapping[str, Prior] | None = None,
     shared: Collection[str] = (),
     noise: Noise | None = None,
     like: Comparison | None = None,
+    soils: EstimateRequest | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
@@ -81,6 +84,8 @@ def compare(
     like : Comparison, optional
         Of another model with the same windows: take its blocks, so that `two_models` compares like with
         like.
+    soils : EstimateRequest, optional
+        What `estimate` is asked for c and φ of the segments; of this model with its defaults if not given.
     seed : int
         Of the bootstraps.
     progress : callable
@@ -95,7 +100,11 @@ def compare(
         wheels, model, FitSettings(fixed or {}, priors or {}, shared, noise), progress=progress
     )
     fitted, joined = one_soil_or_several.as_few_as_predict(fitted, progress)
-    return of_fitted(fitted, like=like, seed=seed, warnings=[*warnings, *joined], progress=progress)
+    found = of_fitted(fitted, like=like, seed=seed, warnings=[*warnings, *joined], progress=progress)
+    if soils is None:
+        known = ModelFile(model=model, fixed=fixed or {}, priors=priors or {}, shared=tuple(shared))
+        soils = EstimateRequest(wheels=wheels, file=known)
+    return replace(found, soils=soils)
 
 
 def fit_wheels(
@@ -181,9 +190,9 @@ def of_fitted(
     progress("predicting blocks left out")
     compared = [_compared(wheel, block, scale, seed) for wheel, block in zip(fitted, made.of, strict=True)]
     return Comparison(
-        {"base": model.base, "effects": [effect.id for effect in model.effects]},
-        compared,
-        {
+        model={"base": model.base, "effects": [effect.id for effect in model.effects]},
+        wheels=compared,
+        channels={
             name: _errors(
                 name,
                 [(one.series[name], one.blocks) for one in compared if name in one.series],
@@ -192,8 +201,8 @@ def of_fitted(
             )
             for name in levels
         },
-        failures,
-        warnings,
+        failures=failures,
+        warnings=warnings,
     )
 
 
@@ -322,12 +331,14 @@ def _compared(wheel: FittedWheel, block: Index, scale: dict[str, float], seed: i
     errors = {
         name: _errors(name, [(one, block)], wheel.noise[name].deviation, seed) for name, one in series.items()
     }
-    samples = wheel.windows.samples
+    samples, segment = wheel.windows.samples, wheel.segment
+    bounds = np.searchsorted(segment, np.arange(int(segment.max(initial=-1)) + 2))
     return WheelComparison(
         source=samples.source,
         wheel=samples.wheel,
         samples=samples,
         windows=wheel.windows,
+        segments=replace(wheel.windows, bounds=bounds),
         fit=wheel.fit,
         model=wheel.model,
         series=series,

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from terrain_cli.estimation.estimate_request import EstimateRequest
     from terrain_cli.estimation.wheel_fit import Fit
     from terrain_cli.mechanics.wheel_model import Model
     from terrain_cli.telemetry import Samples
@@ -99,6 +100,10 @@ class WheelComparison:
 
     Parameters
     ----------
+    windows : Windows
+        Of one soil each; where one predicts as well as several, it joins several segments.
+    segments : Windows
+        The same samples as they were cut.
     series : dict of str to Series
         By channel.
     blocks : ndarray of int, shape (n,)
@@ -109,6 +114,7 @@ class WheelComparison:
     wheel: str
     samples: Samples
     windows: Windows
+    segments: Windows
     fit: Fit
     model: Model
     series: dict[str, Series]
@@ -193,7 +199,7 @@ class Difference:
     moved: bool
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Comparison:
     """A model against all measurements.
 
@@ -205,6 +211,8 @@ class Comparison:
         Over all wheels.
     failures : list of Finding
         The strongest first.
+    soils : EstimateRequest or None
+        What `estimate` says of the segments (`segment_soils.of`).
     """
 
     model: dict[str, Any]
@@ -212,6 +220,7 @@ class Comparison:
     channels: dict[str, ChannelErrors]
     failures: list[Finding]
     warnings: list[str]
+    soils: EstimateRequest | None = None
 
     @property
     def blocks(self) -> int:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.comparison import segment_soils
 from terrain_cli.comparison.bootstrap import resample
 from terrain_cli.comparison.comparison_outcome import UNITS, Difference
 
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.comparison_outcome import Comparison, WheelComparison
+    from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.comparison.segment_soils import Soils
 
     Array = NDArray[np.float64]
 
@@ -38,10 +40,13 @@ def against(first: Comparison, second: Comparison, *, seed: int = 0) -> list[Dif
         Channels first, then c (Pa) and φ (rad) of every segment.
     """
     errors = [one for one in (_error(first, second, name, seed) for name in UNITS) if one is not None]
-    soil = [
-        difference for a, b in zip(first.wheels, second.wheels, strict=True) for difference in _soil(a, b)
-    ]
-    return [*errors, *soil]
+    return [*errors, *between_soils(first, second)]
+
+
+def between_soils(first: Comparison, second: Comparison) -> list[Difference]:
+    """Tell how c and φ of every segment differ with a second model."""
+    both = zip(segment_soils.of(first), segment_soils.of(second), strict=True)
+    return [difference for one, other in both for difference in _soil(one, other)]
 
 
 def _error(first: Comparison, second: Comparison, name: str, seed: int) -> Difference | None:
@@ -85,26 +90,22 @@ def _error(first: Comparison, second: Comparison, name: str, seed: int) -> Diffe
     )
 
 
-def _soil(a: WheelComparison, b: WheelComparison) -> Iterator[Difference]:
-    """Compare the soil of each segment; where the second model has joined several, with the one of them."""
-    fits = a.fit, b.fit
+def _soil(one: Soils, other: Soils) -> Iterator[Difference]:
+    samples, estimates = one.segments.samples, (one.estimates, other.estimates)
     columns = (
-        ("c", "Pa", [(fit.values["cohesion"], fit.errors["cohesion"]) for fit in fits]),
-        ("phi", "rad", [(fit.phi, fit.phi_se) for fit in fits]),
+        ("c", "Pa", [(of.c, of.c_se) for of in estimates]),
+        ("phi", "rad", [(of.phi, of.phi_se) for of in estimates]),
     )
-    starts = a.windows.bounds[:-1]
-    other = np.clip(np.searchsorted(b.windows.bounds, starts, side="right") - 1, 0, len(b.windows) - 1)
-    for segment in range(len(a.windows)):
-        place = int(other[segment])
+    for segment in range(len(one.segments)):
         for name, unit, ((first, first_se), (second, second_se)) in columns:
-            change = float(second[place] - first[segment])
-            se = float(np.hypot(first_se[segment], second_se[place]))
+            change = float(second[segment] - first[segment])
+            se = float(np.hypot(first_se[segment], second_se[segment]))
             yield Difference(
                 name=name,
                 unit=unit,
-                where=(a.source, a.wheel, segment + 1),
+                where=(samples.source, samples.wheel, segment + 1),
                 first=float(first[segment]),
-                second=float(second[place]),
+                second=float(second[segment]),
                 difference=change,
                 low=change - 1.96 * se,
                 high=change + 1.96 * se,

@@ -2,8 +2,8 @@
 
 They take k for known, and the stresses under the rim for triangles. How far c and tan φ would move is found
 with the same estimator: with k, and each sensor whose offset is not known, a standard deviation larger and
-smaller; and on the torques and loads that the full model gives the soil that was estimated, which the
-triangles do not reproduce. None averages out over samples, nor over windows.
+smaller; and by how far the estimate is from that soil whose torques and loads, by the full model, lead to it:
+the triangles may leave a tenth of c. None averages out over samples, nor over windows.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from terrain_cli.mechanics import contact, linear
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from terrain_cli.estimation import WindowEstimates
@@ -38,8 +40,12 @@ _SHAPES = ((0.5, 0.0), (0.18, 0.32), (0.43, 0.32))
 _EXPONENT = 0.85
 #: Nodes on each arc: 1e-4 of the forces.
 _ORDER = 8
-#: Soil that is assumed where the estimate is none: c of at least 0, tan φ of at least this.
-_LEAST_TAN = 0.05
+#: Least and greatest c in Pa and tan φ of soils: c as far as four standard deviations of `unknowns.DEFAULT`.
+_SOILS = (np.array([0.0, 0.05]), np.array([22.5e3, np.tan(LARGEST_PHI)]))
+#: Standard deviation of c over published soils, Pa: one that errs by more is not told.
+_SPREAD_C = 5e3
+#: Steps in c and tan φ that tell how the estimate moves with the soil, and steps towards it.
+_STEPS, _NEWTON = np.array([1e3, 0.05]), 3
 
 
 def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineMethod) -> WindowEstimates:
@@ -59,7 +65,7 @@ def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineM
         pivot = np.maximum(-corr * c_se / tan_se, 0.0)
     (size_c, size_t), mixed = (np.sqrt(np.sum(moved**2, axis=2)).T, np.sum(moved[:, 0] * moved[:, 1], axis=1))
     both = size_c * size_t
-    separable = estimates.separable & (phi_se <= LARGEST_PHI_SE)
+    separable = estimates.separable & (phi_se <= LARGEST_PHI_SE) & (c_se <= _SPREAD_C)
     lost = ~separable & np.isin(estimates.status, ("ill-conditioned", "ok"))
     return replace(
         estimates,
@@ -152,12 +158,31 @@ def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod)
         if name in measured:
             column = cast("dict[str, Array]", measured)[name]
             moved.append(0.5 * (line(k, **{name: column + size}) - line(k, **{name: column - size})))
-    soil = np.array(
-        [np.maximum(estimates.c, 0.0), np.clip(np.tan(estimates.phi), _LEAST_TAN, np.tan(LARGEST_PHI))]
-    )
+    found = np.array([estimates.c, np.tan(estimates.phi)])
     scale = np.sqrt(len(_SHAPES))
-    moved += [(line(k, **_under_wheel(windows, soil, shape)) - soil) / scale for shape in _SHAPES]
+    for shape in _SHAPES:
+
+        def estimated(soil: Array, shape: tuple[float, float] = shape) -> Array:
+            return line(k, **_under_wheel(windows, soil, shape))
+
+        moved.append((found - _origin(found, estimated)) / scale)
     return np.nan_to_num(np.array(moved).transpose(2, 1, 0), posinf=0.0, neginf=0.0)
+
+
+def _origin(found: Array, estimated: Callable[[Array], Array]) -> Array:
+    """Return the soils (c, tan φ) of which the estimates are those found, by Newton's method."""
+    low, high = (end[:, None] for end in _SOILS)
+    soil = np.clip(np.nan_to_num(found), low, high)
+    here = estimated(soil)
+    by = [(estimated(soil + step[:, None]) - here) / step.sum() for step in np.diag(_STEPS)]
+    (a, b), (c, d) = np.array(by).swapaxes(0, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for _ in range(_NEWTON):
+            x, y = found - here
+            step = np.array([d * x - b * y, a * y - c * x]) / (a * d - b * c)
+            soil = np.clip(soil + np.nan_to_num(step), low, high)
+            here = estimated(soil)
+    return soil
 
 
 def _under_wheel(windows: Windows, soil: Array, shape: tuple[float, float]) -> dict[str, Array]:

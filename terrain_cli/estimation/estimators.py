@@ -173,8 +173,7 @@ def estimate(
     ----------
     method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
     file : ModelFile, optional
-        From `choose`: the model to fit whole. Its effects have one value of each parameter for all
-        windows.
+        From `choose`: the model to fit whole, its effects with the same parameters in all windows.
     min_samples, folds
         As for `estimate_lines`.
     at_stress : float, optional
@@ -186,7 +185,8 @@ def estimate(
     of_line = cast("LineMethod", "auto" if file else method)
     line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)
     if file is None:
-        line = with_strengths(with_assumptions(line, windows.on_line(), of_line), windows, at_stress)
+        windows = windows.on_line()
+        line = with_strengths(with_assumptions(line, windows, of_line), windows, at_stress)
         return Fitted(line, joint=joint_posteriors.of_line(line, asked))
     whole, windows = windows, windows.thinned(_MOST)
     channels = _channels(windows)

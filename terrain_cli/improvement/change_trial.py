@@ -9,9 +9,11 @@ import numpy as np
 from scipy.special import chdtrc
 
 from terrain_cli import models
-from terrain_cli.comparison import against, compare, comparison_criteria
+from terrain_cli.comparison import compare, comparison_criteria, segment_soils
+from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import diagnosis_criteria, several_soils
 from terrain_cli.estimation import estimators
+from terrain_cli.estimation.estimate_request import EstimateRequest
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Estimated, Idle, Lost, Shift, Step
@@ -21,8 +23,6 @@ from terrain_cli.windows import joined_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-
-    from numpy.typing import NDArray
 
     from terrain_cli.comparison import Comparison, Difference
     from terrain_cli.comparison.comparison_outcome import WheelComparison
@@ -45,10 +45,14 @@ def fitted(
     file: ModelFile,
     *,
     like: Comparison | None = None,
+    soils: EstimateRequest | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Compare a model file with the joined windows of some wheels of one rover, on the blocks of `like`."""
+    """Compare a model file with the joined windows of some wheels of one rover, on the blocks of `like`.
+
+    `soils` are of the same windows and file; without options if not given.
+    """
     held, priors, noise = estimators.assumed(wheels, file)
     return compare(
         wheels,
@@ -58,6 +62,7 @@ def fitted(
         shared=[name for name in file.shared if name not in held],
         noise=noise,
         like=like,
+        soils=soils or EstimateRequest(wheels=wheels, file=file),
         seed=seed,
         progress=progress,
     )
@@ -68,11 +73,12 @@ def compared(
     file: ModelFile,
     *,
     like: Comparison | None = None,
+    soils: EstimateRequest | None = None,
     seed: int = 0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
     """Compare a model file with inputs as they were read, and say what was not read of them; as `fitted`."""
-    found = fitted(wheels, file, like=like, seed=seed, progress=progress)
+    found = fitted(wheels, file, like=like, soils=soils, seed=seed, progress=progress)
     return replace(found, warnings=[*notes([windows.samples for windows in wheels]), *found.warnings])
 
 
@@ -103,10 +109,12 @@ def tried(
             first, second = fitted(wheels, before, like=own, seed=seed, progress=progress), own
     first, second, told = _on_the_same_soils(first, second, action, before, after, seed, progress)
     remarks = [*notes([windows.samples for windows in parts]), *second.warnings, *told]
-    second = replace(second, warnings=remarks)
-    differences = against(first, second, seed=seed)
+    # c and φ are those of the segments, however many soils the two models were compared on.
+    first = replace(first, soils=EstimateRequest(wheels=wheels, file=before))
+    second = replace(second, warnings=remarks, soils=EstimateRequest(wheels=wheels, file=after))
+    differences = between_soils(first, second)
     with_it, file = (second, after) if action == "add" else (first, before)
-    places = _places(parts, first)
+    places = _places(parts, wheels)
     channels, evidence = weigh(first, second)
     return Step(
         action=action,
@@ -164,20 +172,16 @@ def _on_the_same_soils(
     return first, second, told
 
 
-def _places(parts: Sequence[Windows], comparison: Comparison) -> list[Place]:
-    """Return where each segment that was compared begins: input, wheel, and its number there."""
+def _places(parts: Sequence[Windows], wheels: Sequence[Windows]) -> list[Place]:
+    """Return where each segment of joined inputs begins: input, wheel, and its number there."""
     places: list[Place] = []
-    for wheel in comparison.wheels:
+    for wheel in wheels:
         own = [one for one in parts if _same_wheel(one.samples, wheel.samples)]
         firsts = np.concatenate([[0], np.cumsum([len(one.rows) for one in own])])
-        for j, start in enumerate(wheel.windows.bounds[:-1]):
-            if firsts[-1] != len(wheel.windows.rows):
-                # Thinned: its samples are counted anew.
-                places.append((wheel.source, wheel.wheel, j + 1))
-                continue
+        for start in wheel.bounds[:-1]:
             part = int(np.searchsorted(firsts, start, side="right")) - 1
             segment = int(np.searchsorted(own[part].bounds, start - firsts[part], side="right"))
-            places.append((own[part].samples.source, wheel.wheel, segment))
+            places.append((own[part].samples.source, wheel.samples.wheel, segment))
     return places
 
 
@@ -297,18 +301,10 @@ def _open(comparison: Comparison) -> dict[str, int]:
 
 
 def _lost(first: Comparison, second: Comparison, places: Sequence[Place]) -> Iterator[Lost]:
-    before = [str(status) for wheel in first.wheels for status in wheel.fit.status]
-    after = [
-        str(status)
-        for a, b in zip(first.wheels, second.wheels, strict=True)
-        for status in b.fit.status[_holding(a.windows, b.windows)]
-    ]
+    before, after = (
+        [str(status) for soils in segment_soils.of(one) for status in soils.estimates.status]
+        for one in (first, second)
+    )
     for place, was, now in zip(places, before, after, strict=True):
         if was == "ok" != now:
             yield Lost(*place, was, now)
-
-
-def _holding(windows: Windows, others: Windows) -> NDArray[np.intp]:
-    """Return the window among others in which each window begins: a model may need fewer soils."""
-    place = np.searchsorted(others.bounds, windows.bounds[:-1], side="right") - 1
-    return np.clip(place, 0, len(others) - 1)

@@ -142,11 +142,13 @@ def _head(action: Action, changed: Sequence[str], after: ModelFile, because: str
 
 def data(step: Step) -> dict[str, Any]:
     """Return on what a change was tried."""
-    wheels = step.first.wheels
+    wheels, soils = step.first.wheels, step.first.soils
+    # Both models were compared on the soils that they need.
+    cut = [wheel.segments for wheel in wheels] if soils is None else soils.wheels
     return {
         "sources": list(step.sources),
         "samples": sum(len(wheel.windows.rows) for wheel in wheels),
-        "segments": sum(len(wheel.windows) for wheel in wheels),
+        "segments": sum(len(segments) for segments in cut),
         "blocks": step.first.blocks,
     }
 

@@ -215,7 +215,7 @@ def _parameters(parameters: Sequence[Estimated]) -> list[str]:
 
 def _moved(step: Step) -> str:
     """Say how far c and φ moved."""
-    several = len(step.first.wheels) > 1 or any(len(wheel.windows) > 1 for wheel in step.first.wheels)
+    several = len(step.first.wheels) > 1 or any(len(wheel.segments) > 1 for wheel in step.first.wheels)
     parts = []
     for one, symbol in zip(step.shifts, ("c", "φ"), strict=True):
         if one.where is None:

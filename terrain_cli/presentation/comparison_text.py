@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.comparison import finding_sentences
+from terrain_cli.comparison import finding_sentences, segment_soils
 from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.english import counted
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         Finding,
         WheelComparison,
     )
+    from terrain_cli.estimation import WindowEstimates
 
 FORMAT = "terrain-est/comparison/1"
 #: Segments that a finding names, and a person reads.
@@ -50,7 +51,7 @@ def document(
         "data": {
             "sources": list(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
             "samples": sum(len(wheel.windows.rows) for wheel in comparison.wheels),
-            "segments": sum(len(wheel.windows) for wheel in comparison.wheels),
+            "segments": sum(len(wheel.segments) for wheel in comparison.wheels),
             "blocks": comparison.blocks,
         },
         **_outcome(comparison),
@@ -66,7 +67,11 @@ def _outcome(comparison: Comparison) -> dict[str, Any]:
         "channels": {name: _errors(errors) for name, errors in comparison.channels.items()},
         "failures": [_finding(finding) for finding in comparison.failures],
         "parameters": [_parameters(wheel) for wheel in comparison.wheels if wheel.fit.shared],
-        "segments": [row for wheel in comparison.wheels for row in _segments(wheel)],
+        "segments": [
+            row
+            for wheel, soils in zip(comparison.wheels, segment_soils.of(comparison), strict=True)
+            for row in _segments(wheel, soils.estimates)
+        ],
         "warnings": list(comparison.warnings),
     }
 
@@ -121,19 +126,20 @@ def _parameters(wheel: WheelComparison) -> dict[str, Any]:
     }
 
 
-def _segments(wheel: WheelComparison) -> Iterator[dict[str, Any]]:
-    fit, bounds = wheel.fit, wheel.windows.bounds
-    for j in range(len(wheel.windows)):
+def _segments(wheel: WheelComparison, soils: WindowEstimates) -> Iterator[dict[str, Any]]:
+    bounds = wheel.segments.bounds
+    for j in range(len(wheel.segments)):
         part = slice(bounds[j], bounds[j + 1])
         yield {
             "source": wheel.source,
             "wheel": wheel.wheel,
             "segment": j + 1,
             "samples": int(bounds[j + 1] - bounds[j]),
-            "c_kPa": _known(fit.values["cohesion"][j] / 1e3),
-            "c_se_kPa": _known(fit.errors["cohesion"][j] / 1e3),
-            "phi_deg": _known(math.degrees(fit.phi[j])),
-            "phi_se_deg": _known(math.degrees(fit.phi_se[j])),
+            "status": str(soils.status[j]),
+            "c_kPa": _known(soils.c[j] / 1e3),
+            "c_se_kPa": _known(soils.c_se[j] / 1e3),
+            "phi_deg": _known(math.degrees(soils.phi[j])),
+            "phi_se_deg": _known(math.degrees(soils.phi_se[j])),
             **{
                 name: _of_segment(series.measured[part] - series.predicted[part])
                 for name, series in wheel.series.items()
@@ -207,7 +213,7 @@ def _text_of_one(comparison: Comparison) -> str:
 def title(comparison: Comparison) -> str:
     """Name the model, and say with how much data it was compared."""
     samples = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
-    segments = sum(len(wheel.windows) for wheel in comparison.wheels)
+    segments = sum(len(wheel.segments) for wheel in comparison.wheels)
     data = f"{counted(samples, 'sample')} in {counted(segments, 'segment')}"
     return f"model {named(comparison)} against {data}"
 
@@ -222,7 +228,7 @@ def failures(comparison: Comparison) -> list[str]:
 
 
 def _told(finding: Finding, comparison: Comparison) -> str:
-    several = sum(len(wheel.windows) for wheel in comparison.wheels) > 1
+    several = sum(len(wheel.segments) for wheel in comparison.wheels) > 1
     named = len({wheel.windows.samples.wheel for wheel in comparison.wheels}) > 1
     worst = ", ".join(
         f"{in_line(wheel)} segment {segment}" if named else f"segment {segment}"

@@ -36,7 +36,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "data": {
             "sources": list(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
             "samples": sum(len(wheel.windows.rows) for wheel in comparison.wheels),
-            "segments": sum(len(wheel.windows) for wheel in comparison.wheels),
+            "segments": sum(len(wheel.segments) for wheel in comparison.wheels),
             "blocks": comparison.blocks,
         },
         "channels": {

@@ -269,7 +269,7 @@ _MAPPED = ("strength_at_stress_kPa", "strength_at_stress_se_kPa", "stress_kPa")
 _KNOWN = 0.5
 MEANINGS = {
     "ill-conditioned": "c and φ depend on the penalty of the ridge; trust the strength",
-    "not-separable": "c and φ cannot be told apart here; a load that varies more would help",
+    "not-separable": "c and φ cannot be told apart here: loads too alike for the noise, or k too uncertain",
     "out-of-range": "c is negative or φ outside 0 to 60°: noise if within its error, else a wrong model",
     "at-bound": "a parameter is at the edge of what soils have; try `terrain-est diagnose`",
     "prior-bound": "c or φ is not told by the data, and left empty",

@@ -298,10 +298,11 @@ class _End:
         self, samples: Samples, row: Array, i: int, j: int, last: int, max_gap: float | None
     ) -> NDArray[np.intp]:
         """Count a gap in what is usable that began where the part does not see it."""
-        stretch, time, usable = samples.stretch[i:j], samples.time, samples.usable
-        own = usable[np.searchsorted(usable, i) :]
+        stretch, time = samples.stretch[i:j], samples.time
+        ground = usable_samples.on_ground(samples.set_aside)
+        own = ground[np.searchsorted(ground, i) :]
         own = own[: np.searchsorted(own, j)]
-        seen = usable[: np.searchsorted(usable, j)]
+        seen = ground[: np.searchsorted(ground, j)]
         hidden, ends_hidden = len(own) == len(seen), not len(seen) or row[seen[-1]] < last - BESIDE
         if time is not None and (ends_hidden or (hidden and self.used)):
             gap = alignment.stretch_gap(time, max_gap)

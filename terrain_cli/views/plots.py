@@ -171,7 +171,7 @@ def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
         yield f"track-{name.replace('_', '-')}", partial(figures.track, table, {label: misfit})
     moments = soil_table.moments(comparison)
     yield "rim-stress", partial(figures.rim_stress, moments) if moments else lambda: None
-    driven = [wheel.windows for wheel in comparison.wheels if wheel.windows.lined]
+    driven = [wheel.segments for wheel in comparison.wheels if wheel.segments.lined]
     yield from _convergence([segment_table.trace(_begun(windows)) for windows in driven[:MOST_TRACES]])
 
 

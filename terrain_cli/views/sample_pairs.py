@@ -77,7 +77,7 @@ def pairs(comparison: Comparison, channel: str) -> Pairs:
     parts, before = [], 0
     for index, wheel in enumerate(comparison.wheels):
         series = wheel.series.get(channel)
-        bounds = wheel.windows.bounds
+        bounds = wheel.segments.bounds
         if series is not None:
             known = np.flatnonzero(np.isfinite(series.measured) & np.isfinite(series.predicted))
             window = np.searchsorted(bounds, known, side="right") - 1
@@ -160,7 +160,7 @@ def misfit(comparison: Comparison, channel: str) -> Array:
         In the unit shown.
     """
     pooled = pairs(comparison, channel)
-    n = sum(len(wheel.windows.bounds) - 1 for wheel in comparison.wheels)
+    n = sum(len(wheel.segments) for wheel in comparison.wheels)
     count = np.bincount(pooled.segment, minlength=n)
     total = np.bincount(pooled.segment, weights=pooled.residual**2, minlength=n)
     mean = np.divide(total, count, out=np.full(n, np.nan), where=count > 0)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from terrain_cli.estimation import WindowEstimates
-from terrain_cli.estimation.estimators import estimate_lines, of_fit
+from terrain_cli.comparison import segment_soils
 from terrain_cli.presentation import segment_table
 
 if TYPE_CHECKING:
@@ -43,33 +41,14 @@ class Moment(NamedTuple):
 
 
 def table(comparison: Comparison) -> segment_table.Table:
-    """Return the soil that the model finds in every segment.
+    """Return the soil of every segment, as `estimate` gives it.
 
     Returns
     -------
     dict of str to list or ndarray
         The columns of `segment_table.COLUMNS`.
     """
-    tables: list[segment_table.Table] = []
-    stress: float | None = None
-    for wheel in comparison.wheels:
-        tables.append(_of_wheel(wheel, stress))
-        known = tables[-1]["stress_kPa"]
-        if stress is None and len(known) and np.isfinite(known[0]):
-            stress = 1e3 * float(known[0])
-    return segment_table.join(tables)
-
-
-def _of_wheel(wheel: WheelComparison, stress: float | None) -> segment_table.Table:
-    windows, fit = wheel.windows, wheel.fit
-    line = estimate_lines(windows) if windows.lined else _no_line(len(windows))
-    return segment_table.table(windows, of_fit(fit, line, windows, stress))
-
-
-def _no_line(n: int) -> WindowEstimates:
-    """Return the linear estimates of windows without torque or sinkage: nothing is known."""
-    nothing = np.full(n, np.nan)
-    return WindowEstimates(**dict.fromkeys((f.name for f in fields(WindowEstimates)), nothing))
+    return segment_table.join([segment_table.table(*soils) for soils in segment_soils.of(comparison)])
 
 
 def moments(comparison: Comparison) -> list[Moment]:
@@ -91,14 +70,16 @@ def moments(comparison: Comparison) -> list[Moment]:
 
 
 def _moment(wheel: WheelComparison) -> Moment | None:
-    samples, windows, fit = wheel.samples, wheel.windows, wheel.fit
+    samples, windows, segments, fit = wheel.samples, wheel.windows, wheel.segments, wheel.fit
     sinkage = samples.channels.get("sinkage")
-    length = np.where(np.isfinite(fit.values["cohesion"]), np.diff(windows.bounds), 0)
+    soil = np.searchsorted(windows.bounds, segments.bounds[:-1], side="right") - 1
+    length = np.where(np.isfinite(fit.values["cohesion"][soil]), np.diff(segments.bounds), 0)
     if sinkage is None or not length.any():
         return None
-    window = int(np.argmax(length))
+    segment = int(np.argmax(length))
+    window = soil[segment]
     values = {name: float(column[window]) for name, column in fit.values.items()} | fit.shared
-    rows = windows.rows[windows.bounds[window] : windows.bounds[window + 1]]
+    rows = segments.rows[segments.bounds[segment] : segments.bounds[segment + 1]]
     columns = {**samples.channels, **samples.drivers}
     needed = ("slip", "sinkage", *(name for name in wheel.model.needs if name in columns))
     rows = rows[np.all([np.isfinite(columns[name][rows]) for name in needed], axis=0)]
@@ -106,7 +87,7 @@ def _moment(wheel: WheelComparison) -> Moment | None:
         return None
     row = rows[np.argsort(sinkage[rows], kind="stable")[len(rows) // 2]]
     return Moment(
-        f"wheel {wheel.wheel}, segment {window + 1}: z = {1e3 * sinkage[row]:.1f} mm, "
+        f"wheel {wheel.wheel}, segment {segment + 1}: z = {1e3 * sinkage[row]:.1f} mm, "
         f"i = {samples.channels['slip'][row]:.2f}",
         wheel.model,
         samples.geometry.wheel,

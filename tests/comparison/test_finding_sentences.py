@@ -36,7 +36,13 @@ FINE = ChannelErrors(
 
 def compared(blocks=8, **channels):
     """Return what is read of a comparison: its channels, and the stretches of its data."""
-    return Comparison({}, [SimpleNamespace(blocks=np.arange(blocks))], channels, [], [])
+    return Comparison(
+        model={},
+        wheels=[SimpleNamespace(blocks=np.arange(blocks))],
+        channels=channels,
+        failures=[],
+        warnings=[],
+    )
 
 
 def test_an_error_beyond_noise_is_told():

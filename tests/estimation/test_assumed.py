@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from simulator import Soil, Wheel, forces
 from wheel_samples import WHEEL, free
 
 import terrain_cli as terrain
@@ -73,3 +74,26 @@ def test_what_is_assumed_does_not_average_out(table, tmp_path):
     (entry,) = (e for e in terrain.summarise(windows, "least-squares") if e["terrain"] == "part 00")
     assert entry["pooled"]["phi_se_deg"] == pytest.approx(rows["phi_se_deg"][0], rel=0.3)
     assert math.isfinite(entry["pooled"]["strength_at_stress_kPa"])
+
+
+def test_the_errors_reach_the_soil_that_leads_to_the_estimate(tmp_path):
+    # The triangles leave a quarter of the c of clay, and the estimates agree with each other.
+    sinkage = np.linspace(0.004, 0.012, 60)
+    slip = 0.35 + 0.25 * np.sin(np.arange(60) / 9.0)
+    clay = Soil("clay", 4140.0, math.radians(13.0), MODULUS, 13.2e3, 692.2e3, 0.5, c1=0.5, c2=0.0)
+    at = [forces(clay, Wheel(0.05, 0.05), float(z), float(i)) for z, i in zip(sinkage, slip, strict=True)]
+    table = pd.DataFrame(
+        {
+            "time": np.arange(60) / 10.0,
+            "load": [one.load for one in at],
+            "torque": [one.torque for one in at],
+            "sinkage": sinkage,
+            "slip": slip,
+        }
+    )
+    text = f"[wheel]\nradius = 0.05\nwidth = 0.05\n[soil]\nshear_modulus = {MODULUS}\n"
+    (tmp_path / "rover.toml").write_text(text)
+    (samples,) = terrain.from_frame(table, tmp_path / "rover.toml")
+    (row,) = terrain.estimate(terrain.segment(samples, "none"), "least-squares").to_dict("records")
+    assert row["c_kPa"] < 0.3 * 4.14
+    assert abs(row["c_kPa"] - 4.14) < 2.0 * row["c_se_kPa"]

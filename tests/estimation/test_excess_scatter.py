@@ -50,3 +50,12 @@ def test_the_share_that_is_slow():
     alternating = np.array([[1.0, 1.0, -1.0, -1.0]])
     np.testing.assert_allclose(slow_share(alternating, np.array([0, 2, 4])), 0.5)
     np.testing.assert_allclose(slow_share(np.zeros((2, 4)), np.array([0, 4])), 0.0)
+
+
+def test_what_a_fit_takes_of_a_memory_is_put_back():
+    rows = remembering(np.random.default_rng(5), 0.8, 1.0)
+    truth = memory(rows, BOUNDS).mean()
+    left = rows - rows.mean(axis=1, keepdims=True)
+    found = memory(left, BOUNDS, taken=1.0).mean()
+    assert memory(left, BOUNDS).mean() < found
+    assert found == pytest.approx(truth, rel=0.1)

@@ -129,3 +129,15 @@ def test_what_nothing_determines_is_not_inverted():
         np.array([[0.05, 0.05, 0.0], [0.05, 0.05, 0.0], [0.0, 0.0, 1.0 / 9.0]])
     )
     assert not found[1].any()
+
+
+def test_no_axis_is_wider_than_the_prior():
+    turn, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))
+    wide = turn @ np.diag([9.0, 0.5, 0.01]) @ turn.T
+    found, mean = normal_equations.no_wider(wide[None], turn[:, :1].T * 3.0)
+    np.testing.assert_allclose(found[0], turn @ np.diag([1.0, 0.5, 0.01]) @ turn.T, atol=1e-12)
+    # Nine times as wide as the prior: a ninth of the way is left.
+    np.testing.assert_allclose(mean[0], turn[:, 0] / 3.0, atol=1e-12)
+    same, there = normal_equations.no_wider(found, mean)
+    np.testing.assert_allclose(same, found, atol=1e-12)
+    np.testing.assert_allclose(there, mean, atol=1e-12)

@@ -45,7 +45,9 @@ def reasons(columns, time=None):
         ({"angular_velocity": 0.0, "slip": NAN}, "wheel stands (ω = 0, slip undefined)"),
         ({"angular_velocity": 1e-3, "slip": NAN}, "wheel stands (ω = 0, slip undefined)"),
         ({"slip": -0.01}, "wheel skids (slip < 0)"),
-        ({"slip": -1.01}, "wheel skids (slip < 0)"),
+        ({"slip": -1.01}, "wheel turns against its course (slip < -1)"),
+        # The ground goes on under a wheel that skids, if nothing else is wrong.
+        ({"slip": -0.01, "load": 0.0}, "load not positive"),
         ({"slip": 1.01}, "wheel rolls against its drive (slip > 1)"),
         ({"sinkage": 0.0}, "sinkage not positive"),
         ({"sinkage": -0.002}, "sinkage not positive"),
@@ -116,7 +118,11 @@ def judged(n, **where):
     codes = np.full(n, -1, dtype=np.int32)
     for code, rows in enumerate(where.values()):
         codes[list(rows)] = code
-    texts = {"stands": usable_samples.STANDS, "astray": usable_samples.BACKWARDS}
+    texts = {
+        "stands": usable_samples.STANDS,
+        "skids": usable_samples.SKIDS,
+        "astray": usable_samples.BACKWARDS,
+    }
     return Labels(codes, tuple(texts.get(name, name) for name in names))
 
 
@@ -168,3 +174,9 @@ def test_without_a_clock_there_are_no_gaps():
     stretch = usable_samples.stretches(None, judged(4, lost=[1]), max_gap=0.0)
     np.testing.assert_array_equal(stretch, [0, 0, 0, 0])
     assert len(usable_samples.stretches(np.empty(0), judged(0), max_gap=1.0)) == 0
+
+
+def test_skidding_does_not_interrupt_the_ground_either():
+    time, reasons = np.arange(100) * 0.1, judged(100, skids=range(20, 80))
+    assert not usable_samples.stretches(time, reasons, max_gap=0.5).any()
+    np.testing.assert_array_equal(usable_samples.on_ground(judged(5, skids=[1], lost=[3])), [0, 1, 2, 4])

@@ -100,6 +100,7 @@ def wheel_of(log, source, extra):
         wheel=log.name,
         samples=samples,
         windows=cut,
+        segments=cut,
         fit=_FITTED[id(log)][1],
         model=Model(),
         series=series,

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 #: Standard deviations beyond chance at which a scatter is larger, or a sample remembers the last one.
 _PLAIN, _MEMORY = 3.0, 2.0
+_ITERATIONS = 6
 #: A window of which what is left lasts longer, or is larger, than this many samples of noise is one that the
 #: model misses. Judged: noise of sensors with an autocorrelation of 0.9 lasts for 19 samples.
 MISSED = 20.0
@@ -78,18 +79,22 @@ def slow_share(residuals: Array, bounds: Bounds) -> Array:
     return np.asarray(share.max(axis=0, initial=0.0))
 
 
-def memory(rows: Array, bounds: Bounds, *, together: bool = False) -> Array:
+def memory(rows: Array, bounds: Bounds, *, taken: Array | float = 0.0, together: bool = False) -> Array:
     """Return how many samples make an independent one.
 
     The autocorrelation is taken as that of a first-order process above white noise, from lags 1
     and 2 (see `correlation`). What may be chance is not counted: two small correlations may feign a long
-    memory, which the means of n^⅔ samples then do not show.
+    memory, which the means of n^⅔ samples then do not show. A fit leaves less of the sum of each
+    series, and of its autocorrelation, than there was; that is put back.
 
     Parameters
     ----------
     rows : ndarray, shape (r, n)
         Series of mean zero, such as the parts of a score.
     bounds : ndarray of int, shape (w + 1,)
+    taken : ndarray, shape (r, w) or (r, 1), or float
+        What a fit took of a series' sum of squares, were it white, in terms of the variance of a sample: 1
+        of the residuals about a mean.
     together : bool
         The windows are pieces of one series with one autocorrelation.
 
@@ -112,17 +117,25 @@ def memory(rows: Array, bounds: Bounds, *, together: bool = False) -> Array:
         sums = [part.sum(axis=1, keepdims=True) for part in sums]
         number, length = length.sum(keepdims=True), length.mean(keepdims=True)
     power, *lagged = sums
-    one, two = (np.divide(part, power, out=np.zeros_like(power), where=power > 0.0) for part in lagged)
+    seen = [np.divide(part, power, out=np.zeros_like(power), where=power > 0.0) for part in lagged]
     # At least two independent samples: fewer cannot be told from a drift.
-    most = np.broadcast_to(np.maximum(1.0 - 2.0 / length, 0.0), one.shape)
-    one = np.where(one > _MEMORY / np.sqrt(number), np.clip(one, 0.0, most), 0.0)
-    decay = np.clip(np.divide(two, one, out=np.zeros_like(one), where=one > 0.0), one, most)
-    share = np.divide(one, decay, out=np.zeros_like(one), where=decay > 0.0)
-    longest = _of_means(rows, bounds, power, together=together)
-    return np.minimum(samples_per_independent(decay, share, length), longest)
+    most = np.broadcast_to(np.maximum(1.0 - 2.0 / length, 0.0), power.shape)
+    plain = seen[0] > _MEMORY / np.sqrt(number)
+    gone = np.zeros_like(power)
+    for _ in range(_ITERATIONS):
+        one, two = (
+            (part * (number - gone) + gone) / np.maximum(number - lag, 1.0)
+            for lag, part in zip((1.0, 2.0), seen, strict=True)
+        )
+        one = np.where(plain, np.clip(one, 0.0, most), 0.0)
+        decay = np.clip(np.divide(two, one, out=np.zeros_like(one), where=one > 0.0), one, most)
+        share = np.divide(one, decay, out=np.zeros_like(one), where=decay > 0.0)
+        lasting = samples_per_independent(decay, share, length)
+        gone = np.minimum(taken * lasting, 0.5 * number)
+    return np.minimum(lasting, _of_means(rows, bounds, power, taken, together=together))
 
 
-def _of_means(rows: Array, bounds: Bounds, power: Array, *, together: bool) -> Array:
+def _of_means(rows: Array, bounds: Bounds, power: Array, taken: Array | float, *, together: bool) -> Array:
     """Return the most samples that an independent one may take, from the scatter of means of n^⅔ samples."""
     length = np.diff(bounds)
     size = np.maximum((length ** (2.0 / 3.0)).astype(int), 1)
@@ -133,5 +146,7 @@ def _of_means(rows: Array, bounds: Bounds, power: Array, *, together: bool) -> A
     sums, number = segment_sum(squares, blocks), np.diff(blocks).astype(float)
     if together:
         sums, number = sums.sum(axis=1, keepdims=True), number.sum(keepdims=True)
+    number = np.maximum(number, 1.0)
     ratio = np.divide(sums, power, out=np.ones_like(power), where=power > 0.0)
-    return np.asarray(np.maximum(ratio * (1.0 + _PLAIN * np.sqrt(2.0 / np.maximum(number, 1.0))), 1.0))
+    ratio = ratio / np.maximum(1.0 - taken / number, 0.5)
+    return np.asarray(np.maximum(ratio * (1.0 + _PLAIN * np.sqrt(2.0 / number)), 1.0))

@@ -251,6 +251,10 @@ def parameters(
     names = tuple(u.name for u in unknowns)
     inside = normal_equations.covariance(found.own, found.gain, found.shared) * spread**2
     t = np.concatenate([found.t, np.broadcast_to(found.common, (windows, q))], axis=1)
+    if q and np.isfinite(inside).all():
+        # What windows share is one for all: only their own unknowns go back to the prior.
+        inside, moved = normal_equations.no_wider(inside, t)
+        t[:, :-q] = moved[:, :-q]
     width = np.sqrt(np.maximum(np.einsum("waa->wa", inside), 0.0))
     blank = np.where(known, 1.0, np.nan)
     units = np.array([u.slope(t[:, column]) for column, u in enumerate(unknowns)])

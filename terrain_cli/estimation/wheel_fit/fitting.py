@@ -19,7 +19,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate,
 from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.noise_differences import ScaledDifferences
 from terrain_cli.estimation.wheel_fit.noise_likelihood import LikelyNoise
-from terrain_cli.estimation.wheel_fit.normal_equations import inverse
+from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.strayed_windows import mend
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -135,7 +135,11 @@ def fit(
     learner: LikelyNoise | ScaledDifferences | None = None
     if noise is None:
         differences = by_differences
-        learner = ScaledDifferences(data, ordered=correlated) if differences else LikelyNoise(data, size)
+        learner = (
+            ScaledDifferences(data, ordered=correlated)
+            if differences
+            else LikelyNoise(data, size, ordered=correlated)
+        )
     dof, begun = np.inf, None
     if isinstance(learner, ScaledDifferences):
         problem, dof, _ = _learn(problem, data, learner)
@@ -151,7 +155,9 @@ def fit(
     if isinstance(learner, LikelyNoise):
         found = _widened(problem, data, found, learner.others())
     if not by_differences:
-        found = _no_wider(problem, found)
+        own, t = no_wider(found.own, found.t)
+        low, high, _ = limits(problem.unknowns.local)
+        found = replace(found, t=np.clip(t, low, high), own=own)
     spread = float(student(np.array([dof]))[0]) / 1.959964 if learner else 1.0
     known = data.count > 0
     about = parameters((*model.soil, *local), sought, found, known, spread)
@@ -242,25 +248,6 @@ def _widened(problem: Problem, data: FitData, found: Posterior, others: Iterable
     return found
 
 
-def _no_wider(problem: Problem, found: Posterior) -> Posterior:
-    """Return a posterior that is along no axis wider than the prior, whose variance is 1.
-
-    Where the data are worth so little for their misfit, the mean goes back to that of the prior.
-    """
-    size, axes = np.linalg.eigh(0.5 * (found.own + np.swapaxes(found.own, 1, 2)))
-    # Nearly exact data leave rounding of either sign.
-    size = np.abs(size)
-    if not (size > 1.0).any():
-        return found
-    along = np.einsum("wab,wa->wb", axes, found.t) / np.maximum(size, 1.0)
-    low, high, _ = limits(problem.unknowns.local)
-    return replace(
-        found,
-        t=np.clip(np.einsum("wab,wb->wa", axes, along), low, high),
-        own=(axes * np.minimum(size, 1.0)[:, None, :]) @ np.swapaxes(axes, 1, 2),
-    )
-
-
 def _room(variance: Array, way: Array) -> Array:
     """Return the share of a way that takes no variance above that of the prior, 1, shape (…, 1)."""
     room = np.sqrt(np.maximum(1.0 - variance, 0.0))
@@ -305,6 +292,7 @@ def _learn(
         taken += np.trace(np.eye(len(shared)) - held)
         dof = max(float(sample.seen.sum() - taken), 1.0)
         settled = learner.settled(float(normal.misfit.sum()), dof, (own, gain, held))
+        dof /= learner.lasting
         problem = replace(problem, noise=learner.noise)
         if settled:
             break

@@ -42,7 +42,7 @@ class ScaledDifferences:
     the residuals counts: what is left of them follows from the model.
     """
 
-    rounds = ROUNDS
+    rounds, lasting = ROUNDS, 1.0
     #: Of all windows together, enough to know the noise by 2 %.
     samples = 6_000
 

@@ -10,8 +10,9 @@ the s_c apart. At the best s_c
 with the residuals g and their derivatives A by the unknowns (Patterson & Thompson 1971). A step is one of
 Fisher scoring in log s_c. A channel has two such terms, noise that is a share of its value and noise that is
 constant: torque that errs by the same amount at any slip, taken for a share of it, would pass for slip
-that errs. The true values of the inputs are those of the fit (`linearised`), so that a load
-that really varies from sample to sample does not pass for noise.
+that errs. Noise that lasts for several samples tells less of itself than so many independent ones: the
+likelihood then counts for so much less beside the prior. The true values of the inputs are those of the
+fit (`linearised`), so that a load that really varies from sample to sample does not pass for noise.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.wheel_fit.channel_noise import CHANNELS, Noise, level
+from terrain_cli.estimation.wheel_fit.excess_scatter import memory
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
 from terrain_cli.estimation.wheel_fit.linearised import solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
@@ -107,8 +109,17 @@ class LikelyNoise:
     #: Of all windows together: enough to know the noise of a channel by 3 %, and no error changes by more.
     samples = 3_000
 
-    def __init__(self, data: FitData, size: int) -> None:
-        """Begin with what is usual; `size` counts own and shared unknowns of a window together."""
+    def __init__(self, data: FitData, size: int, *, ordered: bool) -> None:
+        """Begin with what is usual.
+
+        Parameters
+        ----------
+        size : int
+            Own and shared unknowns of a window together.
+        ordered : bool
+            Whether samples follow each other in time.
+        """
+        self._ordered = ordered
         channels = {**data.channels, **dict(zip(data.outputs, data.measured, strict=True))}
         names = (*data.inputs, *(name for name in data.outputs if name != BALANCE))
         self._prior = usual_noise({name: channels[name] for name in names})
@@ -120,12 +131,15 @@ class LikelyNoise:
     def begin(self, data: FitData) -> None:
         """Begin a round."""
         number, windows = len(self._prior.terms), len(data.windows)
+        self._data, self._residual = data, np.zeros_like(data.measured)
         self._found, self._expected = np.zeros(number), np.zeros(number)
         self._shared = np.zeros((number, number))
         self._taken = np.zeros((number, windows, self._size, self._size))
 
     def add(self, block: NDArray[np.intp], data: FitData, found: Equations) -> None:
         """Add the samples of some windows."""
+        bounds = self._data.bounds
+        self._residual[:, bounds[block[0]] : bounds[block[-1] + 1]] = found.bounded
         vectors = self._vectors(data, found)
         along = np.einsum("can,an->cn", vectors, found.bounded)
         self._found += np.einsum("cn,cn->c", along, along)
@@ -173,9 +187,11 @@ class LikelyNoise:
         # A level that is wrong in all channels alike is found at once: it only scales the sum of squares.
         ratio = max(self._found.sum() / max(expected.sum(), 1.0), _LEAST**2)
         scale = 0.5 * np.log(ratio)
-        information = 2.0 * self._shared + prior.precision
+        independent = 1.0 / self.lasting
+        information = 2.0 * independent * self._shared + prior.precision
         self._known = inverse(information)
-        slope = self._found / ratio - expected - prior.precision @ (self._steps + scale)
+        told = independent * (self._found / ratio - expected)
+        slope = told - prior.precision @ (self._steps + scale)
         step = scale + np.clip(self._known @ slope, -_LONGEST, _LONGEST)
         # Scoring overshoots where two terms of a channel are hard to tell apart: steps that swing to and
         # fro are shortened, as those of the search.
@@ -185,6 +201,18 @@ class LikelyNoise:
         self._steps = np.maximum(self._steps + self._share * step, _LOWEST)
         self.noise = prior.at(self._steps)
         return bool(step @ information @ step < _SETTLED**2)
+
+    @property
+    def lasting(self) -> float:
+        """Samples of which the squares of the residuals are worth an independent one.
+
+        A first-order process of autocorrelation ρ is worth 1 of τ = (1 + ρ)/(1 − ρ) samples, and its squares,
+        with ρ² in the place of ρ, 1 of (τ + 1/τ)/2.
+        """
+        if not self._ordered or self._residual.shape[1] == 0:
+            return 1.0
+        longest = float(memory(self._residual, self._data.bounds, together=True).max())
+        return 0.5 * (longest + 1.0 / longest)
 
     def others(self) -> tuple[Noise, ...]:
         """Return noise one standard error away, along the axes in which it is not known well."""

@@ -216,6 +216,27 @@ def inverse(matrix: Array) -> Array:
         return np.asarray(np.linalg.pinv(matrix), dtype=float)
 
 
+def no_wider(covariances: Array, means: Array) -> tuple[Array, Array]:
+    """Return normal distributions that are along no axis wider than the prior, whose variance is 1.
+
+    Where the data are worth so little for their misfit, the mean goes back to that of the prior.
+
+    Parameters
+    ----------
+    covariances, means : ndarray, shape (w, p, p) and (w, p)
+    """
+    size, axes = np.linalg.eigh(0.5 * (covariances + np.swapaxes(covariances, 1, 2)))
+    # Nearly exact data leave rounding of either sign.
+    size = np.abs(size)
+    if not (size > 1.0).any():
+        return covariances, means
+    along = np.einsum("wab,wa->wb", axes, means) / np.maximum(size, 1.0)
+    return (
+        (axes * np.minimum(size, 1.0)[:, None, :]) @ np.swapaxes(axes, 1, 2),
+        np.einsum("wab,wb->wa", axes, along),
+    )
+
+
 def pseudo_inverse(matrix: Array) -> Array:
     """Invert after scaling to a unit diagonal, without the directions that nothing determines."""
     scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 0.0))

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.estimation.line.correlation import student
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.wheel_fit.bounds import overshoot, truncate
 from terrain_cli.estimation.wheel_fit.excess_scatter import excess, memory
@@ -57,6 +58,9 @@ _STEP = 0.3
 _FARTHEST = 2.0
 #: Beyond this many of them a correction of shared unknowns is none.
 _SMALL = 1.0
+#: Degrees of freedom that Student's t is taken for at the least: fewer samples hardly know their own memory,
+#: and white ones would now and then lose all that they tell.
+_FEWEST = 10.0
 #: Information of a prior ten times as wide, and of nothing.
 _WIDE, _NOTHING = 0.01, 1e-9
 
@@ -150,13 +154,14 @@ def posterior(
         # Their noise is that of their long run already.
         lasting = np.where(missed, 1.0, lasting)
     inner = honest.information[:, :local, :local]
-    lengthened = _lengthen(scatter * inner, last.axes, lasting.T)
+    number = data.count.astype(float)
+    lengthened = _lengthen(scatter * inner, last.axes, _surely(lasting, number).T)
     along = np.concatenate([gain, np.broadcast_to(np.eye(len(shared)), (len(gain), *shared.shape))], axis=1)
     plain, larger = (
         np.asarray(np.einsum("wax,wab,wby->xy", along, factor * honest.information, along), dtype=float)
         for factor in (1.0, scatter)
     )
-    lengthened_shared = _lengthen(larger, last.axes_shared, lasting_shared[:, 0])
+    lengthened_shared = _lengthen(larger, last.axes_shared, _surely(lasting_shared[:, 0], number.sum()))
     priors = np.eye(len(shared)) + np.einsum("wpx,wpy->xy", gain, gain)
     sure = replace(sure, information=sure.information / scatter)
     t, cut_off = truncate(t, _sandwich(own, inner, lengthened, np.eye(local)), beyond, problem.unknowns.local)
@@ -175,6 +180,12 @@ def posterior(
         excess=data.excess.copy(),
         at_bound=beyond >= 0.0,
     )
+
+
+def _surely(lasting: Array, number: Array) -> Array:
+    """Widen what is known of samples that are not independent by Student's t."""
+    independent = np.maximum(number / lasting - 1.0, _FEWEST)
+    return np.asarray(lasting * np.maximum(student(independent) / student(number - 1.0), 1.0) ** 2)
 
 
 def _honest(normal: Normal, noise: Array) -> tuple[Normal, Normal]:
@@ -251,7 +262,13 @@ class _Last:
 
     def memory(self) -> tuple[Array, Array]:
         """Return the samples to an independent one, along the axes of own and shared unknowns."""
-        return memory(self.score, self.bounds), memory(self.score_shared, self.bounds, together=True)
+        # What the data weigh beside the priors, of which the data and the priors together are 1.
+        taken = np.clip(1.0 - np.einsum("wpj,wpj->jw", self.axes, self.axes), 0.0, 1.0)
+        taken_shared = np.clip(1.0 - np.sum(self.axes_shared**2, axis=0), 0.0, 1.0)[:, None]
+        return (
+            memory(self.score, self.bounds, taken=taken),
+            memory(self.score_shared, self.bounds, taken=taken_shared, together=True),
+        )
 
 
 def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -> tuple[Array, Array]:

@@ -30,6 +30,7 @@ _LEAST_DEPTH = 0.01
 MOST_SPEED = 100.0
 BACKWARDS = "time runs backwards"
 STANDS = "wheel stands (ω = 0, slip undefined)"
+SKIDS = "wheel skids (slip < 0)"
 
 
 def set_aside(
@@ -84,8 +85,6 @@ def _unusable(
         if name in channels:
             yield f"{name} is infinite", np.isinf(channels[name])
     slip, load = channels["slip"], channels["load"]
-    if not skids:
-        yield "wheel skids (slip < 0)", slip < 0.0
     yield "wheel turns against its course (slip < -1)", slip < -1.0
     yield "wheel rolls against its drive (slip > 1)", slip > 1.0
     if "sinkage" in channels:
@@ -93,6 +92,9 @@ def _unusable(
         yield "sinkage beyond the wheel radius", channels["sinkage"] >= radius
     yield "load not positive", load <= 0.0
     yield from _beyond(channels, radius, width)
+    if not skids:
+        # Last: what has no other fault is on the ground, which goes on under it.
+        yield SKIDS, slip < 0.0
 
 
 def _beyond(
@@ -134,11 +136,11 @@ def stretches(
     """Give each sample the number of its continuous stretch of the drive.
 
     A new one begins with another run, a restart of the clock, and after a gap: nothing recorded, or
-    nothing usable, for longer than `max_gap`. A wheel that stands does not interrupt the ground
-    under it.
+    nothing usable, for longer than `max_gap`. A wheel that stands or skids does not interrupt the
+    ground under it.
 
-    Numbers rise from 0; a gap is counted at the first usable sample behind it. Without a clock only runs
-    count.
+    Numbers rise from 0; a gap is counted at the first sample on the ground behind it. Without a clock only
+    runs count.
     """
     n = len(reasons)
     begins = np.zeros(n, dtype=bool)
@@ -151,9 +153,20 @@ def stretches(
             # As most drives are; the rest would find the same.
             return np.zeros(n, dtype=np.intp)
         driven = driving_time(time, reasons, max_gap)
-        usable = np.flatnonzero(reasons.codes < 0)
-        begins[usable[1:][np.diff(driven[usable]) > max_gap + RESOLUTION]] = True
+        ground = on_ground(reasons)
+        begins[ground[1:][np.diff(driven[ground]) > max_gap + RESOLUTION]] = True
     return np.cumsum(begins)
+
+
+def on_ground(reasons: Labels) -> NDArray[np.intp]:
+    """Return the samples that follow the ground: those that are usable, and those in which the wheel skids.
+
+    Parameters
+    ----------
+    reasons : Labels, shape (n,)
+        From `set_aside`.
+    """
+    return np.flatnonzero((reasons.codes < 0) | _is(reasons, SKIDS))
 
 
 def driving_time(time: Array, reasons: Labels, max_gap: float) -> Array:

@@ -116,7 +116,7 @@ def _content(comparison: Comparison) -> _Content:
     table["key"] = [
         f"{index}:{row}"
         for index, wheel in enumerate(comparison.wheels)
-        for row in range(len(wheel.windows.bounds) - 1)
+        for row in range(len(wheel.segments))
     ]
     misfits = {name: sample_pairs.misfit(comparison, name) for name in sample_pairs.channels(comparison)}
     # Of all channels, each in units of its rms error.
