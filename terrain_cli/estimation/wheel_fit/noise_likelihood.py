@@ -24,7 +24,7 @@ import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.wheel_fit.channel_noise import CHANNELS, Noise, level
-from terrain_cli.estimation.wheel_fit.excess_scatter import memory
+from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, memory
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
 from terrain_cli.estimation.wheel_fit.linearised import solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
@@ -212,6 +212,8 @@ class LikelyNoise:
         if not self._ordered or self._residual.shape[1] == 0:
             return 1.0
         longest = float(memory(self._residual, self._data.bounds, together=True).max())
+        # What lasts longer than noise of any sensor is a misfit, and belongs to its own channel.
+        longest = min(longest, MISSED)
         return 0.5 * (longest + 1.0 / longest)
 
     def others(self) -> tuple[Noise, ...]:
