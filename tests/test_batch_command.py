@@ -27,6 +27,7 @@ ROOT = Path(__file__).resolve().parent.parent
 def folder(tmp_path, monkeypatch):
     """Work beside a folder of three inputs, one of which is empty."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TERRAIN_EST_METHOD", missions.METHOD)
     Path("in").mkdir()
     Path("in/rover.toml").write_text(ROVER)
     for name, rows in (("a", good()), ("b", good()[:100])):

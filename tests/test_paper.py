@@ -6,30 +6,23 @@ import re
 import tomllib
 
 import pages
-import pytest
 
 PAGE = pages.text_of("paper.md")
 PICTURES = re.findall(r"!\[.+\]\((.+)\)", PAGE)
 
 
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory, bin_folder):
-    return pages.run(PAGE, tmp_path_factory.mktemp("clone"), bin_folder, remarks=True)
-
-
-@pytest.mark.parametrize(("commands", "text"), [step for step in pages.steps(PAGE) if step[1]])
-def test_prints_what_the_page_says(commands, text, demo):
-    outputs, _ = demo
-    pages.assert_printed(text, outputs[commands.splitlines()[-1]])
-
-
-def test_figures_in_the_prose_are_those_of_the_commands(demo):
-    outputs, _ = demo
+def test_prints_and_draws_what_the_page_says(tmp_path, bin_folder):
+    # One test: two workers would run all of the commands twice.
+    outputs, folder = pages.run(PAGE, tmp_path, bin_folder, remarks=True)
+    for commands, text in pages.steps(PAGE):
+        pages.assert_printed(text, outputs[commands.splitlines()[-1]])
     pages.assert_bold_figures_are_printed(PAGE, outputs)
+    assert_statuses_are_those_of_the_prose(outputs)
+    for name in re.findall(r"`([\w-]+/[\w-]+\.png)`", PAGE):
+        assert (folder / name).stat().st_size > 10_000
 
 
-def test_statuses_are_those_of_the_prose(demo):
-    outputs, _ = demo
+def assert_statuses_are_those_of_the_prose(outputs):
     rig, soils = (text for line, text in outputs.items() if "spread.py" in line)
     ok = [[int(n) for n in re.findall(r"(\d+) of 10", line)] for line in after(rig, "status ok")]
     assert [sum(column) for column in zip(*ok, strict=True)] == [0, 12, 26]
@@ -45,10 +38,7 @@ def after(text, heading):
     return text.partition(f"\n{heading}")[2].splitlines()[1:]
 
 
-def test_pictures_of_the_page_are_drawn(demo):
-    _, folder = demo
-    for name in re.findall(r"`([\w-]+/[\w-]+\.png)`", PAGE):
-        assert (folder / name).stat().st_size > 10_000
+def test_pictures_of_the_page_are_small():
     assert len(PICTURES) == 3
     for name in PICTURES:
         assert (pages.ROOT / "docs" / name).stat().st_size <= 250_000

@@ -154,7 +154,8 @@ def test_what_decides_on_the_numbers_is_watched(batch, source, monkeypatch, chan
         '[parameters.b]\nunit = "N m"\nnull = 0.0\nscale = 0.1\nreference = "own"\n'
     )
     models.save(models.build("linear", ["effect.toml"]), Path("model.toml"))
-    settings = Settings(model="model.toml") if change in {"model", "effect"} else Settings()
+    whole = change in {"model", "effect"}
+    settings = Settings(model="model.toml") if whole else Settings(method=missions.METHOD)
     assert len(batch(settings=settings)[1]) == 4
     assert batch(settings=settings)[1] == []
     if change == "rover":
