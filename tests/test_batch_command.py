@@ -90,7 +90,7 @@ def test_options_of_estimate(run, monkeypatch):
     own = {option.name for option in estimate.command.params}
     ours = {option.name for option in command.command.params}
     # What is told of one run on one terminal, or in files of its own, has no place here.
-    assert own - ours <= {"summary", "rejects", "trace", "plot", "posterior", "samples"}
+    assert own - ours <= {"csv", "summary", "rejects", "trace", "plot", "posterior", "samples"}
     args = ("--segments", "fixed", "--window-samples", "40", "--where", "load > 85", "--method", "ridge")
     monkeypatch.setenv("TERRAIN_EST_MIN_SAMPLES", "7")
     assert run("in/a.csv", "-o", "out", *args)[0] == 0
@@ -98,7 +98,8 @@ def test_options_of_estimate(run, monkeypatch):
     assert pq.read_table("out/segments.parquet").equals(pq.read_table("a.parquet"))
 
 
-def test_defaults_of_the_rover_file(run):
+def test_defaults_of_the_rover_file(run, monkeypatch):
+    monkeypatch.delenv("TERRAIN_EST_METHOD")
     with Path("in/rover.toml").open("a") as file:
         file.write('[estimate]\nmethod = "ridge"\n')
     assert run("in/a.csv", "-o", "out")[0] == 0
