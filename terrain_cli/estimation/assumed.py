@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Samples of a window that tell how far the estimates would move.
-_SOME = 60
+#: Samples of a window that tell how far the estimates would move, and samples at a time.
+_SOME, _GROUP = 60, 20_000
 #: c1 and c2 of θm = (c1 + c2 i) θ1: Iagnemma et al. 2004, and loose and compact sand (Wong & Reece 1967).
 _SHAPES = ((0.5, 0.0), (0.18, 0.32), (0.43, 0.32))
 #: n in the middle of Table II of Iagnemma et al. 2004; keq follows from the loads.
@@ -132,15 +132,24 @@ def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod)
     ndarray, shape (w, 2, 1 + offsets + shapes)
         c in Pa; 0 where it is not known.
     """
+    found = np.array([estimates.c, np.tan(estimates.phi)])
+    groups = list(windows.thinned(_SOME).groups(_GROUP))
+    ends = np.cumsum([len(group) for group in groups])[:-1]
+    parts = zip(np.split(found, ends, axis=1), groups, strict=True)
+    moved = [_deviations(of, group, method) for of, group in parts]
+    return np.concatenate(moved) if moved else np.zeros((0, 2, 1))
+
+
+def _deviations(found: Array, windows: Windows, method: LineMethod) -> Array:
+    """Return the deviations of estimates of (c, tan φ), shape (2, w)."""
     samples, geometry = windows.samples, windows.samples.geometry
-    windows = windows.thinned(_SOME)
     measured = windows.measured()
 
     def line(shear_modulus: float, **changed: Array) -> Array:
         channels = cast("Measured", {**measured, **changed})
         of_wheel = geometry._replace(shear_modulus=shear_modulus).line
         x, y = linear.line_coordinates(**channels, **of_wheel)
-        found = estimation.estimate_windows(
+        ends = estimation.estimate_windows(
             x,
             y,
             windows.bounds,
@@ -150,7 +159,7 @@ def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod)
             min_samples=3,
             correlated=samples.time is not None,
         )
-        return np.array([found.c, np.tan(found.phi)])
+        return np.array([ends.c, np.tan(ends.phi)])
 
     k, factor = geometry.shear_modulus, geometry.shear_modulus_factor
     moved = [0.5 * (line(k * factor) - line(k / factor))]
@@ -158,7 +167,6 @@ def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod)
         if name in measured:
             column = cast("dict[str, Array]", measured)[name]
             moved.append(0.5 * (line(k, **{name: column + size}) - line(k, **{name: column - size})))
-    found = np.array([estimates.c, np.tan(estimates.phi)])
     scale = np.sqrt(len(_SHAPES))
     for shape in _SHAPES:
 

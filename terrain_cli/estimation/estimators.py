@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 #: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors of 1 % and
 #: less, which no model deserves.
 _MOST = 4_000
+#: Windows to which the full model is fitted unasked, 5 kB each. Judged: where there are more, they are
+#: so short that they separate nothing.
+_MOST_WINDOWS = 100_000
 
 
 @dataclass(frozen=True)
@@ -181,6 +184,17 @@ def estimate(
     joint : int
         Windows, evenly spread, of which the joint posterior of c and φ is found as well.
     """
+    if (
+        file is not None
+        and method == "auto"
+        and len(windows) > _MOST_WINDOWS
+        and not (file.path or file.effects)
+    ):
+        windows.samples.remarks.append(
+            f"{len(windows):,} segments, too many for the full model: c and φ are by the line; "
+            "--method wong-reece fits the full model to any number"
+        )
+        file = None
     asked = joint_posteriors.chosen(windows, joint)
     of_line = cast("LineMethod", "auto" if file else method)
     line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)

@@ -14,6 +14,8 @@ from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows import segmentation
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from terrain_cli.telemetry.wheel_samples import Samples
@@ -92,6 +94,17 @@ class Windows:
             x=self.x[chosen],
             y=self.y[chosen],
         )
+
+    def groups(self, most: int) -> Iterator[Windows]:
+        """Yield runs of whole windows with so many samples together, or one window each."""
+        first = 0
+        while first < len(self):
+            last = int(np.searchsorted(self.bounds, self.bounds[first] + most, side="right")) - 1
+            last = min(max(last, first + 1), len(self))
+            rows = slice(self.bounds[first], self.bounds[last])
+            bounds = self.bounds[first : last + 1] - self.bounds[first]
+            yield replace(self, rows=self.rows[rows], bounds=bounds, x=self.x[rows], y=self.y[rows])
+            first = last
 
     def on_line(self) -> Windows:
         """Return the same windows without the samples of a skidding wheel."""

@@ -11,6 +11,7 @@ from simulator import Soil, Wheel, forces
 from wheel_samples import WHEEL, free
 
 import terrain_cli as terrain
+from terrain_cli.estimation import assumed, estimators
 
 MODULUS = 0.02
 
@@ -97,3 +98,22 @@ def test_the_errors_reach_the_soil_that_leads_to_the_estimate(tmp_path):
     (row,) = terrain.estimate(terrain.segment(samples, "none"), "least-squares").to_dict("records")
     assert row["c_kPa"] < 0.3 * 4.14
     assert abs(row["c_kPa"] - 4.14) < 2.0 * row["c_se_kPa"]
+
+
+def test_windows_worked_on_in_groups_have_the_same_errors(table, tmp_path, monkeypatch):
+    windows = cut(table, tmp_path)
+    whole = terrain.estimate(windows, "least-squares")
+    # Two and a half windows of 40 samples: groups are of whole windows.
+    monkeypatch.setattr(assumed, "_GROUP", 100)
+    assert [len(group) for group in windows.groups(100)] == [2] * 6
+    assert [len(group) for group in windows.groups(10)] == [1] * 12
+    pd.testing.assert_frame_equal(terrain.estimate(windows, "least-squares"), whole)
+
+
+def test_more_windows_than_the_full_model_is_fitted_to_unasked(table, tmp_path, monkeypatch):
+    windows = cut(table, tmp_path)
+    monkeypatch.setattr(estimators, "_MOST_WINDOWS", 11)
+    by_line = terrain.estimate(windows)
+    assert set(by_line["method"]) <= {"least-squares", "ridge"}
+    assert any("too many for the full model" in remark for remark in windows.samples.remarks)
+    assert set(terrain.estimate(windows, "wong-reece")["method"]) == {"wong-reece"}
