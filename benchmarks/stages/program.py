@@ -68,7 +68,8 @@ def same_soils(ours: str, peer: str) -> str:
 def estimate(size: str, folder: Path) -> Case:
     """Make the case of a bag; at full size ten minutes, and never so short that soils are not found."""
     path = bags.path_of(("ros1", "none"), "full" if size == "full" else "medium", folder)
-    arguments = (str(path), "--rover", str(path.parent / "rover.toml"))
+    # The peer fits a line too.
+    arguments = (str(path), "--rover", str(path.parent / "rover.toml"), "--method", "least-squares")
     return Case(
         partial(program, "estimate", *arguments),
         partial(run, sys.executable, "-m", "benchmarks.peer_estimate", str(path)),
@@ -121,7 +122,11 @@ def parquet_estimate(size: str, folder: Path) -> Case:
         return f"{samples:,.0f} samples in the table"
 
     return Case(
-        partial(program, "estimate", str(path), "--segments", "auto", "--rover", str(folder / "rover.toml")),
+        partial(
+            program,
+            *("estimate", str(path), "--segments", "auto", "--rover", str(folder / "rover.toml")),
+            *("--method", "least-squares"),
+        ),
         partial(run, sys.executable, "-c", READ, str(path)),
         check,
         None,
