@@ -76,7 +76,7 @@ model = click.option(
     type=paths.MODEL,
     shell_complete=suggestions.models,
     metavar="FILE|linear|wong-reece",
-    help="Model of wheel and soil: a base, or a model file that adds effects to one.  [linear]",
+    help="Model of wheel and soil: a base, or a model file that adds effects to one.  [wong-reece]",
 )
 wheel = click.option(
     "--wheel",
