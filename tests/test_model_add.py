@@ -100,7 +100,7 @@ class TestRightEffect:
     def test_alarm_is_silent_afterwards(self, added):
         assert added["alarm"]["failures_before"]
         assert added["alarm"]["silent"]
-        assert added["sentence"].endswith("what is left follows nothing beyond chance")
+        assert added["sentence"].endswith("no recorded channel tracks what is left")
 
     def test_parameter_and_shift_of_the_soil(self, added):
         n1 = added["parameters"][0]
@@ -218,7 +218,7 @@ def test_what_lies_on_the_side_that_nature_does_not_have_is_refused_in_good_time
     assert -3.0 < factor["value"] / factor["se"] < -2.0
     assert found["ratio_interval"][1] < 1.0
     assert (found["pays"], found["kept"], found["imitates"]) == (False, False, ["bulldozing.factor"])
-    assert "which nature does not have: something else is missing" in found["sentence"]
+    assert "which is physically impossible; another effect is missing" in found["sentence"]
 
 
 def test_several_effects_at_once(here, model):

@@ -16,7 +16,7 @@ import terrain_cli
 
 ROOT = Path(__file__).resolve().parent.parent
 RUN = ROOT / "sample_data" / "run.csv"
-HEAD = ["estimate", str(RUN), "--segments", "none"]
+HEAD = ["estimate", str(RUN), "--segments", "none", "--method", "least-squares"]
 
 
 def shell(line, **options):

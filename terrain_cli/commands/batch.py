@@ -101,7 +101,7 @@ Examples:
     metavar="S",
     help="With --watch: take a file when it has not grown for so long.",
 )
-@click.option("--seed", type=int, metavar="N", help="Accepted by every verb; batch draws nothing at random.")
+@click.option("--seed", type=int, metavar="N", help="No effect here: batch draws nothing at random.")
 @options.quiet
 @options.verbose
 @click.pass_context

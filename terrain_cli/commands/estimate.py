@@ -89,9 +89,7 @@ Examples:
     "how it converges.",
 )
 @options.jobs("Inputs read at the same time.")
-@click.option(
-    "--seed", type=int, metavar="N", help="Accepted by every verb; estimate draws nothing at random."
-)
+@click.option("--seed", type=int, metavar="N", help="No effect here: estimate draws nothing at random.")
 @options.quiet
 @options.verbose
 @click.pass_context

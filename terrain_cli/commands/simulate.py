@@ -129,7 +129,7 @@ Examples:
 def command(context: click.Context, /, **_: Any) -> None:
     """Make telemetry of a drive whose soils, effects and noise are known.
 
-    A drive is said on the command line, or as a whole in DRIVE.toml; options stand above the file. The
+    A drive is said on the command line, or as a whole in DRIVE.toml; options take precedence. The
     truth goes to a file of its own, and never into the log. A rover file that fits is written
     beside it, so that `terrain-est estimate` works at once. No file that is there is replaced, unless
     --force is given; but for such a rover file that nobody has changed.

@@ -141,8 +141,8 @@ def beyond_noise(comparison: Comparison, times: float = 0.0) -> str:
         f"{ratio:.{1 if ratio < 10.0 else 0}f} times the noise of {name}" for name, ratio in ratios.items()
     ]
     unknown = (
-        f"{counted(comparison.blocks, 'independent stretch', 'es')} of data do not tell what it follows"
+        f"{counted(comparison.blocks, 'independent stretch', 'es')} of data are too few to show why"
         if comparison.blocks < criteria.FEWEST_BLOCKS
-        else "follows nothing beyond chance"
+        else "no recorded channel tracks it"
     )
-    return f"the held-out error is {listed(told)}, but {unknown}"
+    return f"the held-out error is {listed(told)}, yet {unknown}"

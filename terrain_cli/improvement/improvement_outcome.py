@@ -201,7 +201,7 @@ class Step:
 
     @property
     def quiet(self) -> bool:
-        """Whether what is left follows nothing beyond chance."""
+        """Whether no recorded channel tracks what is left."""
         return not self.second.failures
 
 

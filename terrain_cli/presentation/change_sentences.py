@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison.finding_sentences import beyond_noise
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.english import counted, listed
@@ -22,16 +23,16 @@ def verdict(step: Step) -> str:
         return f"{what} {_is(step)} removed{', though it pays' if step.costs else ''}: {found(step)}"
     if step.pays:
         left = (
-            "follows nothing beyond chance"
+            beyond_noise(step.second) or "no recorded channel tracks what is left"
             if step.quiet
-            else "is more than chance: something else is missing, too or instead"
+            else "a recorded channel still tracks what is left: another effect is missing, too or instead"
         )
         done = "added" if step.kept else "worth adding"
-        return f"{what} {_is(step)} {done}: {found(step)}; what is left {left}"
+        return f"{what} {_is(step)} {done}: {found(step)}; {left}"
     kept = "added all the same, as --keep asks" if step.kept else "not added"
     if step.better:
         return f"{what} {_is(step)} {kept}: {found(step)}"
-    uncertain = " beyond chance" if step.evidence.overall.value < criteria.PLAIN else ""
+    uncertain = " significantly" if step.evidence.overall.value < criteria.PLAIN else ""
     partly = " on the whole" if step.fell else uncertain
     return f"the held-out error did not fall{partly}: {what} {_is(step)} {kept} ({found(step)})"
 
@@ -81,9 +82,9 @@ def found(step: Step) -> str:
     ratio = f"× {value:.2f} ({low:.2f} to {high:.2f})"
     if not moved:
         return (
-            f"the held-out error fell over all channels, {ratio}, though in none alone beyond chance"
+            f"the held-out error fell over all channels, {ratio}, though in none alone significantly"
             if step.better
-            else f"in no channel did it change by more than chance and {criteria.LEAST_CHANGE:.0%}"
+            else f"in no channel did it change significantly and by more than {criteria.LEAST_CHANGE:.0%}"
         )
     text = ", but ".join(moved)
     if not step.there:
@@ -93,7 +94,7 @@ def found(step: Step) -> str:
         values = listed(
             [f"{p.name} = {quantities.number(p.value)} ± {quantities.number(p.se)}" for p in step.imitates]
         )
-        return f"{text}, but with {values}, which nature does not have: something else is missing"
+        return f"{text}, but with {values}, which is physically impossible; another effect is missing"
     if step.action == "add" and step.fell and not step.pays and not step.rose:
         text += f", but over all channels that may be chance: {ratio}"
     return text

@@ -137,8 +137,8 @@ def text(step: Step) -> str:
     lines += [_moved(step), *_open(step), *_idle(step)]
     before, after = len(step.first.failures), len(step.second.failures)
     if step.quiet:
-        was = f", where {before} {'was' if before == 1 else 'were'}" if before else ""
-        lines.append(f"no failure that chance does not explain{was}")
+        was = f" (before: {counted(before, 'failure')})" if before else ""
+        lines.append(f"no recorded channel tracks what is left{was}")
     else:
         lines.append(f"where it fails, {counted(after, 'failure')} left (before: {before}):")
         lines += [f"  {finding.sentence}" for finding in step.second.failures]
@@ -231,7 +231,7 @@ def _moved(step: Step) -> str:
 
 def _open(step: Step) -> Iterator[str]:
     if step.undetermined:
-        yield f"the data no longer tell, or do not tell: {', '.join(step.undetermined)}"
+        yield f"these data do not determine: {', '.join(step.undetermined)}"
     if step.lost:
         shown = ", ".join(f"{one.wheel} {one.segment} ({one.after})" for one in step.lost[:_MOST_ROWS])
         more = " …" * (len(step.lost) > _MOST_ROWS)

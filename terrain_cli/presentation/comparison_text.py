@@ -224,7 +224,9 @@ def failures(comparison: Comparison) -> list[str]:
         head = "where it fails, the strongest first:"
         return [head, *(_told(finding, comparison) for finding in comparison.failures)]
     beyond = finding_sentences.beyond_noise(comparison)
-    return ["no failure that chance does not explain" + f": {beyond}" * bool(beyond)]
+    if beyond:
+        return [f"The model misses: {beyond}. Run `terrain-est diagnose`."]
+    return ["No failure found: no recorded channel tracks the residuals."]
 
 
 def _told(finding: Finding, comparison: Comparison) -> str:

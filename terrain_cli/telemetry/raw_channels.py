@@ -60,8 +60,8 @@ def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Colle
     clocks = [next((feeds[c] for c in CLOCKS if c in feeds), None) for feeds in map(plan.feeds, chosen)]
     if labels is None and len(chosen) > 1 and clocks[0] and clocks.count(clocks[0]) == len(clocks):
         raise ConfigurationError(
-            f"{path}: {clocks[0].place} is there once, for which of the wheels {', '.join(chosen)}?",
-            hint="choose it with --wheel NAME, or give each its own in rover.toml: [wheels.NAME.channels]",
+            f"{path}: {clocks[0].place} is given once for {len(chosen)} wheels: {', '.join(chosen)}",
+            hint="choose one with --wheel NAME, or give each its own in rover.toml: [wheels.NAME.channels]",
         )
     return chosen
 

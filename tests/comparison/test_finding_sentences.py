@@ -48,7 +48,7 @@ def compared(blocks=8, **channels):
 def test_an_error_beyond_noise_is_told():
     told = finding_sentences.beyond_noise(compared(torque=FINE, drawbar_pull=GROSS))
     assert (
-        told == "the held-out error is 20 times the noise of drawbar pull, but follows nothing beyond chance"
+        told == "the held-out error is 20 times the noise of drawbar pull, yet no recorded channel tracks it"
     )
     both = finding_sentences.beyond_noise(
         compared(torque=replace(FINE, heldout_rmse=0.7), drawbar_pull=GROSS), 1.5
@@ -58,7 +58,7 @@ def test_an_error_beyond_noise_is_told():
 
 def test_few_blocks_do_not_tell_what_an_error_follows():
     told = finding_sentences.beyond_noise(compared(6, sinkage=GROSS))
-    assert told.endswith("noise of sinkage, but 6 independent stretches of data do not tell what it follows")
+    assert told.endswith("noise of sinkage, yet 6 independent stretches of data are too few to show why")
 
 
 def test_an_error_that_is_noise_is_not():

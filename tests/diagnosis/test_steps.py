@@ -106,7 +106,7 @@ def test_friction_that_drives_the_wheel_is_not_named(torque, named):
     )
     assert step.better
     assert step.pays == (named is not None)
-    assert ("nature does not have" in change_sentences.verdict(step)) == (named is None)
+    assert ("physically impossible" in change_sentences.verdict(step)) == (named is None)
 
 
 def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out_all_the_same():

@@ -246,7 +246,7 @@ def test_one_torque_for_two_wheels_is_asked_about(write_bag, rover_of):
         floats("/load", TORQUE["wheel_fl"]),
         floats("/slip", TORQUE["wheel_fl"] / 5),
     )
-    with pytest.raises(ConfigurationError, match=r"/t data is there once, for which of the wheels a, b\?"):
+    with pytest.raises(ConfigurationError, match="/t data is given once for 2 wheels: a, b"):
         telemetry.read(path, rover)
     (samples,) = telemetry.read(path, rover, wheels=["b"])
     assert samples.wheel == "b"

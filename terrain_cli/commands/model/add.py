@@ -53,9 +53,9 @@ def add(context: click.Context, /, **_: Any) -> None:
     and with it, c, φ and all, and both are compared on stretches of the data that were not fitted.
     Several are added together. FILE gets the effect and an entry of its history.
 
-    If the held-out error falls in no channel beyond chance, rises in one by what outweighs that, or
-    falls with what nature does not have (friction that drives the wheel), this is said and FILE is left
-    as it is, unless --keep is given; either is an answer, and exits with 0.
+    FILE is left as it is, unless --keep is given, if the held-out error falls significantly in no
+    channel, rises in one by more than it falls in others, or falls only with a parameter that is
+    physically impossible (friction that drives the wheel). The reason is told; the exit code is 0.
     Without --data the effect is added untested, which the history says too.
     """
     from terrain_cli.errors import UsageError

@@ -146,10 +146,7 @@ def _summary(content: _Content) -> Section:
     points = [_sentence(finding.sentence) for finding in comparison.failures[:5]]
     if not points:
         beyond = beyond_noise(comparison)
-        text.append(
-            "Nothing that was recorded explains the misfit better than chance could"
-            f"{f': {beyond}' if beyond else ''}."
-        )
+        text.append(f"No recorded channel tracks the misfit{f': {beyond}' if beyond else ''}.")
     points += [_sentence(f"Note: {warning}") for warning in comparison.warnings]
     rows = []
     for name in sample_pairs.channels(comparison):
