@@ -30,7 +30,9 @@ _FAILURES = (
     *("channel", "driver", "shape", "share", "p_value", "amplitude", "unit", "at", "seen", "sentence"),
     *("alternatives", "worst_segments"),
 )
-_SEGMENTS = ("source", "wheel", "segment", "samples", "c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg")
+_SEGMENTS = (
+    *("source", "wheel", "segment", "samples", "c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", "status"),
+)
 _DIFFERENCES = (
     *("name", "unit", "source", "wheel", "segment", "first", "second", "difference", "se", "moved"),
 )

@@ -203,9 +203,7 @@ def test_a_wide_table(write, rover_of):
 
 def test_a_table_of_one_wheel_for_a_rover_of_several(write, rover_of):
     rover = rover_of(GEOMETRY + "[wheels.left]\n[wheels.right]\nradius = 0.1\n")
-    with pytest.raises(
-        ConfigurationError, match="torque is given once for 2 wheels: left, right"
-    ):
+    with pytest.raises(ConfigurationError, match="torque is given once for 2 wheels: left, right"):
         one(write(csv(good())), rover)
     assert one(write(csv(good())), rover, wheels=["right"]).geometry.radius == 0.1
 
