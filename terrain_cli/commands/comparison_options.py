@@ -56,13 +56,20 @@ def soils(command: options.F) -> options.F:
     return reduce(lambda decorated, option: option(decorated), reversed(of_estimate), command)
 
 
-def read(context: click.Context, model: Sequence[ModelFile], progress: Progress) -> list[Windows]:
+def read(
+    context: click.Context,
+    model: Sequence[ModelFile],
+    progress: Progress,
+    inputs: Sequence[str] | None = None,
+) -> list[Windows]:
     """Read every input, with all that the models need, and cut it into windows.
 
     Parameters
     ----------
     context : click.Context
         Of a verb with `cutting`, inputs, --rover and --wheel.
+    inputs : sequence of str, optional
+        In place of those of the context.
 
     Returns
     -------
@@ -79,7 +86,7 @@ def read(context: click.Context, model: Sequence[ModelFile], progress: Progress)
     from terrain_cli.processes import parallel
     from terrain_cli.telemetry.long_logs import MOST_ROWS
 
-    paths = formats.expand(context.params["inputs"])
+    paths = formats.expand(context.params["inputs"] if inputs is None else inputs)
     most = MOST_ROWS // len(paths)
     rover = options.load_rover(context.params["rover"], paths)
     own = {option.lstrip("-") for parameter in context.command.params for option in parameter.opts}

@@ -151,7 +151,13 @@ class Step:
     # Effects that the data do not tell from it, by the diagnosis that proposed it
     rivals: tuple[str, ...] = ()
     next_drive: NextDrive | None = None  # The drive that would
+    confirmation: Step | None = None  # The same change, tried on a drive that did not choose it
     kept: bool = False
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether no other drive speaks against it."""
+        return self.confirmation is None or self.confirmation.pays
 
     @property
     def testable(self) -> bool:

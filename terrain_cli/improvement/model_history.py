@@ -116,6 +116,7 @@ def entry(step: Step, because: str) -> dict[str, Any]:
     """Return the entry of a change that was tried on data; None, which TOML leaves out, where not known."""
     return _head(step.action, step.changed, step.after, because) | {
         "tested": True,
+        "proof": "same data" if step.confirmation is None else "another drive",
         "data": data(step),
         "channels": {one.name: channel(one) for one in step.channels},
         "ratio": number(step.evidence.overall.value),
@@ -125,6 +126,21 @@ def entry(step: Step, because: str) -> dict[str, Any]:
         "failures_after": len(step.second.failures),
         "rivals": list(step.rivals) or None,
         "next_drive": drive(step.next_drive),
+        "confirmation": confirmation(step),
+    }
+
+
+def confirmation(step: Step) -> dict[str, Any] | None:
+    """Return what another drive says of a change; None where none was asked."""
+    proof = step.confirmation
+    if proof is None:
+        return None
+    return {
+        "confirmed": proof.pays,
+        "data": data(proof),
+        "channels": {one.name: channel(one) for one in proof.channels},
+        "ratio": number(proof.evidence.overall.value),
+        "ratio_interval": ends(proof.evidence.overall),
     }
 
 

@@ -21,6 +21,13 @@ def verdict(step: Step) -> str:
     what = listed(step.changed)
     if step.action == "remove":
         return f"{what} {_is(step)} removed{', though it pays' if step.costs else ''}: {found(step)}"
+    if step.pays and step.confirmation is not None:
+        proof = step.confirmation
+        where = f"{listed(list(proof.sources))}, which did not choose it"
+        if proof.pays:
+            return f"{what} {_is(step)} added: {found(step)}; confirmed on {where}: {found(proof)}"
+        kept = "added all the same, as --keep asks" if step.kept else "not added"
+        return f"{what} {_is(step)} {kept}: {found(step)}, but not confirmed on {where}: {found(proof)}"
     if step.pays:
         left = (
             beyond_noise(step.second) or "no recorded channel tracks what is left"
@@ -102,7 +109,11 @@ def found(step: Step) -> str:
 
 def reason(step: Step) -> str:
     """Say why an effect is added, for the history of the model."""
-    return found(step) if step.pays else f"--keep; {found(step)}"
+    proof = step.confirmation
+    if proof is None:
+        return found(step) if step.pays else f"--keep; {found(step)}"
+    told = "confirmed" if proof.pays else "--keep; not confirmed"
+    return f"{found(step)}; {told} on {listed(list(proof.sources))}: {found(proof)}"
 
 
 def _moved(one: ChannelChange) -> str:

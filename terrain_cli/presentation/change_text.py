@@ -51,6 +51,7 @@ def document(step: Step) -> dict[str, Any]:
         "idle": [one._asdict() for one in step.idle],
         "rivals": list(step.rivals),
         "next_drive": model_history.drive(step.next_drive),
+        "confirmation": model_history.confirmation(step),
         "shift": {one.name: _shift(one) for one in step.shifts},
         "unidentifiable": {
             "parameters": list(step.undetermined),
@@ -132,6 +133,8 @@ def _shift(one: Shift) -> dict[str, Any]:
 def text(step: Step) -> str:
     """Write a change for a person: the verdict, then what it rests on."""
     lines = [change_sentences.verdict(step), "", *_errors(step), ""]
+    if step.confirmation is not None:
+        lines += [f"on {listed(list(step.confirmation.sources))}:", *_errors(step.confirmation), ""]
     if step.parameters:
         lines += [*_parameters(step.parameters), ""]
     lines += [_moved(step), *_open(step), *_idle(step)]

@@ -13,7 +13,7 @@ from terrain_cli.presentation.terminal import say
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from terrain_cli.improvement import Step
     from terrain_cli.improvement.improvement_outcome import Action
@@ -106,12 +106,20 @@ def _shear_modulus(context: click.Context) -> float:
     return options.load_rover(given["rover"], paths).soil_shear_modulus()
 
 
-def tried(context: click.Context, action: Action, before: ModelFile, changed: Changed) -> Step:
+def tried(
+    context: click.Context,
+    action: Action,
+    before: ModelFile,
+    changed: Changed,
+    inputs: Sequence[str] | None = None,
+) -> Step:
     """Try a change on the data of the command line.
 
     Parameters
     ----------
     action : {"add", "remove"}
+    inputs : sequence of str, optional
+        In place of --data.
 
     Returns
     -------
@@ -122,8 +130,9 @@ def tried(context: click.Context, action: Action, before: ModelFile, changed: Ch
     from terrain_cli.commands.progress import Progress
 
     given = context.params
-    with Progress(len(given["inputs"]) + 1, enabled=not given["quiet"]) as progress:
-        cut = comparison_options.read(context, [before, changed.file], progress)
+    number = len(given["inputs"] if inputs is None else inputs)
+    with Progress(number + 1, enabled=not given["quiet"]) as progress:
+        cut = comparison_options.read(context, [before, changed.file], progress, inputs)
         return improvement.tried(
             cut,
             action,

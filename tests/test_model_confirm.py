@@ -1,0 +1,80 @@
+"""`terrain-est model add … --confirm LOG`: proof on a drive that did not choose the effect."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import pytest
+from changed_models import MODEL, write_all, write_log
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs")
+    write_all(path)
+    write_log(path / "again.csv", {"slip-sinkage": {"n1": 0.3}}, seed=7)
+    return path
+
+
+@pytest.fixture
+def model(logs, tmp_path, monkeypatch, terrain_est_here):
+    """Return a function that adds slip-sinkage, found on sinks.csv, with a proof."""
+    monkeypatch.chdir(logs)
+
+    def add(*args):
+        file = tmp_path / "model.toml"
+        file.write_text(MODEL, "utf-8")
+        done = terrain_est_here("model", "add", file, "slip-sinkage", *args, "--segments", "none", "-q")
+        return done, tomllib.loads(file.read_text("utf-8"))
+
+    return add
+
+
+def test_an_effect_that_another_drive_shows_too_is_added(model):
+    done, file = model("--data", "sinks.csv", "--confirm", "again.csv", "--json")
+    said = json.loads(done.stdout)
+    assert (done.returncode, file["effects"]) == (0, ["slip-sinkage"])
+    assert "confirmed on again.csv, which did not choose it" in said["sentence"]
+    (entry,) = file["history"]
+    assert entry["proof"] == "another drive"
+    proof = entry["confirmation"]
+    assert proof == said["confirmation"]
+    assert proof["confirmed"]
+    assert (entry["data"]["sources"], proof["data"]["sources"]) == (["sinks.csv"], ["again.csv"])
+    sinkage = proof["channels"]["sinkage"]
+    assert sinkage["heldout_after"] < 0.5 * sinkage["heldout_before"]
+
+
+def test_one_that_another_drive_does_not_show_is_not(model):
+    done, file = model("--data", "sinks.csv", "--confirm", "clean.csv")
+    assert done.returncode == 0
+    assert "slip-sinkage is not added" in done.stdout
+    assert "not confirmed on clean.csv" in done.stdout
+    assert "on clean.csv:" in done.stdout
+    assert "history" not in file
+    _, file = model("--data", "sinks.csv", "--confirm", "clean.csv", "--keep")
+    assert file["history"][0]["confirmation"]["confirmed"] is False
+
+
+def test_without_it_the_history_says_that_the_same_data_proved_it(model):
+    _, file = model("--data", "sinks.csv")
+    assert file["history"][0]["proof"] == "same data"
+    assert "confirmation" not in file["history"][0]
+
+
+@pytest.mark.parametrize(
+    ("args", "says"),
+    [
+        (("--confirm", "clean.csv"), "--confirm needs --data"),
+        (("--data", "sinks.csv", "--confirm", Path("sub", "..", "sinks.csv")), "is of --data too"),
+        (("--data", "sinks.csv", "--until-quiet", "--confirm", "clean.csv"), "effects that are named"),
+    ],
+)
+def test_what_is_no_proof_is_refused(model, logs, args, says):
+    (logs / "sub").mkdir(exist_ok=True)
+    done, file = model(*args)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert file["effects"] == []
