@@ -140,18 +140,16 @@ def fit(
             if differences
             else LikelyNoise(data, size, ordered=correlated)
         )
-    dof, begun = np.inf, None
-    if isinstance(learner, ScaledDifferences):
-        problem, dof, _ = _learn(problem, data, learner)
-    elif learner is not None:
-        problem, dof, begun = _learn(problem, data, learner, near=True)
+    dof = np.inf
+    if learner is not None:
+        problem, dof = _learn(problem, data, learner, near=not by_differences)
     if not by_differences:
-        data, rows = _without_wild(problem, data, rows, begun)
+        data, rows = _without_wild(problem, data, rows)
         problem = replace(problem, robust=robust)
         if learner is not None:
-            problem, dof, begun = _learn(problem, data, learner)
+            problem, dof = _learn(problem, data, learner)
     order = enough_nodes(problem.noise, data)
-    found, converged = _all(problem, data, order, begun, correlated=correlated, tempered=by_differences)
+    found, converged = _all(problem, data, order, correlated=correlated, tempered=by_differences)
     if isinstance(learner, LikelyNoise):
         found = _widened(problem, data, found, learner.others())
     if not by_differences:
@@ -188,7 +186,6 @@ def _all(
     problem: Problem,
     data: FitData,
     order: int | None,
-    begun: tuple[Array, Array] | None,
     *,
     correlated: bool,
     tempered: bool,
@@ -198,7 +195,7 @@ def _all(
     parts, converged = [], []
     for group in groups or [np.arange(0)]:
         part = data if len(group) == len(data.windows) else data.only(group)
-        state = search(problem, part, order, begun and (begun[0][group], begun[1]))
+        state = search(problem, part, order)
         found = posterior(problem, part, state, order=order, correlated=correlated)
         parts.append(mend(problem, part, state, found, order=order, correlated=correlated, tempered=tempered))
         converged.append(state.converged)
@@ -213,12 +210,12 @@ def _all(
 
 
 def _without_wild(
-    problem: Problem, data: FitData, rows: NDArray[np.intp], begun: tuple[Array, Array] | None
+    problem: Problem, data: FitData, rows: NDArray[np.intp]
 ) -> tuple[FitData, NDArray[np.intp]]:
     """Return the samples that are not too far from a robust fit for noise."""
     order = enough_nodes(problem.noise, data)
     some = data.thinned(_ENOUGH)
-    wild = wild_samples(problem, data, search(problem, some, order, begun), order)
+    wild = wild_samples(problem, data, search(problem, some, order), order)
     if not wild.any():
         return data, rows
     kept = np.flatnonzero(~wild)
@@ -261,19 +258,17 @@ def _learn(
     learner: LikelyNoise | ScaledDifferences,
     *,
     near: bool = False,
-) -> tuple[Problem, float, tuple[Array, Array]]:
-    """Learn the noise of the sensors; return the problem with it, its degrees of freedom, and the unknowns.
+) -> tuple[Problem, float]:
+    """Learn the noise of the sensors; return it in the problem, and the degrees of freedom that told it.
 
     `near` is enough to tell what is none.
     """
     problem = replace(problem, noise=learner.noise)
-    ends = starts.centre(problem, data)
     filled = np.flatnonzero(data.count > 0)
     if len(filled) == 0:
-        return problem, 1.0, ends
+        return problem, 1.0
     most = _NEAR_SAMPLES if near else learner.samples
-    telling = filled[np.unique(np.linspace(0, len(filled) - 1, most // _EACH).astype(int))]
-    sample = data.only(telling)
+    sample = data.only(filled[np.unique(np.linspace(0, len(filled) - 1, most // _EACH).astype(int))])
     sample = sample.thinned(most // len(sample.windows))
     local = len(problem.unknowns.local)
     state, dof = initial(sample, *starts.centre(problem, sample)), 1.0
@@ -296,8 +291,7 @@ def _learn(
         problem = replace(problem, noise=learner.noise)
         if settled:
             break
-    ends[0][telling[state.converged]] = state.t[state.converged]
-    return problem, dof, (ends[0], state.common)
+    return problem, dof
 
 
 def _residuals(

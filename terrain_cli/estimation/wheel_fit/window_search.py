@@ -45,22 +45,14 @@ def enough_nodes(noise: Noise, data: FitData) -> int | None:
     return _COARSE
 
 
-def search(
-    problem: Problem, data: FitData, order: int | None, begun: tuple[Array, Array] | None = None
-) -> State:
-    """Find the most probable unknowns, from several beginnings where one does not suffice.
-
-    `begun` is near the end already: where the noise was learnt.
-    """
-    t, common = begun or starts.centre(problem, data)
-    shapes = list(starts.of_shapes(problem, common))
-    if shapes:
-        ends = [_towards(problem, data, t, one, order) for one in (common, *shapes)]
+def search(problem: Problem, data: FitData, order: int | None) -> State:
+    """Find the most probable unknowns, from several beginnings where one does not suffice."""
+    t, common = starts.centre(problem, data)
+    begun = [common, *starts.of_shapes(problem, common)]
+    if len(begun) > 1:
+        ends = [_towards(problem, data, t, one, order) for one in begun]
         return min(ends, key=lambda end: float(end.merit.sum() + np.sum(end.common**2)))
-    if begun:
-        state = solve(problem, data, initial(data, t, common), order=order)
-    else:
-        state = _towards(problem, data, t, common, order)
+    state = _towards(problem, data, t, common, order)
     if problem.unknowns.shared:
         return state
     return _elsewhere(problem, data, state, common, order)
