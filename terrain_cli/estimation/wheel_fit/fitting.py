@@ -147,6 +147,8 @@ def fit(
         data, rows = _without_wild(problem, data, rows)
         problem = replace(problem, robust=robust)
         if learner is not None:
+            # Anew: where the first one was lost, its end hangs on the last digit.
+            learner = LikelyNoise(data, size, ordered=correlated)
             problem, dof = _learn(problem, data, learner)
     order = enough_nodes(problem.noise, data)
     found, converged = _all(problem, data, order, correlated=correlated, tempered=by_differences)
