@@ -86,17 +86,9 @@ def test_pieces_tell_what_the_whole_log_tells(folder, monkeypatch):
         strongest["shape"],
     )
     assert again["amplitude"] == pytest.approx(strongest["amplitude"], rel=0.2)
-    assert found["segments"][0]["phi_deg"] == pytest.approx(
-        whole["segments"][0]["phi_deg"], abs=3.0 * found["segments"][0]["phi_se_deg"]
-    )
-
-
-def test_two_inputs_share_the_limit(folder, monkeypatch):
-    monkeypatch.setattr(long_logs, "MOST_ROWS", 1300)
-    monkeypatch.setattr(long_logs, "PIECE", 100)
-    paths = [str(folder / name) for name in ("once.csv", "run.parquet")]
-    done = CliRunner().invoke(cli, ["compare", *paths, "--json", "-q", "--segments", "none"])
-    assert done.exit_code == 0, done.output
-    found = json.loads(done.stdout)
-    # The short one is read whole, of the long one less than half of 650 samples.
-    assert 600 + 650 // 4 <= found["data"]["samples"] <= 600 + 650 // 2
+    # Neither is sure of a soil that the model misses: they agree as far as both errors say.
+    one, other = whole["segments"][0], found["segments"][0]
+    assert one["status"] == other["status"] == "model-misses"
+    for name, unit in (("c", "kPa"), ("phi", "deg")):
+        error = np.hypot(one[f"{name}_se_{unit}"], other[f"{name}_se_{unit}"])
+        assert abs(one[f"{name}_{unit}"] - other[f"{name}_{unit}"]) < 3.0 * error

@@ -41,9 +41,9 @@ _SAMPLES, _POINTS, _STEPS = 100, 7, 20
 _DEGREE = 4
 #: Iterations that bring the true values of the inputs along.
 _SETTLE = 3
-#: Nearer to the estimate than this, in squared standard errors, rounding decides; so many times the quadratic
-#: is as good as infinite.
-_NEAR, _FAR = 0.01, 1e5
+#: Nearer to the estimate than this, in squared standard errors, rounding decides. A deviance of
+#: less than this times the quadratic is as good as none, of more than that as good as infinite.
+_NEAR, _LEAST, _FAR = 0.01, 1e-3, 1e5
 #: Weight of the estimate itself among the points.
 _SURE = 10.0
 _PAIR = ("cohesion", "tan_phi")
@@ -153,7 +153,7 @@ class _Valley:
         far = joint_grid.distance(away, self._frame.covariance) > _NEAR
         u, v, away = u[far], v[far], away[far]
         quadratic = joint_grid.distance(away, self._own)
-        deviance = np.clip(self._deviance(away), 1e-3 * quadratic, _FAR * quadratic)
+        deviance = np.clip(self._deviance(away), _LEAST * quadratic, _FAR * quadratic)
         weight = 1.0 / (
             1.0 + deviance * joint_grid.distance(away, self._frame.covariance) / (4.0 * quadratic)
         )
@@ -170,7 +170,9 @@ class _Valley:
             prior = np.sum((away / self._units) ** 2, axis=-1)
             q = joint_grid.distance(away, self._frame.covariance)
             least = np.log(np.divide(prior, q, out=np.ones_like(q), where=q > _NEAR))
-            return np.asarray(np.maximum(_terms(u, v, within) @ coefficients, least))
+            # A polynomial through steep and flat places swings beyond both.
+            between = np.clip(_terms(u, v, within) @ coefficients, np.log(_LEAST), np.log(_FAR))
+            return np.asarray(np.maximum(between, least))
 
         return smooth
 
