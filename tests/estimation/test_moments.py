@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from terrain_cli.estimation.line import moments as moments_of
-from terrain_cli.estimation.line.moments import X, join, of_windows, running, segment_sum
+from terrain_cli.estimation.line.moments import X, join, of_windows, running, segment_sum, window_products
 
 lengths = st.lists(st.integers(0, 12), min_size=1, max_size=6).filter(lambda counts: sum(counts) > 0)
 
@@ -87,3 +87,17 @@ def test_windows_of_several_blocks_are_joined_in_order():
     np.testing.assert_allclose(parts.mean, whole.mean, rtol=1e-14)
     for key, values in whole.products.items():
         np.testing.assert_allclose(parts[key], values, rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize("lengths", [(40, 0, 60), (3, 1, 0, 5, 2)])
+def test_products_of_rows_are_summed_in_each_window(lengths):
+    rng = np.random.default_rng(4)
+    n = sum(lengths)
+    bounds = np.concatenate([[0], np.cumsum(lengths)])
+    rows = rng.standard_normal((2, 3, 4, n))
+    weighted = rows * rng.uniform(0.5, 1.0, n)
+    found = window_products(weighted, rows, bounds)
+    for j, (first, last) in enumerate(pairwise(bounds)):
+        part = slice(first, last)
+        expected = np.einsum("kmpn,kmqn->kpq", weighted[..., part], rows[..., part])
+        np.testing.assert_allclose(found[j], expected, atol=1e-12)

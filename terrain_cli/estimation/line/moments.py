@@ -38,6 +38,8 @@ _KEYS: tuple[Key, ...] = (
 #: Samples of long windows, which are worked on one by one, so many at a time: few enough to stay in
 #: the processor's cache, and for BLAS not to take threads.
 _LONG = 4096
+#: Samples of a window from which on BLAS is quicker, window by window, than all windows at once.
+_SHORT = 20
 #: A spread below this share of the mean is rounding.
 _ROUNDING = 1e-9
 
@@ -76,6 +78,34 @@ def segment_sum(values: Array, bounds: Bounds) -> Array:
     total = np.zeros((*values.shape[:-1], len(filled)))
     if filled.any():
         total[..., filled] = np.add.reduceat(values, bounds[:-1][filled], axis=-1)
+    return total
+
+
+def window_products(weighted: Array, rows: Array, bounds: Bounds) -> Array:
+    """Sum the products of rows over the outputs and the samples of each window.
+
+    Parameters
+    ----------
+    weighted, rows : ndarray, shape (…, outputs, p, n)
+        The same but for a weight of each sample.
+    bounds : ndarray of int, shape (w + 1,)
+        From 0 to n.
+
+    Returns
+    -------
+    ndarray, shape (w, …, p, p)
+    """
+    *_, size, n = rows.shape
+    total = np.empty((len(bounds) - 1, *rows.shape[:-3], size, size))
+    if n < _SHORT * len(total):
+        for a in range(size):
+            for b in range(a + 1):
+                product = (weighted[..., a, :] * rows[..., b, :]).sum(axis=-2)
+                total[..., a, b] = total[..., b, a] = np.moveaxis(segment_sum(product, bounds), -1, 0)
+        return total
+    turned = np.swapaxes(rows, -1, -2)
+    for j, (first, last) in enumerate(pairwise(bounds)):
+        total[j] = (weighted[..., first:last] @ turned[..., first:last, :]).sum(axis=-3)
     return total
 
 

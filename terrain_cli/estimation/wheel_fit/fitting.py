@@ -39,12 +39,10 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Rounds, and steps of the search in each, that bring the noise near enough to tell what is none.
-_NEAR, _NEAR_STEPS = 8, 2
 #: Samples of a window that tell what leads its fit astray, and what other noise does to it.
 _ENOUGH = 200
-#: Samples that bring the noise near, and how many of a window tell noise from soil.
-_NEAR_SAMPLES, _EACH = 600, 30
+#: Samples of a window that tell noise from soil.
+_EACH = 30
 #: Samples fitted at a time, where windows share nothing.
 _GROUP = 100_000
 
@@ -134,22 +132,22 @@ def fit(
     size = len(sought.local) + len(sought.shared)
     learner: LikelyNoise | ScaledDifferences | None = None
     if noise is None:
-        differences = by_differences
         learner = (
             ScaledDifferences(data, ordered=correlated)
-            if differences
-            else LikelyNoise(data, size, ordered=correlated)
+            if by_differences
+            else LikelyNoise(data, size, ordered=correlated, near=True)
         )
     dof = np.inf
     if learner is not None:
-        problem, dof = _learn(problem, data, learner, near=not by_differences)
+        problem, dof, found_all = _learn(problem, data, learner)
     if not by_differences:
         data, rows = _without_wild(problem, data, rows)
         problem = replace(problem, robust=robust)
         if learner is not None:
-            # Anew: where the first one was lost, its end hangs on the last digit.
-            learner = LikelyNoise(data, size, ordered=correlated)
-            problem, dof = _learn(problem, data, learner)
+            # Anew where the first one was lost: its end hangs on the last digit.
+            begun = problem.noise if found_all else None
+            learner = LikelyNoise(data, size, ordered=correlated, begun=begun)
+            problem, dof, _ = _learn(problem, data, learner)
     order = enough_nodes(problem.noise, data)
     found, converged = _all(problem, data, order, correlated=correlated, tempered=by_differences)
     if isinstance(learner, LikelyNoise):
@@ -258,25 +256,30 @@ def _learn(
     problem: Problem,
     data: FitData,
     learner: LikelyNoise | ScaledDifferences,
-    *,
-    near: bool = False,
-) -> tuple[Problem, float]:
-    """Learn the noise of the sensors; return it in the problem, and the degrees of freedom that told it.
+) -> tuple[Problem, float, bool]:
+    """Learn the noise of the sensors.
 
-    `near` is enough to tell what is none.
+    Returns
+    -------
+    Problem
+        With that noise.
+    float
+        Degrees of freedom that told it.
+    bool
+        Whether the search found its end in every window.
     """
     problem = replace(problem, noise=learner.noise)
     filled = np.flatnonzero(data.count > 0)
     if len(filled) == 0:
-        return problem, 1.0
-    most = _NEAR_SAMPLES if near else learner.samples
+        return problem, 1.0, True
+    most = learner.samples
     sample = data.only(filled[np.unique(np.linspace(0, len(filled) - 1, most // _EACH).astype(int))])
     sample = sample.thinned(most // len(sample.windows))
     local = len(problem.unknowns.local)
     state, dof = initial(sample, *starts.centre(problem, sample)), 1.0
     if next(starts.of_shapes(problem, state.common), None) is not None:
         state = search(problem, sample, enough_nodes(problem.noise, sample))
-    for _ in range(_NEAR if near else learner.rounds):
+    for _ in range(learner.rounds):
         order = enough_nodes(problem.noise, sample)
         state = settled_search(problem, sample, state, order)
         learner.begin(sample)
@@ -293,7 +296,7 @@ def _learn(
         problem = replace(problem, noise=learner.noise)
         if settled:
             break
-    return problem, dof
+    return problem, dof, bool(state.converged.all())
 
 
 def _residuals(

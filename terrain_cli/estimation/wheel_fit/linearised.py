@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.line.moments import segment_sum, window_products
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
 from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.wheel_model import predict
@@ -189,12 +189,7 @@ class Equations:
             would give, where the fit is robust.
         """
         weighted = self.design * self.weight
-        size, windows = self.design.shape[1], len(bounds) - 1
-        information = np.empty((windows, size, size))
-        for a in range(size):
-            for b in range(a + 1):
-                product = np.einsum("mn,mn->n", weighted[:, a], self.design[:, b])
-                information[:, a, b] = information[:, b, a] = segment_sum(product, bounds)
+        information = window_products(weighted, self.design, bounds)
         score = segment_sum(np.einsum("mpn,mn->pn", weighted, self.residual), bounds).T
         misfit = segment_sum(np.einsum("mn,mn->n", self.bounded, self.bounded), bounds)
         return information, score, misfit

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.line.moments import window_products
 from terrain_cli.estimation.wheel_fit.channel_noise import CHANNELS, Noise, level
 from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED, memory
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
@@ -47,9 +47,12 @@ _USUAL, _USUAL_SLIP = 0.02, 0.01
 _ALL, _EACH = 3.0, 1.0
 #: Longest step of a logarithm; least change of the level of all in one step, and least noise, as a share.
 _LONGEST, _LEAST = 1.5, 1e-6
-#: A step shorter than this, in standard errors, is the last. A noise known better than by a tenth changes no
-#: error noticeably.
-_SETTLED, _SURE = 0.05, 0.1
+#: Rounds at the most, samples of all windows together, and the length in standard errors of a step that is
+#: the last. So many know the noise of a channel by 3 %, and no error changes by more; near is enough to
+#: tell what is none.
+_WHOLE, _NEAR = (20, 3_000, 0.05), (8, 600, 0.5)
+#: A noise known better than by a tenth changes no error noticeably.
+_SURE = 0.1
 #: Least share of a step.
 _SHORTEST = 0.1
 #: That of noise-free data, in logarithms from the prior's centre.
@@ -80,6 +83,14 @@ class LevelPrior:
             parts[kind][name] = getattr(self.centre, kind)[name] * float(factor)
         return Noise(**parts)
 
+    def steps_to(self, noise: Noise) -> Array:
+        """Return how far from the centre a noise is, in logarithms, shape (terms,)."""
+        to, centre = (
+            np.array([getattr(of, kind)[name] for name, kind in self.terms]) for of in (noise, self.centre)
+        )
+        # A channel that is always 0 has no constant noise at any number of steps.
+        return np.asarray(np.log(np.divide(to, centre, out=np.ones_like(to), where=centre > 0.0)))
+
 
 def usual_noise(measured: Mapping[str, Array]) -> LevelPrior:
     """Return what is known of the noise of the channels that are measured.
@@ -104,13 +115,10 @@ def usual_noise(measured: Mapping[str, Array]) -> LevelPrior:
 class LikelyNoise:
     """Steps towards the most likely noise."""
 
-    #: At the most.
-    rounds = 20
-    #: Of all windows together: enough to know the noise of a channel by 3 %, and no error changes by more.
-    samples = 3_000
-
-    def __init__(self, data: FitData, size: int, *, ordered: bool) -> None:
-        """Begin with what is usual.
+    def __init__(
+        self, data: FitData, size: int, *, ordered: bool, near: bool = False, begun: Noise | None = None
+    ) -> None:
+        """Begin with what is usual, or with what is nearly right.
 
         Parameters
         ----------
@@ -118,15 +126,22 @@ class LikelyNoise:
             Own and shared unknowns of a window together.
         ordered : bool
             Whether samples follow each other in time.
+        near : bool
+            Nearly right is enough.
+        begun : Noise, optional
+            Learnt from other samples of these sensors.
         """
         self._ordered = ordered
+        self.rounds, self.samples, self._shortest = _NEAR if near else _WHOLE
         channels = {**data.channels, **dict(zip(data.outputs, data.measured, strict=True))}
         names = (*data.inputs, *(name for name in data.outputs if name != BALANCE))
         self._prior = usual_noise({name: channels[name] for name in names})
         self._size, self._steps = size, np.zeros(len(self._prior.terms))
         self._known, self._last = inverse(self._prior.precision), np.zeros(len(self._steps))
         self._share = 1.0
-        self.noise = self._prior.centre
+        if begun is not None:
+            self._steps = self._prior.steps_to(begun)
+        self.noise = self._prior.at(self._steps)
 
     def begin(self, data: FitData) -> None:
         """Begin a round."""
@@ -146,13 +161,8 @@ class LikelyNoise:
         self._expected += np.einsum("can,can->c", vectors, vectors)
         between = np.einsum("can,dan->cdn", vectors, vectors)
         self._shared += np.einsum("cdn,cdn->cd", between, between)
-        for row, vector in enumerate(vectors):
-            by = np.einsum("an,apn->pn", vector, found.design)
-            size = len(by)
-            for a in range(size):
-                for b in range(a + 1):
-                    total = segment_sum(by[a] * by[b], data.bounds)
-                    self._taken[row, block, a, b] = self._taken[row, block, b, a] = total
+        by = np.einsum("can,apn->cpn", vectors, found.design)[:, None]
+        self._taken[:, block] = np.swapaxes(window_products(by, by, data.bounds), 0, 1)
 
     def _vectors(self, data: FitData, found: Equations) -> Array:
         """Return S^(-1/2) v_c per standard deviation of the noise, shape (terms, outputs, n)."""
@@ -200,7 +210,7 @@ class LikelyNoise:
         self._last = step
         self._steps = np.maximum(self._steps + self._share * step, _LOWEST)
         self.noise = prior.at(self._steps)
-        return bool(step @ information @ step < _SETTLED**2)
+        return bool(step @ information @ step < self._shortest**2)
 
     @property
     def lasting(self) -> float:

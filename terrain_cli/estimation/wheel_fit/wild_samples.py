@@ -48,6 +48,22 @@ def wild_samples(problem: Problem, data: FitData, found: State, order: int | Non
     -------
     ndarray of bool, shape (n,)
     """
+    limits = _squares(data.measured.shape[0], _BY_CHANCE / max(data.measured.shape[1], 1))
+    far = np.flatnonzero(_squared(problem, data, found, order, 1) > limits[data.seen.sum(axis=0)])
+    wild = np.zeros(data.measured.shape[1], dtype=bool)
+    if len(far):
+        # True values of the inputs that come to rest take a residual down, not up.
+        part = data.take(far, np.diff(np.searchsorted(far, data.bounds)), np.arange(len(data.windows)))
+        squared = _squared(problem, part, found, order, _PASSES)
+        wild[far] = squared > limits[part.seen.sum(axis=0)]
+    share = segment_sum(wild.astype(float), data.bounds) / np.maximum(data.count, 1)
+    return np.asarray(wild & np.repeat(share <= _MOST, data.count))
+
+
+def _squared(
+    problem: Problem, data: FitData, found: State, order: int | None, passes: int
+) -> NDArray[np.float64]:
+    """Return the sum of squares of each sample's residuals after some passes, shape (n,)."""
     squared = np.zeros(data.measured.shape[1])
 
     def keep(block: NDArray[np.intp], _: FitData, equations: Equations) -> None:
@@ -55,12 +71,9 @@ def wild_samples(problem: Problem, data: FitData, found: State, order: int | Non
         squared[rows] = np.einsum("an,an->n", equations.residual, equations.residual)
 
     latent = np.array([data.channels[name] for name in data.inputs])
-    for _ in range(_PASSES):
+    for _ in range(passes):
         accumulate(problem, data, found.t, found.common, latent, order=order, each=keep)
-    limits = _squares(data.measured.shape[0], _BY_CHANCE / max(len(squared), 1))
-    wild = squared > limits[data.seen.sum(axis=0)]
-    share = segment_sum(wild.astype(float), data.bounds) / np.maximum(data.count, 1)
-    return np.asarray(wild & np.repeat(share <= _MOST, data.count))
+    return squared
 
 
 def _squares(most: int, probability: float) -> NDArray[np.float64]:
