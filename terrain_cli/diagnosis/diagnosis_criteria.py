@@ -72,6 +72,11 @@ DRAFT_LEFT = criterion(
 )
 CREDIBLE = criterion(0.7, "of the best one's gain, for an effect within its bounds to come before it")
 RIVAL_WORTH = criterion(0.3, "of what the best takes off the loss; less is no rival")
+SCORE_WORTH = criterion(
+    0.15,
+    "of what the best effect explains by its score; what scores less is not fitted",
+    "on 26 drives, one for each effect, verdict, family and name are those of fitting all: in half the time",
+)
 SMALL_REST = criterion(0.05, "of what an effect explains that may be left to follow the drive")
 STANDS_FOR_SOILS = criterion(0.8, "of what new soils take off, for an effect to stand for them")
 STEPS_SHARE = criterion(

@@ -18,15 +18,15 @@ from terrain_cli.processes import parallel
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from terrain_cli.diagnosis.diagnosed_log import DiagnosedLog
     from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.diagnosis.screening import Screened
     from terrain_cli.effects import Effect
     from terrain_cli.models import ModelFile
 
 
 def best(
     data: Ground,
-    found: Screened,
+    log: DiagnosedLog,
     ranked: Sequence[tuple[Hypothesis, Refit]],
     progress: Callable[[str], None],
     name: str,
@@ -37,7 +37,10 @@ def best(
     other that promises most.
     """
     alone = {one.id: (one, refit) for one, refit in ranked if one.effects}
-    promising = screening.promising_pairs(found, [one for one, _ in alone.values()])
+    others = [
+        one for one in log.hypotheses if one.effects and one.id in log.found.p_values and one.id not in alone
+    ]
+    promising = screening.promising_pairs(log.found, [*(one for one, _ in alone.values()), *others])
     chosen, rest = promising[: criteria.RIVALS], promising[criteria.RIVALS :]
     chosen += [pair for pair in rest if name in (one.id for one in pair)][: criteria.RIVALS]
     fitted = []
@@ -46,6 +49,10 @@ def best(
         if pair is None:
             continue
         progress(f"fitting with {first.id} and {second.id}")
+        # What explains little alone was not fitted; beside another it may explain what is left.
+        for one in (first, second):
+            if one.id not in alone:
+                alone[one.id] = one, refits.refit(data, one)
         after = [alone[one.id][1] for one in (first, second)]
         refit = refits.refit(data, pair, after=after)
         if not refit_ranking.incredible(data, pair, refit):

@@ -95,8 +95,17 @@ def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
 
 
 def refitted(case: Case, log: DiagnosedLog) -> list[Fitted]:
-    """Fit every testable hypothesis in the form of its law that predicts best, the best first."""
-    testable = [one for one in log.hypotheses if one.id in log.found.p_values]
+    """Fit every hypothesis that may be a rival, in the form of its law that predicts best, the best first.
+
+    What scores far less than the best explains far less once fitted too.
+    """
+    explained = log.found.explained
+    least = criteria.SCORE_WORTH * max(explained.values(), default=0.0)
+    testable = [
+        one
+        for one in log.hypotheses
+        if one.id in log.found.p_values and (not one.effects or explained[one.id] >= least)
+    ]
 
     def before(one: Hypothesis) -> None:
         case.progress(f"fitting with {one.id} ({testable.index(one) + 1} of {len(testable)})")
@@ -178,7 +187,7 @@ def two_at_once(case: Case, ranked: Ranked, found: Family) -> Two:
     """Find two effects that explain more together than anything else does."""
     if found.whole:
         return Two()
-    fitted = pairs.best(ranked.data, ranked.log.found, ranked.several, case.progress, found.name)
+    fitted = pairs.best(ranked.data, ranked.log, ranked.several, case.progress, found.name)
     others = [ranked.best, *(one.refit for one in ranked.drafts[:1])]
     ids, is_best = pairs.told(fitted, others, found.name)
     return Two(ids=ids, is_best=is_best, fitted=fitted)
