@@ -174,6 +174,9 @@ largest = click.option(
 as_json = click.option(
     "--json", "as_json", is_flag=True, envvar="TERRAIN_EST_JSON", help="Write JSON instead of tables."
 )
+force = click.option(
+    "--force", is_flag=True, help="Replace files that are there, also those that are no earlier result."
+)
 quiet = click.option("-q", "--quiet", is_flag=True, help="Say nothing on stderr but errors.")
 verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr where each channel comes from.")
 
@@ -280,6 +283,8 @@ def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
         A value that the option does not take.
     UsageError
         A file that it names is one to be written.
+    formats.CannotWriteError
+        A file to be written is there, and is no earlier result.
     """
     named = False
     parameters = {option.lstrip("-"): p for p in context.command.params for option in p.opts}
@@ -295,3 +300,4 @@ def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
         named = named or isinstance(parameter.type, paths.Named)
     if named:
         paths.check(context)
+    paths.check_others(context)
