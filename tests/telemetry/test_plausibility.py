@@ -213,7 +213,10 @@ def test_a_channel_that_is_frozen_for_a_part(name, pulling, judged):
         rf"{name} is [\d.]+ in 58% of the samples, one after another, while slip goes from", told[0]
     )
     # Held until the next value comes, or rounded: so all the time, not for a part.
-    for whole in (pulling[name].where(pulling.index % 100 == 0).ffill(), pulling[name].round(3 if name == "sinkage" else 2)):
+    for whole in (
+        pulling[name].where(pulling.index % 100 == 0).ffill(),
+        pulling[name].round(3 if name == "sinkage" else 2),
+    ):
         assert judged(pulling.assign(**{name: whole}), effects=(), compared=True) == []
 
 
