@@ -35,7 +35,7 @@ MOST_SAMPLES = 10**12
 _MOST_FOLDS = 10**6
 
 
-#: Of gigabytes or seconds: beyond any machine, and any life.
+#: Of gigabytes, seconds, metres or kPa: beyond any machine, any life and any ground.
 _MOST_AMOUNT = 1e9
 
 
@@ -134,7 +134,7 @@ folds = click.option(
 )
 at_stress = click.option(
     "--at-stress",
-    type=click.FloatRange(0.0),
+    type=Amount(0.0),
     metavar="KPA",
     help="Compare strengths at this normal stress, in kPa.  [that under the wheel: 1, 2, 5, 10 …]",
 )
