@@ -206,3 +206,14 @@ with progress.Progress(2, enabled={enabled}) as bar:
     def test_no_progress_bar_when_quiet(self):
         shown = on_terminal([sys.executable, "-c", self.WORK.format(enabled=False)], PYTHONPATH=str(ROOT))
         assert shown.split() == ["done"]
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, (o, _) in OPTIONS.items() if isinstance(o.type, click.FloatRange)]
+)
+@pytest.mark.parametrize("value", ["nan", "inf", "1e300"])
+def test_a_number_that_has_a_range_is_finite(name, value):
+    """For click nan lies within every range; and a number may be so large that its square is none."""
+    option, context = OPTIONS[name]
+    with pytest.raises(click.BadParameter, match=r"not a finite number|is more than"):
+        option.type.convert(value, option, context)

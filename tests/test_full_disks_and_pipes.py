@@ -86,7 +86,18 @@ main(sys.argv[1:])
 def test_a_full_disk_under_a_file(folder, many, output):
     """A limit on the size of files fails a write in the middle, as a full disk does."""
     write(output, "as it was")
-    command = [sys.executable, "-c", LIMIT, "estimate", str(many), "--segments", "none", "-o", output]
+    command = [
+        sys.executable,
+        "-c",
+        LIMIT,
+        "estimate",
+        str(many),
+        "--segments",
+        "none",
+        "-o",
+        output,
+        "--force",
+    ]
     # Python would keep the part of a compiled module that it may write, and trip over it for ever.
     env = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
     result = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)

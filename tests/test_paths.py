@@ -296,7 +296,7 @@ class TestAllowed:
 
     def test_what_is_no_file_of_this_name(self):
         Path("wong-reece").write_text("x")
-        allowed("report", "run.csv", "-o", "wong-reece")
+        allowed("report", "run.csv", "-o", "wong-reece", "--force")
         allowed("model new", "slip-sinkage", "--effect", "slip-sinkage")
 
     def test_names_that_no_file_can_have(self):

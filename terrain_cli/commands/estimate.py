@@ -53,7 +53,7 @@ Examples:
     "Otherwise CSV on stdout, and on a terminal a table to read.",
 )
 @click.option("--csv", is_flag=True, help="Write CSV to stdout on a terminal too, as into a pipe.")
-@click.option("--summary", type=paths.OUTPUT, metavar="FILE", help="Write the summary here, as JSON.")
+@click.option("--summary", type=paths.SUMMARY, metavar="FILE", help="Write the summary here, as JSON.")
 @options.estimation
 @click.option(
     "--samples",
@@ -64,19 +64,19 @@ Examples:
 )
 @click.option(
     "--rejects",
-    type=paths.OUTPUT,
+    type=paths.REJECTS,
     metavar="FILE",
     help="Write the samples set aside here, each with its reason.",
 )
 @click.option(
     "--trace",
-    type=paths.OUTPUT,
+    type=paths.TRACE,
     metavar="FILE",
     help="With --method recursive: write the estimate after each sample here.",
 )
 @click.option(
     "--posterior",
-    type=paths.OUTPUT,
+    type=paths.POSTERIOR,
     metavar="FILE",
     help="Write the joint posterior of c and φ here: for each segment a grid, and the covariance of all its "
     "parameters. Takes a second or two a segment.",
@@ -88,6 +88,7 @@ Examples:
     help="Write pictures into this folder, as PNG and SVG (extra: plot). With --method recursive also "
     "how it converges.",
 )
+@options.force
 @options.jobs("Inputs read at the same time.")
 @click.option("--seed", type=int, metavar="N", help="No effect here: estimate draws nothing at random.")
 @options.quiet

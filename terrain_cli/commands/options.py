@@ -35,7 +35,7 @@ MOST_SAMPLES = 10**12
 _MOST_FOLDS = 10**6
 
 
-#: Of gigabytes or seconds: beyond any machine, and any life.
+#: Of gigabytes, seconds, metres or kPa: beyond any machine, any life and any ground.
 _MOST_AMOUNT = 1e9
 
 
@@ -134,7 +134,7 @@ folds = click.option(
 )
 at_stress = click.option(
     "--at-stress",
-    type=click.FloatRange(0.0),
+    type=Amount(0.0),
     metavar="KPA",
     help="Compare strengths at this normal stress, in kPa.  [that under the wheel: 1, 2, 5, 10 …]",
 )
@@ -173,6 +173,9 @@ largest = click.option(
 )
 as_json = click.option(
     "--json", "as_json", is_flag=True, envvar="TERRAIN_EST_JSON", help="Write JSON instead of tables."
+)
+force = click.option(
+    "--force", is_flag=True, help="Replace files that are there, also those that are no earlier result."
 )
 quiet = click.option("-q", "--quiet", is_flag=True, help="Say nothing on stderr but errors.")
 verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr where each channel comes from.")
@@ -280,6 +283,8 @@ def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
         A value that the option does not take.
     UsageError
         A file that it names is one to be written.
+    formats.CannotWriteError
+        A file to be written is there, and is no earlier result.
     """
     named = False
     parameters = {option.lstrip("-"): p for p in context.command.params for option in p.opts}
@@ -295,3 +300,4 @@ def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
         named = named or isinstance(parameter.type, paths.Named)
     if named:
         paths.check(context)
+    paths.check_others(context)

@@ -1,4 +1,4 @@
-"""Types of options that name files, and the check that no output overwrites an input.
+"""Types of options that name files, and the checks that no output overwrites an input, or a file of another.
 
 Every option that names a file has one of the types below. `Verb` compares what they name before the
 work begins: by what the files are, not by their names, so that a link to an input is that input.
@@ -7,17 +7,20 @@ work begins: by what the files are, not by their names, so that a link to an inp
 from __future__ import annotations
 
 import os
-import stat
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from terrain_cli.commands import earlier_results
+from terrain_cli.commands.named_files import content, effects_of, identity, logs_of, resolved, text
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator, Mapping, Sequence
+    from collections.abc import Hashable, Iterator, Sequence
+
+    from terrain_cli.commands.earlier_results import Sign
 
 #: Names of the standard output, of which there is one for all that is written.
 _STANDARD_OUTPUT = frozenset({"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"})
@@ -31,7 +34,7 @@ class Read(NamedTuple):
     path: str
 
     def __str__(self) -> str:
-        return "standard input" if self.path == "-" else f"{self.what} {_text(self.path)}"
+        return "standard input" if self.path == "-" else f"{self.what} {text(self.path)}"
 
 
 class Named(click.Path):
@@ -64,7 +67,7 @@ class _Logs(Reads):
         """Yield every file of the logs; none where the name is wrong, which is told when it is opened."""
         from formats.input_paths import parts
 
-        for log in _logs(name):
+        for log in logs_of(name):
             yield from (Read(self.what, part) for part in parts(log))
 
 
@@ -90,7 +93,7 @@ class _Model(Reads):
         if name in BASES:
             return
         yield Read(self.what, name)
-        yield from _effects_of(name)
+        yield from _effects(name)
 
 
 class _Drive(Reads):
@@ -99,8 +102,8 @@ class _Drive(Reads):
     def reads(self, name: str) -> Iterator[Read]:
         """Yield the files."""
         yield Read(self.what, name)
-        yield from _effects_of(name)
-        model = _content(name).get("model")
+        yield from _effects(name)
+        model = content(name).get("model")
         if isinstance(model, str) and model not in BASES:
             yield from MODEL.reads(str(Path(name).parent / model))
 
@@ -109,21 +112,30 @@ class Writes(Named):
     """A file that is written.
 
     A result takes what else goes to the standard output, a layer may share a file with another layer, and a
-    model file that is changed is read and written back where it lies.
+    model file that is changed is read and written back where it lies. A file that is there and lacks the
+    `sign` is of others; of an output without one, the command itself checks what it would replace.
     """
 
-    def __init__(self, *, result: bool = False, layer: bool = False, changed: bool = False) -> None:
+    def __init__(
+        self, sign: Sign | None = None, *, result: bool = False, layer: bool = False, changed: bool = False
+    ) -> None:
         super().__init__()
-        self.result, self.layer, self.changed = result, layer, changed
+        self.sign, self.result, self.layer, self.changed = sign, result, layer, changed
 
     def reads(self, name: str) -> Iterator[Read]:
         """Yield the effects of a model file that is changed."""
         if self.changed:
-            yield from _effects_of(name)
+            yield from _effects(name)
 
     def replaced(self, name: str) -> Iterator[str]:
         """Yield the files that are there no more, or are others, once it is written."""
         yield name
+
+    def of_others(self, name: str) -> Iterator[str]:
+        """Yield the files that would be replaced, and that this program did not write before."""
+        file = str(resolved(name))
+        if self.sign and os.path.isfile(file) and not self.sign.on(file):  # noqa: PTH113 - Path may raise
+            yield name
 
     def holds(self, name: str, file: str) -> bool:  # noqa: ARG002 - a file holds no other
         """Tell whether another file has a name that may be written."""
@@ -151,8 +163,12 @@ class _Pictures(_Folder):
 
     def holds(self, name: str, file: str) -> bool:
         """Tell whether a file has the name of a picture in the folder."""
-        path = _resolved(file)
-        return path.suffix in self._ENDINGS and _identity(str(path.parent)) == _identity(name)
+        path = resolved(file)
+        return path.suffix in self._ENDINGS and identity(str(path.parent)) == identity(name)
+
+    def of_others(self, name: str) -> Iterator[str]:
+        """Yield the pictures of others that have a name of one that is drawn."""
+        yield from earlier_results.pictures_of_others(name)
 
 
 class _Batch(_Folder):
@@ -168,7 +184,11 @@ class _Batch(_Folder):
         """Tell whether a batch writes a file of this name."""
         from terrain_cli.batch.batch_folder import belongs
 
-        return belongs(_resolved(name), file)
+        return belongs(resolved(name), file)
+
+    def of_others(self, name: str) -> Iterator[str]:
+        """Yield the files of others that have the name of a result."""
+        yield from earlier_results.files_of_others(name)
 
     def skips(self, name: str, read: Read) -> bool:
         """Tell whether an input is a result of an earlier run into the folder."""
@@ -185,7 +205,7 @@ class _Write(NamedTuple):
     path: str
 
     def __str__(self) -> str:
-        return _STREAM if self.path == "-" else f"{self.option} {_text(self.path)}"
+        return _STREAM if self.path == "-" else f"{self.option} {text(self.path)}"
 
     @property
     def standard(self) -> bool:
@@ -196,16 +216,21 @@ class _Write(NamedTuple):
     def identities(self) -> set[Hashable]:
         """What is replaced."""
         names = ["/dev/fd/1"] if self.standard else self.kind.replaced(self.path)
-        return {_identity(name) for name in names} - {None}
+        return {identity(name) for name in names} - {None}
+
+    @property
+    def stream(self) -> bool:
+        """Whether it is what this process has open already."""
+        from formats.output.whole_files import is_stream
+
+        return self.standard or is_stream(self.path)
 
     @property
     def places(self) -> set[Hashable]:
         """Where no other output may go; other streams than this one may well be one."""
-        from formats.output.whole_files import is_stream
-
         if self.standard:
             return {_STREAM, *self.identities}
-        return set() if is_stream(self.path) else self.identities
+        return set() if self.stream else self.identities
 
 
 INPUT = _Logs("the input")
@@ -217,8 +242,13 @@ EFFECT_FILE = Reads("the effect file")
 DRIVE = _Drive("the file of the drive")
 OUTPUT = Writes()
 RESULT = Writes(result=True)
-SEGMENTS = Writes(result=True, layer=True)
-SAMPLES = Writes(layer=True)
+SEGMENTS = Writes(earlier_results.SEGMENTS, result=True, layer=True)
+SAMPLES = Writes(earlier_results.SAMPLES, layer=True)
+REJECTS = Writes(earlier_results.REJECTS)
+TRACE = Writes(earlier_results.TRACE)
+POSTERIOR = Writes(earlier_results.POSTERIOR)
+SUMMARY = Writes(earlier_results.SUMMARY)
+PAGE = Writes(earlier_results.PAGE, result=True)
 CHANGED = Writes(changed=True)
 PICTURES = _Pictures()
 BATCH = _Batch(result=True)
@@ -230,6 +260,8 @@ class Verb(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         """Compare what it reads and writes, then run it."""
         check(ctx)
+        if not _takes_rover(ctx):
+            check_others(ctx)
         return super().invoke(ctx)
 
 
@@ -244,7 +276,7 @@ def check(context: click.Context) -> None:
     """
     writes = list(_writes(context))
     # No file has a NUL in its name; what a model file names may.
-    reads = [(read, _identity(read.path)) for read in _reads(context) if "\0" not in read.path]
+    reads = [(read, identity(read.path)) for read in _reads(context) if "\0" not in read.path]
     several = [n for _, kind, n in _named(context) if isinstance(kind, _Logs) and not os.path.isfile(n)]  # noqa: PTH113
     for write in writes:
         _check_reads(write, reads)
@@ -253,6 +285,22 @@ def check(context: click.Context) -> None:
     for number, second in enumerate(writes):
         for first in writes[:number]:
             _check_pair(first, second)
+
+
+def check_others(context: click.Context) -> None:
+    """Refuse to replace what is no earlier result of the same kind, unless --force is given.
+
+    A command that takes a rover file calls this once it knows what that names: an input is told first.
+    """
+    from formats.errors import CannotWriteError
+
+    for write in _writes(context):
+        folder = isinstance(write.kind, _Folder)
+        if write.stream or (context.params.get("force") and not folder):
+            continue
+        for name in write.kind.of_others(write.path):
+            hint = "name another folder, or move it away" if folder else "--force replaces it"
+            raise CannotWriteError(name, "is there already, and is no earlier result of this kind", hint=hint)
 
 
 def _named(context: click.Context) -> Iterator[tuple[str, Any, str]]:
@@ -270,13 +318,16 @@ def _reads(context: click.Context) -> Iterator[Read]:
     named = list(_named(context))
     for _, kind, name in named:
         yield from kind.reads(name)
-    takes_rover = any(parameter.type is ROVER for parameter in context.command.params)
-    if takes_rover and not any(kind is ROVER for _, kind, _ in named):
+    if _takes_rover(context) and not any(kind is ROVER for _, kind, _ in named):
         from terrain_cli import rover
 
-        first = next((log for _, kind, name in named if kind is INPUT for log in _logs(name)), None)
+        first = next((log for _, kind, name in named if kind is INPUT for log in logs_of(name)), None)
         if found := rover.find(None, first):
             yield from ROVER.reads(str(found))
+
+
+def _takes_rover(context: click.Context) -> bool:
+    return any(parameter.type is ROVER for parameter in context.command.params)
 
 
 def _writes(context: click.Context) -> Iterator[_Write]:
@@ -304,21 +355,21 @@ def _check_folders(write: _Write, names: Sequence[str]) -> None:
     from formats.input_paths import parts, takes
     from terrain_cli.errors import UsageError
 
-    place = _resolved(write.path)
-    above = {_identity(str(folder)) for folder in (place, *place.parents)}
+    place = resolved(write.path)
+    above = {identity(str(folder)) for folder in (place, *place.parents)}
     for name in names:
-        logs = _logs(name)
+        logs = logs_of(name)
         for log in filter(os.path.isdir, logs):
             folders = {log, *map(os.path.dirname, parts(log))}
-            within = not above.isdisjoint(map(_identity, folders))
+            within = not above.isdisjoint(map(identity, folders))
             if within and not write.kind.skips(write.path, Read(INPUT.what, log)):
                 raise UsageError(
-                    f"{write} lies in {_text(log)}, a folder that is one log",
+                    f"{write} lies in {text(log)}, a folder that is one log",
                     hint="nothing is written into a log: name a place outside",
                 )
         if logs and not isinstance(write.kind, _Folder) and takes(name, write.path):
             raise UsageError(
-                f"{write} would be an input when the same is run again: {_text(name)} stands for it too",
+                f"{write} would be an input when the same is run again: {text(name)} stands for it too",
                 hint="name a file in another folder",
             )
 
@@ -333,65 +384,12 @@ def _check_pair(first: _Write, second: _Write) -> None:
     layers = first.kind.layer and second.kind.layer
     if layers and segment_files.together(first.path, second.path):
         return
-    where = "standard output" if _STREAM in one else _text(second.path)
+    where = "standard output" if _STREAM in one else text(second.path)
     raise UsageError(
         f"{first.option} and {second.option} both go to {where}",
         hint="only a .gpkg holds both, as two layers" if layers else "give each a file of its own",
     )
 
 
-def _identity(path: str) -> Hashable:
-    """Return what tells a file from others, also one that is not there yet; None for pipes and devices."""
-    try:
-        status, rest = os.fstat(0) if path == "-" else os.stat(path), ""  # noqa: PTH116 - also /dev/fd/63
-    except OSError:
-        place = _resolved(path)
-        # A slash behind the name of a file is none to whoever writes it.
-        there = next(above for above in (place, *place.parents) if os.path.exists(above))  # noqa: PTH110 - never raises
-        status, rest = there.stat(), str(place).removeprefix(str(there))
-    known = stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)
-    return (status.st_dev, status.st_ino, rest) if known else None
-
-
-def _resolved(path: str) -> Path:
-    try:
-        return Path(os.path.realpath(path))
-    except OSError:
-        # The working folder is gone, and with it all that a relative path may name.
-        return Path(os.sep, path)
-
-
-def _logs(name: str) -> list[str]:
-    import formats
-
-    try:
-        return formats.expand([name])
-    except formats.FormatError:
-        return []
-
-
-def _effects_of(name: str) -> Iterator[Read]:
-    """Yield the effect files that a model, or a drive, names."""
-    from terrain_cli import models
-
-    for effect in _content(name).get("effects") or ():
-        if isinstance(effect, str) and models.is_path(effect):
-            yield Read(EFFECT.what, str(Path(name).parent / effect))
-
-
-def _content(name: str) -> Mapping[str, Any]:
-    """Return what a file says in TOML, nothing where it is wrong: whoever reads it will tell."""
-    from terrain_cli.errors import ConfigurationError
-    from terrain_cli.toml import strict
-
-    try:
-        # A pipe can be read only once.
-        return strict.parse(strict.read_text(name), name) if os.path.isfile(name) else {}  # noqa: PTH113
-    except ConfigurationError:
-        return {}
-
-
-def _text(path: str) -> str:
-    from formats.errors import shown
-
-    return shown(path)
+def _effects(name: str) -> Iterator[Read]:
+    yield from (Read(EFFECT.what, file) for file in effects_of(name))

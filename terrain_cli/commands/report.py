@@ -25,7 +25,7 @@ Examples:
 @click.option(
     "-o",
     "--output",
-    type=paths.RESULT,
+    type=paths.PAGE,
     required=True,
     metavar="FILE.html",
     help="Write the page here; - is the standard output.",
@@ -43,6 +43,7 @@ Examples:
 @options.wheel
 @comparison_options.cutting
 @comparison_options.soils
+@options.force
 @options.quiet
 @click.pass_context
 def command(context: click.Context, /, **_: Any) -> None:

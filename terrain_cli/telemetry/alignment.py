@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 LEAST_GAP = 0.5
 #: The same, in sampling intervals of the channel: two lost samples make a gap of three, and clocks jitter.
 GAP_INTERVALS = 3.5
+#: A gap so rare among samples lost at random cuts a drive: two in the longest log that is held as a whole.
+_RARE = 1e-6
 #: Times are whole microseconds; a gap as long as allowed is not longer.
 RESOLUTION = 1e-6
 _BEGINNING = 10_000
@@ -38,14 +40,21 @@ def default_gap(time: Array) -> float:
 def stretch_gap(time: Array, max_gap: float | None = None) -> float:
     """Longest time without a sample, in s, that does not interrupt a drive.
 
-    At least one and a half intervals: no clock is too slow for its own samples.
+    Where samples are lost at random, what the share that is lost makes of one gap in a million; at least one
+    and a half intervals: no clock is too slow for its own samples.
     """
     finite = np.isfinite(time)
     known = time if finite.all() else time[finite]
     if np.any(known[1:] <= known[:-1]):
         known = np.unique(known)
     if max_gap is None:
-        return default_gap(known)
+        steps = np.diff(known)
+        usual = float(np.median(steps)) if len(steps) else 0.0
+        # Each gap counts once, however long; two standard errors less, so that a few pauses are no share.
+        gaps = np.count_nonzero(steps > 1.5 * usual)
+        share = (gaps - 2.0 * np.sqrt(gaps)) / max(len(steps), 1)
+        lost = usual * np.log(_RARE) / np.log(share) if share > 0.0 else 0.0
+        return max(default_gap(known), float(lost))
     return max(max_gap, 1.5 * float(np.median(np.diff(known)))) if len(known) > 1 else max_gap
 
 

@@ -305,7 +305,7 @@ class _End:
         seen = ground[: np.searchsorted(ground, j)]
         hidden, ends_hidden = len(own) == len(seen), not len(seen) or row[seen[-1]] < last - BESIDE
         if time is not None and (ends_hidden or (hidden and self.used)):
-            gap = alignment.stretch_gap(time, max_gap)
+            gap = usable_samples.longest_gap(time, samples.set_aside, max_gap)
             driven = usable_samples.driving_time(time, samples.set_aside, gap)
             begin = driven[max(i - 1, 0)]
             lost = self.lost + driven[own[0]] - begin if hidden and self.used and len(own) else 0.0

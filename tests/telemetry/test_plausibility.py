@@ -171,6 +171,55 @@ def test_a_wrong_unit_is_told_with_the_line_that_mends_it(name, drive, judged):
     assert mended == []
 
 
+#: The same of what changes together, each with the line that mends it.
+CHANGES = {
+    "pull kN": (lambda d: d.assign(drawbar_pull=d["drawbar_pull"] / 1e3), "drawbar_pull", "kN"),
+    "pull kg": (lambda d: d.assign(drawbar_pull=d["drawbar_pull"] / 9.80665), "drawbar_pull", "kgf"),
+    "pull g": (lambda d: d.assign(drawbar_pull=d["drawbar_pull"] / 9.80665e-3), "drawbar_pull", "kgf"),
+    "pull lbf": (lambda d: d.assign(drawbar_pull=d["drawbar_pull"] / 4.44822), "drawbar_pull", "lbf"),
+    "pull mN": (lambda d: d.assign(drawbar_pull=d["drawbar_pull"] * 1e3), "drawbar_pull", "mN"),
+    "pull, other sign": (lambda d: d.assign(drawbar_pull=-d["drawbar_pull"]), "drawbar_pull", "N"),
+    "torque lbf ft": (lambda d: d.assign(torque=d["torque"] / 1.355818), "torque", "lbf ft"),
+}
+
+
+@pytest.fixture(scope="module")
+def pulling(tmp_path_factory):
+    """Return a drive whose slip varies, with its drawbar pull."""
+    path = tmp_path_factory.mktemp("pulling") / "run.csv"
+    given = ("--soil", "clayey-loam", "--noise", "2%", "--duration", "30", "--rate", "20")
+    with pytest.raises(SystemExit):
+        main(["simulate", "-q", "-o", str(path), *given])
+    return pd.read_csv(path).drop(columns="wheel")
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_pull_changes_as_the_torque_over_the_radius(name, pulling, judged):
+    spoil, channel, unit = CHANGES[name]
+    (line,) = judged(spoil(pulling), effects=(), compared=True)
+    assert " of what torque over wheel radius changes by, at the same load: if " in line
+    entry = re.search(r'(\w+) = \{ column = "\w+", unit = "([^"]*)".*? \}', line)
+    assert (entry[1], entry[2]) == (channel, unit)
+    assert judged(spoil(pulling), f"{GEOMETRY}[channels]\n{entry[0]}", effects=(), compared=True) == []
+
+
+@pytest.mark.parametrize("name", ["torque", "drawbar_pull", "load", "sinkage"])
+def test_a_channel_that_is_frozen_for_a_part(name, pulling, judged):
+    frozen = pulling.copy()
+    frozen.loc[100:450, name] = frozen.loc[100, name]
+    told = judged(frozen, effects=(), compared=True)
+    assert len(told) == 1
+    assert re.search(
+        rf"{name} is [\d.]+ in 58% of the samples, one after another, while slip goes from", told[0]
+    )
+    # Held until the next value comes, or rounded: so all the time, not for a part.
+    for whole in (
+        pulling[name].where(pulling.index % 100 == 0).ffill(),
+        pulling[name].round(3 if name == "sinkage" else 2),
+    ):
+        assert judged(pulling.assign(**{name: whole}), effects=(), compared=True) == []
+
+
 @pytest.mark.parametrize(
     "name", [name for name, wrong in WRONG.items() if wrong[2] == "error" and "hardly" not in wrong[1]]
 )

@@ -180,3 +180,24 @@ def test_skidding_does_not_interrupt_the_ground_either():
     time, reasons = np.arange(100) * 0.1, judged(100, skids=range(20, 80))
     assert not usable_samples.stretches(time, reasons, max_gap=0.5).any()
     np.testing.assert_array_equal(usable_samples.on_ground(judged(5, skids=[1], lost=[3])), [0, 1, 2, 4])
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.1, 0.2, 0.3, 0.4])
+@pytest.mark.parametrize("empty", [False, True], ids=["rows", "cells"])
+def test_samples_lost_at_random_do_not_cut_a_drive(lost, empty):
+    rng = np.random.default_rng(3)
+    time = np.arange(3000.0)
+    there = rng.random(3000) >= lost
+    # A pause of a minute does, whatever is lost besides.
+    there[1000:1060] = False
+    load = np.where(there, 80.0, np.nan)
+    if not empty:
+        time, load = time[there], load[there]
+    n = len(time)
+    channels = {"load": load, "torque": np.ones(n), "sinkage": np.full(n, 0.02), "slip": np.full(n, 0.2)}
+    reasons, _ = usable_samples.set_aside(channels, time, 0.125, 0.1)
+    gap = usable_samples.longest_gap(time, reasons, None)
+    cut = usable_samples.stretches(time, reasons, max_gap=gap)
+    assert cut[-1] == 1
+    # What was asked for holds.
+    assert usable_samples.longest_gap(time, reasons, 2.5) == 2.5

@@ -70,7 +70,7 @@ def assemble(
     reasons, restarts = usable_samples.set_aside(
         raw.channels, raw.time, radius, width, skids=effects is not None
     )
-    gap = alignment.stretch_gap(raw.time, rover.max_gap) if raw.time is not None else 0.0
+    gap = usable_samples.longest_gap(raw.time, reasons, rover.max_gap) if raw.time is not None else 0.0
     stretch = usable_samples.stretches(
         raw.time,
         reasons,

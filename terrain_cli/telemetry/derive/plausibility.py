@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.telemetry.derive import unit_doubts
+from terrain_cli.telemetry.derive.channel_changes import ROUNDED, pull, stuck
 from terrain_cli.telemetry.derive.unit_doubts import ALIKE, Doubt, Mend, Suspicion, Weight
 from terrain_cli.telemetry.derive.usable_samples import MOST_PRESSURE
 
@@ -47,8 +48,6 @@ LEAST_DEPTH = 2e-4
 STEEPEST = 1.0
 #: A motor's windings are burnt at 180 °C (class H); 20 °C are 293 K.
 HOTTEST = 200.0
-#: Samples of which none differs from the others; and what a person reads off a scale.
-STUCK, _ROUNDED = 20, ("sinkage", "entry_angle")
 #: Distance between two samples in r: what one tells of the soil the next does not. Judged: 2.5 m of a wheel
 #: of 12.5 cm; a rover that sends a sample every 20 s drives 1 m between them.
 SPARSE = 20.0
@@ -325,30 +324,6 @@ def _hot(e: UnitEvidence) -> Suspicion | None:
     return Suspicion(what, "motor_temperature", Mend("motor_temperature", "K"))
 
 
-def _stuck(name: str) -> Callable[[UnitEvidence], Suspicion | None]:
-    """Return a check of a channel that must change where slip or load do."""
-
-    def check(e: UnitEvidence) -> Suspicion | None:
-        least, greatest = e.ends.get(name, (0.0, 1.0))
-        if name not in e.measured or least != greatest or e.count < STUCK:
-            return None
-        # A sinkage that was rounded to one or two digits may well be the same all the time.
-        coarse = name in _ROUNDED and len(f"{abs(least):.9g}".replace(".", "").strip("0")) < 3
-        for other, changes in (("slip", 0.3 if coarse else 0.1), ("load", 1.5 if coarse else 1.2)):
-            columns = e.columns(name, other)
-            if columns is None:
-                continue
-            low, high = np.quantile(columns[1], [0.05, 0.95])
-            if high - low >= changes if other == "slip" else 0.0 < changes * low <= high:
-                what = (
-                    f"{name} is {least:.4g} in every sample, while {other} goes from {low:.3g} to {high:.3g}"
-                )
-                return Suspicion(what, name)
-        return None
-
-    return check
-
-
 #: In this order: of several that are errors the first is raised.
 CHECKS: tuple[Callable[[UnitEvidence], Suspicion | None], ...] = (
     # A velocity that was derived from a slip in % is wrong with it.
@@ -359,13 +334,14 @@ CHECKS: tuple[Callable[[UnitEvidence], Suspicion | None], ...] = (
     _depth,
     _forces,
     _sign,
+    pull,
     _angle("pitch", STEEPEST),
     _angle("roll", STEEPEST),
     # A wheel dragged sideways has a right angle; a tenth for the sensor.
     _angle("slip_angle", 0.55 * np.pi),
     _hot,
     # T grows by a third and more from a slip of 0.1 to 0.2, and with the load; z with load^0.6 (ranges).
-    *map(_stuck, ("torque", "motor_current", "drawbar_pull", *_ROUNDED)),
+    *map(stuck, ("torque", "motor_current", "drawbar_pull", "load", *ROUNDED)),
 )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from formats import Labels
-from terrain_cli.telemetry.alignment import RESOLUTION, split_clock
+from terrain_cli.telemetry.alignment import RESOLUTION, split_clock, stretch_gap
 from terrain_cli.telemetry.derived_channels import STANDING
 from terrain_cli.telemetry.wheel_samples import NEEDED
 
@@ -156,6 +156,16 @@ def stretches(
         ground = on_ground(reasons)
         begins[ground[1:][np.diff(driven[ground]) > max_gap + RESOLUTION]] = True
     return np.cumsum(begins)
+
+
+def longest_gap(time: Array, reasons: Labels, max_gap: float | None) -> float:
+    """Return the longest time without a sample (s) that does not interrupt a drive: see `stretch_gap`.
+
+    A sample of which a value is missing is as good as none.
+    """
+    missing = [code for code, name in enumerate(reasons.names) if name.startswith("no ")]
+    there = time[~np.isin(reasons.codes, missing)] if missing else time
+    return stretch_gap(there if len(there) > 1 else time, max_gap)
 
 
 def on_ground(reasons: Labels) -> NDArray[np.intp]:
