@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import io
-import json
-import shutil
 from dataclasses import replace
 
+import browsers
 import numpy as np
 import pytest
 from compared import comparison_of
@@ -16,31 +15,14 @@ from terrain_cli.views import report
 
 pytestmark = pytest.mark.real("chromium", "chromedriver")
 
-FLAGS = (
-    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-    *("--disable-default-apps", "--disable-extensions", "--hide-scrollbars"),
-    # Whatever were asked for would fail, and show in the log.
-    "--host-resolver-rules=MAP * ~NOTFOUND",
-)
 #: Lets every chart be drawn, and says whether one was not.
 DRAWN = "return document.querySelectorAll('.chart').length === document.querySelectorAll('.chart svg').length"
 
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = shutil.which("chromium")
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    service = webdriver.ChromeService(executable_path=shutil.which("chromedriver"))
-    driver = webdriver.Chrome(options=options, service=service)
-    driver.set_window_size(1280, 900)
-    yield driver
-    driver.quit()
+    with browsers.started(tmp_path_factory.mktemp("profile")) as driver:
+        yield driver
 
 
 def opened(browser, path):
@@ -52,15 +34,7 @@ def opened(browser, path):
     browser.get_log("browser")
     browser.get(path.as_uri())
     WebDriverWait(browser, 60).until(lambda driver: driver.execute_script(DRAWN))
-    asked = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    return {
-        "console": browser.get_log("browser"),
-        "asked": [
-            message["params"]["request"]["url"]
-            for message in asked
-            if message["method"] == "Network.requestWillBeSent"
-        ],
-    }
+    return {"console": browser.get_log("browser"), "asked": browsers.asked_for(browser)}
 
 
 @pytest.fixture(scope="module")
