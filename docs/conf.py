@@ -20,7 +20,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "mathml",
-    "docstring_dashes",
+    "typography",
     "notebook_page",
     "generated_parts",
 ]

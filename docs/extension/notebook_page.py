@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from myst_parser.parsers.sphinx_ import MystParser
@@ -20,7 +21,9 @@ class NotebookParser(MystParser):
     def parse(self, inputstring: str, document: nodes.document) -> None:
         """Parse a notebook as the Markdown that says the same."""
         cells = json.loads(inputstring)["cells"]
-        super().parse("\n\n".join(map(_markdown, cells)), document)
+        name = Path(document["source"]).name
+        note = f"Run it in Jupyter: {{download}}`{name}`"
+        super().parse("\n\n".join([*map(_markdown, cells), note]), document)
 
 
 def _markdown(cell: dict[str, Any]) -> str:
