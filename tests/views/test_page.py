@@ -67,7 +67,7 @@ def test_elements_are_closed(outline):
 
 def test_headings_are_those_of_the_contract(outline):
     assert outline.texts["h1"] == ["Wheel and soil: run.csv"]
-    assert outline.texts["h2"] == ["Summary", "Soil", "Predicted against measured", "Where it fails"]
+    assert outline.texts["h2"] == ["Summary", "Soil", "Measured and predicted", "Where it fails"]
 
 
 def test_links_of_the_page_lead_somewhere(outline):

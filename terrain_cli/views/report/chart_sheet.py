@@ -78,7 +78,7 @@ class Sheet:
             bind = alt.BindDirect(element="#segment", event="change")
             chart = chart.add_params(alt.param(name="segment", value=self._chosen, bind=bind))
         spec: Spec = (
-            chart.properties(width=width, height=height, background="white")
+            chart.properties(width=width, height=height, background="transparent")
             .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
             .configure_view(stroke=None)
             .configure_axis(
@@ -90,6 +90,8 @@ class Sheet:
                 titleFontWeight="normal",
             )
             .configure_legend(
+                labelColor=INK,
+                titleColor=INK,
                 titleFontWeight="normal",
                 labelFontSize=11,
                 titleFontSize=12,
