@@ -53,6 +53,8 @@ def shown(browser, path):
 
 
 def pixels(element):
+    # All of it, also where it began below the window.
+    element.parent.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
     return image.imread(io.BytesIO(element.screenshot_as_png))[..., :3]
 
 
@@ -144,13 +146,30 @@ def test_choosing_a_segment_by_keyboard_changes_the_pictures(browser, shown):
 def test_hover_says_the_values(browser, shown):
     from selenium.webdriver import ActionChains
 
-    chart = elements(browser, ".chart")[0]
+    chart = next(one for one in elements(browser, "figure") if one.text.startswith("Track by strength"))
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", chart)
     line = chart.find_elements("css selector", ".mark-line path")[-1]
     ActionChains(browser).move_to_element(line).perform()
     tip = browser.find_element("id", "vg-tooltip-element")
     assert "segment" in tip.text
     assert "strength" in tip.text
+
+
+def test_page_and_charts_are_dark_where_the_reader_wants_it(browser, shown):
+    seen = {}
+    try:
+        for scheme in ("light", "dark"):
+            wanted = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+            browser.execute_cdp_cmd("Emulation.setEmulatedMedia", wanted)
+            ink = browser.execute_script(
+                "return getComputedStyle(document.querySelector('.chart svg .role-axis-label text')).fill"
+            )
+            seen[scheme] = (ink, float(np.median(pixels(elements(browser, ".chart")[0]))))
+    finally:
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    assert seen["light"] == ("rgb(28, 28, 28)", pytest.approx(1.0))
+    assert seen["dark"][0] == "rgb(228, 228, 228)"
+    assert seen["dark"][1] < 0.3
 
 
 def test_fits_a_telephone(browser, path):

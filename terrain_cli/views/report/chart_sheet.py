@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import altair as alt
 import numpy as np
 
-from terrain_cli.views.chart_style import INK
+from terrain_cli.views.chart_style import FAINT, INK
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -82,7 +82,8 @@ class Sheet:
             .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
             .configure_view(stroke=None)
             .configure_axis(
-                gridOpacity=0.35,
+                gridColor=FAINT,
+                gridOpacity=0.25,
                 labelColor=INK,
                 labelFontSize=11,
                 titleColor=INK,

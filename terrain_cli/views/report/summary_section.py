@@ -67,7 +67,8 @@ def verdict(comparison: Comparison) -> str:
         return sentence(beyond)
     if comparison.blocks < criteria.FEWEST_BLOCKS:
         stretches = counted(comparison.blocks, "independent stretch", "es")
-        return f"{stretches} of data are too few to show whether the model fits."
+        verb = "is" if comparison.blocks == 1 else "are"
+        return f"{stretches} of data {verb} too few to show whether the model fits."
     return "The model fits: the error is that of the noise, and no recorded channel tracks it."
 
 
