@@ -1,7 +1,7 @@
 # Short names for what CONTRIBUTING.md says. Using the program needs none of them.
 bin := .venv/bin
 
-.PHONY: test lint man sample
+.PHONY: test lint man sample site gallery
 
 test:
 	$(bin)/pytest -n auto
@@ -17,3 +17,9 @@ man:
 
 sample:
 	$(bin)/python sample_data/make.py
+
+site:
+	$(bin)/sphinx-build -q -W --keep-going docs build/site
+
+gallery:
+	$(bin)/python -m benchmarks.effect_gallery

@@ -20,6 +20,7 @@ from terrain_cli.vocabulary.channels import CHANNELS
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "conventions.md").read_text("utf-8")
+MODEL_PAGE = (ROOT / "docs" / "wheel-model.md").read_text("utf-8")
 EXAMPLE = re.search(r"```toml\n(.*?)```", PAGE, re.DOTALL)[1]
 
 CABLE = """
@@ -35,8 +36,8 @@ scale = 10.0
 """
 
 
-def table(heading):
-    return PAGE.partition(heading)[2].partition("\n\n")[0]
+def table(heading, page=PAGE):
+    return page.partition(heading)[2].partition("\n\n")[0]
 
 
 def known_keys(tmp_path, header):
@@ -102,7 +103,9 @@ def test_example_of_a_model_file_loads(tmp_path):
 
 
 def test_parameters_of_the_soil_have_their_units():
-    rows = re.findall(r"^\| \S.* \| `(\w+)` \| (\S+) \|", table("| symbol | parameter |"), re.MULTILINE)
+    rows = re.findall(
+        r"^\| \S.* \| `(\w+)` \| (\S+) \|", table("| symbol | parameter |", MODEL_PAGE), re.MULTILINE
+    )
     assert dict(rows) == SOIL_UNITS
 
 

@@ -23,7 +23,7 @@ README = (ROOT / "README.md").read_text("utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
 #: These two need the network; .ci/run runs them as they stand.
 SETUP = [block for kind, block in BLOCKS if kind == "sh" and "-m venv" in block]
-PAGES = {name: pages.text_of(f"{name}.md") for name in ("input", "output", "scripts")}
+PAGES = {name: pages.text_of(f"{name}.md") for name in ("input", "output", "scripts", "rover", "bags")}
 
 
 def first_cells(page, heading):
@@ -51,6 +51,12 @@ def test_commands_of_its_pages_run(name, tmp_path, bin_folder):
         r"(?:>|--summary|--rejects|--trace) ([\w-]+\.\w+)", "\n".join(pages.lines(PAGES[name]))
     )
     assert len(written) > 2
+    assert all((folder / one).stat().st_size > 0 for one in written)
+
+
+@pytest.mark.parametrize(("name", "written"), [("rover", ["rover.toml", "soil.csv"]), ("bags", ["soil.csv"])])
+def test_commands_of_a_guide_run(name, written, tmp_path, bin_folder):
+    _, folder = pages.run(PAGES[name], tmp_path, bin_folder)
     assert all((folder / one).stat().st_size > 0 for one in written)
 
 

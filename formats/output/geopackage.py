@@ -26,6 +26,12 @@ if TYPE_CHECKING:
 
 #: Stands where a GeoPackage notes when it was changed: the time of writing would be other bytes each time.
 _NO_DATE = "1970-01-01T00:00:00.000Z"
+#: GDAL leaves the year out of the authority of a planet's system, by which QGIS then does not know it.
+_WITH_YEAR = """
+UPDATE gpkg_spatial_ref_sys
+SET definition = replace(definition, 'AUTHORITY["IAU",', 'AUTHORITY["' || organization || '",')
+WHERE organization LIKE 'IAU~_%' ESCAPE '~'
+"""
 #: As QGIS makes it, and finds it (its provider `ogr`, `saveStyle` and `loadStyle`).
 _LAYER_STYLES = """
 CREATE TABLE layer_styles (
@@ -81,8 +87,9 @@ def write_geopackage(
             for layer in layers:
                 kind = _write_layer(layer, path, system, geometry)
                 styles += [(layer.name, *style) for style in _styles(layer, kind)]
-        if styles:
-            with closing(sqlite3.connect(path)) as database, database:
+        with closing(sqlite3.connect(path)) as database, database:
+            database.execute(_WITH_YEAR)
+            if styles:
                 _write_styles(database, styles)
     except CRSError as error:
         raise unknown_crs(system) from error

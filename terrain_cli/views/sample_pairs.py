@@ -142,7 +142,7 @@ def drivers(comparison: Comparison, channel: str, pooled: Pairs, most: int) -> l
     there = dict.fromkeys(name for wheel in comparison.wheels for name in wheel.drivers)
     result: list[str] = []
     for name in dict.fromkeys([*found, *USUAL, *there]):
-        if len(result) == most or name not in there or name in _UNSEEN:
+        if len(result) == most or name not in there or name in _UNSEEN or name == channel:
             continue
         one = driver(comparison, name, pooled)
         finite = one.values[np.isfinite(one.values)]

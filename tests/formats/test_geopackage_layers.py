@@ -39,11 +39,12 @@ QGIS_COLUMNS = [
 STRENGTHS = np.array([3.0, 1.0, math.nan, 2.0, 9.0, 4.5, 7.0, 8.0, 1.5, 6.0, 0.5, 5.0])
 GRADUATED = {"segments": ("strength_kPa", "c_kPa", "phi_deg"), "samples": ("slip",)}
 PYTHON_OF_QGIS = "/usr/bin/python3"
-#: Opens a layer as QGIS does when it is dragged into a project.
+#: Opens each layer as QGIS does when it is dragged into a project, and draws it.
 LOAD = """
 import json, os, sys
 os.environ["QT_QPA_PLATFORM"] = "offscreen"
-from qgis.core import QgsApplication, QgsVectorLayer
+from qgis.core import QgsApplication, QgsMapRendererParallelJob, QgsMapSettings, QgsVectorLayer
+from qgis.PyQt.QtCore import QSize
 application = QgsApplication([], False)
 application.initQgis()
 shown = {}
@@ -51,11 +52,25 @@ for name in ("segments", "samples"):
     layer = QgsVectorLayer(f"{sys.argv[1]}|layername={name}", name, "ogr")
     loaded = layer.loadDefaultStyle()[1]
     renderer = layer.renderer()
+    settings = QgsMapSettings()
+    settings.setLayers([layer])
+    settings.setDestinationCrs(layer.crs())
+    settings.setOutputSize(QSize(300, 300))
+    extent = layer.extent()
+    extent.grow(0.002)
+    settings.setExtent(extent)
+    job = QgsMapRendererParallelJob(settings)
+    job.start()
+    job.waitForFinished()
+    picture = job.renderedImage()
+    drawn = {picture.pixelColor(x, y).getRgb() for x in range(300) for y in range(300)}
     shown[name] = [
         loaded,
         renderer.type(),
         renderer.classAttribute(),
+        layer.crs().authid(),
         [[r.lowerValue(), r.upperValue(), r.symbol().color().getRgb()] for r in renderer.ranges()],
+        sorted(drawn),
     ]
 print(json.dumps(shown))
 """
@@ -90,6 +105,14 @@ def test_layers(path):
         assert info["features"] == count
         assert "Mars (2015) - Sphere" in info["crs"] or info["crs"] == "IAU_2015:49900"
     assert rows(path, "select count(*) from rtree_samples_geom") == [(30,)]
+
+
+def test_a_system_of_a_planet_has_the_year_of_its_authority(path):
+    """Without it QGIS does not know the system, though GDAL does."""
+    query = "select definition from gpkg_spatial_ref_sys where organization = 'IAU_2015'"
+    ((definition,),) = rows(path, query)
+    assert 'AUTHORITY["IAU_2015","49900"]' in definition
+    assert 'AUTHORITY["IAU",' not in definition
 
 
 def test_table_of_styles_is_laid_out_as_by_qgis(path):
@@ -208,8 +231,10 @@ def test_qgis_shows_the_styles(path):
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     shown = json.loads(done.stdout.splitlines()[-1])
     for layer, column in (("segments", "strength_kPa"), ("samples", "slip")):
-        loaded, kind, attribute, ranges = shown[layer]
-        assert (loaded, kind, attribute) == (True, "graduatedSymbol", column)
+        loaded, kind, attribute, system, ranges, drawn = shown[layer]
+        assert (loaded, kind, attribute, system) == (True, "graduatedSymbol", column, "IAU_2015:49900")
         assert len(ranges) == 5
         assert ",".join(map(str, ranges[0][2])) == COLOURS[0]
         assert ",".join(map(str, ranges[-1][2])) == COLOURS[-1]
+        # On the map every class is there, in its colour.
+        assert [colour for _, _, colour in ranges if colour not in drawn] == []

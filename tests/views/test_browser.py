@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import io
-import json
-import shutil
 from dataclasses import replace
 
+import browsers
 import numpy as np
 import pytest
 from compared import comparison_of
@@ -16,31 +15,14 @@ from terrain_cli.views import report
 
 pytestmark = pytest.mark.real("chromium", "chromedriver")
 
-FLAGS = (
-    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-    *("--disable-default-apps", "--disable-extensions", "--hide-scrollbars"),
-    # Whatever were asked for would fail, and show in the log.
-    "--host-resolver-rules=MAP * ~NOTFOUND",
-)
 #: Lets every chart be drawn, and says whether one was not.
 DRAWN = "return document.querySelectorAll('.chart').length === document.querySelectorAll('.chart svg').length"
 
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = shutil.which("chromium")
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('profile')}"):
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    service = webdriver.ChromeService(executable_path=shutil.which("chromedriver"))
-    driver = webdriver.Chrome(options=options, service=service)
-    driver.set_window_size(1280, 900)
-    yield driver
-    driver.quit()
+    with browsers.started(tmp_path_factory.mktemp("profile")) as driver:
+        yield driver
 
 
 def opened(browser, path):
@@ -52,15 +34,7 @@ def opened(browser, path):
     browser.get_log("browser")
     browser.get(path.as_uri())
     WebDriverWait(browser, 60).until(lambda driver: driver.execute_script(DRAWN))
-    asked = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    return {
-        "console": browser.get_log("browser"),
-        "asked": [
-            message["params"]["request"]["url"]
-            for message in asked
-            if message["method"] == "Network.requestWillBeSent"
-        ],
-    }
+    return {"console": browser.get_log("browser"), "asked": browsers.asked_for(browser)}
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +53,8 @@ def shown(browser, path):
 
 
 def pixels(element):
+    # All of it, also where it began below the window.
+    element.parent.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
     return image.imread(io.BytesIO(element.screenshot_as_png))[..., :3]
 
 
@@ -170,13 +146,30 @@ def test_choosing_a_segment_by_keyboard_changes_the_pictures(browser, shown):
 def test_hover_says_the_values(browser, shown):
     from selenium.webdriver import ActionChains
 
-    chart = elements(browser, ".chart")[0]
+    chart = next(one for one in elements(browser, "figure") if one.text.startswith("Track by strength"))
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", chart)
     line = chart.find_elements("css selector", ".mark-line path")[-1]
     ActionChains(browser).move_to_element(line).perform()
     tip = browser.find_element("id", "vg-tooltip-element")
     assert "segment" in tip.text
     assert "strength" in tip.text
+
+
+def test_page_and_charts_are_dark_where_the_reader_wants_it(browser, shown):
+    seen = {}
+    try:
+        for scheme in ("light", "dark"):
+            wanted = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+            browser.execute_cdp_cmd("Emulation.setEmulatedMedia", wanted)
+            ink = browser.execute_script(
+                "return getComputedStyle(document.querySelector('.chart svg .role-axis-label text')).fill"
+            )
+            seen[scheme] = (ink, float(np.median(pixels(elements(browser, ".chart")[0]))))
+    finally:
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    assert seen["light"] == ("rgb(28, 28, 28)", pytest.approx(1.0))
+    assert seen["dark"][0] == "rgb(228, 228, 228)"
+    assert seen["dark"][1] < 0.3
 
 
 def test_fits_a_telephone(browser, path):

@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 from compared import comparison_of, drive
 from simulator.run import simulate
@@ -67,7 +68,7 @@ def test_elements_are_closed(outline):
 
 def test_headings_are_those_of_the_contract(outline):
     assert outline.texts["h1"] == ["Wheel and soil: run.csv"]
-    assert outline.texts["h2"] == ["Summary", "Soil", "Predicted against measured", "Where it fails"]
+    assert outline.texts["h2"] == ["Summary", "Soil", "Measured and predicted", "Where it fails"]
 
 
 def test_links_of_the_page_lead_somewhere(outline):
@@ -98,8 +99,47 @@ def test_control_has_a_label(outline):
     assert selected in [a["value"] for a in outline.all("option")]
 
 
-def test_says_what_was_found(text):
-    assert "Torque is under-predicted by 0.6 N m above slip 0.4." in text
+def test_says_first_what_was_found_and_what_to_run(text):
+    first = text.partition('<h2 id="summary">')[2]
+    assert (
+        re.search(r'<p class="lead">(.*)</p>', first)[1]
+        == "Torque is under-predicted by 0.6 N m above slip 0.4."
+    )
+    assert re.search(r"Next: <code>(.*)</code>", first)[1] == "terrain-est diagnose run.csv"
+
+
+def test_a_model_that_fits_says_so(run):
+    found = comparison_of(run, failures=False)
+    silent = {name: replace(one, heldout_rmse=one.noise) for name, one in found.channels.items()}
+    wheels = [replace(wheel, blocks=np.arange(len(wheel.blocks)) // 20) for wheel in found.wheels]
+    first = page(replace(found, channels=silent, wheels=wheels)).partition('<h2 id="summary">')[2]
+    assert '<p class="lead">The model fits: the error is that of the noise' in first
+    assert "Next: <code>terrain-est estimate run.csv</code>" in first
+
+
+def test_error_is_given_in_terms_of_its_noise(comparison, outline):
+    torque = comparison.channels["torque"]
+    assert f"{torque.heldout_rmse / torque.noise:.2g} ×" in outline.texts["td"]
+
+
+def test_no_picture_has_one_quantity_on_both_axes(text):
+    for spec in specs(text):
+        titles = [
+            [layer["encoding"].get(axis, {}).get("title") for axis in ("x", "y")]
+            for layer in spec["layer"]
+            if "encoding" in layer
+        ]
+        for across, up in titles:
+            assert not across or not up or across.split()[-2:] != up.split()[-2:], (across, up)
+
+
+def test_soil_is_drawn_along_the_drive(text):
+    drawn = [spec for spec in specs(text) if "time since the start (s)" in json.dumps(spec)]
+    assert len(drawn) == 3
+    first = drawn[0]["datasets"]["data-0"]
+    assert len(first) == 8
+    assert min(row["x"] for row in first) == 0.0
+    assert all(row["x"] < row["x2"] and row["low"] < row["y"] < row["high"] for row in first)
 
 
 def test_numbers_are_in_the_unit_shown(comparison, outline):

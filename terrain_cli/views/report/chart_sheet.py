@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import altair as alt
 import numpy as np
 
-from terrain_cli.views.chart_style import INK
+from terrain_cli.views.chart_style import FAINT, INK
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -78,11 +78,12 @@ class Sheet:
             bind = alt.BindDirect(element="#segment", event="change")
             chart = chart.add_params(alt.param(name="segment", value=self._chosen, bind=bind))
         spec: Spec = (
-            chart.properties(width=width, height=height, background="white")
+            chart.properties(width=width, height=height, background="transparent")
             .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
             .configure_view(stroke=None)
             .configure_axis(
-                gridOpacity=0.35,
+                gridColor=FAINT,
+                gridOpacity=0.25,
                 labelColor=INK,
                 labelFontSize=11,
                 titleColor=INK,
@@ -90,6 +91,8 @@ class Sheet:
                 titleFontWeight="normal",
             )
             .configure_legend(
+                labelColor=INK,
+                titleColor=INK,
                 titleFontWeight="normal",
                 labelFontSize=11,
                 titleFontSize=12,

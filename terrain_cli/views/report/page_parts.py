@@ -66,6 +66,10 @@ class Section:
         Items of a list, after the paragraphs.
     parts : sequence of Table or Chart
         Charts that follow one another share a row where there is room.
+    lead : str
+        What is to be known first, before the paragraphs.
+    command : str
+        What to run next.
     """
 
     id: str
@@ -73,6 +77,8 @@ class Section:
     text: Sequence[str] = ()
     points: Sequence[str] = ()
     parts: Sequence[Table | Chart] = field(default_factory=tuple)
+    lead: str = ""
+    command: str = ""
 
     @property
     def blocks(self) -> list[list[Table | Chart]]:

@@ -1,4 +1,4 @@
-"""Charts of samples: predicted against measured, and the misfit against its drivers."""
+"""Charts of samples: measured and predicted along the drive, and the misfit against its drivers."""
 
 from __future__ import annotations
 
@@ -20,80 +20,10 @@ if TYPE_CHECKING:
     Text = NDArray[np.str_]
     Spec = dict[str, Any]
 
-#: Points drawn one by one, and those kept to show a segment over counts.
-MOST_POINTS = 2_500
-#: The same beside a driver, of which there are many.
+#: Points drawn one by one beside a driver, of which there are many.
 MOST_BESIDE = 400
 #: Steps, in usual ones, that are a gap.
 _GAP = 8.0
-
-
-def _counts(sheet: Sheet, x: Array, y: Array) -> alt.Chart:
-    grid = binning.grid(x, y, 50, square=True)
-    row, column = np.nonzero(grid.counts)
-    chart: alt.Chart = (
-        sheet.chart(
-            x=grid.x[column],
-            x2=grid.x[column + 1],
-            y=grid.y[row],
-            y2=grid.y[row + 1],
-            n=grid.counts[row, column].astype(int),
-        )
-        .mark_rect()
-        .encode(
-            x=alt.X("x:Q"),
-            x2="x2:Q",
-            y=alt.Y("y:Q"),
-            y2="y2:Q",
-            color=alt.Color(
-                "n:Q",
-                scale=alt.Scale(type="log", scheme="greys"),
-                legend=alt.Legend(title="samples", tickCount=3),
-            ),
-            tooltip=[alt.Tooltip("n:Q", title="samples")],
-        )
-    )
-    return chart
-
-
-def agreement(pooled: Pairs, label: str, keys: Text, names: Text, chosen: str) -> Spec:
-    """Draw predicted against measured, with the chosen segment marked.
-
-    Parameters
-    ----------
-    label : str
-        Of the channel, with its unit.
-    keys, names : ndarray of str, shape (segments,)
-        By which a segment is chosen, and what it is called.
-    chosen : str
-        Key of the segment marked at first.
-    """
-    sheet = Sheet(chosen)
-    low, high = binning.limits(pooled.measured, pooled.predicted)
-    x = alt.X("x:Q", title=f"measured {label}", scale=scale(low, high))
-    y = alt.Y("y:Q", title=f"predicted {label}", scale=scale(low, high))
-    kept = pooled.take(binning.some(len(pooled.measured), MOST_POINTS))
-    points = sheet.chart(
-        x=kept.measured,
-        y=kept.predicted,
-        s=keys[kept.segment],
-        name=names[kept.segment],
-    ).encode(
-        x=x,
-        y=y,
-        tooltip=[
-            alt.Tooltip("name:N", title="segment"),
-            alt.Tooltip("x:Q", title="measured"),
-            alt.Tooltip("y:Q", title="predicted"),
-        ],
-    )
-    if len(kept.measured) < len(pooled.measured):
-        background = _counts(sheet, pooled.measured, pooled.predicted).encode(x=x, y=y)
-    else:
-        background = points.mark_point(size=14, color=FAINT, opacity=0.7)
-    line = sheet.chart(x=[low, high], y=[low, high]).mark_line(color=INK, strokeWidth=1)
-    marked = points.mark_point(size=26, color=CHOSEN, filled=True).transform_filter("datum.s == segment")
-    return sheet.finished([background.interactive(name="zoom"), line.encode(x=x, y=y), marked], 320)
 
 
 def course(
@@ -109,8 +39,12 @@ def course(
         Title of this axis.
     pairs : Pairs
         Of the same samples.
-    label, keys, chosen
-        As for `agreement`.
+    label : str
+        Of the channel, with its unit.
+    keys : ndarray of str, shape (segments,)
+        By which a segment is chosen.
+    chosen : str
+        Key of the segment marked at first.
     driven : bool
         Whether the samples were driven in the order of `along`: the prediction is a line then.
     """
@@ -152,7 +86,9 @@ def course(
     return sheet.finished([dots, other], 320)
 
 
-def residual(along: Along, pooled: Pairs, label: str, noise: float, keys: Text, chosen: str) -> Spec:
+def residual(
+    along: Along, pooled: Pairs, label: str, noise: float, keys: Text, chosen: str, *, height: int = 210
+) -> Spec:
     """Draw the residual against a driver: its median, the band of 5 to 95 %, the noise, the chosen segment.
 
     Parameters
@@ -166,7 +102,9 @@ def residual(along: Along, pooled: Pairs, label: str, noise: float, keys: Text, 
     noise : float
         Standard deviation, in the unit of the residual.
     keys, chosen
-        As for `agreement`.
+        As for `course`.
+    height : int
+        In pixels.
     """
     sheet = Sheet(chosen)
     values, axis = pooled.residual, along.quantity.label
@@ -199,6 +137,9 @@ def residual(along: Along, pooled: Pairs, label: str, noise: float, keys: Text, 
     layers = [points.mark_circle(size=10, color=FAINT, opacity=0.6, clip=True)]
     if not along.labels:
         layers = [layers[0].interactive(name="zoom")]
+    marked = points.mark_circle(size=24, color=CHOSEN, clip=True).transform_filter("datum.s == segment")
+    # Below the median, which is what is to be read.
+    layers.append(marked)
     ends: dict[str, Any] = {"y": alt.Y("low:Q"), "y2": "high:Q"}
     if along.labels:
         layers.append(bins.mark_bar(size=18, **spread).encode(**ends))
@@ -211,5 +152,4 @@ def residual(along: Along, pooled: Pairs, label: str, noise: float, keys: Text, 
     if np.isfinite(noise):
         rules = sheet.chart(y=[-1.96 * noise, 1.96 * noise])
         layers.append(rules.mark_rule(color=COLOURS[0], strokeDash=[2, 3], clip=True).encode(y="y:Q"))
-    marked = points.mark_circle(size=24, color=CHOSEN, clip=True).transform_filter("datum.s == segment")
-    return sheet.finished([*layers, marked], 210)
+    return sheet.finished(layers, height)

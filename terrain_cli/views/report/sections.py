@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.comparison.finding_sentences import beyond_noise
 from terrain_cli.views import binning, sample_pairs, segment_groups, soil_table
-from terrain_cli.views.report import sample_charts, soil_charts
+from terrain_cli.views.report import sample_charts, soil_charts, summary_section, timeline_charts
 from terrain_cli.views.report.page_parts import Chart, Section, Table
 from terrain_cli.vocabulary import quantities
-from terrain_cli.vocabulary.english import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -99,7 +97,7 @@ def of(comparison: Comparison, progress: Callable[[str], None]) -> tuple[list[Se
     for name, make in (
         ("summary", _summary),
         ("soil", _soil),
-        ("predicted against measured", _agreement),
+        ("measured and predicted", _agreement),
         ("where it fails", _failures),
     ):
         progress(name)
@@ -130,59 +128,19 @@ def _content(comparison: Comparison) -> _Content:
 
 
 def _summary(content: _Content) -> Section:
-    comparison = content.comparison
-    effects = comparison.model.get("effects") or []
-    with_effects = f" with {', '.join(map(str, effects))}" if effects else " without added effects"
-    wheels = len(comparison.wheels)
-    sources = len({wheel.source for wheel in comparison.wheels})
-    n = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
-    fitted = (
-        f"The model {comparison.model['base']}{with_effects} was fitted to {n:,} samples of "
-        f"{counted(wheels, 'wheel')} from {counted(sources, 'input')}, "
-        f"in {counted(len(content.names), 'segment')}. Errors on held-out data are on stretches that were "
-        "not fitted: they tell what the model is worth."
-    )
-    text = [fitted]
-    points = [_sentence(finding.sentence) for finding in comparison.failures[:5]]
-    if not points:
-        beyond = beyond_noise(comparison)
-        text.append(f"No recorded channel tracks the misfit{f': {beyond}' if beyond else ''}.")
-    points += [_sentence(f"Note: {warning}") for warning in comparison.warnings]
-    rows = []
-    for name in sample_pairs.channels(comparison):
-        errors = comparison.channels[name]
-        what = quantities.quantity(name, errors.unit)
-        rms, bias, noise, out, low, high = (
-            quantities.number(value * what.factor)
-            for value in (
-                *(errors.rmse, errors.bias, errors.noise),
-                *(errors.heldout_rmse, errors.heldout_low, errors.heldout_high),
-            )
-        )
-        interval = out if low == "–" else f"{out} ({low} to {high})"
-        rows.append(
-            (what.label, f"{errors.n:,}", rms, interval, bias, quantities.number(errors.nrmse), noise)
-        )
-    head = ("Channel", "Samples", "rms error", "held out (95 %)", "bias", "normalised", "noise")
-    return Section(
-        "summary",
-        "Summary",
-        text,
-        points,
-        [Table("Errors of the prediction", head, rows, frozenset(range(1, 7)), _NOTE)],
-    )
-
-
-_NOTE = (
-    "In the unit of the channel. Bias is the mean of measured less predicted; normalised is the rms error "
-    "by the rms of what was measured; noise is the part of the error that no model could "
-    "predict."
-)
+    return summary_section.summary(content.comparison, list(map(str, content.table["status"])))
 
 
 def _soil(content: _Content) -> Section:
     shown = content.thinned
-    parts: list[Table | Chart] = []
+    parts: list[Table | Chart] = [
+        Chart(
+            f"{title} along the drive",
+            f"{title} of each segment from its beginning to its end; the table has the numbers.",
+            spec,
+        )
+        for title, spec in timeline_charts.of_soil(shown, content.chosen)
+    ]
     if any(shown["WKT"]):
         maps = dict([segment_groups.mapped_strength(shown)])
         for name, what in content.units.items():
@@ -258,26 +216,23 @@ def _agreement(content: _Content) -> Section:
         pooled = sample_pairs.pairs(comparison, name)
         if not len(pooled.measured):
             continue
-        parts.append(
-            Chart(
-                f"Predicted against measured {what.words}",
-                f"{len(pooled.measured):,} samples of predicted against measured {what.words}; rms error "
-                f"{quantities.number(errors.rmse * what.factor)} {what.unit}.",
-                sample_charts.agreement(pooled, what.label, keys, content.names, content.chosen),
-                wide=True,
-            )
-        )
+        if any("time" in wheel.drivers for wheel in comparison.wheels):
+            along = sample_pairs.driver(comparison, "time", pooled)
+            noise = errors.noise * what.factor
+            chart = sample_charts.residual(along, pooled, what.label, noise, keys, content.chosen, height=320)
+            title = f"Misfit of {what.words} along the drive"
+            parts.append(Chart(title, _described(along, pooled.residual, what), chart, wide=True))
         few = pooled.take(_few_of_each(pooled.segment, content.kept))
-        along, axis, driven = _along(comparison, few)
+        place, axis, driven = _along(comparison, few)
         parts.append(
             Chart(
                 f"Measured and predicted {what.words} in the segment marked",
                 f"{what.words} as measured and as predicted along the segment chosen.",
-                sample_charts.course(along, axis, few, what.label, keys, content.chosen, driven=driven),
+                sample_charts.course(place, axis, few, what.label, keys, content.chosen, driven=driven),
                 wide=True,
             )
         )
-    return Section("agreement", "Predicted against measured", parts=parts)
+    return Section("agreement", "Measured and predicted", parts=parts)
 
 
 def _few_of_each(segment: NDArray[np.int32], kept: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -314,7 +269,7 @@ def _failures(content: _Content) -> Section:
     comparison = content.comparison
     rows = [
         (
-            _sentence(finding.sentence),
+            summary_section.sentence(finding.sentence),
             quantities.quantity(finding.channel, "").words,
             " or ".join(
                 quantities.quantity(name, "").words for name in (finding.driver, *finding.alternatives)
@@ -379,7 +334,3 @@ def _range(values: Array) -> str:
     if not len(known):
         return "not known"
     return f"from {quantities.number(float(known.min()))} to {quantities.number(float(known.max()))}"
-
-
-def _sentence(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:].rstrip('.')}."

@@ -8,7 +8,7 @@ import altair as alt
 import numpy as np
 
 from terrain_cli.views import binning, segment_groups
-from terrain_cli.views.chart_style import COLOURS, SCALE
+from terrain_cli.views.chart_style import COLOURS, FAINT, SCALE
 from terrain_cli.views.report.chart_sheet import CHOSEN, Sheet, scale
 
 if TYPE_CHECKING:
@@ -87,10 +87,12 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
     # Not filled: a legend for lines and for areas at once would be no gradient.
     spots = base.mark_point(size=20, strokeWidth=5, filled=False).encode(color=colour)
     spots = spots.transform_filter("datum.alone")
+    # A rim, without which one end of the scale would be lost on a dark page.
+    rim = base.mark_line(strokeWidth=7.5, color=FAINT, strokeCap="butt")
     outline = base.mark_line(strokeWidth=11, color=CHOSEN).transform_filter("datum.s == segment")
     shape = (up[1] - up[0]) * stretch / (across[1] - across[0])
     width, height = (_MAP, round(_MAP * shape)) if shape < 1.0 else (round(_MAP / shape), _MAP)
-    return sheet.finished([outline, lines, *([spots] if 1 in length else [])], height, width)
+    return sheet.finished([outline, rim, lines, *([spots] if 1 in length else [])], height, width)
 
 
 def estimates(table: Mapping[str, Any], chosen: str) -> Spec:

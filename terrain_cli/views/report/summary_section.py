@@ -1,0 +1,108 @@
+"""The top of the page: what the data say of the model, what to do next, and the errors behind it."""
+
+from __future__ import annotations
+
+import shlex
+from typing import TYPE_CHECKING
+
+from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.comparison.finding_sentences import beyond_noise
+from terrain_cli.views import sample_pairs
+from terrain_cli.views.report.page_parts import Section, Table
+from terrain_cli.vocabulary import quantities
+from terrain_cli.vocabulary.english import counted
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.comparison.comparison_outcome import Comparison
+
+#: Inputs that are named in a command; more are "…".
+_NAMED = 3
+_NOTE = (
+    "In the unit of the channel. Held out: on stretches that were not fitted. Noise: the part of the error "
+    "that no model could predict. Bias: the mean of measured less predicted. Normalised: the rms error by "
+    "the rms of what was measured."
+)
+
+
+def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
+    """Return the section.
+
+    Parameters
+    ----------
+    statuses : sequence of str
+        Of every segment.
+    """
+    effects = comparison.model.get("effects") or []
+    with_effects = f" with {', '.join(map(str, effects))}" if effects else " without added effects"
+    inputs = list(dict.fromkeys(wheel.source for wheel in comparison.wheels))
+    n = sum(len(wheel.windows.rows) for wheel in comparison.wheels)
+    fitted = (
+        f"The model {comparison.model['base']}{with_effects} was fitted to {n:,} samples of "
+        f"{counted(len(comparison.wheels), 'wheel')} from {counted(len(inputs), 'input')}, "
+        f"in {counted(len(statuses), 'segment')}."
+    )
+    fine = sum(status == "ok" for status in statuses)
+    usable = f"{fine} of {counted(len(statuses), 'segment')} {'has' if fine == 1 else 'have'} the status ok."
+    points = [sentence(finding.sentence) for finding in comparison.failures[1:5]]
+    points += [sentence(f"Note: {warning}") for warning in comparison.warnings]
+    return Section(
+        "summary",
+        "Summary",
+        [f"{usable} {fitted}"],
+        points,
+        [_errors(comparison)],
+        lead=verdict(comparison),
+        command=_next(comparison, inputs),
+    )
+
+
+def verdict(comparison: Comparison) -> str:
+    """Say in a sentence whether the model fits."""
+    if comparison.failures:
+        return sentence(comparison.failures[0].sentence)
+    beyond = beyond_noise(comparison)
+    if beyond:
+        return sentence(beyond)
+    if comparison.blocks < criteria.FEWEST_BLOCKS:
+        stretches = counted(comparison.blocks, "independent stretch", "es")
+        verb = "is" if comparison.blocks == 1 else "are"
+        return f"{stretches} of data {verb} too few to show whether the model fits."
+    return "The model fits: the error is that of the noise, and no recorded channel tracks it."
+
+
+def _next(comparison: Comparison, inputs: Sequence[str]) -> str:
+    """Return the command that answers the question of now."""
+    amiss = comparison.failures or beyond_noise(comparison)
+    named = [*map(shlex.quote, inputs[:_NAMED]), *["…"] * (len(inputs) > _NAMED)]
+    model = " --model FILE" if comparison.model.get("effects") else ""
+    return f"terrain-est {'diagnose' if amiss else 'estimate'} {' '.join(named)}{model}"
+
+
+def _errors(comparison: Comparison) -> Table:
+    rows = []
+    for name in sample_pairs.channels(comparison):
+        errors = comparison.channels[name]
+        what = quantities.quantity(name, errors.unit)
+        rms, bias, noise, out, low, high = (
+            quantities.number(value * what.factor)
+            for value in (
+                *(errors.rmse, errors.bias, errors.noise),
+                *(errors.heldout_rmse, errors.heldout_low, errors.heldout_high),
+            )
+        )
+        interval = out if low == "–" else f"{out} ({low} to {high})"
+        ratio = f"{quantities.number(errors.heldout_rmse / errors.noise, 2)} ×" if errors.noise > 0.0 else "–"
+        normalised = quantities.number(errors.nrmse)
+        rows.append((what.label, ratio, interval, noise, rms, bias, normalised, f"{errors.n:,}"))
+    head = (
+        *("Channel", "held out / noise", "held out (95 %)", "noise"),
+        *("rms error", "bias", "normalised", "Samples"),
+    )
+    return Table("Errors of the prediction", head, rows, frozenset(range(1, len(head))), _NOTE)
+
+
+def sentence(text: str) -> str:
+    """Write a text as a sentence: with a capital, and one full stop."""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
