@@ -198,8 +198,8 @@ def test_further_sections_are_shown_where_there_is_something(comparison):
     text = page(
         comparison,
         further=[
-            Section("ranking", "Which effect is missing", parts=[table]),
-            Section("ladder", "Error ladder"),
+            Section(id="ranking", title="Which effect is missing", parts=[table]),
+            Section(id="ladder", title="Error ladder"),
         ],
     )
     outline = Outline(text)

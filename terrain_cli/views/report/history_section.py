@@ -34,7 +34,7 @@ def history(entries: Sequence[Mapping[str, Any]]) -> Section:
         Empty, and so not shown, where there is none.
     """
     if not entries:
-        return Section("history", "How the model came about")
+        return Section(id="history", title="How the model came about")
     from terrain_cli.improvement.model_history import channels, rungs
 
     ladder = rungs(entries)
@@ -45,7 +45,7 @@ def history(entries: Sequence[Mapping[str, Any]]) -> Section:
     )
     charts = [_chart(ladder, name) for name in channels(ladder)]
     points = [f"{remark}." for remark in views.remarks(ladder)]
-    return Section("history", "How the model came about", points=points, parts=[*charts, table])
+    return Section(id="history", title="How the model came about", points=points, parts=[*charts, table])
 
 
 _FIGURES = frozenset(range(3, 8))

@@ -52,7 +52,7 @@ class Chart:
     wide: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Section:
     """A part of the page with a heading, left out where it has neither text nor parts.
 

@@ -169,7 +169,7 @@ def _soil(content: _Content) -> Section:
                 soil_charts.strength(shown, content.chosen),
             )
         )
-    return Section("soil", "Soil", parts=[*parts, _segments(content)])
+    return Section(id="soil", title="Soil", parts=[*parts, _segments(content)])
 
 
 def _segments(content: _Content) -> Table:
@@ -232,7 +232,7 @@ def _agreement(content: _Content) -> Section:
                 wide=True,
             )
         )
-    return Section("agreement", "Measured and predicted", parts=parts)
+    return Section(id="agreement", title="Measured and predicted", parts=parts)
 
 
 def _few_of_each(segment: NDArray[np.int32], kept: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -312,7 +312,7 @@ def _failures(content: _Content) -> Section:
         text.insert(
             0, "Nothing was found that the misfit follows beyond what noise and changing soil explain."
         )
-    return Section("failures", "Where it fails", text, parts=parts)
+    return Section(id="failures", title="Where it fails", text=text, parts=parts)
 
 
 def _described(along: sample_pairs.Along, residual: Array, what: quantities.Quantity) -> str:

@@ -48,11 +48,11 @@ def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
     points = [sentence(finding.sentence) for finding in comparison.failures[1:5]]
     points += [sentence(f"Note: {warning}") for warning in comparison.warnings]
     return Section(
-        "summary",
-        "Summary",
-        [f"{usable} {fitted}"],
-        points,
-        [_errors(comparison)],
+        id="summary",
+        title="Summary",
+        text=[f"{usable} {fitted}"],
+        points=points,
+        parts=[_errors(comparison)],
         lead=verdict(comparison),
         command=_next(comparison, inputs),
     )
