@@ -44,7 +44,10 @@ def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
         f"in {counted(len(statuses), 'segment')}."
     )
     fine = sum(status == "ok" for status in statuses)
-    usable = f"{fine} of {counted(len(statuses), 'segment')} {'has' if fine == 1 else 'have'} the status ok."
+    verb = "has" if fine == 1 else "have"
+    usable = f"{fine or 'None'} of {counted(len(statuses), 'segment')} {verb} the status ok."
+    if len(statuses) == 1:
+        usable = f"The segment has the status {statuses[0]}."
     points = [sentence(finding.sentence) for finding in comparison.failures[1:5]]
     points += [sentence(f"Note: {warning}") for warning in comparison.warnings]
     return Section(
