@@ -17,7 +17,7 @@ from formats import CannotWriteError
 from terrain_cli import installation
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.views import report
-from terrain_cli.views.report import Section, Table, page
+from terrain_cli.views.report import Section, Table, page, timeline_charts
 
 HOSTILE = "<script>alert('1')</script>\"&{{ 7 * 7 }}</textarea>"
 VOID = {"meta", "link", "br"}
@@ -268,3 +268,23 @@ def test_missing_extra_says_what_to_install(comparison, tmp_path, monkeypatch, l
     with pytest.raises(ConfigurationError, match=library) as error:
         report.write(comparison, tmp_path / "run.html")
     assert error.value.hint == installation.command_for("report")
+
+
+def test_segments_without_errors_are_drawn_along_the_drive_too():
+    table = {
+        **{name: [""] * 2 for name in ("terrain", "wheel", "source")},
+        "t_start_s": [0.0, 5.0],
+        "t_end_s": [5.0, 9.0],
+        "stress_kPa": [10.0, 10.0],
+        **{f"{name}_{unit}": [2.0, np.nan] for name, unit in (("c", "kPa"), ("phi", "deg"))},
+        "strength_at_stress_kPa": [4.0, 5.0],
+        **{name: [np.nan] * 2 for name in ("c_se_kPa", "phi_se_deg", "strength_at_stress_se_kPa")},
+        "key": ["0:0", "0:1"],
+        "segment": [1, 2],
+        "name": ["1", "2"],
+        "status": ["ok", "ok"],
+    }
+    drawn = dict(timeline_charts.of_soil(table, "0:0"))
+    assert list(drawn) == ["Strength at 10 kPa (kPa)", "Cohesion c (kPa)", "Friction angle φ (°)"]
+    steady = {**table, "t_start_s": [np.nan] * 2, "t_end_s": [np.nan] * 2}
+    assert timeline_charts.of_soil(steady, "0:0") == []

@@ -89,13 +89,16 @@ def _timeline(
         ],
     )
     known = np.isfinite(value)
-    sure = known & (error <= np.nanmedian(error[known]) * _UNSURE)
+    sure = known & np.isfinite(error)
+    if sure.any():
+        sure &= error <= np.median(error[sure]) * _UNSURE
     ends = np.concatenate([value[known], (value - 1.96 * error)[sure], (value + 1.96 * error)[sure]])
     scale = alt.Scale(domain=[float(np.nanmin(ends)), float(np.nanmax(ends))], zero=False)
     y = alt.Y("y:Q", title=title, scale=scale)
-    colour = alt.Color(
-        "kind:N", title=None, scale=alt.Scale(domain=unique, range=list(COLOURS[: len(unique)]))
-    )
+    colours = alt.Scale(domain=unique, range=list(COLOURS[: len(unique)]))
+    # One name for all is no legend.
+    legend = alt.Legend(title=None) if len(unique) > 1 else None
+    colour = alt.Color("kind:N", scale=colours, legend=legend)
     # What is not ok is faint, as in the other pictures.
     opacity = alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35))
     band = base.mark_rect(opacity=0.16, clip=True).encode(
