@@ -150,7 +150,10 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
 
 def alarm_of_gain(ranked: Ranked, before: Alarm) -> Alarm:
     """Hold the alarm against the gain of the best explanation on held-out blocks."""
-    gains = [ranked.base.loss - one.loss for one in (ranked.best, *(d.refit for d in ranked.drafts[:1]))]
+    # Of whichever predicts best: the order of the ranking has reasons besides.
+    fitted = [one for _, one in ranked.several] or [ranked.base]
+    least = min(fitted, key=lambda one: float(one.loss.sum()))
+    gains = [ranked.base.loss - one.loss for one in (least, *(d.refit for d in ranked.drafts[:1]))]
     gain = max(gains, key=lambda g: float(g.sum()))
     rare = criteria.GAINED if any(wheel.ordered for wheel in ranked.data.wheels) else criteria.GAINED_STEADY
     p_value = max(before.p_value, alarm.of_gain(gain) * criteria.LEVEL / rare)

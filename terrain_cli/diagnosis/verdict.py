@@ -105,12 +105,13 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
     told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
     if diagnosis.together:
-        better = f" {listed(diagnosis.together)} together explain more than any effect alone."
+        both = listed(diagnosis.together)
+        both = f"{both[0].upper()}{both[1:]} together explain more than any effect alone."
+        better = f" {both}"
         if first.effect == STRESSES == diagnosis.together[0]:
             return f"{told} together with {listed(others, 'or')} explain more than any effect alone."
         if {*diagnosis.together} == {first.effect, *others}:
-            both = listed(diagnosis.together)
-            return f"{both[0].upper()}{both[1:]} together explain more than any effect alone."
+            return both
     if not others:
         blocks = diagnosis.comparison.blocks
         doubt = (
