@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from terrain_cli import diagnosis, models
 from terrain_cli.app import cli
+from terrain_cli.improvement import change_trial
 
 CUT = ("--segments", "none", "-q")
 
@@ -84,13 +85,20 @@ class TestDrafts:
     @pytest.fixture
     def run(self, monkeypatch):
         def run(draft, *args):
-            answers = [SimpleNamespace(draft=draft, sentence="Sinkage follows slip."), None]
+            law = {"channel": "sinkage", "driver": "slip", "sentence": "Sinkage follows slip."}
+            answers = [SimpleNamespace(draft=draft, **law), None]
 
             def diagnose(wheels, file, *, effects, seed, progress):
                 unknown = answers.pop(0)
                 alarm = SimpleNamespace(raised=unknown is not None)
-                nothing = {"comparison": None, "effect": None, "family": (), "together": ()}
-                return SimpleNamespace(alarm=alarm, unknown=unknown, **nothing)
+                nothing = {"effect": None, "family": (), "together": (), "unrecorded": ()}
+                return SimpleNamespace(
+                    comparison=change_trial.fitted(wheels, file),
+                    alarm=alarm,
+                    unknown=unknown,
+                    verdict="none" if unknown is None else "unknown",
+                    **nothing,
+                )
 
             monkeypatch.setattr(diagnosis, "diagnose", diagnose)
             command = ["model", "add", "model.toml", "--until-quiet", *args, *CUT, "--data", "sinks.csv"]

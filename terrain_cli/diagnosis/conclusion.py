@@ -116,7 +116,8 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
 def _refused(found: Evidence) -> bool:
     """Tell whether everything that was named was tried, and did not pay."""
     named = found.together or found.family
-    return bool(named) and {*named} <= {*found.refused}
+    tried = bool(named) or found.verdict == "unknown"
+    return bool(found.refused) and tried and {*named} <= {*found.refused}
 
 
 def _unexplained(

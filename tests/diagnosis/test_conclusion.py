@@ -125,6 +125,13 @@ def evidence(ratios, **known):
             id="tried, and did not pay",
         ),
         pytest.param(
+            evidence(OFF, raised=True, verdict="unknown", refused=("law.toml",)),
+            "unexplained",
+            MISSES + "law.toml did not lower it.",
+            "",
+            id="a law that did not pay",
+        ),
+        pytest.param(
             evidence(OFF, blocks=6),
             "unexplained",
             MISSES + "6 independent stretches of data are too few to show why. Record a longer drive.",
