@@ -54,15 +54,15 @@ def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
         points=points,
         parts=[_errors(comparison)],
         lead=concluded.sentence.removesuffix(f" Next: {concluded.command}"),
-        command=concluded.command or _estimate(comparison, inputs),
+        command=concluded.command or _command(comparison, inputs, fits=concluded.state == "fits"),
     )
 
 
-def _estimate(comparison: Comparison, inputs: Sequence[str]) -> str:
-    """Return the command for a model that fits."""
+def _command(comparison: Comparison, inputs: Sequence[str], *, fits: bool) -> str:
+    """Return the command where a conclusion has none: for a model that fits, or of which too little is known."""
     named = [*map(shlex.quote, inputs[:_NAMED]), *["…"] * (len(inputs) > _NAMED)]
     model = " --model FILE" if comparison.model.get("effects") else ""
-    return f"terrain-est estimate {' '.join(named)}{model}"
+    return f"terrain-est {'estimate' if fits else 'diagnose'} {' '.join(named)}{model}"
 
 
 def _errors(comparison: Comparison) -> Table:
