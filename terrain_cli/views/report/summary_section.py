@@ -59,7 +59,7 @@ def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
 
 
 def _command(comparison: Comparison, inputs: Sequence[str], *, fits: bool) -> str:
-    """Return the command where a conclusion has none: for a model that fits, or of which too little is known."""
+    """Return the command where a conclusion has none: of a model that fits, or of too few data."""
     named = [*map(shlex.quote, inputs[:_NAMED]), *["…"] * (len(inputs) > _NAMED)]
     model = " --model FILE" if comparison.model.get("effects") else ""
     return f"terrain-est {'estimate' if fits else 'diagnose'} {' '.join(named)}{model}"
