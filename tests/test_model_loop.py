@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from terrain_cli import diagnosis, models
 from terrain_cli.app import cli
+from terrain_cli.improvement import change_trial
 
 CUT = ("--segments", "none", "-q")
 
@@ -58,6 +59,7 @@ def test_a_clean_log_leaves_the_file_as_it_is(terrain_est, here):
     done = terrain_est("model", "add", "model.toml", "--until-quiet", *CUT, "--data", "clean.csv")
     assert done.returncode == 0
     assert done.stdout.startswith("model.toml: the alarm is silent")
+    assert "The model fits to the noise: the held-out error is at most 1.0" in done.stdout.splitlines()[-1]
     assert "the model is as it was" in done.stdout
     assert (here / "model.toml").read_text("utf-8") == MODEL
 
@@ -83,13 +85,20 @@ class TestDrafts:
     @pytest.fixture
     def run(self, monkeypatch):
         def run(draft, *args):
-            answers = [SimpleNamespace(draft=draft, sentence="Sinkage follows slip."), None]
+            law = {"channel": "sinkage", "driver": "slip", "sentence": "Sinkage follows slip."}
+            answers = [SimpleNamespace(draft=draft, **law), None]
 
             def diagnose(wheels, file, *, effects, seed, progress):
                 unknown = answers.pop(0)
                 alarm = SimpleNamespace(raised=unknown is not None)
-                nothing = {"comparison": None, "effect": None, "family": (), "together": ()}
-                return SimpleNamespace(alarm=alarm, unknown=unknown, **nothing)
+                nothing = {"effect": None, "family": (), "together": (), "unrecorded": ()}
+                return SimpleNamespace(
+                    comparison=change_trial.fitted(wheels, file),
+                    alarm=alarm,
+                    unknown=unknown,
+                    verdict="none" if unknown is None else "unknown",
+                    **nothing,
+                )
 
             monkeypatch.setattr(diagnosis, "diagnose", diagnose)
             command = ["model", "add", "model.toml", "--until-quiet", *args, *CUT, "--data", "sinks.csv"]

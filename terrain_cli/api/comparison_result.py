@@ -151,9 +151,9 @@ class ComparisonResult:
 
     def _repr_html_(self) -> str:
         shown = self.failures[["channel", "driver", "shape", "share", "p_value", "sentence"]]
-        silent = comparison_text.failures(self.found) if shown.empty else []
+        told = comparison_text.concluded(self.found).sentence
         return result_tables.html(
-            [comparison_text.title(self.found), *silent, *self.found.warnings],
+            [comparison_text.title(self.found), told, *self.found.warnings],
             {
                 "Errors": self.channels,
                 "Where it fails": shown,

@@ -89,10 +89,11 @@ def command(context: click.Context, /, **_: Any) -> None:
             progress.advance()
     first, second = outcomes[0], outcomes[1] if len(outcomes) > 1 else None
     differences = against(first, second, seed=seed) if second else []
+    asked = [comparison_options.repeated(context, name) for name in names]
     if context.params["as_json"]:
-        click.echo(json_text.written(comparison_text.document(first, second, differences)))
+        click.echo(json_text.written(comparison_text.document(first, second, differences, asked)))
     else:
-        say(comparison_text.text(first, second, differences))
+        say(comparison_text.text(first, second, differences, asked))
     if context.params["plot"]:
         from terrain_cli.views import plots
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from functools import reduce
+from itertools import count
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -11,9 +13,10 @@ from terrain_cli.commands import options
 from terrain_cli.vocabulary.choices import CUT_SAMPLES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from terrain_cli.commands.progress import Progress
+    from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.estimation.estimate_request import EstimateRequest
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Rover
@@ -42,6 +45,13 @@ _CUTTING = (
     ),
     options.jobs("Processes that fit wheels and effects; what comes out is the same."),
     options.verbose,
+)
+
+
+#: Options that decide which samples are looked at, and how they are cut.
+_REPEATED = frozenset(
+    {"rover", "wheels", "segments", "min_samples", "window_distance", "window_samples", "where"}
+    | {"salvage", "largest"}
 )
 
 
@@ -141,6 +151,31 @@ def _cut(
         for samples in wheels
         if len(samples.usable)
     ]
+
+
+def repeated(context: click.Context, model: str, inputs: Sequence[str] | None = None) -> Asked:
+    """Return what was asked, so that the next command can ask it again of a model."""
+    from terrain_cli.diagnosis.conclusion import Asked
+
+    said = click.core.ParameterSource.COMMANDLINE
+    words: list[str] = []
+    for parameter in context.command.params:
+        name, value = parameter.name or "", context.params.get(parameter.name or "")
+        if name not in _REPEATED or context.get_parameter_source(name) is not said:
+            continue
+        if isinstance(parameter, click.Option) and parameter.is_flag:
+            words.append(parameter.opts[0])
+            continue
+        for one in value if isinstance(value, (list, tuple)) else (value,):
+            words += [parameter.opts[0], str(one)]
+    fresh = next(path for path in _model_files() if not Path(path).exists())
+    given = context.params["inputs"] if inputs is None else inputs
+    return Asked(inputs=tuple(given), model=model, options=tuple(words), fresh=fresh)
+
+
+def _model_files() -> Iterator[str]:
+    yield "model.toml"
+    yield from (f"model-{number}.toml" for number in count(2))
 
 
 def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> EstimateRequest:

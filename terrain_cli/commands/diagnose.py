@@ -94,10 +94,11 @@ def command(context: click.Context, /, **_: Any) -> None:
         with formats.replacing(given["draft"]) as temporary:
             Path(temporary).write_text(found.unknown.draft, encoding="utf-8")
         found = replace(found, sentence=verdict.with_draft(found.sentence, given["draft"]))
+    asked = comparison_options.repeated(context, given["model"])
     if given["as_json"]:
-        click.echo(json_text.written(diagnosis_text.document(found)))
+        click.echo(json_text.written(diagnosis_text.document(found, asked, given["draft"] or "")))
     else:
-        say(diagnosis_text.text(found))
+        say(diagnosis_text.text(found, asked, given["draft"] or ""))
     if given["draft"] and found.unknown is None:
         click.echo(f"{given['draft']}: not written: nothing needs a law of its own", err=True)
     elif given["draft"] and not given["quiet"]:

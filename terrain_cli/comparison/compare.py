@@ -96,15 +96,28 @@ def compare(
     InputError
         Nothing that the model predicts was measured.
     """
-    fitted, warnings = fit_wheels(
+    fitted, told = on_few_soils(
         wheels, model, FitSettings(fixed or {}, priors or {}, shared, noise), progress=progress
     )
-    fitted, joined = one_soil_or_several.as_few_as_predict(fitted, progress)
-    found = of_fitted(fitted, like=like, seed=seed, warnings=[*warnings, *joined], progress=progress)
+    found = of_fitted(fitted, like=like, seed=seed, warnings=told, progress=progress)
     if soils is None:
         known = ModelFile(model=model, fixed=fixed or {}, priors=priors or {}, shared=tuple(shared))
         soils = EstimateRequest(wheels=wheels, file=known)
     return replace(found, soils=soils)
+
+
+def on_few_soils(
+    wheels: Sequence[Windows],
+    model: Model,
+    settings: FitSettings,
+    *,
+    further: Collection[str] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[list[FittedWheel], list[str]]:
+    """Fit a model to wheels as `fit_wheels` does, on as few soils as predict as well."""
+    fitted, warnings = fit_wheels(wheels, model, settings, further=further, progress=progress)
+    fitted, joined = one_soil_or_several.as_few_as_predict(fitted, progress)
+    return fitted, [*warnings, *joined]
 
 
 def fit_wheels(

@@ -62,6 +62,7 @@ Shares of what is explained, but for a cosine and a gain. They differ without ev
 PLAINER_SHAPE = criterion(0.05, "a simpler shape of a finding comes before one that explains this share more")
 USUAL_DRIVER = criterion(0.3, "slip or load comes before what varied alike and explains this share more")
 FURTHER_FINDING = criterion(0.03, "part of what the first finding explains that a further one has to")
+SAME_DRIVER = criterion(0.99, "rank correlation from which on one driver is a function of another")
 ALIKE = criterion(0.9, "cosine between terms from which on one could be the other")
 
 """How many are looked at?

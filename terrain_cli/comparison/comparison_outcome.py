@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -200,6 +202,28 @@ class Difference:
 
 
 @dataclass(frozen=True, kw_only=True)
+class EffectScores:
+    """What the scores say of effects that the model does not have, before any of them is fitted.
+
+    Parameters
+    ----------
+    p_value : float
+        How often chance gives any effect such a score, or such a gain on blocks left out.
+    raised : bool
+        That is too rarely for chance.
+    effects : tuple of str
+        Effects that could be tested, the one that explains most first.
+    unrecorded : tuple of str
+        Channels that nothing gives, and without which some effects cannot be tested.
+    """
+
+    p_value: float
+    raised: bool
+    effects: tuple[str, ...] = ()
+    unrecorded: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
 class Comparison:
     """A model against all measurements.
 
@@ -213,6 +237,8 @@ class Comparison:
         The strongest first.
     soils : EstimateRequest or None
         What `estimate` says of the segments (`segment_soils.of`).
+    scores : callable or None
+        Returns the scores of effects, which are computed where they are asked for.
     """
 
     model: dict[str, Any]
@@ -221,6 +247,7 @@ class Comparison:
     failures: list[Finding]
     warnings: list[str]
     soils: EstimateRequest | None = None
+    scores: Callable[[], EffectScores] | None = None
 
     @property
     def blocks(self) -> int:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.mechanics import rates
 from terrain_cli.telemetry.derive.effect_inputs import WITH_COURSE
@@ -13,6 +14,8 @@ from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 from terrain_cli.windows.cut_windows import at_rows
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from terrain_cli.windows.cut_windows import Windows
@@ -75,3 +78,31 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
     segment = np.repeat(np.arange(1.0, len(count) + 1.0), count)
     found["segment"] = Driver("segment", "", segment, tuple(str(j + 1) for j in range(len(count))))
     return found
+
+
+def functions_of(name: str, values: Mapping[str, Array]) -> tuple[str, ...]:
+    """Name the drivers that rise or fall wherever another does: what follows it may as well be theirs.
+
+    Parameters
+    ----------
+    values : mapping of str to ndarray, shape (n,)
+        Driver → its values; labels have no place here.
+
+    Returns
+    -------
+    tuple of str
+    """
+    own = values.get(name)
+    if own is None:
+        return ()
+    found = []
+    for other, column in values.items():
+        known = np.isfinite(own) & np.isfinite(column)
+        if other == name or known.sum() < criteria.NOISE_SAMPLES:
+            continue
+        ranks = [np.argsort(np.argsort(one[known])).astype(float) for one in (own, column)]
+        # Ranks of what does not vary are those of its samples.
+        varied = min(float(np.ptp(one[known])) for one in (own, column)) > 0.0
+        if varied and abs(float(np.corrcoef(ranks)[0, 1])) >= criteria.SAME_DRIVER:
+            found.append(other)
+    return tuple(found)

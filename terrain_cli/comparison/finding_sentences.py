@@ -6,12 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.vocabulary.english import counted, listed
+from terrain_cli.vocabulary.english import listed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.comparison.shapes import Shape
 
 #: SI unit → the one a person reads, and the factor to it.
@@ -115,34 +114,3 @@ def _number(value: float) -> str:
         return f"{value:g}"
     text = f"{value:.{max(0, 1 - math.floor(math.log10(abs(value))))}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
-
-
-def beyond_noise(comparison: Comparison, times: float = 0.0) -> str:
-    """Say of which channels the held-out error is more than noise where no finding says why.
-
-    Parameters
-    ----------
-    times : float
-        The noise, from which on it is.
-
-    Returns
-    -------
-    str
-        Empty where there are none.
-    """
-    ratios = {
-        name.replace("_", " "): errors.heldout_rmse / errors.noise
-        for name, errors in comparison.channels.items()
-        if errors.heldout_rmse > max(times, criteria.ABOVE_NOISE) * errors.noise > 0.0
-    }
-    if not ratios:
-        return ""
-    told = [
-        f"{ratio:.{1 if ratio < 10.0 else 0}f} times the noise of {name}" for name, ratio in ratios.items()
-    ]
-    unknown = (
-        f"{counted(comparison.blocks, 'independent stretch', 'es')} of data are too few to show why"
-        if comparison.blocks < criteria.FEWEST_BLOCKS
-        else "no recorded channel tracks it"
-    )
-    return f"the held-out error is {listed(told)}, yet {unknown}"

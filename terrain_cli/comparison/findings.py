@@ -9,7 +9,7 @@ import numpy as np
 from terrain_cli.comparison import blocks, finding_sentences, shapes
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import UNITS, Finding
-from terrain_cli.comparison.drivers import ANGLE, PARTS
+from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_of
 from terrain_cli.comparison.prediction import derivatives
 from terrain_cli.comparison.residual_evidence import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
@@ -221,6 +221,9 @@ class Residuals:
             float(np.hypot(one.coefficient, one.other)) if shape.name == "periodic" else one.coefficient
         )
         amplitude *= shape.span
+        alternatives = one.alternatives
+        if shape.name not in ("constant", "periodic", "label"):
+            alternatives = tuple(dict.fromkeys([*alternatives, *self._functions_of(shape.driver)]))
         label = self.labels[shape.driver][int(shape.at or 0)] if shape.name == "label" else ""
         missing = list(self._missing(one))
         seen = self._seen(one, [part for _, part in missing])
@@ -235,12 +238,21 @@ class Residuals:
             unit=UNITS[channel],
             at=at,
             sentence=finding_sentences.of(
-                channel, shape, amplitude, label, one.alternatives, self._unit(shape.driver), seen
+                channel, shape, amplitude, label, alternatives, self._unit(shape.driver), seen
             ),
             worst_segments=self._worst(missing),
-            alternatives=one.alternatives,
+            alternatives=alternatives,
             seen=seen,
         )
+
+    def _functions_of(self, driver: str) -> tuple[str, ...]:
+        """Name the drivers of which this one is a function under every wheel."""
+        several = [
+            functions_of(driver, {n: v for n, v in one.drivers.items() if n not in self.labels})
+            for one in self.evidence
+            if driver in one.drivers
+        ]
+        return tuple(name for name in several[0] if all(name in one for one in several)) if several else ()
 
     def _unit(self, driver: str) -> str:
         return next((w.drivers[driver].unit for w in self.wheels if driver in w.drivers), "")

@@ -9,7 +9,7 @@ from terrain_cli import effects as catalogues
 from terrain_cli import models
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis import refits, steps, verdict
+from terrain_cli.diagnosis import refits, screening, steps, verdict
 from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
 from terrain_cli.vocabulary.english import counted
@@ -86,17 +86,14 @@ def diagnose(
             verdict=decision.verdict,
             effect=decision.effect,
             family=decision.family,
-            candidates=steps.candidates(
-                ranked.data, ranked.base, log.found, ranked.several, log.hypotheses, decision.family
-            ),
+            candidates=steps.candidates(ranked.log, ranked.base, ranked.several, decision.family),
             unknown=law if decision.tells_law else None,
             next_drive=steps.next_drives(case, ranked, rivals),
             not_testable=list(log.not_testable),
             warnings=list(log.comparison.warnings),
             sentence="",
             together=decision.together,
-            fitted=refits.fitted_errors(ranked.data, ranked.base),
-            heldout=ranked.base.heldout,
+            unrecorded=screening.unrecorded(case.effects, log.data.wheels),
         ),
     )
 
@@ -115,14 +112,13 @@ def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnos
         verdict="none",
         effect=None,
         family=(),
-        candidates=steps.candidates(log.data, base, log.found, several, log.hypotheses, ()),
+        candidates=steps.candidates(log, base, several, ()),
         unknown=None,
         next_drive=[],
         not_testable=list(log.not_testable),
         warnings=warnings,
         sentence="",
-        fitted=refits.fitted_errors(log.data, base),
-        heldout=base.heldout,
+        unrecorded=screening.unrecorded(case.effects, log.data.wheels),
     )
     return replace(diagnosis, sentence=verdict.sentence(diagnosis, log.failures))
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import blocks, comparison_criteria
-from terrain_cli.comparison import one_soil_or_several as comparison_soils
-from terrain_cli.comparison.compare import fit_wheels, of_fitted
+from terrain_cli.comparison.compare import of_fitted, on_few_soils
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -71,11 +70,8 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
     held, priors, noise = estimators.assumed(joined, case.file)
     settings = FitSettings(held, priors, [name for name in case.file.shared if name not in held], noise)
     further = tuple(dict.fromkeys(name for effect in case.effects for name in effect.reads))
-    fitted, warnings = fit_wheels(joined, case.file.model, settings, further=further, progress=case.progress)
-    few, joined_soils = comparison_soils.as_few_as_predict(fitted, case.progress)
-    comparison = of_fitted(
-        few, seed=case.seed, warnings=[*read, *warnings, *joined_soils], progress=case.progress
-    )
+    few, warnings = on_few_soils(joined, case.file.model, settings, further=further, progress=case.progress)
+    comparison = of_fitted(few, seed=case.seed, warnings=[*read, *warnings], progress=case.progress)
     block = [one.blocks for one in comparison.wheels]
     hypotheses, not_testable = screening.hypotheses(case.file, few, case.effects)
     cut = refits.ground(few, block, several_soils.MOST_SAMPLES)

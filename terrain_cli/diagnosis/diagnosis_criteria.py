@@ -13,9 +13,6 @@ SOIL_SAMPLES = criterion(40, "samples of a soil on either side of a step, of tho
 """When are neighbouring blocks independent?"""
 UNRELATED_SCORES = criterion(0.2, "correlation of neighbouring blocks' scores that diagnose calls none")
 
-"""When is an error more than noise?"""
-GROSS = criterion(1.5, "error of a channel over its noise that is a misfit, whatever can be told of it")
-
 """How many standard errors are beyond doubt?"""
 AS_GOOD = criterion(1.0, "within which a model is as good as another")
 BETTER = criterion(2.0, "by which a model is better than another")
@@ -70,7 +67,6 @@ DRAFT_LEFT = criterion(
     "that the best effect has to leave, and a draft to take, for the draft to stand",
     "diagnosis_study, goals: with it all 72 effects of no catalogue raise the alarm, none is named wrong",
 )
-CREDIBLE = criterion(0.7, "of the best one's gain, for an effect within its bounds to come before it")
 RIVAL_WORTH = criterion(0.3, "of what the best takes off the loss; less is no rival")
 SCORE_WORTH = criterion(
     0.15,
@@ -92,6 +88,7 @@ DRAFTS = criterion(6, "drafts that are fitted; fewer than rivals, without eviden
 SOILS_OF_A_LAW = criterion(3, "soils for which a drafted law may stand: a step of what warms passes for two")
 MOST_STEPS = criterion(4, "steps of the soil under all wheels")
 POINTS_ENOUGH = criterion(200, "points of a wheel from which on their order tells nothing that scores do not")
+
 
 """How many predictions may be missing?"""
 FORECAST = criterion(0.8, "share of a next drive for which both models need an answer")

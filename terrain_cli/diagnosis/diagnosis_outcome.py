@@ -91,10 +91,12 @@ class Candidate:
     # variance; negative is better
     loss: float
     loss_se: float
-    heldout: dict[str, float]  # Channel → root mean square of the held-out error with it, SI
+    # Channel → root mean square of the held-out error with it, SI; of the first
+    heldout: dict[str, float]
     sizes: dict[str, Size]
     refitted: bool  # Whether it was fitted together with everything else; else all is to first order
     in_family: bool = False
+    doubt: str = ""  # Why its size is not to be believed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +110,7 @@ class UnknownEffect:
     explained: float  # Part of the misfit beyond noise
     sentence: str
     draft: str  # A TOML file of an effect that `model add` takes
+    alternatives: tuple[str, ...] = ()  # Drivers of which this one is a function
 
 
 @dataclass(frozen=True)
@@ -145,7 +148,4 @@ class Diagnosis:
     sentence: str
     # Two effects that, both added, predict better than any alone, and than any draft; else none
     together: tuple[str, ...] = ()
-    # fitted, heldout: channel → root mean square of the error of the model as it is, SI: fitted, and held
-    # out. Found as those of the candidates are.
-    fitted: Mapping[str, float] = field(default_factory=dict)
-    heldout: Mapping[str, float] = field(default_factory=dict)
+    unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives

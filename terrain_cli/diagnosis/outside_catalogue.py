@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.comparison.drivers import functions_of
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.processes import parallel
+from terrain_cli.vocabulary.english import listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -145,10 +147,23 @@ def beats(tried: Sequence[Tried], effect: Refit) -> bool:
     return bool(tried) and refit_ranking.beats(tried[0].refit, effect)
 
 
+def same_drivers(data: Ground, driver: str) -> tuple[str, ...]:
+    """Name the drivers of which one is a function under every wheel: a law of it may be theirs."""
+    several = [
+        functions_of(driver, known)
+        for known in map(drafted_laws.drivers, data.wheels)
+        if driver in known and driver != drafted_laws.ANGLE
+    ]
+    return tuple(name for name in several[0] if all(name in one for one in several)) if several else ()
+
+
 def verdict(
-    base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence[str]
+    base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence[str], same: Sequence[str] = ()
 ) -> tuple[UnknownEffect | None, bool]:
-    """Return a draft that predicts better than every effect, and whether it stands alone."""
+    """Return a draft that predicts better than every effect, and whether it stands alone.
+
+    `same` are the drivers of which that of the draft is a function.
+    """
     if not tried:
         return None, False
     count = sum(int(np.count_nonzero(one)) for one in base.residuals)
@@ -164,6 +179,9 @@ def verdict(
     much = errors[1] - errors[2] >= criteria.DRAFT_LEFT * (errors[0] - errors[2])
     alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much)
     follows = f"follows {draft.driver.replace('_', ' ')}" if draft.driver else "is off by a constant"
+    if same:
+        named = listed([name.replace("_", " ") for name in same], "or")
+        follows += f" or {named}, which cannot be told apart here"
     head = "No effect of the catalogue explains it" if alone else "A law of one driver predicts it better"
     sentence = (
         f"{head}: {channel.replace('_', ' ')} {follows} ({draft.form}), "
@@ -176,6 +194,7 @@ def verdict(
         explained=explained,
         sentence=sentence,
         draft=draft.text,
+        alternatives=tuple(same),
     ), alone
 
 

@@ -55,7 +55,7 @@ def best(
                 alone[one.id] = one, refits.refit(data, one)
         after = [alone[one.id][1] for one in (first, second)]
         refit = refits.refit(data, pair, after=after)
-        if not refit_ranking.incredible(data, pair, refit):
+        if not refit_ranking.doubt(data, pair, refit):
             fitted.append((pair, refit))
     return sorted(fitted, key=lambda one: float(one[1].loss.sum()))
 

@@ -75,9 +75,25 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     return False
 
 
-def incredible(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
-    """Tell whether an effect ran to the end of what it can be, or to where nature has none."""
-    return at_bounds(hypothesis, one) or imitates(data, hypothesis, one)
+def left_open(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
+    """Tell whether the data say no more of any parameter of an effect than was known before."""
+    own = hypothesis.parameters
+    told = []
+    for part, solution in zip(data.data, one.solutions, strict=True):
+        _, covariance = smoothed_covariance.covariance(part, solution)
+        for column, unknown in enumerate(solution.unknowns.shared):
+            if unknown.name in own and not own[unknown.name].shape:
+                told.append(float(covariance[column, column]) ** 0.5 < criteria.LEFT_OPEN * unknown.sd)
+    return bool(told) and not any(told)
+
+
+def doubt(data: Ground, hypothesis: Hypothesis, one: Refit) -> str:
+    """Say why the size of an effect is not to be believed; nothing if it is."""
+    if imitates(data, hypothesis, one):
+        return "physically impossible"
+    if at_bounds(hypothesis, one):
+        return "at its bound"
+    return "left open by the data" if left_open(data, hypothesis, one) else ""
 
 
 #: Powers of its own size by which an effect is bent into other forms.

@@ -119,17 +119,6 @@ def with_noise_of(data: Ground, best: Refit) -> Ground:
     return replace(data, data=parts, base=solutions)
 
 
-def fitted_errors(data: Ground, one: Refit) -> dict[str, float]:
-    """Return the root mean square of what a fitted model leaves of each channel, SI."""
-    errors: dict[str, list[Array]] = {}
-    for part, solution in zip(data.data, one.solutions, strict=True):
-        left = part.white.undone(solution.residual, part.seen)
-        for column, name in enumerate(part.white.channels):
-            errors.setdefault(name, []).append(left[name][part.seen[:, column]])
-    joined = {name: np.concatenate(some) for name, some in errors.items()}
-    return {name: float(np.sqrt(np.mean(some**2))) for name, some in joined.items() if len(some)}
-
-
 def weighed(data: Ground, one: Refit) -> Refit:
     """Weigh the held-out errors of a refit by the noise of `data`, without fitting again."""
     loss, residuals = np.zeros(data.blocks), []

@@ -16,6 +16,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable, Siz
 from terrain_cli.estimation.wheel_fit.normal_equations import products
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import model_change
+from terrain_cli.telemetry.derive.effect_inputs import CONSTANTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,6 +52,10 @@ class Screened:
     # shape (blocks, m): scores of all columns that can be tested, of what the strongest effect leaves
     blocks: Array = field(default_factory=lambda: np.zeros((0, 0)))
     columns: list[_Columns] = field(default_factory=list)
+
+    def held_out_gain(self, effect: str) -> Array:
+        """Return what an effect, fitted to the others, takes off the squares of each (to first order)."""
+        return np.asarray(sum(part.held_out_gain(effect) for part in self.columns))
 
 
 def hypotheses(
@@ -100,6 +105,13 @@ def _available(wheel: FittedWheel) -> dict[str, Any]:
     constants = {name: getattr(geometry, name) for name in ("grouser_count", "grouser_height")}
     there = {name: value for name, value in constants.items() if value}
     return {**wheel.channels, **there, **({} if time is None else {"time": time})}
+
+
+def unrecorded(effects: Sequence[Effect], wheels: Sequence[FittedWheel]) -> tuple[str, ...]:
+    """Name what was not recorded, and without which some of the effects cannot be tested."""
+    available = [_available(wheel) for wheel in wheels]
+    lacking = [name for effect in effects for one in available for name in catalogues.missing(effect, one)]
+    return tuple(name for name in dict.fromkeys(lacking) if name not in CONSTANTS)
 
 
 def _missing(effect: Effect, wheels: Sequence[FittedWheel]) -> str:
@@ -211,6 +223,7 @@ class _Columns:
     ) -> None:
         rows = np.arange(0, len(wheel), step)
         known = signatures.evidence(wheel, rows)
+        self.noise_known = all(np.isfinite(level.deviation) for level in wheel.noise.values())
         names = known.white.channels
         effects = [effect for one in hypotheses for effect in one.effects]
         self.groups: list[_Group] = []
@@ -249,6 +262,22 @@ class _Columns:
         every = [np.concatenate(columns) for columns in product(*own) if all(map(len, columns))]
         return max((self.scores.fit(columns, _WIDTH**-2.0)[2] for columns in every), default=0.0)
 
+    def held_out_gain(self, effect: str) -> Array:
+        """Return by block what an effect gains there, fitted to the other blocks of this wheel."""
+        score = self.scores.blocks
+        own = [g.columns[self.testable[g.columns]] for g in self.groups if g.id == effect]
+        own = [columns for columns in own if len(columns)]
+        if not own:
+            return np.zeros(len(score))
+        columns = max(own, key=lambda some: self.scores.fit(some, _WIDTH**-2.0)[2])
+        shown, score = self.left[:, :, columns], score[:, columns]
+        own_cross = products(shown, shown, self.block, len(score))
+        cross = own_cross.sum(axis=0) - own_cross + _WIDTH**-2.0 * np.eye(len(columns))
+        change = np.linalg.solve(cross, (score.sum(axis=0) - score)[..., None])[..., 0]
+        return np.asarray(
+            2.0 * (change * score).sum(axis=1) - np.einsum("bp,bpq,bq->b", change, own_cross, change)
+        )
+
     def reason(self, groups: Sequence[_Group]) -> str:
         """Say why these data tell nothing of an effect; nothing if they do."""
         columns = np.concatenate([group.columns for group in groups]) if groups else np.zeros(0, dtype=int)
@@ -260,6 +289,8 @@ class _Columns:
             return "nothing that it follows varies in these data"
         if not (self.scores.surviving[columns] > criteria.SIGNATURE_SURVIVES).any():
             return "the soil's own parameters imitate it in these data"
+        if not self.noise_known:
+            return "the noise of these data is not known, so that nothing tells whether it would stand out"
         return "three times its typical size would not stand out of the noise of these data"
 
 

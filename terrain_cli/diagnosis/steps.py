@@ -10,7 +10,18 @@ import numpy as np
 
 from terrain_cli import models
 from terrain_cli.comparison import comparison_criteria, smoothed_covariance
-from terrain_cli.diagnosis import alarm, next_drive, outside_catalogue, pairs, refit_ranking, refits
+from terrain_cli.diagnosis import (
+    alarm,
+    next_drive,
+    outside_catalogue,
+    pairs,
+    quick_scores,
+    refit_ranking,
+    refits,
+    screening,
+    signatures,
+    solved_wheel,
+)
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate, Size
 from terrain_cli.models.model_file import SOIL_UNITS
@@ -19,10 +30,10 @@ from terrain_cli.processes import parallel
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NextDrive, UnknownEffect
     from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.diagnosis.screening import Screened
 
     Fitted = tuple[Hypothesis, Refit]
 
@@ -139,7 +150,10 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
 
 def alarm_of_gain(ranked: Ranked, before: Alarm) -> Alarm:
     """Hold the alarm against the gain of the best explanation on held-out blocks."""
-    gains = [ranked.base.loss - one.loss for one in (ranked.best, *(d.refit for d in ranked.drafts[:1]))]
+    # Of whichever predicts best: the order of the ranking has reasons besides.
+    fitted = [one for _, one in ranked.several] or [ranked.base]
+    least = min(fitted, key=lambda one: float(one.loss.sum()))
+    gains = [ranked.base.loss - one.loss for one in (least, *(d.refit for d in ranked.drafts[:1]))]
     gain = max(gains, key=lambda g: float(g.sum()))
     rare = criteria.GAINED if any(wheel.ordered for wheel in ranked.data.wheels) else criteria.GAINED_STEADY
     p_value = max(before.p_value, alarm.of_gain(gain) * criteria.LEVEL / rare)
@@ -168,19 +182,23 @@ def family(case: Case, ranked: Ranked) -> Family:
     clear = (of_rest >= criteria.LEVEL and left < ranked.taken) or left < criteria.SMALL_REST * ranked.taken
     # Nor is it where a law that nobody thought of predicts better.
     clear = clear and not outside_catalogue.beats(ranked.drafts, near[0][1])
-    # Nor where it stands for something that nature does not have.
-    clear = clear and not refit_ranking.imitates(ranked.data, *near[0])
+    # Nor where its size is not to be believed.
+    clear = clear and not refit_ranking.doubt(ranked.data, *near[0])
+    earned = judged.earned and clear and ranked.data.blocks >= comparison_criteria.FEWEST_BLOCKS
+    # A second effect shows as soon as the first is in the model.
+    silent = not earned or second_round(case, ranked.log, *near[0]) >= criteria.LEVEL
     return Family(
         members=[near[place] for place in judged.family],
-        earned=judged.earned and clear and ranked.data.blocks >= comparison_criteria.FEWEST_BLOCKS,
+        earned=earned and silent,
         clear=clear,
-        whole=clear and of_rest >= criteria.LEVEL,
+        whole=clear and silent and of_rest >= criteria.LEVEL,
     )
 
 
 def outside_the_catalogue(ranked: Ranked, found: Family) -> tuple[UnknownEffect | None, bool]:
     """Return a drafted law that explains what no effect does, and whether it stands alone."""
-    return outside_catalogue.verdict(ranked.base, ranked.best, ranked.drafts, found.ids)
+    same = outside_catalogue.same_drivers(ranked.data, ranked.drafts[0].draft.driver) if ranked.drafts else ()
+    return outside_catalogue.verdict(ranked.base, ranked.best, ranked.drafts, found.ids, same)
 
 
 def two_at_once(case: Case, ranked: Ranked, found: Family) -> Two:
@@ -226,7 +244,7 @@ def _best_form(data: Ground, one: Hypothesis) -> Fitted:
     """Fit a hypothesis in the form of its law that predicts best."""
     plain, *others = [(form, refits.refit(data, form)) for form in one.forms]
     # Another form stands for the effect only where it fits by what the effect can be.
-    forms = [plain, *(pair for pair in others if not refit_ranking.incredible(data, *pair))]
+    forms = [plain, *(pair for pair in others if not refit_ranking.doubt(data, *pair))]
     return min(forms, key=lambda pair: float(pair[1].loss.sum()))
 
 
@@ -237,14 +255,9 @@ def _again(data: Ground, pair: Fitted) -> Fitted:
 
 
 def _credible_first(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
-    """Put an effect that ran to what cannot be behind those that explain nearly as much without."""
-    if not ranked:
-        return ranked
-    least = criteria.CREDIBLE * float((base.loss - ranked[0][1].loss).sum())
+    """Put effects whose size is not to be believed behind all others that predict better than the base."""
     good = [
-        pair
-        for pair in ranked
-        if not refit_ranking.incredible(data, *pair) and float((base.loss - pair[1].loss).sum()) >= least
+        pair for pair in ranked if refit_ranking.beats(pair[1], base) and not refit_ranking.doubt(data, *pair)
     ]
     return good + [pair for pair in ranked if pair not in good]
 
@@ -259,18 +272,15 @@ def _plainest_first(ranked: list[Fitted]) -> list[Fitted]:
 
 
 def candidates(
-    data: Ground,
-    base: Refit,
-    found: Screened,
-    ranked: Sequence[tuple[Hypothesis, Refit]],
-    hypotheses: Sequence[Hypothesis],
-    family: Sequence[str],
+    log: DiagnosedLog, base: Refit, ranked: Sequence[Fitted], family: Sequence[str]
 ) -> list[Candidate]:
     """List every candidate that can be tested: those ranked, then the others by what they explain."""
+    data, found = log.data, log.found
     count = max(sum(int(np.count_nonzero(one)) for one in base.residuals), 1)
     beyond = float(base.loss.sum()) - count
     # Where all is noise, there is nothing to explain a share of.
     misfit = beyond if beyond > 0.0 else np.nan
+    first = ranked[0][0].id if ranked else ""
 
     def candidate(one: Hypothesis, refit: Refit | None) -> Candidate:
         change = -found.explained[one.id] if refit is None else float((refit.loss - base.loss).sum())
@@ -283,15 +293,45 @@ def candidates(
             explained=float(np.clip(-change / misfit, 0.0, 1.0)),
             loss=change / count,
             loss_se=np.nan if refit is None else refit_ranking.error(refit.loss - base.loss) / count,
-            heldout=dict(base.heldout) if refit is None else refit.heldout,
+            heldout=_held_out(log, one) if one.id == first else {},
             sizes=dict(found.sizes[one.id]) if refit is None else _sizes(one, data, refit),
             refitted=refit is not None,
             in_family=refit is not None and one.id in family,
+            doubt="" if refit is None else refit_ranking.doubt(data, one, refit),
         )
 
     done = {one.id for one, _ in ranked}
-    rest = [candidate(one, None) for one in hypotheses if one.id in found.p_values and one.id not in done]
+    rest = [candidate(one, None) for one in log.hypotheses if one.id in found.p_values and one.id not in done]
     return [*(candidate(one, refit) for one, refit in ranked), *sorted(rest, key=lambda one: one.loss)]
+
+
+def _solved(log: DiagnosedLog, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
+    """Return the wheels with what a refit found."""
+    pairs = zip(log.data.wheels, refit.solutions, strict=True)
+    return [solved_wheel.of(wheel, solution, one.fixed) for wheel, solution in pairs]
+
+
+def _held_out(log: DiagnosedLog, one: Hypothesis) -> dict[str, float]:
+    """Return the held-out errors with a hypothesis as `compare` and `model add` have them."""
+    levels = {
+        name: errors.noise if errors.noise > 0.0 else errors.rmse
+        for name, errors in log.comparison.channels.items()
+    }
+    wheels = [solved_wheel.fitted(wheel, one) for wheel in log.data.wheels]
+    return solved_wheel.held_out_errors(wheels, log.block, levels)
+
+
+def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -> float:
+    """Return how often chance gives what other effects score once one is in the model."""
+    wheels = _solved(log, one, refit)
+    others = [
+        other
+        for other in log.hypotheses
+        if other.id != one.id and other.effects and not signatures.possible(wheels[0].model, other.effects[0])
+    ]
+    found = screening.screen(wheels, log.block, others, case.seed)
+    first = max(found.p_values, key=lambda name: found.explained[name], default="")
+    return quick_scores.of_scores(found, first) if first else 1.0
 
 
 def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from terrain_cli.comparison import comparison_criteria
-from terrain_cli.comparison.finding_sentences import beyond_noise, missed
+from terrain_cli.comparison.finding_sentences import missed
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.models import STRESSES
 from terrain_cli.vocabulary.english import counted, listed
@@ -88,27 +88,14 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
     that what is most likely missing changes by itself, without the soil.
     """
     if diagnosis.verdict == "none":
-        if diagnosis.alarm.p_value < diagnosis.alarm.level:
-            return (
-                "Something stands out, but nothing that is added predicts held-out data better: leave the "
-                "model as it is."
-            )
-        beyond = beyond_noise(diagnosis.comparison, criteria.GROSS) or _too_few(diagnosis)
-        return (
-            f"{beyond[0].upper()}{beyond[1:]}."
-            if beyond
-            else "Nothing is missing that these data could show."
-        )
+        return _too_few(diagnosis) or "No effect that these data can show predicts held-out data better."
     seen = _seen(diagnosis, failures, changed)
     if diagnosis.verdict == "unknown" and diagnosis.unknown is not None:
         return f"{seen}{diagnosis.unknown.sentence} {OFFER}"
     named = {one.effect: one for one in diagnosis.candidates}
     first = named[diagnosis.family[0]]
     if diagnosis.verdict == "effect":
-        return (
-            f"{seen}Most likely {_told(first)}; add it with: "
-            f"terrain-est model add FILE {first.effect} --data INPUT…"
-        )
+        return f"{seen}Most likely {_told(first)}."
     return seen + _family(diagnosis, first)
 
 
@@ -118,13 +105,13 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
     better = f" {diagnosis.unknown.sentence} {OFFER}" if diagnosis.unknown else ""
     told = f"{_told(first)[0].upper()}{_told(first)[1:]}"
     if diagnosis.together:
-        add = f"add both with: terrain-est model add FILE {' '.join(diagnosis.together)} --data INPUT…"
-        better = f" Two effects together explain more than any alone; {add}"
+        both = listed(diagnosis.together)
+        both = f"{both[0].upper()}{both[1:]} together explain more than any effect alone."
+        better = f" {both}"
         if first.effect == STRESSES == diagnosis.together[0]:
-            return f"{told} together with {listed(others, 'or')} explain more than any effect alone; {add}"
+            return f"{told} together with {listed(others, 'or')} explain more than any effect alone."
         if {*diagnosis.together} == {first.effect, *others}:
-            both = listed(diagnosis.together)
-            return f"{both[0].upper()}{both[1:]} together explain more than any effect alone; {add}"
+            return both
     if not others:
         blocks = diagnosis.comparison.blocks
         doubt = (
@@ -153,7 +140,7 @@ def _too_few(diagnosis: Diagnosis) -> str:
         else ""
     )
     data = counted(blocks, "independent stretch", "es")
-    return f"the model misses {listed(off)} of its size, which {data} of data cannot tell from chance{table}"
+    return f"The model misses {listed(off)} of its size, which {data} of data cannot tell from chance{table}."
 
 
 def with_draft(sentence: str, path: str) -> str:
@@ -171,9 +158,9 @@ def _seen(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection
         return ""
     first = failures[0]
     ratios = {
-        name: diagnosis.heldout[name] / errors.noise
+        name: errors.heldout_rmse / errors.noise
         for name, errors in diagnosis.comparison.channels.items()
-        if name in diagnosis.heldout and errors.noise > 0.0
+        if errors.noise > 0.0
     }
     most = max(ratios, key=lambda name: ratios[name], default="")
     if first.channel in changed or ratios.get(most, 0.0) < comparison_criteria.ABOVE_NOISE:
@@ -182,13 +169,13 @@ def _seen(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collection
         least = 1.0 + criteria.STANDS_OUT * (ratios[most] - 1.0)
         there = [one for one in failures if ratios.get(one.channel, math.inf) >= least]
         told = [one for one in there if one is first or one.share >= criteria.TOLD]
-    sentence = told[0].sentence if told else missed(most, diagnosis.heldout[most])
+    sentence = told[0].sentence if told else missed(most, diagnosis.comparison.channels[most].heldout_rmse)
     return f"{sentence[0].upper()}{sentence[1:]}. "
 
 
 def _told(one: Candidate) -> str:
-    sizes = sizes_text(one, " = ")
-    return f"{one.effect} ({sizes})" if sizes else one.effect
+    told = "; ".join(filter(None, [sizes_text(one, " = "), one.doubt]))
+    return f"{one.effect} ({told})" if told else one.effect
 
 
 def sizes_text(one: Candidate, sign: str = " ") -> str:

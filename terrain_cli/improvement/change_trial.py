@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import chdtrc
 
 from terrain_cli import models
-from terrain_cli.comparison import compare, comparison_criteria, segment_soils
+from terrain_cli.comparison import comparison_criteria, segment_soils
+from terrain_cli.comparison.compare import of_fitted, on_few_soils
+from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.two_models import between_soils
-from terrain_cli.diagnosis import diagnosis_criteria, several_soils
+from terrain_cli.diagnosis import diagnosis_criteria, quick_scores, several_soils
+from terrain_cli.diagnosis.quick_scores import missing_effects
 from terrain_cli.estimation import estimators
 from terrain_cli.estimation.estimate_request import EstimateRequest
 from terrain_cli.improvement import improvement_criteria as criteria
@@ -20,6 +24,7 @@ from terrain_cli.improvement.improvement_outcome import Estimated, Idle, Lost, S
 from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.vocabulary.english import counted
 from terrain_cli.windows import joined_inputs
+from terrain_cli.windows.joined_inputs import with_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -51,20 +56,21 @@ def fitted(
 ) -> Comparison:
     """Compare a model file with the joined windows of some wheels of one rover, on the blocks of `like`.
 
-    `soils` are of the same windows and file; without options if not given.
+    `soils` are of the same windows and file; without options if not given. Effects that the model does not
+    have are scored where that is asked for.
     """
     held, priors, noise = estimators.assumed(wheels, file)
-    return compare(
-        wheels,
-        file.model,
-        fixed=held,
-        priors=priors,
-        shared=[name for name in file.shared if name not in held],
-        noise=noise,
-        like=like,
+    settings = FitSettings(held, priors, [name for name in file.shared if name not in held], noise)
+    missing = missing_effects(file)
+    further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
+    known = with_inputs(wheels, [*file.model.effects, *missing])
+    several, told = on_few_soils(known, file.model, settings, further=further, progress=progress)
+    found = of_fitted(several, like=like, seed=seed, warnings=told, progress=progress)
+    block = [one.blocks for one in found.wheels]
+    return replace(
+        found,
         soils=soils or EstimateRequest(wheels=wheels, file=file),
-        seed=seed,
-        progress=progress,
+        scores=cache(partial(quick_scores.score, several, block, file, seed)),
     )
 
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from terrain_cli.comparison import Comparison
+    from terrain_cli.diagnosis.conclusion import Evidence
     from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
     from terrain_cli.models import ModelFile
 
@@ -239,3 +240,6 @@ class Stopped:
     file: ModelFile
     quiet: bool  # Whether the alarm is silent
     because: str
+    # evidence, comparison: what is known of the model as it is at last, and its comparison with the data
+    evidence: Evidence
+    comparison: Comparison

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from terrain_cli import models
+from terrain_cli.diagnosis import conclusion
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.change_trial import tried
 from terrain_cli.improvement.improvement_outcome import Stopped
@@ -64,6 +65,9 @@ def until_quiet(
         return replace(step, kept=kept), change.file if kept else current
 
     quiet, because = False, ""
+    found: Diagnosis | None = None
+    last: Step | None = None
+    refused: tuple[str, ...] = ()
     while len(added) < criteria.MOST_EFFECTS:
         progress("diagnosis")
         found = diagnose(wheels, file)
@@ -79,19 +83,28 @@ def until_quiet(
             yield step
             if step.kept:
                 added += step.changed
+                last = step
                 break
         else:
             several = listed([" with ".join(names) for names in choices])
             because = f"nothing more pays on held-out data: {several} did not"
+            refused = tuple(dict.fromkeys(name for names in choices for name in names))
             break
     else:
-        because = f"stopped after {criteria.MOST_EFFECTS} effects"
+        because, found = f"stopped after {criteria.MOST_EFFECTS} effects", None
     effects = [name for name in added if name not in models.ASSUMPTIONS]
     # One that was added alone has just been tried.
     for name in effects if len(added) > 1 else ():
         step, file = attempt("remove", [name], file, None)
         yield step
-    yield Stopped(file, quiet, because)
+        if step.kept:
+            found, last = None, step
+    if found is not None:
+        evidence, comparison = conclusion.of_diagnosis(found, refused=refused), found.comparison
+    else:
+        assert last is not None  # noqa: S101 - what changed the model
+        evidence, comparison = conclusion.of_comparison(last.second, refused), last.second
+    yield Stopped(file, quiet, because, evidence, comparison)
 
 
 def _rivals(found: Diagnosis, names: Sequence[str]) -> tuple[tuple[str, ...], NextDrive | None]:
@@ -109,7 +122,7 @@ def _candidates(
 ) -> tuple[list[tuple[str, ...]], str]:
     """Return what is to be tried, alone or together, the best first; or nothing, and why."""
     if not found.alarm.raised:
-        return [], "the alarm is silent: the data show nothing that is missing"
+        return [], "the alarm is silent: nothing that is left stands out"
     both = [found.together] if found.together else []
     if found.together[:1] == (models.STRESSES,):
         # The others of the family are behind the stresses, and some need them.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from terrain_cli.comparison import comparison_criteria
-from terrain_cli.comparison.finding_sentences import beyond_noise
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.english import counted, listed
@@ -29,13 +28,8 @@ def verdict(step: Step) -> str:
         kept = "added all the same, as --keep asks" if step.kept else "not added"
         return f"{what} {_is(step)} {kept}: {found(step)}, but not confirmed on {where}: {found(proof)}"
     if step.pays:
-        left = (
-            beyond_noise(step.second) or "no recorded channel tracks what is left"
-            if step.quiet
-            else "a recorded channel still tracks what is left: another effect is missing, too or instead"
-        )
         done = "added" if step.kept else "worth adding"
-        return f"{what} {_is(step)} {done}: {found(step)}; {left}"
+        return f"{what} {_is(step)} {done}: {found(step)}"
     kept = "added all the same, as --keep asks" if step.kept else "not added"
     if step.better:
         return f"{what} {_is(step)} {kept}: {found(step)}"

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from terrain_cli.diagnosis import conclusion
 from terrain_cli.improvement import model_history
-from terrain_cli.presentation import change_sentences
+from terrain_cli.presentation import change_sentences, conclusion_text
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary import quantities
 from terrain_cli.vocabulary.english import counted, listed
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from terrain_cli.comparison import Comparison
+    from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.improvement.improvement_outcome import Estimated, Interval, Shift, Step, Stopped
 
 FORMAT = "terrain-est/model-change/1"
@@ -23,8 +25,13 @@ LOOP_FORMAT = "terrain-est/model-loop/1"
 _MOST_ROWS = 12
 
 
-def document(step: Step) -> dict[str, Any]:
-    """Return a change as it is written to JSON.
+def document(step: Step, asked: Asked | None = None) -> dict[str, Any]:
+    """Return a change as it is written to JSON; `asked` is of the model file, for the next command."""
+    return {**_change(step), "conclusion": conclusion_text.document(_concluded(step, asked))}
+
+
+def _change(step: Step) -> dict[str, Any]:
+    """Return what a change did to the errors.
 
     Returns
     -------
@@ -66,6 +73,13 @@ def document(step: Step) -> dict[str, Any]:
     }
 
 
+def _concluded(step: Step, asked: Asked | None) -> conclusion.Conclusion:
+    """Conclude what is known of the model as it is after the decision."""
+    now = step.second if step.kept else step.first
+    refused = step.changed if step.action == "add" and not step.kept else ()
+    return conclusion_text.of(conclusion.of_comparison(now, refused), now, asked)
+
+
 def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
     """Return a change that was made without data as it is written to JSON.
 
@@ -86,7 +100,7 @@ def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
     }
 
 
-def loop(steps: Sequence[Step], end: Stopped) -> dict[str, Any]:
+def loop(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -> dict[str, Any]:
     """Return the whole loop as it is written to JSON."""
     return {
         "format": LOOP_FORMAT,
@@ -96,8 +110,13 @@ def loop(steps: Sequence[Step], end: Stopped) -> dict[str, Any]:
             "base": end.file.model.base,
             "effects": [effect.id for effect in end.file.model.effects],
         },
-        "steps": [document(step) for step in steps],
+        "steps": [_change(step) for step in steps],
+        "conclusion": conclusion_text.document(_at_end(end, asked)),
     }
+
+
+def _at_end(end: Stopped, asked: Asked | None) -> conclusion.Conclusion:
+    return conclusion_text.of(end.evidence, end.comparison, asked)
 
 
 def _failures(comparison: Comparison) -> list[dict[str, Any]]:
@@ -130,8 +149,8 @@ def _shift(one: Shift) -> dict[str, Any]:
     }
 
 
-def text(step: Step) -> str:
-    """Write a change for a person: the verdict, then what it rests on."""
+def text(step: Step, asked: Asked | None = None) -> str:
+    """Write a change for a person: the verdict, then what it rests on, then what follows from it."""
     lines = [change_sentences.verdict(step), "", *_errors(step), ""]
     if step.confirmation is not None:
         lines += [f"on {listed(list(step.confirmation.sources))}:", *_errors(step.confirmation), ""]
@@ -139,11 +158,8 @@ def text(step: Step) -> str:
         lines += [*_parameters(step.parameters), ""]
     lines += [_moved(step), *_open(step), *_idle(step)]
     before, after = len(step.first.failures), len(step.second.failures)
-    if step.quiet:
-        was = f" (before: {counted(before, 'failure')})" if before else ""
-        lines.append(f"no recorded channel tracks what is left{was}")
-    else:
-        lines.append(f"where it fails, {counted(after, 'failure')} left (before: {before}):")
+    if before or after:
+        lines.append(f"where it fails, {counted(after, 'finding')} (before: {before}){':' * (after > 0)}")
         lines += [f"  {finding.sentence}" for finding in step.second.failures]
     if step.before.model.base != step.after.model.base:
         lines.append(
@@ -151,10 +167,10 @@ def text(step: Step) -> str:
             "another base reads other channels, whose noise is in what it predicts"
         )
     lines += [f"note: {warning}" for warning in step.second.warnings]
-    return "\n".join(lines)
+    return "\n".join([*lines, _concluded(step, asked).sentence])
 
 
-def loop_text(steps: Sequence[Step], end: Stopped) -> str:
+def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -> str:
     """Write where the loop ended for a person, and what it has done to the held-out errors."""
     kept = [step for step in steps if step.kept]
     effects = [effect.id for effect in end.file.model.effects]
@@ -172,8 +188,8 @@ def loop_text(steps: Sequence[Step], end: Stopped) -> str:
             cells = [cell for v in (one.before, after[one.name]) for cell in _cells(v, what.factor)]
             noise = next(x.noise for x in last.channels if x.name == one.name)
             rows.append((what.label, *cells, quantities.number(noise * what.factor)))
-        lines += ["", *aligned(rows)]
-    return "\n".join(lines)
+        lines += ["", *aligned(rows), ""]
+    return "\n".join([*lines, _at_end(end, asked).sentence])
 
 
 def _errors(step: Step) -> list[str]:

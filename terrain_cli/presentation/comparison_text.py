@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.comparison import finding_sentences, segment_soils
+from terrain_cli.comparison import segment_soils
+from terrain_cli.diagnosis import conclusion
+from terrain_cli.presentation import conclusion_text
 from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.english import counted
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
         Finding,
         WheelComparison,
     )
+    from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.estimation import WindowEstimates
 
 FORMAT = "terrain-est/comparison/1"
@@ -29,7 +32,10 @@ _WORST = 3
 
 
 def document(
-    comparison: Comparison, second: Comparison | None = None, differences: Sequence[Difference] = ()
+    comparison: Comparison,
+    second: Comparison | None = None,
+    differences: Sequence[Difference] = (),
+    asked: Sequence[Asked] = (),
 ) -> dict[str, Any]:
     """Return a comparison as it is written to JSON.
 
@@ -39,6 +45,8 @@ def document(
         Of another model on the same data: under the key "against", with "differences".
     differences : sequence of Difference
         From `comparison.against`.
+    asked : sequence of Asked
+        Of each model, for the next command.
 
     Returns
     -------
@@ -54,16 +62,17 @@ def document(
             "segments": sum(len(wheel.segments) for wheel in comparison.wheels),
             "blocks": comparison.blocks,
         },
-        **_outcome(comparison),
+        **_outcome(comparison, asked[0] if asked else None),
     }
     if second is not None:
-        result["against"] = {"model": second.model, **_outcome(second)}
+        result["against"] = {"model": second.model, **_outcome(second, asked[1] if asked else None)}
         result["differences"] = [_difference(one) for one in differences]
     return result
 
 
-def _outcome(comparison: Comparison) -> dict[str, Any]:
+def _outcome(comparison: Comparison, asked: Asked | None) -> dict[str, Any]:
     return {
+        "conclusion": conclusion_text.document(concluded(comparison, asked)),
         "channels": {name: _errors(errors) for name, errors in comparison.channels.items()},
         "failures": [_finding(finding) for finding in comparison.failures],
         "parameters": [_parameters(wheel) for wheel in comparison.wheels if wheel.fit.shared],
@@ -175,23 +184,32 @@ def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
+def concluded(comparison: Comparison, asked: Asked | None = None) -> conclusion.Conclusion:
+    """Conclude what a comparison says of its model."""
+    return conclusion_text.of(conclusion.of_comparison(comparison), comparison, asked)
+
+
 def named(comparison: Comparison) -> str:
     """Return the name of a model: its base and what was added."""
     return " + ".join([comparison.model["base"], *comparison.model["effects"]])
 
 
 def text(
-    comparison: Comparison, second: Comparison | None = None, differences: Sequence[Difference] = ()
+    comparison: Comparison,
+    second: Comparison | None = None,
+    differences: Sequence[Difference] = (),
+    asked: Sequence[Asked] = (),
 ) -> str:
     """Write a comparison for a person, as `document` does for a program."""
+    first_asked, second_asked = asked[:2] if len(asked) > 1 else (asked[0] if asked else None, None)
     if second is None:
-        return _text_of_one(comparison)
+        return _text_of_one(comparison, first_asked)
     both = _text_of_two(comparison, second, differences)
-    return "\n\n".join([_text_of_one(comparison), _text_of_one(second), both])
+    return "\n\n".join([_text_of_one(comparison, first_asked), _text_of_one(second, second_asked), both])
 
 
-def _text_of_one(comparison: Comparison) -> str:
-    """Write errors by channel, then where the model fails."""
+def _text_of_one(comparison: Comparison, asked: Asked | None) -> str:
+    """Write errors by channel, then where the model fails, and what follows from it."""
     lines = [title(comparison), ""]
     head = ["channel", "unit", "rmse", "bias", "noise", "rmse/rms", "held-out rmse", "95 %"]
     rows = [
@@ -205,8 +223,9 @@ def _text_of_one(comparison: Comparison) -> str:
         ]
         for name, errors in comparison.channels.items()
     ]
-    lines += [*aligned([head, *rows]), "", *failures(comparison)]
+    lines += [*aligned([head, *rows]), "", *_failures(comparison)]
     lines += [f"note: {warning}" for warning in comparison.warnings]
+    lines += [concluded(comparison, asked).sentence]
     return "\n".join(lines)
 
 
@@ -218,15 +237,12 @@ def title(comparison: Comparison) -> str:
     return f"model {named(comparison)} against {data}"
 
 
-def failures(comparison: Comparison) -> list[str]:
-    """Write a heading and each finding; or that there is none."""
-    if comparison.failures:
-        head = "where it fails, the strongest first:"
-        return [head, *(_told(finding, comparison) for finding in comparison.failures)]
-    beyond = finding_sentences.beyond_noise(comparison)
-    if beyond:
-        return [f"The model misses: {beyond}. Run `terrain-est diagnose`."]
-    return ["No failure found: no recorded channel tracks the residuals."]
+def _failures(comparison: Comparison) -> list[str]:
+    """Write a heading and each finding, if there are any."""
+    if not comparison.failures:
+        return []
+    head = "where it fails, the strongest first:"
+    return [head, *(_told(finding, comparison) for finding in comparison.failures), ""]
 
 
 def _told(finding: Finding, comparison: Comparison) -> str:

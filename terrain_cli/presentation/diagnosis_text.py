@@ -5,10 +5,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.verdict import sizes_text
+from terrain_cli.presentation import conclusion_text
 from terrain_cli.presentation.terminal import aligned
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis
     from terrain_cli.diagnosis.screening import Screened
 
@@ -19,8 +24,8 @@ _SHOWN = 8
 _EARLY = 5
 
 
-def document(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return a diagnosis as it is written to JSON.
+def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> dict[str, Any]:
+    """Return a diagnosis as it is written to JSON; `draft` is the file of its law, if that was written.
 
     Returns
     -------
@@ -42,8 +47,8 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "channels": {
             name: {
                 "unit": errors.unit,
-                "rmse": _known(diagnosis.fitted.get(name, math.nan)),
-                "heldout_rmse": _known(diagnosis.heldout.get(name, math.nan)),
+                "rmse": _known(errors.rmse),
+                "heldout_rmse": _known(errors.heldout_rmse),
                 "noise": _known(errors.noise),
             }
             for name, errors in comparison.channels.items()
@@ -59,7 +64,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "effect": diagnosis.effect,
         "family": list(diagnosis.family),
         "together": list(diagnosis.together),
-        "candidates": [_candidate(one) for one in diagnosis.candidates],
+        "candidates": [_candidate(one, comparison.channels) for one in diagnosis.candidates],
         "unknown": None
         if unknown is None
         else {
@@ -68,6 +73,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
             "form": unknown.form,
             "explained": unknown.explained,
             "sentence": unknown.sentence,
+            "alternatives": list(unknown.alternatives),
         },
         "next_drive": [
             {"pair": list(one.pair), "manoeuvre": one.manoeuvre, "power": one.power, "settings": one.settings}
@@ -76,10 +82,16 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "not_testable": [{"effect": one.effect, "because": one.because} for one in diagnosis.not_testable],
         "warnings": list(diagnosis.warnings),
         "sentence": diagnosis.sentence,
+        "conclusion": conclusion_text.document(_concluded(diagnosis, asked, draft)),
     }
 
 
-def _candidate(one: Candidate) -> dict[str, Any]:
+def _concluded(diagnosis: Diagnosis, asked: Asked | None, draft: str) -> conclusion.Conclusion:
+    evidence = conclusion.of_diagnosis(diagnosis, draft)
+    return conclusion_text.of(evidence, diagnosis.comparison, asked)
+
+
+def _candidate(one: Candidate, channels: Iterable[str]) -> dict[str, Any]:
     return {
         "effect": one.effect,
         "title": one.title,
@@ -87,11 +99,12 @@ def _candidate(one: Candidate) -> dict[str, Any]:
         "p_value": one.p_value,
         "explained": _known(one.explained),
         "surviving": _known(one.surviving),
-        "heldout_rmse": {name: _known(value) for name, value in one.heldout.items()},
+        "heldout_rmse": {name: _known(one.heldout.get(name, math.nan)) for name in channels},
         "heldout_loss": _known(one.loss),
         "heldout_loss_se": _known(one.loss_se),
         "refitted": one.refitted,
         "in_family": one.in_family,
+        "doubt": one.doubt or None,
         "parameters": {
             name: {"value": _known(size.value), "se": _known(size.se), "unit": size.unit}
             for name, size in one.sizes.items()
@@ -103,8 +116,8 @@ def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def text(diagnosis: Diagnosis) -> str:
-    """Write a diagnosis for a person: one sentence, then what it rests on."""
+def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> str:
+    """Write a diagnosis for a person: one sentence, then what it rests on, then what follows from it."""
     alarm = diagnosis.alarm
     chance = f"p {alarm.p_value:.4f}" if alarm.p_value >= 0.0001 else "p < 0.0001"
     state = "raised" if alarm.raised else "silent"
@@ -122,6 +135,7 @@ def text(diagnosis: Diagnosis) -> str:
             reasons.setdefault(one.because, []).append(one.effect)
         lines += [f"  {', '.join(names)}: {because}" for because, names in reasons.items()]
     lines += [f"note: {warning}" for warning in diagnosis.warnings]
+    lines += ["", _concluded(diagnosis, asked, draft).sentence]
     return "\n".join(lines)
 
 
@@ -146,14 +160,14 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
     head += [f"{name.replace('_', ' ')} [{unit}]" for name, unit in zip(channels, units, strict=True)]
     head += ["parameters"]
     base = ["(as it is)", "", ""]
-    base += [_short(diagnosis.heldout.get(name, math.nan)) for name in channels] + [""]
+    base += [_short(errors.heldout_rmse) for errors in diagnosis.comparison.channels.values()] + [""]
     rows = [
         [
             f"{'* ' if one.in_family else '  '}{one.effect}",
             f"{one.explained:.0%}" if math.isfinite(one.explained) else "–",
             f"{one.surviving:.0%}",
             *(_short(one.heldout.get(name, math.nan)) for name in channels),
-            sizes_text(one),
+            f"{sizes_text(one)} ({one.doubt})" if one.doubt else sizes_text(one),
         ]
         for one in shown
     ]

@@ -36,14 +36,26 @@ def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list
     """
     effects = list(effects)
     parts: dict[tuple[object, ...], list[Windows]] = {}
-    for windows in several:
-        samples = windows.samples
-        drivers = {**samples.drivers, **effect_inputs.of_samples(samples, effects)}
-        known = replace(windows, samples=replace(samples, drivers=drivers))
+    for known in with_inputs(several, effects):
+        samples = known.samples
         parts.setdefault((samples.wheel, samples.geometry, samples.time is None), []).append(known)
     # Where the grousers stood as each input began shows only in all of them.
     turning = [effect for effect in effects if effect_inputs.ANGLE in effect.reads]
     return [_joined(some, turning) if len(some) > 1 else some[0] for some in parts.values()]
+
+
+def with_inputs(several: Sequence[Windows], effects: Sequence[Effect]) -> list[Windows]:
+    """Compute what effects need of each input, as far as the channels allow."""
+    return [
+        replace(
+            windows,
+            samples=replace(
+                windows.samples,
+                drivers={**windows.samples.drivers, **effect_inputs.of_samples(windows.samples, effects)},
+            ),
+        )
+        for windows in several
+    ]
 
 
 def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:

@@ -20,6 +20,7 @@ def test_share_of_a_misfit_that_is_there(loss, share):
         sizes={name: {} for name in named},
     )
     hypotheses = [SimpleNamespace(id=name, title=name) for name in ("weak", "strong")]
-    first, second = steps.candidates(None, base, found, [], hypotheses, ())
+    log = SimpleNamespace(data=None, found=found, hypotheses=hypotheses)
+    first, second = steps.candidates(log, base, [], ())
     assert (first.effect, second.effect) == ("strong", "weak")
     assert first.explained == pytest.approx(share, nan_ok=True)

@@ -34,7 +34,9 @@ def found(wheels):
 def test_both_are_named_where_none_alone_explains_it(found):
     assert found.together == HIDDEN
     assert (found.verdict, found.effect, found.unknown) == ("family", None, None)
-    assert "add both with: terrain-est model add FILE load-bias motor-temperature" in found.sentence
+    assert "Load-bias and motor-temperature together explain more than any effect alone." in found.sentence
+    told = diagnosis_text.document(found)["conclusion"]
+    assert told["command"].split(" --data ")[0].endswith("model add model.toml load-bias motor-temperature")
     assert diagnosis_text.document(found)["together"] == list(HIDDEN)
 
 

@@ -13,11 +13,15 @@ ALONG_SLIP = "drawbar pull is more and more over-predicted as slip rises: by 8.2
 def diagnosed(heldout, verdict="effect", together=()):
     """Return a diagnosis of noise 0.4 N m, 3.5 N, 0.6 mm."""
     noise = {"torque": 0.4, "drawbar_pull": 3.5, "sinkage": 6e-4}
-    candidate = SimpleNamespace(effect="gear-efficiency", sizes={})
+    candidate = SimpleNamespace(effect="gear-efficiency", sizes={}, doubt="")
     return SimpleNamespace(
         verdict=verdict,
-        comparison=SimpleNamespace(channels={n: SimpleNamespace(noise=size) for n, size in noise.items()}),
-        heldout=dict(zip(noise, heldout, strict=True)),
+        comparison=SimpleNamespace(
+            channels={
+                name: SimpleNamespace(noise=size, heldout_rmse=error)
+                for (name, size), error in zip(noise.items(), heldout, strict=True)
+            }
+        ),
         candidates=[candidate],
         family=together or ("gear-efficiency",),
         unknown=None,
@@ -68,6 +72,5 @@ def test_without_a_finding_the_name_comes_first():
 def test_two_that_are_missing_together_are_no_alternatives():
     pair = ("gear-efficiency", "slope")
     assert verdict.sentence(diagnosed((0.4, 5.0, 6e-4), "family", pair), []) == (
-        "Gear-efficiency and slope together explain more than any effect alone; add both with: "
-        "terrain-est model add FILE gear-efficiency slope --data INPUT…"
+        "Gear-efficiency and slope together explain more than any effect alone."
     )

@@ -12,6 +12,7 @@ from scipy.special import chdtrc
 from terrain_cli import models, rover, telemetry
 from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 from terrain_cli.improvement import Stopped, model_history, until_quiet
+from terrain_cli.improvement.change_trial import fitted
 from terrain_cli.presentation import change_text
 from terrain_cli.toml import toml_text
 from terrain_cli.windows import cut_windows
@@ -48,7 +49,9 @@ def diagnosing(*answers):
         unknown = answer if isinstance(answer, SimpleNamespace) else None
         names = [] if unknown else list(answer)
         return SimpleNamespace(
-            comparison=None,
+            comparison=fitted(wheels, file),
+            verdict="unknown" if unknown else "family" if names else "none",
+            unrecorded=(),
             alarm=SimpleNamespace(raised=bool(names) or unknown is not None),
             effect=names[0] if len(names) == 1 else None,
             family=tuple(names),
@@ -147,7 +150,9 @@ def test_what_nature_does_not_have_is_not_kept_though_the_error_falls(sinks):
 
 
 def test_unknown_stops_without_a_place_for_a_draft(sinks):
-    steps, end = run(sinks, SimpleNamespace(sentence="sinkage follows slip"))
+    steps, end = run(
+        sinks, SimpleNamespace(channel="torque", driver="yaw_rate", sentence="sinkage follows slip")
+    )
     assert (steps, end.quiet) == ([], False)
     assert end.because == "sinkage follows slip; no draft was asked for"
 
@@ -159,7 +164,9 @@ def test_a_draft_is_tried_as_any_effect(sinks, tmp_path, monkeypatch):
         (tmp_path / "draft.toml").write_text(unknown.draft, "utf-8")
         return "draft.toml"
 
-    steps, end = run(sinks, SimpleNamespace(sentence="", draft=DIGS), draft=draft)
+    steps, end = run(
+        sinks, SimpleNamespace(channel="torque", driver="yaw_rate", sentence="", draft=DIGS), draft=draft
+    )
     assert told(steps) == [("add", "digs-itself-in", True)]
     assert end.file.effects == ("draft.toml",)
 
@@ -173,7 +180,14 @@ def test_candidates_of_ones_own_are_named_by_their_paths(sinks, folder, monkeypa
 
 def test_an_alarm_without_a_name_is_told(sinks):
     nothing = SimpleNamespace(
-        comparison=None, alarm=SimpleNamespace(raised=True), effect=None, family=(), unknown=None, together=()
+        comparison=SimpleNamespace(channels={}, blocks=20),
+        verdict="family",
+        unrecorded=(),
+        alarm=SimpleNamespace(raised=True),
+        effect=None,
+        family=(),
+        unknown=None,
+        together=(),
     )
     (end,) = until_quiet(sinks, models.resolve("wong-reece"), diagnose=lambda *_: nothing)
     assert not end.quiet

@@ -16,6 +16,7 @@ from simulator.run import simulate
 from formats import CannotWriteError
 from terrain_cli import installation
 from terrain_cli.errors import ConfigurationError
+from terrain_cli.presentation import comparison_text
 from terrain_cli.views import report
 from terrain_cli.views.report import Section, Table, page, timeline_charts
 
@@ -99,11 +100,11 @@ def test_control_has_a_label(outline):
     assert selected in [a["value"] for a in outline.all("option")]
 
 
-def test_says_first_what_was_found_and_what_to_run(text):
+def test_says_first_what_is_known_and_what_to_run(comparison, text):
     first = text.partition('<h2 id="summary">')[2]
     assert (
         re.search(r'<p class="lead">(.*)</p>', first)[1]
-        == "Torque is under-predicted by 0.6 N m above slip 0.4."
+        == comparison_text.concluded(comparison).sentence.partition(" Next: ")[0]
     )
     assert re.search(r"Next: <code>(.*)</code>", first)[1] == "terrain-est diagnose run.csv"
 
@@ -113,7 +114,9 @@ def test_a_model_that_fits_says_so(run):
     silent = {name: replace(one, heldout_rmse=one.noise) for name, one in found.channels.items()}
     wheels = [replace(wheel, blocks=np.arange(len(wheel.blocks)) // 20) for wheel in found.wheels]
     first = page(replace(found, channels=silent, wheels=wheels)).partition('<h2 id="summary">')[2]
-    assert '<p class="lead">The model fits: the error is that of the noise' in first
+    assert (
+        '<p class="lead">The model fits to the noise: the held-out error is at most 1.00 × the noise' in first
+    )
     assert "Next: <code>terrain-est estimate run.csv</code>" in first
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options, paths, suggestions
+from terrain_cli.commands import comparison_options, options, paths, suggestions
 from terrain_cli.commands.model import change_options
 
 if TYPE_CHECKING:
@@ -131,4 +131,5 @@ def _add(context: click.Context) -> None:
     if step.kept:
         entry = model_history.entry(step, change_sentences.reason(step))
         change_options.write(given["file"], changed.file, entry)
-    change_options.tell(context, change_text.text(step), change_text.document(step))
+    asked = comparison_options.repeated(context, given["file"])
+    change_options.tell(context, change_text.text(step, asked), change_text.document(step, asked))

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from terrain_cli.commands import options, paths, suggestions
+from terrain_cli.commands import comparison_options, options, paths, suggestions
 from terrain_cli.commands.model import change_options
 
 
@@ -50,4 +50,5 @@ def remove(context: click.Context, /, **_: Any) -> None:
     step = replace(change_options.tried(context, "remove", before, changed), kept=True)
     because = f"asked for; {change_sentences.found(step)}"
     change_options.write(context.params["file"], changed.file, model_history.entry(step, because))
-    change_options.tell(context, change_text.text(step), change_text.document(step))
+    asked = comparison_options.repeated(context, context.params["file"])
+    change_options.tell(context, change_text.text(step, asked), change_text.document(step, asked))

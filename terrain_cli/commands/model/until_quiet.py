@@ -53,7 +53,10 @@ def run(context: click.Context) -> None:
         change_options.write(given["file"], end.file, *entries)
     if steps and not given["as_json"]:
         say()
-    change_options.tell(context, change_text.loop_text(steps, end), change_text.loop(steps, end))
+    asked = comparison_options.repeated(context, given["file"])
+    change_options.tell(
+        context, change_text.loop_text(steps, end, asked), change_text.loop(steps, end, asked)
+    )
 
 
 def _doubt(step: Step) -> list[str]:

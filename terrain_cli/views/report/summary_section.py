@@ -5,8 +5,7 @@ from __future__ import annotations
 import shlex
 from typing import TYPE_CHECKING
 
-from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.comparison.finding_sentences import beyond_noise
+from terrain_cli.presentation import comparison_text
 from terrain_cli.views import sample_pairs
 from terrain_cli.views.report.page_parts import Section, Table
 from terrain_cli.vocabulary import quantities
@@ -34,6 +33,7 @@ def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
     statuses : sequence of str
         Of every segment.
     """
+    concluded = comparison_text.concluded(comparison)
     effects = comparison.model.get("effects") or []
     with_effects = f" with {', '.join(map(str, effects))}" if effects else " without added effects"
     inputs = list(dict.fromkeys(wheel.source for wheel in comparison.wheels))
@@ -48,7 +48,7 @@ def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
     usable = f"{fine or 'None'} of {counted(len(statuses), 'segment')} {verb} the status ok."
     if len(statuses) == 1:
         usable = f"The segment has the status {statuses[0]}."
-    points = [sentence(finding.sentence) for finding in comparison.failures[1:5]]
+    points = [sentence(finding.sentence) for finding in comparison.failures[:5]]
     points += [sentence(f"Note: {warning}") for warning in comparison.warnings]
     return Section(
         id="summary",
@@ -56,31 +56,16 @@ def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
         text=[f"{usable} {fitted}"],
         points=points,
         parts=[_errors(comparison)],
-        lead=verdict(comparison),
-        command=_next(comparison, inputs),
+        lead=concluded.sentence.removesuffix(f" Next: {concluded.command}"),
+        command=concluded.command or _command(comparison, inputs, fits=concluded.state == "fits"),
     )
 
 
-def verdict(comparison: Comparison) -> str:
-    """Say in a sentence whether the model fits."""
-    if comparison.failures:
-        return sentence(comparison.failures[0].sentence)
-    beyond = beyond_noise(comparison)
-    if beyond:
-        return sentence(beyond)
-    if comparison.blocks < criteria.FEWEST_BLOCKS:
-        stretches = counted(comparison.blocks, "independent stretch", "es")
-        verb = "is" if comparison.blocks == 1 else "are"
-        return f"{stretches} of data {verb} too few to show whether the model fits."
-    return "The model fits: the error is that of the noise, and no recorded channel tracks it."
-
-
-def _next(comparison: Comparison, inputs: Sequence[str]) -> str:
-    """Return the command that answers the question of now."""
-    amiss = comparison.failures or beyond_noise(comparison)
+def _command(comparison: Comparison, inputs: Sequence[str], *, fits: bool) -> str:
+    """Return the command where a conclusion has none: of a model that fits, or of too few data."""
     named = [*map(shlex.quote, inputs[:_NAMED]), *["…"] * (len(inputs) > _NAMED)]
     model = " --model FILE" if comparison.model.get("effects") else ""
-    return f"terrain-est {'diagnose' if amiss else 'estimate'} {' '.join(named)}{model}"
+    return f"terrain-est {'estimate' if fits else 'diagnose'} {' '.join(named)}{model}"
 
 
 def _errors(comparison: Comparison) -> Table:

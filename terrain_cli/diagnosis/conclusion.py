@@ -1,0 +1,220 @@
+"""What every verb says at its end: whether the model fits to the noise, and what to do if it does not."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from terrain_cli.comparison import comparison_criteria
+from terrain_cli.diagnosis import diagnosis_criteria as criteria
+from terrain_cli.vocabulary.choices import BASES
+from terrain_cli.vocabulary.english import counted, listed
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from terrain_cli.comparison import Comparison
+    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, Verdict
+
+State = Literal["fits", "explained", "unexplained", "undecided"]
+#: Channels to be recorded that a sentence names.
+_MOST_NAMED = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What is known of a model on some data."""
+
+    # Channel → held-out error over its noise; NaN where the noise is not known
+    ratios: Mapping[str, float]
+    blocks: int  # Independent stretches of data
+    raised: bool  # What is left follows what was recorded, beyond chance
+    verdict: Verdict | None = None  # Of a diagnosis; None where there was none
+    family: tuple[str, ...] = ()  # Effects that explain what is left, the best first
+    together: tuple[str, ...] = ()  # Two that belong together
+    law: str = ""  # What follows which driver, where no effect explains what is left
+    draft: str = ""  # File of that law, if it was written
+    refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data
+    unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asked:
+    """What was asked of which files, as the next command has it too."""
+
+    inputs: tuple[str, ...]
+    model: str = "wong-reece"  # A base, or a model file
+    options: tuple[str, ...] = ()  # Of reading and cutting, as they were given
+    fresh: str = "model.toml"  # Where a model file may be made
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """What is said at the end."""
+
+    state: State
+    sentence: str  # With the command
+    command: str = ""  # The next one, ready to paste
+    record: tuple[str, ...] = field(default=())  # Channels that are worth recording
+
+
+def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evidence:
+    """Collect what a comparison tells: its errors, its findings, and the scores of effects."""
+    scores = comparison.scores() if comparison.scores else None
+    return Evidence(
+        ratios=_ratios(comparison),
+        blocks=comparison.blocks,
+        raised=bool(comparison.failures) or (scores is not None and scores.raised),
+        refused=refused,
+        unrecorded=scores.unrecorded if scores else (),
+    )
+
+
+def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = ()) -> Evidence:
+    """Collect what a diagnosis tells."""
+    law = found.unknown if found.verdict == "unknown" else None
+    return Evidence(
+        ratios=_ratios(found.comparison),
+        blocks=found.comparison.blocks,
+        raised=found.alarm.raised,
+        verdict=found.verdict,
+        family=found.family,
+        together=found.together,
+        law=f"{law.channel} follows {law.driver}".replace("_", " ") if law and law.driver else "",
+        draft=draft if law else "",
+        refused=refused,
+        unrecorded=found.unrecorded,
+    )
+
+
+def _ratios(comparison: Comparison) -> dict[str, float]:
+    return {
+        name.replace("_", " "): one.heldout_rmse / one.noise if one.noise > 0.0 else math.nan
+        for name, one in comparison.channels.items()
+    }
+
+
+def conclude(found: Evidence, asked: Asked) -> Conclusion:
+    """Return the conclusion of some evidence; the same for the same, whichever verb collected it."""
+    known = {name: ratio for name, ratio in found.ratios.items() if math.isfinite(ratio)}
+    above = {name: ratio for name, ratio in known.items() if ratio > comparison_criteria.ABOVE_NOISE}
+    few = found.blocks < criteria.BLOCKS_OF_ALARM
+    if found.raised and not few and not _refused(found):
+        size = _size(above) if above else _at_most(known)
+        cause, command = _next(found, asked)
+        told = f"The model misses something: {size}, and {cause}. Next: {command}"
+        return Conclusion("explained", told, command)
+    if few or (not known and not found.raised):
+        return _undecided(found, above, few=few)
+    if above or found.raised:
+        return _unexplained(found, above, known, asked)
+    return Conclusion("fits", f"The model fits to the noise: {_at_most(known)}, and no effect stands out.")
+
+
+def _refused(found: Evidence) -> bool:
+    """Tell whether everything that was named was tried, and did not pay."""
+    named = found.together or found.family
+    tried = bool(named) or found.verdict == "unknown"
+    return bool(found.refused) and tried and {*named} <= {*found.refused}
+
+
+def _unexplained(
+    found: Evidence, above: Mapping[str, float], known: Mapping[str, float], asked: Asked
+) -> Conclusion:
+    size = _size(above) if above else _at_most(known)
+    why = (
+        f"{listed(found.refused)} did not lower it"
+        if _refused(found)
+        else "nothing that was recorded follows it"
+    )
+    few = found.blocks < comparison_criteria.FEWEST_BLOCKS
+    if few:
+        why = f"{_stretches(found)} are too few to show why"
+    then = _record(found, few=few)
+    if found.verdict is None and not few:
+        # Scores are no diagnosis, which also tries other soils and laws of its own.
+        command = _diagnose(asked)
+        told = f"The model misses something: {size}, and the first scores do not say why. Next: {command}"
+        return Conclusion("unexplained", told, command, found.unrecorded)
+    return Conclusion(
+        "unexplained", f"The model misses something: {size}, and {why}. {then}", "", found.unrecorded
+    )
+
+
+def _undecided(found: Evidence, above: Mapping[str, float], *, few: bool) -> Conclusion:
+    if few:
+        size = f" {_size(above)[0].upper()}{_size(above)[1:]}." if above else ""
+        told = f"{_stretches(found)} are too few to tell whether the model misses something.{size}"
+        return Conclusion("undecided", f"{told} Record a longer drive.")
+    of = listed(list(found.ratios)) if found.ratios else "the sensors"
+    told = f"No effect stands out, but the noise of {of} is not known. Repeat some test points to learn it."
+    return Conclusion("undecided", told)
+
+
+def _stretches(found: Evidence) -> str:
+    return f"{counted(found.blocks, 'independent stretch', 'es')} of data"
+
+
+def _size(above: Mapping[str, float]) -> str:
+    """Say how large the errors beyond the noise are."""
+    (first, ratio), *others = above.items()
+    told = [f"{_number(ratio)} × the noise in {first}", *(f"{_number(one)} × in {n}" for n, one in others)]
+    return f"the held-out error is {listed(told)}"
+
+
+def _at_most(known: Mapping[str, float]) -> str:
+    if not known:
+        return "its noise is not known"
+    most = max(known, key=lambda name: known[name])
+    return f"the held-out error is at most {known[most]:.2f} × the noise (in {most})"
+
+
+def _number(ratio: float) -> str:
+    return f"{ratio:.1f}" if ratio < 9.95 else f"{ratio:.0f}"
+
+
+def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
+    """Say what explains the misfit, and return the command that follows from it."""
+    if found.verdict == "unknown":
+        cause = f"no effect of the catalogue explains it{f': {found.law}' if found.law else ''}"
+        return cause, _add([found.draft], asked) if found.draft else _diagnose(asked, "--draft", "law.toml")
+    if found.together:
+        return f"{listed(found.together)} together explain it best", _add(found.together, asked)
+    if found.verdict == "effect":
+        return f"{found.family[0]} explains it", _add(found.family[:1], asked)
+    if len(found.family) > 1:
+        cause = f"one of {listed(found.family)} explains it; these data cannot tell which"
+        return cause, _add(["--until-quiet"], asked)
+    if found.family:
+        return f"{found.family[0]} explains it best, not surely", _add(found.family, asked)
+    return "it follows what was recorded", _diagnose(asked)
+
+
+def _diagnose(asked: Asked, *further: str) -> str:
+    model = () if asked.model == "wong-reece" else ("--model", asked.model)
+    return shlex.join(["terrain-est", "diagnose", *asked.inputs, *model, *asked.options, *further])
+
+
+def _add(what: tuple[str, ...] | list[str], asked: Asked) -> str:
+    """Return the command that adds something to the model, which is a file from then on."""
+    made = ""
+    path = asked.model
+    if path in BASES:
+        path = asked.fresh
+        base = () if asked.model == "wong-reece" else ("--base", asked.model)
+        made = shlex.join(["terrain-est", "model", "new", path, *base]) + " && "
+    words = ["terrain-est", "model", "add", path, *what, *asked.options, "--data", *asked.inputs]
+    return made + shlex.join(words)
+
+
+def _record(found: Evidence, *, few: bool) -> str:
+    """Say what to measure."""
+    if few:
+        return "Record a longer drive."
+    if not found.unrecorded:
+        return "Drive the same track again: what differs is soil that varies, what returns is missing."
+    named = [name.replace("_", " ") for name in found.unrecorded]
+    more = named[:_MOST_NAMED]
+    return f"Record {listed(more, 'or')} too, which effects need{' among others' * (len(named) > len(more))}."
