@@ -49,6 +49,12 @@ def fitted(wheel: FittedWheel, one: Hypothesis) -> FittedWheel:
     return FittedWheel(wheel.windows, one.model, settings, wheel.segment, wheel.further)
 
 
+def _size(error: Array) -> float:
+    """Return the root mean square of a residual, as something to divide by."""
+    known = error[np.isfinite(error)]
+    return max(float(np.sqrt(np.mean(known**2))), 1e-300) if len(known) else 1.0
+
+
 def held_out_errors(
     wheels: Iterable[FittedWheel], block: Sequence[Index], levels: Mapping[str, float]
 ) -> dict[str, float]:
@@ -59,7 +65,8 @@ def held_out_errors(
     """
     errors: dict[str, list[Array]] = {}
     for wheel, own in zip(wheels, block, strict=True):
-        scale = {name: levels[name] for name in wheel.measured}
+        # A model may predict a channel that the one compared has no answer for.
+        scale = {name: levels.get(name) or _size(wheel.residuals[name]) for name in wheel.measured}
         found = held_out.predict(wheel, own, scale)
         for name, measured in wheel.measured.items():
             error = measured - found[name]

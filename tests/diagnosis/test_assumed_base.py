@@ -14,6 +14,7 @@ from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnose
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
+from terrain_cli.presentation import diagnosis_text
 from terrain_cli.windows.cut_windows import cut
 
 ASSUMPTIONS = {"linearised-stresses", "assumed-shear-modulus"}
@@ -74,7 +75,8 @@ def test_what_the_stresses_hide_is_found_behind_them():
     assert found.together == ("linearised-stresses", "drivetrain-friction")
     assert found.family[:2] == found.together
     assert "together with drivetrain-friction" in found.sentence
-    assert "model add FILE linearised-stresses drivetrain-friction" in found.sentence
+    command = diagnosis_text.document(found)["conclusion"]["command"]
+    assert "model add model.toml linearised-stresses drivetrain-friction --data" in command
 
 
 def test_of_an_assumption_the_way_to_lift_it_that_predicts_best_counts():
