@@ -155,6 +155,7 @@ def _cut(
 
 def repeated(context: click.Context, model: str, inputs: Sequence[str] | None = None) -> Asked:
     """Return what was asked, so that the next command can ask it again of a model."""
+    from formats.errors import shown
     from terrain_cli.diagnosis.conclusion import Asked
 
     said = click.core.ParameterSource.COMMANDLINE
@@ -170,7 +171,12 @@ def repeated(context: click.Context, model: str, inputs: Sequence[str] | None = 
             words += [parameter.opts[0], str(one)]
     fresh = next(path for path in _model_files() if not Path(path).exists())
     given = context.params["inputs"] if inputs is None else inputs
-    return Asked(inputs=tuple(given), model=model, options=tuple(words), fresh=fresh)
+    return Asked(
+        inputs=tuple(map(shown, given)),
+        model=shown(model),
+        options=tuple(map(shown, words)),
+        fresh=fresh,
+    )
 
 
 def _model_files() -> Iterator[str]:
