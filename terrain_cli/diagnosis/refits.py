@@ -179,8 +179,7 @@ def refit(
 def over_shapes(data: Ground, hypothesis: Hypothesis, one: Refit) -> Refit:
     """Fit a model anew where what only shapes an effect ran to the end of what it can be, and stuck there.
 
-    With the shape held the search is plain: it is let go from the best of several. With the shape held the
-    search is plain: it is let go from the best of several, if that is better.
+    With the shape held the search is plain: it is let go from the best of several, if that is better.
     """
     shapes = {name: p for name, p in hypothesis.parameters.items() if p.shape}
     if not any(

@@ -132,7 +132,7 @@ class LikelyNoise:
             Learnt from other samples of these sensors.
         """
         self._ordered = ordered
-        self.rounds, self.samples, self._shortest = _NEAR if near else _WHOLE
+        self.rounds, self.samples, self._last_step = _NEAR if near else _WHOLE
         channels = {**data.channels, **dict(zip(data.outputs, data.measured, strict=True))}
         names = (*data.inputs, *(name for name in data.outputs if name != BALANCE))
         self._prior = usual_noise({name: channels[name] for name in names})
@@ -210,7 +210,7 @@ class LikelyNoise:
         self._last = step
         self._steps = np.maximum(self._steps + self._share * step, _LOWEST)
         self.noise = prior.at(self._steps)
-        return bool(step @ information @ step < self._shortest**2)
+        return bool(step @ information @ step < self._last_step**2)
 
     @property
     def lasting(self) -> float:
