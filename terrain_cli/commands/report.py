@@ -71,8 +71,9 @@ def command(context: click.Context, /, **_: Any) -> None:
         progress.advance()
         say = partial(progress.say, given["output"])
         further = [report.history(file.history)]
+        asked = comparison_options.repeated(context, given["model"])
         if given["output"] != "-":
-            report.write(comparison, given["output"], further=further, progress=say)
+            report.write(comparison, given["output"], further=further, asked=asked, progress=say)
             return
-        text = report.page(comparison, further=further, progress=say)
+        text = report.page(comparison, further=further, asked=asked, progress=say)
     click.echo(text, nl=False)

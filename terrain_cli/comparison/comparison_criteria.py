@@ -74,6 +74,16 @@ LEAST_NOISE_OF_SCALE = criterion(0.2, "part of the residual that noise is at lea
 LEAST_NOISE = criterion(0.02, "the same where residuals are whitened; differs from 0.2 without evidence")
 NOISE_OF_POINTS = criterion(0.05, "noise of test points that nobody repeated, as a share of the channel")
 NOISE_OF_JUMPS = criterion(0.9, "part of what second differences say that the noise is at least")
+NOISE_OF_ALIKE = criterion(
+    0.6,
+    "part of what jumps from sample to sample below which samples driven alike tell the noise instead",
+    "48 simulated drives, load constant, smooth or jumping: of right models they tell 0.73 to 1.0 of the noise, "
+    "of wrong ones 0.75 to 1.05, where jumps tell up to 7 times",
+)
+SLIP_VARIES = criterion(0.05, "deviation of slip from which on it varies: five times its usual noise")
+DRIVER_VARIES = criterion(
+    0.06, "the same of load or sinkage, as a share of their mean: twice its usual noise"
+)
 FORGOTTEN = criterion(0.1, "share of the noise that counts as forgotten")
 MEMORY_BELIEVED = criterion(
     25.0,

@@ -38,6 +38,7 @@ class Evidence:
     draft: str = ""  # File of that law, if it was written
     refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
+    drive: str = ""  # What would tell the best of the family from another, as a command to a person
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +59,7 @@ class Conclusion:
     sentence: str  # With the command
     command: str = ""  # The next one, ready to paste
     record: tuple[str, ...] = field(default=())  # Channels that are worth recording
+    drive: str = ""  # The drive to take before that command
 
 
 def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evidence:
@@ -86,6 +88,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         draft=draft if law else "",
         refused=refused,
         unrecorded=found.unrecorded,
+        drive=next((one.manoeuvre for one in found.next_drive if one.settings), ""),
     )
 
 
@@ -104,8 +107,13 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
     if found.raised and not few and not _refused(found):
         size = _size(above) if above else _at_most(known)
         cause, command = _next(found, asked)
-        told = f"The model misses something: {size}, and {cause}. Next: {command}"
-        return Conclusion("explained", told, command)
+        drive = found.drive if found.verdict == "family" and not found.together else ""
+        first = (
+            f" First take this drive, and diagnose both logs together: {drive}."
+            " Without it, only the held-out error can choose."
+        )
+        told = f"The model misses something: {size}, and {cause}.{first * bool(drive)} Next: {command}"
+        return Conclusion("explained", told, command, drive=drive)
     if few or (not known and not found.raised):
         return _undecided(found, above, few=few)
     if above or found.raised:
@@ -135,7 +143,7 @@ def _unexplained(
     then = _record(found, few=few)
     if found.verdict is None and not few:
         # Scores are no diagnosis, which also tries other soils and laws of its own.
-        command = _diagnose(asked)
+        command = looked("diagnose", asked)
         told = f"The model misses something: {size}, and the first scores do not say why. Next: {command}"
         return Conclusion("unexplained", told, command, found.unrecorded)
     return Conclusion(
@@ -179,7 +187,9 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
     """Say what explains the misfit, and return the command that follows from it."""
     if found.verdict == "unknown":
         cause = f"no effect of the catalogue explains it{f': {found.law}' if found.law else ''}"
-        return cause, _add([found.draft], asked) if found.draft else _diagnose(asked, "--draft", "law.toml")
+        return cause, _add([found.draft], asked) if found.draft else looked(
+            "diagnose", asked, "--draft", "law.toml"
+        )
     if found.together:
         return f"{listed(found.together)} together explain it best", _add(found.together, asked)
     if found.verdict == "effect":
@@ -189,12 +199,13 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
         return cause, _add(["--until-quiet"], asked)
     if found.family:
         return f"{found.family[0]} explains it best, not surely", _add(found.family, asked)
-    return "it follows what was recorded", _diagnose(asked)
+    return "it follows what was recorded", looked("diagnose", asked)
 
 
-def _diagnose(asked: Asked, *further: str) -> str:
+def looked(verb: str, asked: Asked, *further: str) -> str:
+    """Return the command of a verb that only looks at what was asked."""
     model = () if asked.model == "wong-reece" else ("--model", asked.model)
-    return shlex.join(["terrain-est", "diagnose", *asked.inputs, *model, *asked.options, *further])
+    return shlex.join(["terrain-est", verb, *asked.inputs, *model, *asked.options, *further])
 
 
 def _add(what: tuple[str, ...] | list[str], asked: Asked) -> str:

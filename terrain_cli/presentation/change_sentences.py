@@ -87,7 +87,7 @@ def found(step: Step) -> str:
             if step.better
             else f"in no channel did it change significantly and by more than {criteria.LEAST_CHANGE:.0%}"
         )
-    text = ", but ".join(moved)
+    text = ", and ".join(moved)
     if not step.there:
         joined = "but" if step.fell else "and"
         return f"{text}, {joined} its parameters may as well be null (p {step.absent:.2g})"
@@ -95,7 +95,7 @@ def found(step: Step) -> str:
         values = listed(
             [f"{p.name} = {quantities.number(p.value)} ± {quantities.number(p.se)}" for p in step.imitates]
         )
-        return f"{text}, but with {values}, which is physically impossible; another effect is missing"
+        return f"{text}, but only with {values}, which is physically impossible; another effect is missing"
     if step.action == "add" and step.fell and not step.pays and not step.rose:
         text += f", but over all channels that may be chance: {ratio}"
     return text

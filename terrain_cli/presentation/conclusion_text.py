@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.diagnosis.conclusion import Asked, conclude
+from terrain_cli.diagnosis.conclusion import Asked, conclude, looked
 
 if TYPE_CHECKING:
     from terrain_cli.comparison import Comparison
@@ -16,6 +16,11 @@ def of(evidence: Evidence, comparison: Comparison, asked: Asked | None = None) -
     return conclude(evidence, asked or _asked(comparison))
 
 
+def looked_at(conclusion: Conclusion, comparison: Comparison, asked: Asked | None = None) -> str:
+    """Return the command that looks further where a conclusion has none: the soil of a model that fits."""
+    return looked("estimate" if conclusion.state == "fits" else "diagnose", asked or _asked(comparison))
+
+
 def document(conclusion: Conclusion) -> dict[str, Any]:
     """Return a conclusion as it is written to JSON."""
     return {
@@ -23,6 +28,7 @@ def document(conclusion: Conclusion) -> dict[str, Any]:
         "sentence": conclusion.sentence,
         "command": conclusion.command or None,
         "record": list(conclusion.record),
+        "drive": conclusion.drive or None,
     }
 
 

@@ -68,6 +68,14 @@ def evidence(ratios, **known):
             id="a family",
         ),
         pytest.param(
+            evidence(OFF, raised=True, verdict="family", family=("slope", "crust"), drive="drive uphill"),
+            "explained",
+            MISSES + "one of slope and crust explains it; these data cannot tell which. "
+            "First take this drive, and diagnose both logs together: drive uphill.",
+            NEW + "--until-quiet" + DATA,
+            id="a family that a drive settles",
+        ),
+        pytest.param(
             evidence(OFF, raised=True, verdict="family", family=("slope",)),
             "explained",
             MISSES + "slope explains it best, not surely.",

@@ -170,6 +170,20 @@ def test_an_effect_that_may_be_absent_does_not_count():
     assert ", and its parameters may as well be null (p 0.05)" in verdict(replace(worse, absent=0.05))
 
 
+def test_a_sentence_turns_once():
+    """What fell, what rose, and why it is refused: one "but" among them."""
+    rng = np.random.default_rng(13)
+    a = drawn(rng, (1.0, 5.0, 1e-3))
+    moved = step(outcome(a), outcome({**a, "torque": 0.5 * a["torque"], "sinkage": 1.5 * a["sinkage"]}))
+    pushes = Estimated(source="log", wheel="wheel", name="x.a", unit="1", value=-1.0, se=0.1, determined=True)
+    told = verdict(replace(moved, imitates=[pushes]))
+    assert told.count(" but ") == 1
+    assert "mm, and rose in sinkage" in told or "N m, and rose in sinkage" in told
+    assert told.endswith(
+        "but only with x.a = −1 ± 0.1, which is physically impossible; another effect is missing"
+    )
+
+
 def test_samples_without_a_prediction_are_no_gain():
     rng = np.random.default_rng(8)
     a = drawn(rng, (1.0, 5.0, 1e-3))

@@ -15,6 +15,7 @@ from simulator.run import simulate
 
 from formats import CannotWriteError
 from terrain_cli import installation
+from terrain_cli.diagnosis.conclusion import Asked
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import report
@@ -107,6 +108,13 @@ def test_says_first_what_is_known_and_what_to_run(comparison, text):
         == comparison_text.concluded(comparison).sentence.partition(" Next: ")[0]
     )
     assert re.search(r"Next: <code>(.*)</code>", first)[1] == "terrain-est diagnose run.csv"
+
+
+def test_the_next_command_is_as_it_was_typed(comparison):
+    asked = Asked(inputs=("a run.csv",), model="rig.toml", options=("--rover", "rig 2.toml"))
+    first = page(comparison, asked=asked).partition('<h2 id="summary">')[2]
+    typed = "terrain-est diagnose &#39;a run.csv&#39; --model rig.toml --rover &#39;rig 2.toml&#39;"
+    assert f"Next: <code>{typed}</code>" in first
 
 
 def test_a_model_that_fits_says_so(run):

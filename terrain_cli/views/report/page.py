@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.views.report.page_parts import Section
 
 
@@ -24,6 +25,7 @@ def write(
     path: str | Path,
     *,
     further: Sequence[Section] = (),
+    asked: Asked | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Write the report of a comparison.
@@ -34,6 +36,8 @@ def write(
         Of the page. It is there whole, or as it was before.
     further : sequence of Section
         Shown after what the comparison says, if there is something in them.
+    asked : Asked, optional
+        What was asked of which files: the next command repeats it.
     progress : callable
         Called with the name of each step before it begins.
 
@@ -44,7 +48,7 @@ def write(
     formats.errors.CannotWriteError
     """
     optional_libraries.need("report")
-    text = page(comparison, further=further, progress=progress)
+    text = page(comparison, further=further, asked=asked, progress=progress)
     with formats.replacing(str(path)) as temporary:
         Path(temporary).write_text(text, encoding="utf-8")
 
@@ -53,6 +57,7 @@ def page(
     comparison: Comparison,
     *,
     further: Sequence[Section] = (),
+    asked: Asked | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
     """Return the page as text."""
@@ -60,7 +65,7 @@ def page(
 
     from terrain_cli.views.report import sections
 
-    shown, choices, chosen = sections.of(comparison, progress)
+    shown, choices, chosen = sections.of(comparison, progress, asked)
     kept = [section for section in (*shown, *further) if section]
     charts = [part for section in kept for part in section.parts if isinstance(part, Chart)]
     here = files("terrain_cli.views.report")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.views.sample_pairs import Pairs
 
     Array = NDArray[np.float64]
@@ -68,7 +70,9 @@ class _Content:
         return {name: quantities.quantity(name, self.comparison.channels[name].unit) for name in self.misfits}
 
 
-def of(comparison: Comparison, progress: Callable[[str], None]) -> tuple[list[Section], Choices, str]:
+def of(
+    comparison: Comparison, progress: Callable[[str], None], asked: Asked | None = None
+) -> tuple[list[Section], Choices, str]:
     """Return the sections of a comparison, and the segments to choose from.
 
     Parameters
@@ -95,7 +99,7 @@ def of(comparison: Comparison, progress: Callable[[str], None]) -> tuple[list[Se
     ]
     sections = []
     for name, make in (
-        ("summary", _summary),
+        ("summary", partial(_summary, asked=asked)),
         ("soil", _soil),
         ("measured and predicted", _agreement),
         ("where it fails", _failures),
@@ -127,8 +131,8 @@ def _content(comparison: Comparison) -> _Content:
     return _Content(comparison, table, misfits, np.sort(order[:MOST_CHOICES]), order)
 
 
-def _summary(content: _Content) -> Section:
-    return summary_section.summary(content.comparison, list(map(str, content.table["status"])))
+def _summary(content: _Content, asked: Asked | None) -> Section:
+    return summary_section.summary(content.comparison, list(map(str, content.table["status"])), asked)
 
 
 def _soil(content: _Content) -> Section:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import TYPE_CHECKING
 
-from terrain_cli.presentation import comparison_text
+from terrain_cli.presentation import comparison_text, conclusion_text
 from terrain_cli.views import sample_pairs
 from terrain_cli.views.report.page_parts import Section, Table
 from terrain_cli.vocabulary import quantities
@@ -15,9 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.diagnosis.conclusion import Asked
 
-#: Inputs that are named in a command; more are "…".
-_NAMED = 3
 _NOTE = (
     "In the unit of the channel. Held out: on stretches that were not fitted. Noise: the part of the error "
     "that no model could predict. Bias: the mean of measured less predicted. Normalised: the rms error by "
@@ -25,7 +23,7 @@ _NOTE = (
 )
 
 
-def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
+def summary(comparison: Comparison, statuses: Sequence[str], asked: Asked | None = None) -> Section:
     """Return the section.
 
     Parameters
@@ -33,7 +31,7 @@ def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
     statuses : sequence of str
         Of every segment.
     """
-    concluded = comparison_text.concluded(comparison)
+    concluded = comparison_text.concluded(comparison, asked)
     effects = comparison.model.get("effects") or []
     with_effects = f" with {', '.join(map(str, effects))}" if effects else " without added effects"
     inputs = list(dict.fromkeys(wheel.source for wheel in comparison.wheels))
@@ -57,15 +55,8 @@ def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
         points=points,
         parts=[_errors(comparison)],
         lead=concluded.sentence.removesuffix(f" Next: {concluded.command}"),
-        command=concluded.command or _command(comparison, inputs, fits=concluded.state == "fits"),
+        command=concluded.command or conclusion_text.looked_at(concluded, comparison, asked),
     )
-
-
-def _command(comparison: Comparison, inputs: Sequence[str], *, fits: bool) -> str:
-    """Return the command where a conclusion has none: of a model that fits, or of too few data."""
-    named = [*map(shlex.quote, inputs[:_NAMED]), *["…"] * (len(inputs) > _NAMED)]
-    model = " --model FILE" if comparison.model.get("effects") else ""
-    return f"terrain-est {'estimate' if fits else 'diagnose'} {' '.join(named)}{model}"
 
 
 def _errors(comparison: Comparison) -> Table:
