@@ -252,7 +252,7 @@ def test_same_comparison_same_page(comparison, text):
 
 
 def test_many_samples_keep_the_page_small(text):
-    many = page(comparison_of(simulate(drive(seconds=50.0, rate=100.0))))
+    many = page(comparison_of(simulate(drive(seconds=50.0, rate=30.0))))
     assert len(many.encode()) < 6e6
     assert len(many) < 3 * len(text)
 
