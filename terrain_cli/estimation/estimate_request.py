@@ -18,26 +18,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class EstimateRequest:
-    """Windows, a model, and the options of `estimate`.
+    """Windows, a model, and the options of `estimate`."""
 
-    Parameters
-    ----------
-    wheels : sequence of Windows
-        As they were cut: neither joined nor thinned.
-    file : ModelFile
-        Of which the line is estimated where it is plain.
-    min_samples, folds, robust
-        As for `estimators.estimate`.
-    at_stress : float, optional
-        In kPa.
-    """
-
-    wheels: Sequence[Windows]
-    file: ModelFile
-    min_samples: int | None = None
+    wheels: Sequence[Windows]  # As they were cut: neither joined nor thinned
+    file: ModelFile  # Of which the line is estimated where it is plain
+    min_samples: int | None = None  # min_samples, folds, robust: as for `estimators.estimate`
     folds: int | None = None
     robust: bool = False
-    at_stress: float | None = None
+    at_stress: float | None = None  # In kPa
 
     @cached_property
     def estimates(self) -> list[WindowEstimates | None]:

@@ -46,19 +46,12 @@ _MOST_WINDOWS = 100_000
 
 @dataclass(frozen=True)
 class Fitted:
-    """Estimates of the windows of a wheel, and what they were made with.
-
-    Parameters
-    ----------
-    account : dict or None
-        The model, its parameters and the noise, as the summary shows them; None for the line.
-    joint : list of JointPosterior
-        Of the windows of which it was asked for.
-    """
+    """Estimates of the windows of a wheel, and what they were made with."""
 
     estimates: WindowEstimates
+    # The model, its parameters and the noise, as the summary shows them; None for the line
     account: dict[str, Any] | None = None
-    joint: list[JointPosterior] = field(default_factory=list)
+    joint: list[JointPosterior] = field(default_factory=list)  # Of the windows of which it was asked for
 
 
 def common_stress(stress: float | None, fitted: Fitted) -> float | None:

@@ -36,24 +36,12 @@ _FARTHEST = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class JointGrid:
-    """Posterior of c and tan φ.
+    """Posterior of c and tan φ."""
 
-    Parameters
-    ----------
-    tan_phi : ndarray, shape (a,)
-        Of the lines.
-    strength : ndarray, shape (b,)
-        Of the columns: c + `pivot` tan φ, Pa.
-    pivot : float
-        σ* in Pa.
-    log_density : ndarray, shape (a, b)
-        Of c and tan φ; 0 where it is greatest.
-    """
-
-    tan_phi: Array
-    strength: Array
-    pivot: float
-    log_density: Array
+    tan_phi: Array  # Shape (a,): of the lines
+    strength: Array  # Shape (b,): of the columns: c + `pivot` tan φ, Pa
+    pivot: float  # σ* in Pa
+    log_density: Array  # Shape (a, b): of c and tan φ; 0 where it is greatest
 
     @property
     def cohesion(self) -> Array:
@@ -69,42 +57,24 @@ class JointGrid:
 
 @dataclass(frozen=True, kw_only=True)
 class JointPosterior:
-    """What is known of all parameters of a window together.
-
-    Parameters
-    ----------
-    window : int
-    names, units : tuple of str
-    values : ndarray, shape (p,)
-    covariance : ndarray, shape (p, p)
-    prior : ndarray, shape (p, 2)
-        Mean and standard deviation of what is known of each beforehand; NaN where nothing is.
-    grid : JointGrid or None
-        None where c or φ is not sought.
-    """
+    """What is known of all parameters of a window together."""
 
     window: int
     names: tuple[str, ...]
     units: tuple[str, ...]
-    values: Array
-    covariance: Array
+    values: Array  # Shape (p,)
+    covariance: Array  # Shape (p, p)
+    # Shape (p, 2): mean and standard deviation of what is known of each beforehand; NaN where nothing is
     prior: Array
-    grid: JointGrid | None
+    grid: JointGrid | None  # None where c or φ is not sought
 
 
 @dataclass(frozen=True)
 class Frame:
-    """The axes of a grid about an estimate.
+    """The axes of a grid about an estimate."""
 
-    Parameters
-    ----------
-    mean : ndarray, shape (2,)
-        c in Pa and tan φ.
-    covariance : ndarray, shape (2, 2)
-    """
-
-    mean: Array
-    covariance: Array
+    mean: Array  # Shape (2,): c in Pa and tan φ
+    covariance: Array  # Shape (2, 2)
 
     @property
     def pivot(self) -> float:

@@ -95,15 +95,10 @@ def inspect(
 
 
 class Holdings(NamedTuple):
-    """What a log holds, and of each wheel what is missing.
-
-    Parameters
-    ----------
-    tables : dict or None
-        The columns of the topics that were read; none of a table.
-    """
+    """What a log holds, and of each wheel what is missing."""
 
     layout: Plan
+    # The columns of the topics that were read; none of a table
     tables: Mapping[str, dict[str, Column]] | None
     raws: list[Raw]
     lacks: dict[str, list[derivable_channels.Lack]]

@@ -50,18 +50,10 @@ _EFFORT = "effort may be the torque at the wheel, or the current of a [motor]; k
 
 
 class RoverDraft(NamedTuple):
-    """A rover file to be completed.
+    """A rover file to be completed."""
 
-    Parameters
-    ----------
-    text : str
-        TOML.
-    left : tuple of str
-        What is still to be filled in.
-    """
-
-    text: str
-    left: tuple[str, ...]
+    text: str  # TOML
+    left: tuple[str, ...]  # What is still to be filled in
 
 
 def draft(source: Source) -> RoverDraft:

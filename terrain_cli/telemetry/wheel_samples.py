@@ -98,57 +98,33 @@ class Raw:
 
 @dataclass(kw_only=True)
 class Samples:
-    """One wheel of one input.
+    """One wheel of one input."""
 
-    Parameters
-    ----------
-    source : str
-        The input, as the user named it.
-    origin : float
-        Whole seconds that were taken off the clock.
-    time : ndarray, shape (n,), or None
-        s since `origin`; None for a table of steady test points.
-    channels : dict of str to ndarray, shape (n,)
-        By the names of the contract, in SI units; NaN where not known.
-    labels : dict of str to Labels
-        "run" and "terrain", where the input has them.
-    stretch : ndarray of int, shape (n,)
-        Number of the continuous stretch: a new one begins with every run, gap or restart of the clock.
-    distance : ndarray, shape (n,), or None
-        Metres driven since the first sample; None where no channel tells.
-    set_aside : Labels
-        Why a sample is not used; code −1 for those that are.
-    origins : dict of str to str
-        Where each channel comes from, in words.
-    remarks : list of str
-        What a person should know about the input.
-    drivers : dict of str to ndarray, shape (n,)
-        What makes a difference to the effects of the model, by the names they have there.
-    noise : mapping of str to SensorNoise
-        What rover.toml says of the sensors, by channel.
-    drive : ndarray of int, shape (n,), or None
-        Where only pieces of a log were kept: number of the continuous stretch of the log that each
-        sample is of. `stretch` then tells the pieces apart.
-    total : int or None
-        Usable samples of the log, where only pieces of it were kept.
-    """
-
-    source: str
+    source: str  # The input, as the user named it
     wheel: str
     geometry: Geometry
-    origin: float
+    origin: float  # Whole seconds that were taken off the clock
+    # Shape (n,), or None: s since `origin`; None for a table of steady test points
     time: NDArray[np.float64] | None
+    # Shape (n,): by the names of the contract, in SI units; NaN where not known
     channels: dict[str, NDArray[np.float64]]
-    labels: dict[str, Labels]
+    labels: dict[str, Labels]  # "run" and "terrain", where the input has them
+    # Shape (n,): number of the continuous stretch: a new one begins with every run, gap or restart of the
+    # clock
     stretch: NDArray[np.intp]
+    # Shape (n,), or None: metres driven since the first sample; None where no channel tells
     distance: NDArray[np.float64] | None
-    set_aside: Labels
-    origins: dict[str, str] = field(default_factory=dict)
-    remarks: list[str] = field(default_factory=list)
+    set_aside: Labels  # Why a sample is not used; code −1 for those that are
+    origins: dict[str, str] = field(default_factory=dict)  # Where each channel comes from, in words
+    remarks: list[str] = field(default_factory=list)  # What a person should know about the input
+    # Shape (n,): what makes a difference to the effects of the model, by the names they have there
     drivers: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    # What rover.toml says of the sensors, by channel
     noise: Mapping[str, SensorNoise] = field(default_factory=dict)
+    # Shape (n,), or None: where only pieces of a log were kept: number of the continuous stretch of the log
+    # that each sample is of. `stretch` then tells the pieces apart.
     drive: NDArray[np.intp] | None = None
-    total: int | None = None
+    total: int | None = None  # Usable samples of the log, where only pieces of it were kept
 
     def __len__(self) -> int:
         return len(self.set_aside)

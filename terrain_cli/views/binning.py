@@ -24,32 +24,19 @@ _BLOCK = 1_000_000
 
 
 class Grid(NamedTuple):
-    """Counts of points in rectangles.
+    """Counts of points in rectangles."""
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (columns + 1,), (rows + 1,)
-        Edges.
-    counts : ndarray, shape (rows, columns)
-    """
-
-    x: Array
+    x: Array  # x, y: shape (columns + 1,), (rows + 1,): edges
     y: Array
-    counts: Array
+    counts: Array  # Shape (rows, columns)
 
 
 class Band(NamedTuple):
-    """What values do along a driver, bin by bin.
+    """What values do along a driver, bin by bin."""
 
-    Parameters
-    ----------
-    centre : ndarray, shape (bins,)
-        Median of the driver in the bin.
-    low, median, high : ndarray, shape (bins,)
-        5 %, 50 % and 95 % of the values. NaN between two bins far apart, where nothing was driven.
-    """
-
-    centre: Array
+    centre: Array  # Shape (bins,): median of the driver in the bin
+    # low, median, high: shape (bins,): 5 %, 50 % and 95 % of the values. NaN between two bins far apart,
+    # where nothing was driven.
     low: Array
     median: Array
     high: Array

@@ -30,25 +30,13 @@ MOST_LABELS = 12
 
 
 class Pairs(NamedTuple):
-    """Measured and predicted values of one channel, as shown.
+    """Measured and predicted values of one channel, as shown."""
 
-    Parameters
-    ----------
-    measured, predicted : ndarray, shape (n,)
-        Finite, in the unit of `quantities.quantity`.
-    wheel : ndarray of int, shape (n,)
-        Index into `Comparison.wheels`.
-    segment : ndarray of int, shape (n,)
-        Row in the table of segments.
-    row : ndarray of int, shape (n,)
-        Sample of the wheel.
-    """
-
-    measured: Array
+    measured: Array  # measured, predicted: shape (n,): finite, in the unit of `quantities.quantity`
     predicted: Array
-    wheel: Index
-    segment: Index
-    row: Index
+    wheel: Index  # Shape (n,): index into `Comparison.wheels`
+    segment: Index  # Shape (n,): row in the table of segments
+    row: Index  # Shape (n,): sample of the wheel
 
     @property
     def residual(self) -> Array:
@@ -97,19 +85,11 @@ def pairs(comparison: Comparison, channel: str) -> Pairs:
 
 
 class Along(NamedTuple):
-    """A driver over pooled samples.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        In the unit shown, NaN where not known; of a label its place in `labels`.
-    labels : tuple of str
-        Empty for a number.
-    """
+    """A driver over pooled samples."""
 
     quantity: quantities.Quantity
-    values: Array
-    labels: tuple[str, ...]
+    values: Array  # Shape (n,): in the unit shown, NaN where not known; of a label its place in `labels`
+    labels: tuple[str, ...]  # Empty for a number
 
 
 def driver(comparison: Comparison, name: str, pooled: Pairs) -> Along:

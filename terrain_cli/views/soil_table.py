@@ -22,22 +22,13 @@ MOST_MOMENTS = 4
 
 
 class Moment(NamedTuple):
-    """One wheel at one time, on a soil that was estimated.
-
-    Parameters
-    ----------
-    model : Model
-        With the base "wong-reece".
-    channels : mapping of str to ndarray, shape (1,)
-    values : mapping of str to float
-        Of all parameters.
-    """
+    """One wheel at one time, on a soil that was estimated."""
 
     title: str
-    model: Model
+    model: Model  # With the base "wong-reece"
     wheel: WheelGeometry
-    channels: Mapping[str, ArrayLike]
-    values: Mapping[str, float]
+    channels: Mapping[str, ArrayLike]  # Shape (1,)
+    values: Mapping[str, float]  # Of all parameters
 
 
 def table(comparison: Comparison) -> segment_table.Table:

@@ -43,22 +43,13 @@ class Measured(TypedDict):
 
 @dataclass(frozen=True)
 class Windows:
-    """The windows of one wheel.
-
-    Parameters
-    ----------
-    rows : ndarray of int, shape (n,)
-        The usable samples, as indices into `samples`.
-    bounds : ndarray of int, shape (windows + 1,)
-        Window j is ``rows[bounds[j]:bounds[j + 1]]``.
-    x, y : ndarray, shape (n,)
-        Coordinates in Pa of the line y = c + x tan φ of each usable sample; NaN without torque or
-        sinkage, and where the wheel skids, which no line covers.
-    """
+    """The windows of one wheel."""
 
     samples: Samples
-    rows: NDArray[np.intp]
-    bounds: NDArray[np.intp]
+    rows: NDArray[np.intp]  # Shape (n,): the usable samples, as indices into `samples`
+    bounds: NDArray[np.intp]  # Shape (windows + 1,): window j is ``rows[bounds[j]:bounds[j + 1]]``
+    # x, y: shape (n,): coordinates in Pa of the line y = c + x tan φ of each usable sample; NaN without
+    # torque or sinkage, and where the wheel skids, which no line covers
     x: NDArray[np.float64]
     y: NDArray[np.float64]
 

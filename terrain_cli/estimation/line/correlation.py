@@ -30,21 +30,11 @@ _SMOOTH = 0.9
 
 @dataclass(frozen=True)
 class Errors:
-    """Sampling errors of the two parameters that are uncorrelated: the mean stress and the slope.
+    """Sampling errors of the two parameters that are uncorrelated: the mean stress and the slope."""
 
-    Parameters
-    ----------
-    variance : ndarray, shape (w,)
-        Of one residual, Pa².
-    mean : ndarray, shape (w,)
-        Variance of the mean of `count` residuals over that of one.
-    tan_phi : ndarray, shape (w,)
-        Variance of tan φ; NaN where x does not vary.
-    """
-
-    variance: Array
-    mean: Array
-    tan_phi: Array
+    variance: Array  # Shape (w,): of one residual, Pa²
+    mean: Array  # Shape (w,): variance of the mean of `count` residuals over that of one
+    tan_phi: Array  # Shape (w,): variance of tan φ; NaN where x does not vary
 
 
 def sampling_errors(moments: WindowMoments, line: Line, *, correlated: bool) -> Errors:

@@ -19,25 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Line:
-    """Lines through the mean points of windows.
+    """Lines through the mean points of windows."""
 
-    Parameters
-    ----------
-    tan_phi : ndarray, shape (w,)
-        NaN where x does not vary.
-    cohesion : ndarray, shape (w,)
-        c in Pa.
-    residual : ndarray, shape (w,)
-        Sum of the squared residuals, Pa²; about the mean where x does not vary.
-    condition_number : ndarray, shape (w,)
-        Of the design [1, x] with both columns scaled to unit length (Belsley, Kuh & Welsch
-        1980): √((1 + m)/(1 − m)) with m = mean(x)/rms(x), about 2/(coefficient of variation
-        of x).
-    """
-
-    tan_phi: Array
-    cohesion: Array
-    residual: Array
+    tan_phi: Array  # Shape (w,): NaN where x does not vary
+    cohesion: Array  # Shape (w,): c in Pa
+    residual: Array  # Shape (w,): sum of the squared residuals, Pa²; about the mean where x does not vary
+    # Shape (w,): of the design [1, x] with both columns scaled to unit length (Belsley, Kuh & Welsch 1980):
+    # √((1 + m)/(1 − m)) with m = mean(x)/rms(x), about 2/(coefficient of variation of x)
     condition_number: Array
 
 

@@ -46,19 +46,11 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class WindowMoments:
-    """Means of windows and sums of products about the means.
+    """Means of windows and sums of products about the means."""
 
-    Parameters
-    ----------
-    count : ndarray, shape (w,)
-    mean : ndarray, shape (6, w)
-        Of x, y, load, torque, sinkage and slip.
-    products : dict of (lag, row, row) to ndarray, shape (w,)
-        Σ ½ (a(t) b(t − lag) + b(t) a(t − lag)) over the deviations a, b of two rows.
-    """
-
-    count: Array
-    mean: Array
+    count: Array  # Shape (w,)
+    mean: Array  # Shape (6, w): of x, y, load, torque, sinkage and slip
+    # Shape (w,): Σ ½ (a(t) b(t − lag) + b(t) a(t − lag)) over the deviations a, b of two rows
     products: dict[Key, Array]
 
     def __getitem__(self, key: Key) -> Array:

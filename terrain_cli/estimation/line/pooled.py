@@ -23,35 +23,26 @@ _UNSURE = 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class PooledEstimate:
-    """Estimate from windows of one soil, NaN where not known.
+    """Estimate from windows of one soil, NaN where not known."""
 
-    Parameters
-    ----------
-    windows, separable : int
-        Windows pooled, and those among them that tell c from φ.
-    c, c_se, phi, phi_se, corr : float
-        Pa and rad, with the correlation of the errors of c and φ.
-    sigma_star, strength, strength_se : float
-        Stress at which the strength is not correlated with φ, and the strength there, Pa.
-    strength_between, phi_between : float
-        Standard deviations of the soil from window to window, beyond the windows' own errors,
-        Pa and rad.
-    c_mean, c_spread, phi_mean, phi_spread : float
-        Plain mean and standard deviation over the separable windows, Pa and rad.
-    """
-
-    windows: int = 0
+    windows: int = 0  # windows, separable: windows pooled, and those among them that tell c from φ
     separable: int = 0
-    c: float = np.nan
+    c: float = np.nan  # c, c_se, phi, phi_se, corr: Pa and rad, with the correlation of the errors of c and φ
     c_se: float = np.nan
     phi: float = np.nan
     phi_se: float = np.nan
     corr: float = np.nan
+    # sigma_star, strength, strength_se: stress at which the strength is not correlated with φ, and the
+    # strength there, Pa
     sigma_star: float = np.nan
     strength: float = np.nan
     strength_se: float = np.nan
+    # strength_between, phi_between: standard deviations of the soil from window to window, beyond the
+    # windows' own errors, Pa and rad
     strength_between: float = np.nan
     phi_between: float = np.nan
+    # c_mean, c_spread, phi_mean, phi_spread: plain mean and standard deviation over the separable windows, Pa
+    # and rad
     c_mean: float = np.nan
     c_spread: float = np.nan
     phi_mean: float = np.nan

@@ -20,23 +20,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Trace:
-    """Estimates of every sample from the samples of its window so far, NaN where not known.
+    """Estimates of every sample from the samples of its window so far, NaN where not known."""
 
-    Parameters
-    ----------
-    c, c_se : ndarray, shape (n,)
-        Pa.
-    phi, phi_se : ndarray, shape (n,)
-        rad.
-    corr : ndarray, shape (n,)
-        Correlation of the errors of c and φ.
-    """
-
-    c: Array
+    c: Array  # c, c_se: shape (n,): Pa
     c_se: Array
-    phi: Array
+    phi: Array  # phi, phi_se: shape (n,): rad
     phi_se: Array
-    corr: Array
+    corr: Array  # Shape (n,): correlation of the errors of c and φ
 
 
 def recursive(

@@ -44,21 +44,13 @@ _SLIGHT = 1e-3
 
 @dataclass(frozen=True)
 class Ridge:
-    """Ridge estimates of windows.
+    """Ridge estimates of windows."""
 
-    Parameters
-    ----------
-    cohesion, tan_phi : ndarray, shape (w,)
-        c in Pa.
-    delta : ndarray, shape (w,)
-        The δ of `DELTAS` with the smallest error of prediction; the least of them if equal.
-    gain : ndarray, shape (2, 2, w)
-        Derivatives of (stress at the mean x, tan φ) by those of the least-squares line.
-    """
-
-    cohesion: Array
+    cohesion: Array  # cohesion, tan_phi: shape (w,): c in Pa
     tan_phi: Array
+    # Shape (w,): the δ of `DELTAS` with the smallest error of prediction; the least of them if equal
     delta: Array
+    # Shape (2, 2, w): derivatives of (stress at the mean x, tan φ) by those of the least-squares line
     gain: Array
 
 

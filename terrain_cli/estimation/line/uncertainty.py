@@ -27,36 +27,20 @@ DROPPED_KAPPA3 = 0.005
 
 @dataclass(frozen=True, kw_only=True)
 class Uncertainty:
-    """What is known of estimates, one entry per window.
+    """What is known of estimates, one entry per window."""
 
-    Parameters
-    ----------
-    phi_low, phi_high : ndarray, shape (w,)
-        Bounds of φ in rad for any noise in the four sensors (see `separability`).
-    phi_bias : ndarray, shape (w,)
-        Root mean square distance of φ to a truth between the bounds, rad.
-    phi_open : ndarray, shape (w,)
-        Standard deviation of φ that the samples and the bounds leave open, wherever the
-        estimate lies, rad.
-    cohesion, phi : ndarray, shape (w,)
-        Standard errors in Pa and rad.
-    correlation : ndarray, shape (w,)
-        Of c and φ.
-    pivot : ndarray, shape (w,)
-        Stress σ* at which the strength c + σ* tan φ is not correlated with φ, Pa.
-    strength, strength_se : ndarray, shape (w,)
-        Strength at σ* and its standard error, Pa.
-    """
-
+    # phi_low, phi_high: shape (w,): bounds of φ in rad for any noise in the four sensors (see `separability`)
     phi_low: Array
     phi_high: Array
-    phi_bias: Array
+    phi_bias: Array  # Shape (w,): root mean square distance of φ to a truth between the bounds, rad
+    # Shape (w,): standard deviation of φ that the samples and the bounds leave open, wherever the estimate
+    # lies, rad
     phi_open: Array
-    cohesion: Array
+    cohesion: Array  # cohesion, phi: shape (w,): standard errors in Pa and rad
     phi: Array
-    correlation: Array
-    pivot: Array
-    strength: Array
+    correlation: Array  # Shape (w,): of c and φ
+    pivot: Array  # Shape (w,): stress σ* at which the strength c + σ* tan φ is not correlated with φ, Pa
+    strength: Array  # strength, strength_se: shape (w,): strength at σ* and its standard error, Pa
     strength_se: Array
 
 

@@ -24,21 +24,15 @@ CHANNELS = ("load", "torque", "sinkage", "slip", "drawbar_pull")
 class Noise:
     """Standard deviations of independent errors: the root of (relative · value)² + absolute².
 
-    Parameters
-    ----------
-    relative : mapping of str to float
-        Channel → share of the value. A channel not named here nor in `absolute` is exact.
-    absolute : mapping of str to float
-        Channel → in the channel's SI unit.
-
     Raises
     ------
     UsageError
         Unknown channel, or a negative deviation.
     """
 
+    # Channel → share of the value. A channel not named here nor in `absolute` is exact.
     relative: Mapping[str, float] = field(default_factory=dict)
-    absolute: Mapping[str, float] = field(default_factory=dict)
+    absolute: Mapping[str, float] = field(default_factory=dict)  # Channel → in the channel's SI unit
 
     def __post_init__(self) -> None:
         for name, deviation in (*self.relative.items(), *self.absolute.items()):

@@ -27,33 +27,17 @@ _BLOCK = 16_384
 
 @dataclass(frozen=True, kw_only=True)
 class FitData:
-    """Samples of some windows.
+    """Samples of some windows."""
 
-    Parameters
-    ----------
-    channels : dict of str to ndarray, shape (n,)
-        All finite where the model reads them.
-    inputs : tuple of str
-        Channels from which the model predicts; their noise passes through it.
-    outputs : tuple of str
-        What it predicts: channels, or `BALANCE`.
-    measured, seen : ndarray, shape (outputs, n)
-        Values of the outputs, and where there are any.
-    bounds : ndarray of int, shape (w + 1,)
-    windows : ndarray of int, shape (w,)
-        Which windows of the whole they are.
-    excess : ndarray, shape (w,)
-        By how much larger the variances of all noise are taken to be than the sensors' own: 1 unless
-        the model misses a window by more than noise.
-    """
-
-    channels: dict[str, Array]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    measured: Array
+    channels: dict[str, Array]  # Shape (n,): all finite where the model reads them
+    inputs: tuple[str, ...]  # Channels from which the model predicts; their noise passes through it
+    outputs: tuple[str, ...]  # What it predicts: channels, or `BALANCE`
+    measured: Array  # measured, seen: shape (outputs, n): values of the outputs, and where there are any
     seen: NDArray[np.bool_]
-    bounds: Bounds
-    windows: NDArray[np.intp]
+    bounds: Bounds  # Shape (w + 1,)
+    windows: NDArray[np.intp]  # Shape (w,): which windows of the whole they are
+    # Shape (w,): by how much larger the variances of all noise are taken to be than the sensors' own: 1
+    # unless the model misses a window by more than noise
     excess: Array
 
     @property

@@ -38,96 +38,71 @@ class Fit:
     """Parameters of windows, with what must be known to trust them; SI units, tan φ as a number.
 
     Values ± 1.96 standard errors are 95 % intervals.
-
-    Parameters
-    ----------
-    n : ndarray of int, shape (w,)
-        Samples used.
-    values, errors : dict of str to ndarray, shape (w,)
-        Every parameter of the soil and its standard error: 0 where it is fixed, the same in all
-        windows where it is shared, NaN in windows without samples. Of k and keq the median.
-    shared, shared_errors : dict of str to float
-        Parameters with one value for all windows: those of the effects that are sought, and those
-        of the soil that were asked for.
-    names : tuple of str
-        Parameters sought: each window's own, then the shared ones.
-    covariance : ndarray, shape (w, p, p)
-        Of these, in their own units; shared ones and their influence on the others included.
-    by_priors : ndarray, shape (w, p, p)
-        The part of `covariance` that comes from priors which are off: the same in all windows of one soil.
-    shared_covariance : ndarray, shape (q, q)
-    sigma_star, strength, strength_se : ndarray, shape (w,)
-        Stress at which the strength c + σ* tan φ is not correlated with tan φ, or 0 where that is
-        negative, that strength and its standard error, Pa. NaN where c or φ is fixed.
-    undetermined : dict of str to ndarray of bool, shape (w,)
-        For each parameter sought, whether the data leave it open: had all priors been ten times as
-        wide, its standard error would exceed that of its prior as it is; or it ran to its bound.
-        A shared one is so in all windows or in none.
-    priors : dict of str to (float, float)
-        Mean and standard deviation of each parameter of a window's own, of k and keq those of the
-        logarithm.
-    told : dict of str to ndarray of bool, shape (w,)
-        For each parameter of a window's own, whether the data say anything of it: its standard error
-        is well below that of its prior.
-    bounded : dict of str to ndarray of bool, shape (w,)
-        For each parameter of a window's own, whether the data would take it beyond what soils have: φ
-        beyond 0 to 60°. Value and error are then those of the soils
-        that remain (a normal distribution cut off at the bound).
-    phi_open : ndarray, shape (w,)
-        Standard error of φ had there been no prior on it, rad, from what noise cannot have feigned.
-    noise_from : {"given", "residuals"}
-        Where the noise comes from: what the caller said, or the residuals (`noise_likelihood`).
-    chi2, dof : ndarray, shape (w,)
-        Sum of squares of the residuals in terms of the noise, and their degrees of freedom.
-    inflation : ndarray, shape (w,)
-        By how much the errors' variances were raised, as residuals are larger than the noise or
-        correlated in time. What may be chance is not counted.
-    excess : ndarray, shape (w,)
-        By how much larger the variances of the noise were taken to be than the sensors' own, as the
-        model misses a window by so much that otherwise its errors were larger than those of the
-        priors; 1 elsewhere.
-    residuals, prediction : dict of str to ndarray, shape (n,)
-        Of "load" (the load on the wheel less the one carried), "torque", "drawbar_pull" and
-        "sinkage", where measured: measured less predicted, and predicted, from the measured
-        channels. NaN in samples not used.
-    rmse : dict of str to ndarray, shape (w,)
-    slow : ndarray, shape (w,)
-        Share of the residuals' scatter that goes on from one sample to the next (`excess_scatter`).
-    converged : ndarray of bool, shape (w,)
-    grids : dict of int to JointGrid
-        Joint posterior of c and φ, of the windows of which it was asked for.
     """
 
     model: Model
-    n: NDArray[np.intp]
+    n: NDArray[np.intp]  # Shape (w,): samples used
+    # values, errors: shape (w,): every parameter of the soil and its standard error: 0 where it is fixed, the
+    # same in all windows where it is shared, NaN in windows without samples. Of k and keq the median.
     values: dict[str, Array]
     errors: dict[str, Array]
+    # shared, shared_errors: parameters with one value for all windows: those of the effects that are sought,
+    # and those of the soil that were asked for
     shared: dict[str, float]
     shared_errors: dict[str, float]
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Parameters sought: each window's own, then the shared ones
+    # Shape (w, p, p): of these, in their own units; shared ones and their influence on the others included
     covariance: Array
+    # Shape (w, p, p): the part of `covariance` that comes from priors which are off: the same in all windows
+    # of one soil
     by_priors: Array
-    shared_covariance: Array
+    shared_covariance: Array  # Shape (q, q)
+    # sigma_star, strength, strength_se: shape (w,): stress at which the strength c + σ* tan φ is not
+    # correlated with tan φ, or 0 where that is negative, that strength and its standard error, Pa. NaN where
+    # c or φ is fixed.
     sigma_star: Array
     strength: Array
     strength_se: Array
+    # Shape (w,): for each parameter sought, whether the data leave it open: had all priors been ten times as
+    # wide, its standard error would exceed that of its prior as it is; or it ran to its bound. A shared one
+    # is so in all windows or in none.
     undetermined: dict[str, NDArray[np.bool_]]
+    # Mean and standard deviation of each parameter of a window's own, of k and keq those of the logarithm
     priors: dict[str, tuple[float, float]]
+    # Shape (w,): for each parameter of a window's own, whether the data say anything of it: its standard
+    # error is well below that of its prior
     told: dict[str, NDArray[np.bool_]]
+    # Shape (w,): for each parameter of a window's own, whether the data would take it beyond what soils have:
+    # φ beyond 0 to 60°. Value and error are then those of the soils that remain (a normal distribution cut
+    # off at the bound).
     bounded: dict[str, NDArray[np.bool_]]
+    # Shape (w,): standard error of φ had there been no prior on it, rad, from what noise cannot have feigned
     phi_open: Array
     noise: Noise
+    # Where the noise comes from: what the caller said, or the residuals (`noise_likelihood`)
     noise_from: Literal["given", "residuals"]
+    # chi2, dof: shape (w,): sum of squares of the residuals in terms of the noise, and their degrees of
+    # freedom
     chi2: Array
     dof: Array
+    # Shape (w,): by how much the errors' variances were raised, as residuals are larger than the noise or
+    # correlated in time. What may be chance is not counted.
     inflation: Array
+    # Shape (w,): by how much larger the variances of the noise were taken to be than the sensors' own, as the
+    # model misses a window by so much that otherwise its errors were larger than those of the priors; 1
+    # elsewhere
     excess: Array
+    # residuals, prediction: shape (n,): of "load" (the load on the wheel less the one carried), "torque",
+    # "drawbar_pull" and "sinkage", where measured: measured less predicted, and predicted, from the measured
+    # channels. NaN in samples not used.
     residuals: dict[str, Array]
     prediction: dict[str, Array]
-    rmse: dict[str, Array]
+    rmse: dict[str, Array]  # Shape (w,)
+    # Shape (w,): share of the residuals' scatter that goes on from one sample to the next (`excess_scatter`)
     slow: Array
-    converged: NDArray[np.bool_]
+    converged: NDArray[np.bool_]  # Shape (w,)
     min_samples: int
+    # Joint posterior of c and φ, of the windows of which it was asked for
     grids: dict[int, JointGrid] = field(default_factory=dict)
 
     def __len__(self) -> int:

@@ -38,40 +38,22 @@ _STIFF = 1e12
 
 @dataclass
 class State:
-    """Where the search stands.
+    """Where the search stands."""
 
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-        Unknowns of each window, and shared ones.
-    latent : ndarray, shape (inputs, n)
-        True values of the inputs.
-    converged : ndarray of bool, shape (w,)
-    merit : ndarray, shape (w,)
-        Sum of squares of residuals and of local unknowns.
-    """
-
-    t: Array
+    t: Array  # t, common: shape (w, p) and (q,): unknowns of each window, and shared ones
     common: Array
-    latent: Array
-    converged: Mask
-    merit: Array
+    latent: Array  # Shape (inputs, n): true values of the inputs
+    converged: Mask  # Shape (w,)
+    merit: Array  # Shape (w,): sum of squares of residuals and of local unknowns
 
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations of windows, without the priors.
+    """Normal equations of windows, without the priors."""
 
-    Parameters
-    ----------
-    information : ndarray, shape (w, p + q, p + q)
-    score : ndarray, shape (w, p + q)
-    misfit : ndarray, shape (w,)
-    """
-
-    information: Array
-    score: Array
-    misfit: Array
+    information: Array  # Shape (w, p + q, p + q)
+    score: Array  # Shape (w, p + q)
+    misfit: Array  # Shape (w,)
 
 
 def initial(data: FitData, t: Array, common: Array) -> State:

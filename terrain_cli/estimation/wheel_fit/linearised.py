@@ -50,12 +50,7 @@ _QUIET = np.errstate(over="ignore", invalid="ignore")
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """What is fitted, save the samples.
-
-    Parameters
-    ----------
-    given : {"sinkage", "load"}
-    """
+    """What is fitted, save the samples."""
 
     model: Model
     wheel: WheelGeometry
@@ -108,36 +103,18 @@ class Problem:
 
 @dataclass(frozen=True, kw_only=True)
 class Equations:
-    """Whitened equations of some samples.
+    """Whitened equations of some samples."""
 
-    Parameters
-    ----------
-    residual : ndarray, shape (outputs, n)
-        Each of variance 1 in truth; 0 where an output is not seen.
-    design : ndarray, shape (outputs, p + q, n)
-        Its derivatives by the unknowns, with the sign turned.
-    inward : ndarray, shape (outputs, inputs, n)
-        Its derivatives by the inputs, per standard deviation of the input's noise, with the sign turned.
-    spread : ndarray, shape (inputs, n)
-        Those standard deviations.
-    weight : ndarray, shape (n,)
-        Of a sample; 1 unless the fit is robust.
-    factor : ndarray, shape (outputs, outputs, n)
-        Lower Cholesky factor of S.
-    own : ndarray, shape (outputs, n)
-        Variances of the outputs' own noise: the diagonal of R.
-    size : ndarray, shape (n,)
-        Root mean square of a residual by its weight on clean data.
-    """
-
-    residual: Array
-    design: Array
+    residual: Array  # Shape (outputs, n): each of variance 1 in truth; 0 where an output is not seen
+    design: Array  # Shape (outputs, p + q, n): its derivatives by the unknowns, with the sign turned
+    # Shape (outputs, inputs, n): its derivatives by the inputs, per standard deviation of the input's noise,
+    # with the sign turned
     inward: Array
-    spread: Array
-    weight: Array
-    factor: Array
-    own: Array
-    size: Array
+    spread: Array  # Shape (inputs, n): those standard deviations
+    weight: Array  # Shape (n,): of a sample; 1 unless the fit is robust
+    factor: Array  # Shape (outputs, outputs, n): lower Cholesky factor of S
+    own: Array  # Shape (outputs, n): variances of the outputs' own noise: the diagonal of R
+    size: Array  # Shape (n,): root mean square of a residual by its weight on clean data
 
     @property
     def bounded(self) -> Array:

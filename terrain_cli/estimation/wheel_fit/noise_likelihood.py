@@ -61,20 +61,11 @@ _LOWEST = float(np.log(_LEAST / _USUAL))
 
 @dataclass(frozen=True)
 class LevelPrior:
-    """What is known of the noise before the data: normal in the logarithms of the standard deviations.
+    """What is known of the noise before the data: normal in the logarithms of the standard deviations."""
 
-    Parameters
-    ----------
-    terms : tuple of (str, str)
-        Channel, and "relative" or "absolute".
-    centre : Noise
-        What is usual.
-    precision : ndarray, shape (terms, terms)
-    """
-
-    terms: tuple[tuple[str, str], ...]
-    centre: Noise
-    precision: Array
+    terms: tuple[tuple[str, str], ...]  # Channel, and "relative" or "absolute"
+    centre: Noise  # What is usual
+    precision: Array  # Shape (terms, terms)
 
     def at(self, steps: Array) -> Noise:
         """Return the noise that is so far from the centre, in logarithms, shape (terms,)."""

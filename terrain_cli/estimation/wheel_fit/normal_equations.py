@@ -37,21 +37,11 @@ _RANK = 1e-9
 
 @dataclass(frozen=True)
 class Eliminated:
-    """Windows whose own unknowns are eliminated.
+    """Windows whose own unknowns are eliminated."""
 
-    Parameters
-    ----------
-    own : ndarray, shape (w, p, p)
-        A⁻¹: covariance of the windows' own unknowns with the shared ones held.
-    cross : ndarray, shape (w, p, q)
-        B.
-    gain : ndarray, shape (w, p, q)
-        G: change of the windows' own unknowns with the shared ones.
-    """
-
-    own: Array
-    cross: Array
-    gain: Array
+    own: Array  # Shape (w, p, p): A⁻¹: covariance of the windows' own unknowns with the shared ones held
+    cross: Array  # Shape (w, p, q): B
+    gain: Array  # Shape (w, p, q): G: change of the windows' own unknowns with the shared ones
 
     def taken(self, windows: Index | slice = slice(None)) -> Array:
         """Return what the windows' own unknowns take off the information on the shared ones: −Σ Bᵀ G."""

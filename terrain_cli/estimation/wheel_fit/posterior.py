@@ -67,43 +67,25 @@ _WIDE, _NOTHING = 0.01, 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior:
-    """What is known of the unknowns, in prior standard deviations from their prior means.
+    """What is known of the unknowns, in prior standard deviations from their prior means."""
 
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-        Means.
-    own : ndarray, shape (w, p, p)
-        Covariance of each window's own unknowns with the shared ones held.
-    shared : ndarray, shape (q, q)
-        Covariance of the shared unknowns.
-    gain : ndarray, shape (w, p, q)
-        Change of the windows' own unknowns with the shared ones.
-    sure, wide : ndarray, shape (w, p + q)
-        Standard deviations from information that noise cannot have made, under the priors as they
-        are and under ones ten times as wide.
-    misfit, dof : ndarray, shape (w,)
-        Weighted sum of squares of the residuals in terms of the sensors' noise, and their degrees of
-        freedom.
-    inflation : ndarray, shape (w,)
-        How much larger the long-run variance of the residuals is than the noise says.
-    excess : ndarray, shape (w,)
-        As in `FitData`.
-    at_bound : ndarray of bool, shape (w, p)
-        Which of a window's own unknowns the data would take beyond their bounds.
-    """
-
-    t: Array
+    t: Array  # t, common: shape (w, p) and (q,): means
     common: Array
-    own: Array
-    shared: Array
-    gain: Array
+    own: Array  # Shape (w, p, p): covariance of each window's own unknowns with the shared ones held
+    shared: Array  # Shape (q, q): covariance of the shared unknowns
+    gain: Array  # Shape (w, p, q): change of the windows' own unknowns with the shared ones
+    # sure, wide: shape (w, p + q): standard deviations from information that noise cannot have made, under
+    # the priors as they are and under ones ten times as wide
     sure: Array
     wide: Array
+    # misfit, dof: shape (w,): weighted sum of squares of the residuals in terms of the sensors' noise, and
+    # their degrees of freedom
     misfit: Array
     dof: Array
+    # Shape (w,): how much larger the long-run variance of the residuals is than the noise says
     inflation: Array
-    excess: Array
+    excess: Array  # Shape (w,): as in `FitData`
+    # Shape (w, p): which of a window's own unknowns the data would take beyond their bounds
     at_bound: NDArray[np.bool_]
 
 

@@ -51,22 +51,13 @@ _STEPS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unknown:
-    """One parameter that is sought.
-
-    Parameters
-    ----------
-    logarithm : bool
-        Whether it is sought by its logarithm.
-    mean, sd : float
-        Of the prior, in the unit sought.
-    lower, upper, step : float
-        Range and largest step of one iteration, in prior standard deviations from `mean`.
-    """
+    """One parameter that is sought."""
 
     name: str
-    logarithm: bool
-    mean: float
+    logarithm: bool  # Whether it is sought by its logarithm
+    mean: float  # mean, sd: of the prior, in the unit sought
     sd: float
+    # lower, upper, step: range and largest step of one iteration, in prior standard deviations from `mean`
     lower: float
     upper: float
     step: float
@@ -89,19 +80,11 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """All parameters of a fit.
+    """All parameters of a fit."""
 
-    Parameters
-    ----------
-    local, shared : tuple of Unknown
-        One value for each window, one value for all windows.
-    fixed : dict of str to ndarray
-        Held: one value, or one for each window.
-    """
-
-    local: tuple[Unknown, ...]
+    local: tuple[Unknown, ...]  # local, shared: one value for each window, one value for all windows
     shared: tuple[Unknown, ...]
-    fixed: dict[str, Array]
+    fixed: dict[str, Array]  # Held: one value, or one for each window
 
     def values(
         self, t: Array, common: Array, count: NDArray[np.intp], windows: NDArray[np.intp]
