@@ -18,23 +18,9 @@ _OF_GEOPACKAGE, _STYLES = ("fid", "geom"), "layer_styles"
 
 
 def columns(path: str) -> list[Sequence[str]] | None:
-    """Return the first columns of each table of a file, in their order.
+    """Return the first columns of each table of a file, none where it is a file of another kind.
 
-    Parameters
-    ----------
-    path : str
-        A regular file.
-
-    Returns
-    -------
-    list of sequence of str, or None
-        None where it is a file of another kind, or of more than tables. The list is empty where a table
-        without rows shows no columns.
-
-    Raises
-    ------
-    OSError
-        It cannot be read.
+    The list is empty where a table without rows shows no columns. OSError where it cannot be read.
     """
     with Path(path).open("rb") as file:
         head = file.read(HEAD)

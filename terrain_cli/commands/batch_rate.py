@@ -54,13 +54,7 @@ class Rate:
 
 
 def line(tally: Tally, seconds: float) -> str:
-    """Return the state of a batch in one line.
-
-    Parameters
-    ----------
-    seconds : float
-        Since its start.
-    """
+    """Return the state of a batch, some seconds after its start, in one line."""
     parts = [f"{tally.done}/{tally.total} inputs", f"{seconds:.0f} s"]
     if tally.done:
         parts.append(f"{tally.done / seconds:.3g} inputs/s")

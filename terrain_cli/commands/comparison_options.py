@@ -74,22 +74,8 @@ def read(
 ) -> list[Windows]:
     """Read every input, with all that the models need, and cut it into windows.
 
-    Parameters
-    ----------
-    context : click.Context
-        Of a verb with `cutting`, inputs, --rover and --wheel.
-    inputs : sequence of str, optional
-        In place of those of the context.
-
-    Returns
-    -------
-    list of Windows
-        Of every wheel of every input that has usable samples.
-
-    Raises
-    ------
-    InputError
-        No sample can be used.
+    The context is of a verb with `cutting`, inputs, --rover and --wheel. InputError where no sample can be
+    used.
     """
     import formats
     from terrain_cli.errors import InputError
@@ -185,13 +171,7 @@ def _model_files() -> Iterator[str]:
 
 
 def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> EstimateRequest:
-    """Return what `estimate` is asked for the segments of a comparison.
-
-    Parameters
-    ----------
-    given : mapping of str to value
-        The parameters of a verb with `cutting` and `soils`.
-    """
+    """Return what `estimate` is asked for the segments of a comparison."""
     from terrain_cli.estimation import estimators
     from terrain_cli.estimation.estimate_request import EstimateRequest
 

@@ -269,10 +269,6 @@ def check(context: click.Context) -> None:
     """Refuse to write onto what is read, and to write two outputs into one file.
 
     A command that fills in names which nobody gave calls this again.
-
-    Raises
-    ------
-    UsageError
     """
     writes = list(_writes(context))
     # No file has a NUL in its name; what a model file names may.

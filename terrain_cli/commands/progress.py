@@ -23,11 +23,6 @@ class Progress:
 
     Drawn only on a terminal, only after a second, and wiped when the work ends. What is told stays, and is
     written to a file or a pipe too.
-
-    Parameters
-    ----------
-    total : int
-        Number of inputs.
     """
 
     def __init__(self, total: int, *, enabled: bool = True) -> None:
@@ -66,13 +61,7 @@ class Progress:
         self._done, self._share = self._done + 1, 0.0
 
     def tell(self, text: str) -> None:
-        """Write a result that is there before the work ends.
-
-        Parameters
-        ----------
-        text : str
-            Lines.
-        """
+        """Write a result that is there before the work ends."""
         if self._enabled:
             # In one call, or the bar could be drawn between wiping it and the text.
             _write(("\r" + over("") + "\r" if self._drawn else "") + escaped(text) + "\n")

@@ -49,15 +49,7 @@ _STEPS, _NEWTON = np.array([1e3, 0.05]), 3
 
 
 def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineMethod) -> WindowEstimates:
-    """Return estimates of the line whose errors include a wrong k and the triangular stresses.
-
-    Parameters
-    ----------
-    estimates : WindowEstimates
-        From `estimation.estimate_windows`.
-    windows : Windows
-        Of them, with as many samples as one likes.
-    """
+    """Return estimates of the line whose errors include a wrong k and the triangular stresses."""
     moved = deviations(estimates, windows, method)
     c_se, phi_se, corr = _wider(estimates, moved)
     tan_se = phi_se * (1.0 + np.tan(estimates.phi) ** 2)
@@ -82,17 +74,9 @@ def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineM
 
 
 def trace(windows: Windows) -> Trace:
-    """Follow c and φ sample by sample, with errors that include what each window assumes.
+    """Follow c and φ sample by sample (`recursive`), with errors that include what each window assumes.
 
-    Parameters
-    ----------
-    windows : Windows
-        Without samples of a skidding wheel.
-
-    Returns
-    -------
-    Trace
-        Of all usable samples (`estimation.recursive`).
+    The windows hold no samples of a skidding wheel.
     """
     samples = windows.samples
     correlated = samples.time is not None
@@ -125,12 +109,9 @@ def _wider(of: WindowEstimates | Trace, moved: Array) -> tuple[Array, Array, Arr
 
 
 def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod) -> Array:
-    """Return how far c and tan φ move with each assumption, by a standard deviation of it.
+    """Return how far c (Pa) and tan φ move with each assumption, by a standard deviation of it.
 
-    Returns
-    -------
-    ndarray, shape (w, 2, 1 + offsets + shapes)
-        c in Pa; 0 where it is not known.
+    Shape (w, 2, 1 + offsets + shapes); 0 where it is not known.
     """
     found = np.array([estimates.c, np.tan(estimates.phi)])
     groups = list(windows.thinned(_SOME).groups(_GROUP))

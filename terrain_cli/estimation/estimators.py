@@ -65,23 +65,8 @@ def choose(
 ) -> ModelFile | None:
     """Return the model that is to be fitted whole: what the caller names, else `full_model`.
 
-    Parameters
-    ----------
-    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
-    model : ModelFile, str or Path, optional
-        A base or a model file.
-
-    Returns
-    -------
-    ModelFile or None
-        None where the estimators of the line are asked for: by the method, or with the linear model.
-
-    Raises
-    ------
-    UsageError
-        Model, method and robustness contradict each other.
-    ConfigurationError
-        The model file is wrong.
+    None where the estimators of the line are asked for: by the method, or with the linear model. UsageError
+    where model, method and robustness contradict each other.
     """
     file = None
     if model is not None:
@@ -123,20 +108,10 @@ def full_model() -> ModelFile:
 def estimate_lines(
     windows: Windows, method: LineMethod = "auto", *, min_samples: int | None = None, folds: int | None = None
 ) -> WindowEstimates:
-    """Estimate cohesion and friction angle in every window of a wheel.
+    """Estimate cohesion and friction angle in every window of a wheel, where it does not skid, by the line.
 
-    Parameters
-    ----------
-    method : {"auto", "least-squares", "ridge", "recursive"}
-    min_samples : int, optional
-        Windows with fewer get the status "too-few-samples"; 5 if not given.
-    folds : int, optional
-        Choose δ of the ridge over so many contiguous blocks instead of leaving one sample out.
-
-    Returns
-    -------
-    WindowEstimates
-        In SI units and rad; of the samples in which the wheel does not skid.
+    Windows with fewer than `min_samples` (5 if not given) get the status "too-few-samples". With `folds`, δ
+    of the ridge is chosen over so many contiguous blocks instead of leaving one sample out.
     """
     samples, windows = windows.samples, windows.on_line()
     return estimation.estimate_windows(
@@ -163,19 +138,10 @@ def estimate(
     at_stress: float | None = None,
     joint: int = 0,
 ) -> Fitted:
-    """Estimate the soil in every window of a wheel.
+    """Estimate the soil in every window of a wheel, by the line or by the model to fit whole (`choose`).
 
-    Parameters
-    ----------
-    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
-    file : ModelFile, optional
-        From `choose`: the model to fit whole, its effects with the same parameters in all windows.
-    min_samples, folds
-        As for `estimate_lines`.
-    at_stress : float, optional
-        Where the strengths of all windows are compared, Pa (`strength.with_strengths`).
-    joint : int
-        Windows, evenly spread, of which the joint posterior of c and φ is found as well.
+    Strengths of all windows are compared `at_stress`, in Pa (`strength.with_strengths`); of `joint` windows,
+    evenly spread, the joint posterior of c and φ is found as well.
     """
     if (
         file is not None
@@ -235,19 +201,10 @@ def _channels(windows: Windows) -> dict[str, Array]:
 def assumed(
     several: Sequence[Windows], file: ModelFile
 ) -> tuple[dict[str, float], dict[str, Prior], Noise | None]:
-    """Return what a fit takes for known before it has seen the data of some wheels.
+    """Return what a fit takes for known before it has seen the data of some wheels of one rover.
 
-    Parameters
-    ----------
-    several : sequence of Windows
-        Of one rover.
-
-    Returns
-    -------
-    held : dict of str to float
-        Parameters that are not sought: those of the file, and those whose channels a wheel lacks.
-    noise : Noise or None
-        Of the sensors, if rover.toml gives it for every channel that the fit weighs.
+    The parameters that are not sought (of the file, and those whose channels a wheel lacks), the priors, and
+    the noise of the sensors, if rover.toml gives it for every channel that the fit weighs.
     """
     every: list[dict[str, Array]] = []
     measured: set[str] = set()
@@ -352,15 +309,7 @@ def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noi
 def of_fit(
     fit: Fit, line: WindowEstimates, windows: Windows, at_stress: float | None = None
 ) -> WindowEstimates:
-    """Return what the table of windows says of a fit.
-
-    Parameters
-    ----------
-    line : WindowEstimates
-        Of the same windows; keeps its columns of least squares and ridge.
-    at_stress : float, optional
-        As for `estimate`.
-    """
+    """Return what the table of windows says of a fit; `line` keeps its columns of least squares and ridge."""
     from terrain_cli.estimation import wheel_fit
 
     soil: dict[str, Any] = {

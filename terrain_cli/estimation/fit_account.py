@@ -28,12 +28,7 @@ def account(
 ) -> dict[str, Any]:
     """Say what a wheel was fitted with, as the summary shows it.
 
-    Parameters
-    ----------
-    held : dict of str to float
-        Parameters that were not sought.
-    because : dict of str to str
-        Why, where the file does not say so.
+    `held` parameters were not sought; `because` says why, where the file does not.
     """
     own = [name for name in file.model.parameters if name not in file.local]
     names = [*own, *(name for name in file.shared if name not in own)]

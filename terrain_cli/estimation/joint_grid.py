@@ -88,16 +88,9 @@ class Frame:
         return float(np.sqrt(self.covariance[1, 1])), float(np.sqrt(along @ self.covariance @ along))
 
     def away(self, u: Array, v: Array) -> Array:
-        """Return how far points are from the estimate, in c and tan φ.
+        """Return how far points are from the estimate, in c and tan φ, shape (…, 2).
 
-        Parameters
-        ----------
-        u, v : ndarray
-            Along tan φ and along the strength, in their standard errors.
-
-        Returns
-        -------
-        ndarray, shape (…, 2)
+        u and v are along tan φ and along the strength, in their standard errors.
         """
         of_phi, of_strength = self.errors
         tan_phi = u * of_phi
@@ -122,15 +115,10 @@ def grid(
     shape: Callable[[Array], Shape] | None = None,
     bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> JointGrid:
-    """Lay a grid about an estimate.
+    """Lay a grid about an estimate, with tan φ within bounds.
 
-    Parameters
-    ----------
-    shape : callable, optional
-        Returns the shape within some reach: least and greatest distance along tan φ and along the
-        strength, shape (2, 2). A normal distribution if not given.
-    bounds : (float, float)
-        Of tan φ.
+    `shape` returns within some reach the least and greatest distance along tan φ and along the strength,
+    shape (2, 2); a normal distribution if not given.
     """
     ends = (np.asarray(bounds) - frame.mean[1]) / frame.errors[0]
     reach = np.array([[-REACH, REACH], [-REACH, REACH]])

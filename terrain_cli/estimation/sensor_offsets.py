@@ -25,13 +25,7 @@ def offsets(samples: Samples) -> dict[str, float]:
 
 
 def with_offsets(file: ModelFile, samples: Samples, measured: Collection[str]) -> ModelFile:
-    """Return a model in which the stated offsets of sensors are sought in every window.
-
-    Parameters
-    ----------
-    measured : collection of str
-        Channels of the wheel.
-    """
+    """Return a model in which the stated offsets of sensors are sought in every window."""
     stated = {name: size for name, size in offsets(samples).items() if name in measured}
     added = [_effect(name, size) for name, size in stated.items()]
     model = replace(file.model, effects=(*file.model.effects, *added))

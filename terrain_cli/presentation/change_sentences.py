@@ -39,12 +39,7 @@ def verdict(step: Step) -> str:
 
 
 def untested(action: Action, changed: Sequence[str]) -> str:
-    """Say that a change was made without data.
-
-    Parameters
-    ----------
-    action : {"add", "remove"}
-    """
+    """Say that a change was made without data."""
     done = {"add": "added", "remove": "removed"}[action]
     are = "is" if len(changed) == 1 else "are"
     return f"{listed(changed)} {are} {done}, without a test: no --data was given"

@@ -31,13 +31,9 @@ def document(step: Step, asked: Asked | None = None) -> dict[str, Any]:
 
 
 def _change(step: Step) -> dict[str, Any]:
-    """Return what a change did to the errors.
+    """Return what a change did to the errors, with the keys of docs/model.md.
 
-    Returns
-    -------
-    dict
-        Ready for JSON; null where not known. SI units, but parameters in those of the model file. The
-        keys are those of docs/model.md.
+    Parameters are in the units of the model file.
     """
     return {
         "format": FORMAT,
@@ -81,13 +77,7 @@ def _concluded(step: Step, asked: Asked | None) -> conclusion.Conclusion:
 
 
 def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
-    """Return a change that was made without data as it is written to JSON.
-
-    Parameters
-    ----------
-    entry : dict
-        From `model_history.untested`.
-    """
+    """Return a change that was made without data, from `model_history.untested`, as it is written to JSON."""
     return {
         "format": FORMAT,
         "action": entry["action"],

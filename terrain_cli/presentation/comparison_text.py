@@ -37,22 +37,7 @@ def document(
     differences: Sequence[Difference] = (),
     asked: Sequence[Asked] = (),
 ) -> dict[str, Any]:
-    """Return a comparison as it is written to JSON.
-
-    Parameters
-    ----------
-    second : Comparison, optional
-        Of another model on the same data: under the key "against", with "differences".
-    differences : sequence of Difference
-        From `comparison.against`.
-    asked : sequence of Asked
-        Of each model, for the next command.
-
-    Returns
-    -------
-    dict
-        Ready for JSON; null where not known. SI units.
-    """
+    """Return a comparison as it is written to JSON, a `second` model under the key "against"."""
     result = {
         "format": FORMAT,
         "model": comparison.model,
@@ -259,13 +244,7 @@ def _told(finding: Finding, comparison: Comparison) -> str:
 
 
 def _text_of_two(first: Comparison, second: Comparison, differences: Sequence[Difference]) -> str:
-    """Write two models side by side for a person.
-
-    Returns
-    -------
-    str
-        Held-out errors of both, and what moved by more than three standard errors, marked by ``*``.
-    """
+    """Write held-out errors of two models; ``*`` marks what moved by over three standard errors."""
     lines = [f"A  {named(first)}", f"B  {named(second)}", ""]
     head = ["held-out rmse", "unit", "A", "B", "B − A", "95 %", ""]
     errors = [one for one in differences if one.where is None]

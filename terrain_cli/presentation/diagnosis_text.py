@@ -25,14 +25,7 @@ _EARLY = 5
 
 
 def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> dict[str, Any]:
-    """Return a diagnosis as it is written to JSON; `draft` is the file of its law, if that was written.
-
-    Returns
-    -------
-    dict
-        Ready for JSON; null where not known. SI units, but for the parameters of effects, whose
-        unit stands beside them.
-    """
+    """Return a diagnosis as it is written to JSON; `draft` is the file of its law, if that was written."""
     comparison = diagnosis.comparison
     alarm, unknown = diagnosis.alarm, diagnosis.unknown
     return {

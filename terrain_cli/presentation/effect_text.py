@@ -29,13 +29,7 @@ _KINDS = {
 
 
 def document(effect: Effect) -> dict[str, Any]:
-    """Describe an effect for JSON.
-
-    Returns
-    -------
-    dict
-        The keys are those of docs/effects.md.
-    """
+    """Describe an effect for JSON, with the keys of docs/effects.md."""
     return {
         "id": effect.id,
         "title": effect.title,

@@ -49,28 +49,10 @@ _WIDTH = 100
 def inspect(
     path: str, rover: Rover, *, wheels: Collection[str] = (), salvage: bool = False
 ) -> dict[str, Any]:
-    """Look into one input.
+    """Look into one input, with `salvage` into what is left of a damaged one; ready for JSON.
 
-    Parameters
-    ----------
-    wheels : collection of str
-        Only these; all if empty.
-    salvage : bool
-        Look into what is left of a damaged one, and tell how much that is.
-
-    Returns
-    -------
-    dict
-        Ready for JSON: the streams (topic, type, records, rate, largest gap, fields), and for each
-        wheel its channels (from what, in which unit, range, how many are missing), what could be
-        any of several, what is missing, and how many samples can be used; last the lines of
-        rover.toml that would supply what is missing. Where that cannot be told, the streams and the
-        problem: its text, hint and exit code.
-
-    Raises
-    ------
-    formats.errors.FormatError
-        The file cannot be opened.
+    Where the channels cannot be told, it holds the streams and the problem. FormatError if it cannot be
+    opened.
     """
     source = formats.open_source(path, salvage=salvage)
     document: dict[str, Any] = {
@@ -105,13 +87,7 @@ class Holdings(NamedTuple):
 
 
 def holdings(source: Source, rover: Rover, wheels: Collection[str] = ()) -> Holdings:
-    """Find the channels of every wheel of a log.
-
-    Raises
-    ------
-    formats.errors.FormatError, InputError, ConfigurationError
-        As for `telemetry.read`, except where something is missing.
-    """
+    """Find the channels of every wheel of a log; what is missing is no error."""
     layout = telemetry.plan(source, rover)
     tables = None if is_table(source) else read_topics(source, bags.fields(layout, CHANNELS))
     raws = read_raw(layout, rover, CHANNELS, wheels=wheels, topics=tables)
@@ -224,15 +200,7 @@ def channel(raw: Raw, name: str) -> dict[str, Any]:
 
 
 def text(document: dict[str, Any], *, verbose: bool = False) -> str:
-    """Write an inspection for a person.
-
-    Parameters
-    ----------
-    document : dict
-        From `inspect`.
-    verbose : bool
-        Also list every field of the messages that come with ROS.
-    """
+    """Write an inspection for a person; `verbose` lists every field of the messages that come with ROS."""
     starts = [wheel["start_s"] for wheel in document["wheels"] if wheel.get("start_s", 0.0) > _EPOCH]
     began = f", from {_moment(min(starts))}" if starts else ""
     lines = [f"{document['source']}: {FILE_KINDS[document['kind']].title}{_size(document)}{began}"]
@@ -350,13 +318,7 @@ def _channel_rows(wheel: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def spread(name: str, entry: dict[str, Any]) -> str:
-    """Write how far a channel reaches.
-
-    Parameters
-    ----------
-    entry : dict
-        From `channel`.
-    """
+    """Write how far a channel reaches, from its entry (`channel`)."""
     if "range" not in entry:
         return ", ".join(entry.get("values", []))
     if name == "time" and entry["range"][0] > _EPOCH:

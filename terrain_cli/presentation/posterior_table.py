@@ -23,20 +23,9 @@ _NUMBERS = ("value", "se", "prior", "prior_sd", "covariance", "correlation")
 
 
 def table(windows: Windows, estimates: WindowEstimates, joint: Sequence[JointPosterior]) -> Table:
-    """Return the joint posteriors of one wheel.
+    """Return the joint posteriors of one wheel: rows of the kind "grid", then of the kind "parameter".
 
-    Parameters
-    ----------
-    joint : sequence of JointPosterior
-        Of some of the windows.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        kind, source, wheel, segment, method and status; of a row of the kind "grid" c_kPa, phi_deg,
-        strength_kPa at the stress pivot_kPa, log_posterior (0 where it is greatest) and probability (of
-        the cell, together 1); of the kind "parameter" parameter, unit, value, se, prior, prior_sd, other,
-        and covariance and correlation of the two. NaN or "" where a row has none.
+    `log_posterior` is 0 where it is greatest, `probability` that of the cell; NaN or "" where a row has none.
     """
     parts = [_rows(one) for one in joint]
     length = [len(part["kind"]) for part in parts]

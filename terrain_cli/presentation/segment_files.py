@@ -21,22 +21,7 @@ _MCAP = ".mcap"
 
 
 def check(output: str | None, samples: str | None = None, crs: str | None = None) -> None:
-    """Check before the work whether its results can be written as asked.
-
-    Parameters
-    ----------
-    output : str or None
-        Where the segments go; None is the standard output.
-    samples : str, optional
-        Where the samples go.
-
-    Raises
-    ------
-    formats.CannotWriteError
-        An ending that is not known.
-    UsageError
-        A reference system that is not known.
-    """
+    """Check before the work whether its results can be written, by the endings and the reference system."""
     kinds = {_kind(path) for path in (output, samples) if path}
     if not crs:
         return
@@ -55,23 +40,8 @@ def write(
 ) -> None:
     """Write segments, and samples if there are any, the segments last: what reads them may stop early.
 
-    Parameters
-    ----------
-    table : dict
-        From `segment_table.join`.
-    output : str or None
-        "-" is the standard output, as CSV; None where the segments are shown in another way.
-    crs : str or None
-        From `segment_table.reference_system`.
-    samples : (dict, str), optional
-        Tables from `segment_table.samples`, and where they go: into the GeoPackage of the segments as its
-        second layer, if it is the same file.
-
-    Raises
-    ------
-    formats.CannotWriteError, formats.FormatError
-    InputError
-        Segments without time cannot be messages.
+    The `output` "-" is the standard output, None nothing. Samples go into the GeoPackage of the segments as
+    its second layer, if it is the same file.
     """
     both = samples is not None and output is not None and together(output, samples[1])
     if samples and not both:
@@ -91,18 +61,7 @@ def together(output: str, samples: str) -> bool:
 
 
 def remark(output: str | None, crs: str | None) -> str:
-    """Say what a person must know to read a file as it is meant.
-
-    Parameters
-    ----------
-    crs : str or None
-        From `segment_table.reference_system`.
-
-    Returns
-    -------
-    str
-        Empty if there is nothing to say.
-    """
+    """Say what a person must know to read a file as it is meant; nothing if there is nothing to say."""
     if not output or not _kind(output).startswith("geojson") or _kind(output) == "geojson":
         return ""
     from formats.output.common_forms import is_wgs84

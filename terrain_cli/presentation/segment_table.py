@@ -73,13 +73,7 @@ VERTICES = 64
 
 
 def table(windows: Windows, estimates: WindowEstimates) -> Table:
-    """Return the rows of one wheel.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        The columns of the contract, in their order; NaN, None or "" where not known.
-    """
+    """Return the rows of one wheel in the columns of the contract; NaN, None or "" where not known."""
     samples, rows, bounds = windows.samples, windows.rows, windows.bounds
     n = len(windows)
     first, last = rows[bounds[:-1]], rows[bounds[1:] - 1]
@@ -161,13 +155,7 @@ def _rejected(windows: Windows) -> NDArray[np.intp]:
 
 
 def coordinates(samples: Samples) -> tuple[Array, Array] | None:
-    """Return where the samples lie on a map.
-
-    Returns
-    -------
-    (ndarray, ndarray) or None
-        Longitude and latitude in degrees where they are known, else x and y of the site frame in m.
-    """
+    """Return longitude and latitude in degrees where they are known, else x and y of the site frame in m."""
     for pair in (("longitude", "latitude"), ("x", "y")):
         if all(name in samples.channels and np.isfinite(samples.channels[name]).any() for name in pair):
             return samples.channels[pair[0]], samples.channels[pair[1]]
@@ -189,35 +177,14 @@ def _tracks(windows: Windows) -> list[str]:
 def reference_system(table: Table, crs: str | None) -> str | None:
     """Return the reference system of a table's geometry.
 
-    Parameters
-    ----------
-    table : dict
-        From `table` or `join`.
-    crs : str or None
-        The one asked for.
-
-    Returns
-    -------
-    str or None
-        None for a site frame, which stays one whatever is asked for: its x and y are no longitudes.
-        WGS 84 for longitudes of which nothing else is said.
+    None for a site frame, which stays one whatever is asked for: its x and y are no longitudes. WGS 84 for
+    longitudes of which nothing else is said.
     """
     return (crs or "EPSG:4326") if np.isfinite(table["longitude_deg"]).any() else None
 
 
 def wkt(points: Array) -> str:
-    """Write a track as well-known text.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-
-    Returns
-    -------
-    str
-        A LINESTRING through at most `VERTICES` of the points, a POINT if the track does not move,
-        empty without points.
-    """
+    """Write a track, shape (n, 2), as a LINESTRING of at most `VERTICES`, or a POINT if it does not move."""
     if len(points) > VERTICES:
         points = points[np.round(np.linspace(0, len(points) - 1, VERTICES)).astype(int)]
     if len(points) > 1:
@@ -231,16 +198,8 @@ def wkt(points: Array) -> str:
 def join(tables: Sequence[Table]) -> Table:
     """Put the rows of several wheels and inputs under one another.
 
-    Parameters
-    ----------
-    tables : sequence of dict
-        With the same columns.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        One reference system holds for all geometry: where some have longitudes and latitudes, tracks
-        in x and y of a site frame are left out.
+    One reference system holds for all geometry: where some have longitudes and latitudes, tracks in x and y
+    of a site frame are left out.
     """
     if len(tables) == 1:
         # The rows of a long log with short windows take gigabytes.
@@ -261,13 +220,7 @@ def join(tables: Sequence[Table]) -> Table:
 
 
 def rejects(samples: Samples) -> Table:
-    """Return the samples set aside, with the reason of each.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        source, wheel, sample (counted from 1 within the wheel), time_s, reason, and the channels.
-    """
+    """Return the samples set aside, counted from 1 within the wheel, with the reason of each."""
     codes = samples.set_aside.codes
     rows = np.flatnonzero(codes >= 0)
     known = samples.channels
@@ -285,14 +238,7 @@ def rejects(samples: Samples) -> Table:
 
 
 def samples(windows: Windows) -> Table:
-    """Return the samples of every window, as points.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        source, wheel, segment, sample (counted from 1 within the wheel), time_s, what was measured, where,
-        and WKT: a POINT in the system of the segments' tracks.
-    """
+    """Return the samples of every window as points, in the system of the segments' tracks."""
     of, rows = windows.samples, windows.rows
     nothing = np.full(len(rows), np.nan)
     place = coordinates(of)
@@ -315,14 +261,7 @@ def samples(windows: Windows) -> Table:
 
 
 def trace(windows: Windows) -> Table:
-    """Return the recursive estimate sample by sample.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        source, wheel, segment, time_s, c and φ with their standard errors and correlation after
-        each sample in which the wheel does not skid; NaN until two samples have been seen.
-    """
+    """Return the recursive estimate after each sample of a wheel that does not skid, NaN until the second."""
     windows = windows.on_line()
     samples, rows = windows.samples, windows.rows
     steps = assumed.trace(windows)

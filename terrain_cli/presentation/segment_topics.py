@@ -26,21 +26,7 @@ _ENDS = ("t_start_s", "t_end_s")
 
 
 def write(table: Table, destination: str, crs: str | None = None) -> None:
-    """Write a table of segments as MCAP, whole or not at all.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        From `segment_table.join`.
-    crs : str, optional
-        Of longitude and latitude.
-
-    Raises
-    ------
-    InputError
-        Segments without a time, or before 1970.
-    CannotWriteError
-    """
+    """Write segments as MCAP, whole or not at all; InputError if one has no time, or is before 1970."""
     from formats.output.bag_writer import write_bag
 
     write_bag(topics(table, crs), destination, "mcap")
@@ -49,23 +35,9 @@ def write(table: Table, destination: str, crs: str | None = None) -> None:
 def topics(table: Table, crs: str | None = None) -> list[Topic]:
     """Turn segments into messages: two for each, at its start and at its end, so that plots show steps.
 
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        From `segment_table.join`.
-    crs : str, optional
-        Of longitude and latitude, for the frame of the fixes.
-
-    Returns
-    -------
-    list of Topic
-        For each wheel ``/terrain/<wheel>/estimate``, and ``/terrain/<wheel>/fix`` with the two ends
-        of each segment where longitude and latitude are known. Fields have the names of the columns
-        in lower case, as ROS 2 wants them.
-
-    Raises
-    ------
-    InputError
+    Each wheel has a topic ``/terrain/<wheel>/estimate``, and ``/terrain/<wheel>/fix`` where longitude and
+    latitude are known; `crs` is the frame of the fixes. Fields are the columns in lower case, as ROS 2 wants
+    them.
     """
     from formats.output.bag_writer import Topic
     from formats.output.common_forms import normalise

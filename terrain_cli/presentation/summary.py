@@ -26,26 +26,10 @@ COLUMNS = ("terrain", "wheel", "distance_m", "n_samples", "n_rejected")
 def document(
     table: Table, estimates: WindowEstimates, accounts: Sequence[dict[str, Any]], settings: dict[str, Any]
 ) -> dict[str, Any]:
-    """Summarise the segments of one or more inputs.
+    """Summarise the segments of one or more inputs, of whose table `COLUMNS` are enough.
 
-    Parameters
-    ----------
-    table : dict
-        From `segment_table.join`; `COLUMNS` are enough.
-    estimates : WindowEstimates
-        Behind its rows.
-    accounts : sequence of dict
-        From `one_log.run`, one for each input.
-    settings : dict
-        What was asked for.
-
-    Returns
-    -------
-    dict
-        Ready for JSON; null where not known. ``terrains`` has one entry for each terrain and wheel
-        with the number of windows by status, for c and φ the mean and the spread (standard
-        deviation) over the windows that tell them apart, and the estimate pooled over all windows
-        with its standard errors.
+    Means and spreads are over the windows that tell c from φ; `pooled` is over all windows of a terrain and
+    wheel.
     """
     return {
         "format": FORMAT,
@@ -56,20 +40,7 @@ def document(
 
 
 def terrains(table: Table, estimates: WindowEstimates) -> list[dict[str, Any]]:
-    """Summarise segments by terrain and wheel.
-
-    Parameters
-    ----------
-    table : dict
-        From `segment_table.join`.
-    estimates : WindowEstimates
-        Behind its rows.
-
-    Returns
-    -------
-    list of dict
-        As in `document`.
-    """
+    """Summarise segments by terrain and wheel."""
     groups: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(table["terrain"], table["wheel"], strict=True)):
         groups.setdefault(key, []).append(row)
@@ -138,22 +109,9 @@ def _degrees(angle: float) -> float | None:
 
 
 def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str:
-    """Write a summary for a person.
+    """Write a summary for a person; `verbose` says where each channel comes from.
 
-    Parameters
-    ----------
-    summary : dict
-        From `document`.
-    table : dict
-        The segments it summarises.
-    verbose : bool
-        Also say where each channel comes from.
-
-    Returns
-    -------
-    str
-        Several lines. Soils that nobody named are listed segment by segment: what is pooled over
-        them belongs to none.
+    Soils that nobody named are listed segment by segment: what is pooled over them belongs to none.
     """
     lines = []
     for entry in summary["inputs"]:

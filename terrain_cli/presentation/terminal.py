@@ -47,13 +47,7 @@ def in_lines(value: Any) -> Any:
 
 
 def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
-    """Set rows in columns.
-
-    Parameters
-    ----------
-    indent : str
-        Before each line.
-    """
+    """Set rows in columns."""
     cells = [[in_line(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return [
@@ -63,13 +57,7 @@ def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
 
 
 def say(text: str = "", *, nl: bool = True) -> None:
-    """Write what people read to the standard output.
-
-    Parameters
-    ----------
-    nl : bool
-        End the line.
-    """
+    """Write what people read to the standard output."""
     click.echo(escaped(text), nl=nl)
 
 

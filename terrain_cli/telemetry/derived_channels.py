@@ -54,19 +54,9 @@ def slip(angular_velocity: ArrayLike, velocity: ArrayLike, radius: float) -> Arr
 
 
 def velocity(angular_velocity: ArrayLike, slip: ArrayLike, radius: float) -> Array:
-    """Forward velocity of a wheel centre: V = (1 − i) rω driving, rω/(1 + i) skidding; `slip` solved for V.
+    """Forward velocity of a wheel: V = (1 − i) rω driving, rω/(1 + i) skidding; `slip` solved for V.
 
-    Parameters
-    ----------
-    angular_velocity, slip : array_like, shape (n,)
-        ω in rad/s, i.
-    radius : float
-        r in m.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In m/s; NaN where the slip is −1 or less, which no wheel that turns forward has.
+    NaN where the slip is −1 or less, which no wheel that turns forward has.
     """
     i = np.asarray(slip, dtype=float)
     share = np.where(i < 0.0, 1.0 / np.where(i > -1.0, 1.0 + i, np.nan), 1.0 - i)
@@ -115,38 +105,15 @@ def torque_from_current(
 
 
 def wheel_velocity(velocity: ArrayLike, yaw_rate: ArrayLike, lateral_position: float) -> Array:
-    """Forward velocity of a wheel centre on a turning body, V = v − y dψ/dt.
-
-    Parameters
-    ----------
-    velocity, yaw_rate : array_like, shape (n,)
-        v of the body's origin in m/s, dψ/dt in rad/s, positive to the left.
-    lateral_position : float
-        y of the wheel in m, positive to the left.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        V in m/s.
-    """
+    """Forward velocity of a wheel centre, V = v − y dψ/dt, on a body that turns, y > 0 on the left."""
     turning = lateral_position * np.asarray(yaw_rate, dtype=float)
     return np.asarray(np.asarray(velocity, dtype=float) - turning)
 
 
 def distance_from_velocity(time: ArrayLike, velocity: ArrayLike, *, max_gap: float = np.inf) -> Array:
-    """Distance travelled since the first sample, ∫ abs(V) dt by the trapezoidal rule.
+    """Distance travelled since the first sample, ∫ abs(V) dt by the trapezoidal rule, in m.
 
-    Parameters
-    ----------
-    time, velocity : array_like, shape (n,)
-        In s and m/s.
-    max_gap : float
-        Longest interval in s that counts as travelled.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In m. A sample without time or velocity is passed over.
+    A sample without time or velocity is passed over, and so is an interval longer than `max_gap` (s).
     """
     time, speed = np.asarray(time, dtype=float), np.abs(np.asarray(velocity, dtype=float))
     known = np.isfinite(time) & np.isfinite(speed)
@@ -161,18 +128,7 @@ def distance_from_velocity(time: ArrayLike, velocity: ArrayLike, *, max_gap: flo
 
 
 def distance_from_track(x: ArrayLike, y: ArrayLike) -> Array:
-    """Distance travelled since the first sample along the chords of a track.
-
-    Parameters
-    ----------
-    x, y : array_like, shape (n,)
-        In m.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In m. A sample without position is passed over.
-    """
+    """Distance travelled since the first sample along the chords of a track, in m; past NaN."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     known = np.isfinite(x) & np.isfinite(y)
     return _accumulate(np.hypot(np.diff(x[known]), np.diff(y[known])), known)

@@ -135,13 +135,7 @@ class Samples:
         return np.flatnonzero(self.set_aside.codes < 0)
 
     def taken(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Samples:
-        """Return some of the samples.
-
-        Parameters
-        ----------
-        rows : ndarray or slice
-            Indices, or a mask.
-        """
+        """Return some of the samples."""
         return replace(
             self,
             time=None if self.time is None else self.time[rows],
@@ -155,13 +149,7 @@ class Samples:
         )
 
     def reasons(self) -> dict[str, int]:
-        """Count the samples set aside by reason.
-
-        Returns
-        -------
-        dict of str to int
-            Only reasons that occur, the most frequent first.
-        """
+        """Count the samples set aside by reason, the most frequent first."""
         codes = self.set_aside.codes
         counts = np.bincount(codes[codes >= 0], minlength=len(self.set_aside.names))
         return {

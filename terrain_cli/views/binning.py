@@ -43,20 +43,7 @@ class Band(NamedTuple):
 
 
 def some(n: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
-    """Choose samples at random, the same ones each time.
-
-    Parameters
-    ----------
-    n : int
-        How many there are.
-    most : int
-        How many are wanted at the most.
-
-    Returns
-    -------
-    ndarray of int
-        Rising indices; all of them where there are no more than `most`.
-    """
+    """Choose at most so many of n samples at random, the same ones each time, as rising indices."""
     if n <= most:
         return np.arange(n)
     # One of each stretch, but not every k-th: that would beat with what is periodic in the data.
@@ -65,13 +52,7 @@ def some(n: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
 
 
 def limits(*columns: Array, margin: float = 0.03) -> tuple[float, float]:
-    """Return the range of the finite values, a little wider.
-
-    Parameters
-    ----------
-    margin : float
-        As a share of the range.
-    """
+    """Return the range of the finite values, a little wider by `margin`, a share of it."""
     ends = [np.nanpercentile(c, [0.0, 100.0]) for c in columns if np.isfinite(c).any()]
     if not ends:
         return 0.0, 1.0
@@ -81,17 +62,7 @@ def limits(*columns: Array, margin: float = 0.03) -> tuple[float, float]:
 
 
 def grid(x: Array, y: Array, bins: int = 60, *, square: bool = False) -> Grid:
-    """Count points in a grid over their range.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        Finite.
-    bins : int
-        Columns, and rows.
-    square : bool
-        The same range for both.
-    """
+    """Count points, all finite, in a grid over their range; `square` has the same range for both."""
     across, up = (limits(x, y),) * 2 if square else (limits(x), limits(y))
     edges = np.linspace(*across, bins + 1), np.linspace(*up, bins + 1)
     counts = np.zeros((bins, bins))
@@ -102,20 +73,7 @@ def grid(x: Array, y: Array, bins: int = 60, *, square: bool = False) -> Grid:
 
 
 def band(driver: Array, values: Array, most_bins: int = 24, least: int = 25) -> Band:
-    """Follow the quantiles of values along a driver, in bins of equally many samples.
-
-    Parameters
-    ----------
-    driver, values : ndarray, shape (n,)
-        Samples in which either is not finite are passed over.
-    least : int
-        Samples in a bin.
-
-    Returns
-    -------
-    Band
-        Empty where there are too few samples.
-    """
+    """Follow the quantiles of values along a driver, in bins of equally many samples, at `least` so many."""
     known = np.flatnonzero(np.isfinite(driver) & np.isfinite(values))
     known = known[some(len(known), _BAND_SAMPLES)]
     order = np.argsort(driver[known], kind="stable")

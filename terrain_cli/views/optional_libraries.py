@@ -12,17 +12,7 @@ LIBRARIES = {"plot": ("matplotlib",), "report": ("altair", "jinja2", "vl_convert
 
 
 def need(extra: str) -> None:
-    """Check, before the work, that what a picture or a report needs is installed.
-
-    Parameters
-    ----------
-    extra : {"plot", "report"}
-
-    Raises
-    ------
-    ConfigurationError
-        It is not.
-    """
+    """Check, before the work, that what a picture ("plot") or a report needs is installed."""
     missing = [name for name in LIBRARIES[extra] if find_spec(name) is None]
     if missing:
         what = {"plot": "pictures need", "report": "a report needs"}[extra]

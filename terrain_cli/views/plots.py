@@ -42,21 +42,7 @@ def write(
     *,
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[Path]:
-    """Draw every picture that the results allow, each as PNG and SVG.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Made if it is not there. Pictures of the same name in it are replaced.
-    progress : callable
-        Called with the name of each picture before it is drawn.
-
-    Raises
-    ------
-    ConfigurationError
-        The extra "plot" is not installed.
-    formats.errors.CannotWriteError
-    """
+    """Draw every picture that the results allow, each as PNG and SVG, in place of those of the same name."""
     from terrain_cli.comparison import Comparison
 
     pictures = _of_comparison(found) if isinstance(found, Comparison) else _of_outcomes(found)
@@ -64,42 +50,12 @@ def write(
 
 
 def write_ladder(ladder: Sequence[Rung], folder: str | Path) -> list[Path]:
-    """Draw the held-out error after each change of a model, as PNG and SVG.
-
-    Parameters
-    ----------
-    folder : str or Path
-        As for `write`.
-
-    Returns
-    -------
-    list of Path
-        Empty where nothing was tried on data.
-
-    Raises
-    ------
-    ConfigurationError
-        The extra "plot" is not installed.
-    formats.errors.CannotWriteError
-    """
+    """Draw the held-out error after each change of a model; nothing where nothing was tried on data."""
     return _write(_of_ladder(ladder), folder, lambda _: None)
 
 
 def draw(found: Comparison | Sequence[Rung], name: str) -> Figure:
-    """Draw one of the pictures that `write` or `write_ladder` writes.
-
-    Parameters
-    ----------
-    name : str
-        Of its file, without the ending.
-
-    Raises
-    ------
-    UsageError
-        There is no such picture of these results.
-    ConfigurationError
-        The extra "plot" is not installed.
-    """
+    """Draw one of the pictures that `write` or `write_ladder` writes, by its name without ending."""
     from terrain_cli.comparison import Comparison
 
     names = []

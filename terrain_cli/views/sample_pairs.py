@@ -111,13 +111,7 @@ def driver(comparison: Comparison, name: str, pooled: Pairs) -> Along:
 
 
 def drivers(comparison: Comparison, channel: str, pooled: Pairs, most: int) -> list[str]:
-    """Choose the drivers to show: those of findings first, none that does not vary.
-
-    Returns
-    -------
-    list of str
-        Their names: of many samples, one at a time is looked at.
-    """
+    """Choose the drivers to show: those of findings first, none that does not vary."""
     found = [f.driver for f in sorted(comparison.failures, key=lambda f: -f.share) if f.channel == channel]
     there = dict.fromkeys(name for wheel in comparison.wheels for name in wheel.drivers)
     result: list[str] = []
@@ -132,13 +126,7 @@ def drivers(comparison: Comparison, channel: str, pooled: Pairs, most: int) -> l
 
 
 def misfit(comparison: Comparison, channel: str) -> Array:
-    """Return the rms of the residual of a channel in every segment, NaN where it is not measured.
-
-    Returns
-    -------
-    ndarray, shape (segments,)
-        In the unit shown.
-    """
+    """Return the rms of the residual of a channel in every segment, NaN where it is not measured."""
     pooled = pairs(comparison, channel)
     n = sum(len(wheel.segments) for wheel in comparison.wheels)
     count = np.bincount(pooled.segment, minlength=n)

@@ -26,13 +26,7 @@ ELLIPSE = 2.4477
 
 
 def names(table: Table) -> list[str]:
-    """Name every segment by what tells it from the others.
-
-    Returns
-    -------
-    list of str
-        "3", "front-left 3", or "run.bag front-left 3".
-    """
+    """Name every segment by what tells it from the others, such as "3" or "run.bag front-left 3"."""
     parts = [table[key] for key in ("source", "wheel") if len(set(table[key])) > 1]
     return [
         " ".join([*map(str, before), str(int(n))])
@@ -41,19 +35,7 @@ def names(table: Table) -> list[str]:
 
 
 def groups(table: Table, most: int) -> list[str]:
-    """Say which segments are shown alike.
-
-    Parameters
-    ----------
-    most : int
-        Groups that can be told apart.
-
-    Returns
-    -------
-    list of str
-        The terrain of each segment, or its wheel where there are no labels; all the same where
-        there are more than `most`.
-    """
+    """Return the terrain of each segment, or its wheel; all the same where there are too many."""
     for key in ("terrain", "wheel"):
         values = [str(value) or "not labelled" for value in table[key]]
         if 1 < len(set(values)) <= most:
@@ -62,13 +44,7 @@ def groups(table: Table, most: int) -> list[str]:
 
 
 def paths(table: Table) -> list[Array]:
-    """Read the tracks of the segments.
-
-    Returns
-    -------
-    list of ndarray, shape (points, 2)
-        Empty where a segment has no place.
-    """
+    """Read the tracks of the segments, each of shape (points, 2), empty where a segment has no place."""
     result = []
     for text in table["WKT"]:
         inside = text.partition("(")[2].rstrip(")")
@@ -83,18 +59,9 @@ def geographic(table: Table) -> bool:
 
 
 def frame(table: Table, points: Array) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """Return the part of the plane that a map of points shows.
+    """Return the part of the plane that a map shows, and how long a unit upwards is in units across.
 
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-
-    Returns
-    -------
-    across, up : (float, float)
-        The narrow side is at least a third of the long one, for labels to have room.
-    stretch : float
-        How long a unit upwards is on the ground, in units across.
+    The narrow side is at least a third of the long one, for labels to have room.
     """
     stretch = 1.0 / float(np.cos(np.radians(points[:, 1].mean()))) if geographic(table) else 1.0
     across, up = (binning.limits(points[:, axis], margin=0.06) for axis in (0, 1))
@@ -105,13 +72,7 @@ def frame(table: Table, points: Array) -> tuple[tuple[float, float], tuple[float
 
 
 def ellipse(table: Table, row: int, points: int = 60) -> Array:
-    """Return the outline of the region that holds c and φ with 95 % confidence.
-
-    Returns
-    -------
-    ndarray, shape (points, 2)
-        c in kPa and φ in degrees; NaN where the errors are not known.
-    """
+    """Return the outline, shape (points, 2), of where c (kPa) and φ (degrees) are with 95 % confidence."""
     turn = np.linspace(0.0, 2.0 * np.pi, points)
     corr = float(np.clip(table["corr_c_phi"][row], -1.0, 1.0))
     along, across = np.cos(turn), np.sin(turn)
@@ -148,13 +109,7 @@ def _limits(
 
 
 def usual(values: Array) -> tuple[float, float]:
-    """Return the range of values, without those far from the others.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Finite.
-    """
+    """Return the range of finite values, without those far from the others."""
     first, third = np.percentile(values, [25.0, 75.0])
     far = 2.5 * (third - first)
     near = values[(values >= first - far) & (values <= third + far)]
@@ -162,13 +117,7 @@ def usual(values: Array) -> tuple[float, float]:
 
 
 def strength_limits(table: Table) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return ranges of normal stress and strength, in kPa, in which the strength lines can be seen.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        With segments that were tested.
-    """
+    """Return ranges of normal stress and strength, in kPa, in which the strength lines can be seen."""
     known = tested(table)
     pivot, value = (
         np.asarray(table[name], dtype=float)[known] for name in ("sigma_star_kPa", "strength_kPa")
@@ -179,13 +128,7 @@ def strength_limits(table: Table) -> tuple[tuple[float, float], tuple[float, flo
 
 
 def tested(table: Table) -> NDArray[np.intp]:
-    """Find the segments whose strength is known at a stress that can be.
-
-    Returns
-    -------
-    ndarray of int
-        Rows.
-    """
+    """Return the rows of the segments whose strength is known at a stress that can be."""
     pivot, value = (np.asarray(table[name], dtype=float) for name in ("sigma_star_kPa", "strength_kPa"))
     return np.flatnonzero(np.isfinite(value) & (pivot > 0.0))
 
@@ -198,18 +141,7 @@ def mapped_strength(table: Table) -> tuple[str, Array]:
 
 
 def strength(table: Table, row: int, stress: Array) -> tuple[Array, Array]:
-    """Return the strength of a segment's soil under normal stresses, with its standard error.
-
-    Parameters
-    ----------
-    stress : ndarray
-        In kPa.
-
-    Returns
-    -------
-    strength, error : ndarray
-        In kPa.
-    """
+    """Return the strength of a segment's soil under normal stresses, with its standard error, all in kPa."""
     slope = np.tan(np.radians(table["phi_deg"][row]))
     slope_error = np.radians(table["phi_se_deg"][row]) * (1.0 + slope**2)
     error = table["c_se_kPa"][row]

@@ -32,24 +32,14 @@ class Moment(NamedTuple):
 
 
 def table(comparison: Comparison) -> segment_table.Table:
-    """Return the soil of every segment, as `estimate` gives it.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        The columns of `segment_table.COLUMNS`.
-    """
+    """Return the soil of every segment, as `estimate` gives it."""
     return segment_table.join([segment_table.table(*soils) for soils in segment_soils.of(comparison)])
 
 
 def moments(comparison: Comparison) -> list[Moment]:
     """Choose a moment of each wheel: the middle of the sinkages in its longest segment.
 
-    Returns
-    -------
-    list of Moment
-        Of the first few wheels whose sinkage is measured; none of the linear base, whose stresses
-        are triangles.
+    None of the linear base, whose stresses are triangles.
     """
     several = len({wheel.source for wheel in comparison.wheels}) > 1
     found = []

@@ -18,19 +18,10 @@ if TYPE_CHECKING:
 
 
 def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
-    """Compute what effects use, where it is not there yet.
+    """Compute what effects use, where it is not there yet, of samples with every channel and further column.
 
-    Samples in which it is not known are set aside, as reading with the model does.
-
-    Parameters
-    ----------
-    windows : Windows
-        Of samples with every channel and further column.
-
-    Raises
-    ------
-    InputError
-        An effect needs what was not measured, or in no sample is it known.
+    Samples in which it is not known are set aside, as reading with the model does. InputError where an effect
+    needs what was not measured, or it is known in no sample.
     """
     samples = windows.samples
     new = [effect for effect in effects if not samples.drivers.keys() >= {*effect.reads}]

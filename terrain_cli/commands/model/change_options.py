@@ -62,15 +62,7 @@ def with_options(command: options.F) -> options.F:
 
 
 def load(path: str) -> ModelFile:
-    """Read the model file that is to be changed.
-
-    Raises
-    ------
-    UsageError
-        It is the name of a base.
-    ConfigurationError
-        It is wrong, or not there.
-    """
+    """Read the model file that is to be changed, which is not the name of a base."""
     from terrain_cli import models
     from terrain_cli.errors import UsageError
 
@@ -82,12 +74,7 @@ def load(path: str) -> ModelFile:
 
 
 def change(context: click.Context, action: Action) -> tuple[ModelFile, Changed]:
-    """Read the model file, and change it as the command line says.
-
-    Parameters
-    ----------
-    action : {"add", "remove"}
-    """
+    """Read the model file, and change it as the command line says."""
     from terrain_cli import models
 
     given = context.params
@@ -113,19 +100,7 @@ def tried(
     changed: Changed,
     inputs: Sequence[str] | None = None,
 ) -> Step:
-    """Try a change on the data of the command line.
-
-    Parameters
-    ----------
-    action : {"add", "remove"}
-    inputs : sequence of str, optional
-        In place of --data.
-
-    Returns
-    -------
-    Step
-        Not kept.
-    """
+    """Try a change on the data of the command line, or on other inputs; it is not kept."""
     from terrain_cli import improvement
     from terrain_cli.commands.progress import Progress
 
@@ -145,12 +120,7 @@ def tried(
 
 
 def untested(context: click.Context, action: Action, changed: Changed) -> None:
-    """Make a change without data, and tell it.
-
-    Parameters
-    ----------
-    action : {"add", "remove"}
-    """
+    """Make a change without data, and tell it."""
     from terrain_cli.improvement import model_history
     from terrain_cli.presentation import change_sentences, change_text
 

@@ -123,30 +123,14 @@ def _effective(moments: WindowMoments, line: Line) -> tuple[Array, Array, Array,
 def samples_per_independent(rho: Array, share: Array, count: Array) -> Array:
     """Return how many samples make one independent one: 1 + 2 Σ (1 − k/n) a ρᵏ over lags k = 1 … n − 1.
 
-    Parameters
-    ----------
-    rho, share : ndarray, shape (w,)
-        ρ < 1 and a of the autocorrelation a ρᵏ.
-    count : ndarray, shape (w,)
-        n.
-
-    Returns
-    -------
-    ndarray, shape (w,)
-        Between 1 and n/2.
+    ρ < 1 and the share a are of the autocorrelation a ρᵏ, all of shape (w,); between 1 and n/2.
     """
     total = rho / (1.0 - rho) - rho * (1.0 - rho**count) / (count * (1.0 - rho) ** 2)
     return np.asarray(np.clip(1.0 + 2.0 * share * total, 1.0, np.maximum(count / 2.0, 1.0)))
 
 
 def student(dof: Array) -> Array:
-    """Quantile 0.975 of Student's t, by its expansion in 1/dof (Abramowitz & Stegun 26.7.5).
-
-    Parameters
-    ----------
-    dof : ndarray
-        Taken as 1 where less.
-    """
+    """Quantile 0.975 of Student's t, by expansion in 1/dof, 1 at least (Abramowitz & Stegun 26.7.5)."""
     z, dof = 1.959964, np.maximum(dof, 1.0)
     return np.asarray(
         z

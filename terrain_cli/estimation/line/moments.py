@@ -74,18 +74,9 @@ def segment_sum(values: Array, bounds: Bounds) -> Array:
 
 
 def window_products(weighted: Array, rows: Array, bounds: Bounds) -> Array:
-    """Sum the products of rows over the outputs and the samples of each window.
+    """Sum the products of rows, shape (…, outputs, p, n), over outputs and the samples of each window.
 
-    Parameters
-    ----------
-    weighted, rows : ndarray, shape (…, outputs, p, n)
-        The same but for a weight of each sample.
-    bounds : ndarray of int, shape (w + 1,)
-        From 0 to n.
-
-    Returns
-    -------
-    ndarray, shape (w, …, p, p)
+    `weighted` is the same but for a weight of each sample. Shape (w, …, p, p).
     """
     *_, size, n = rows.shape
     total = np.empty((len(bounds) - 1, *rows.shape[:-3], size, size))
@@ -104,16 +95,9 @@ def window_products(weighted: Array, rows: Array, bounds: Bounds) -> Array:
 def of_windows(
     columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[Key] = _KEYS
 ) -> WindowMoments:
-    """Moments of every window.
+    """Moments of every window, of the columns x, y, load, torque, sinkage and slip.
 
-    Parameters
-    ----------
-    columns : sequence of six ndarray, shape (n,)
-        x, y, load, torque, sinkage, slip.
-    bounds : ndarray of int, shape (w + 1,)
-        From 0 to n.
-    keys : sequence of (int, int, int)
-        Which products; with `LINE` the columns may be x and y alone.
+    `keys` are the products wanted; with `LINE` the columns may be x and y alone.
     """
     count = np.diff(bounds)
     if len(count) and len(columns[0]) >= _LONG * len(count):
@@ -164,13 +148,7 @@ def _of_equal_windows(columns: Array, bounds: Bounds, keys: Sequence[Key]) -> Wi
 
 
 def join(parts: Sequence[WindowMoments]) -> WindowMoments:
-    """Put the windows of several blocks behind one another.
-
-    Parameters
-    ----------
-    parts : sequence of WindowMoments
-        At least one, all with the same products.
-    """
+    """Put the windows of several blocks, all with the same products, behind one another."""
     return WindowMoments(
         np.concatenate([part.count for part in parts]),
         np.concatenate([part.mean for part in parts], axis=1),
@@ -179,18 +157,7 @@ def join(parts: Sequence[WindowMoments]) -> WindowMoments:
 
 
 def running(columns: Array) -> WindowMoments:
-    """Moments of the first 1, 2, …, n samples of one window.
-
-    Parameters
-    ----------
-    columns : ndarray, shape (6, n)
-        As for `of_windows`.
-
-    Returns
-    -------
-    WindowMoments
-        With n entries; the last is that of the whole window.
-    """
+    """Moments of the first 1, 2, …, n samples of one window, of the same columns, shape (6, n)."""
     size = columns.shape[1]
     count = np.arange(1.0, size + 1.0)
     origin = columns.mean(axis=1, keepdims=True)

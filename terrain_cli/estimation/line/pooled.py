@@ -49,12 +49,7 @@ class PooledEstimate:
     phi_spread: float = np.nan
 
     def strength_at(self, stress: float) -> tuple[float, float]:
-        """Return the strength under a normal stress and its standard error, all in Pa.
-
-        Parameters
-        ----------
-        stress : float
-        """
+        """Return the strength under a normal stress and its standard error, all in Pa."""
         slope, away = np.tan(self.phi), stress - self.sigma_star
         error = np.hypot(self.strength_se, away * self.phi_se * (1.0 + slope**2))
         return float(self.strength + away * slope), float(error)

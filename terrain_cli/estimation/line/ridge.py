@@ -55,39 +55,15 @@ class Ridge:
 
 
 def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Ridge:
-    """Fit each window by ridge regression.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        In Pa.
-    bounds : ndarray of int, shape (w + 1,)
-    moments : WindowMoments
-        Of these windows.
-    folds : int or None
-        As for `losses`.
-    """
+    """Fit each window by ridge regression; `folds` as for `losses`."""
     return choose(moments, losses(x, y, bounds, moments, folds=folds))
 
 
 def losses(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Array:
-    """Sum the squared errors of prediction of what is left out of each window.
+    """Sum the squared errors of prediction of what is left out of each window, by δ, shape (17, w).
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        In Pa.
-    bounds : ndarray of int, shape (w + 1,)
-    moments : WindowMoments
-        Of these windows.
-    folds : int or None
-        Leave one of so many contiguous blocks out, at least 2; None leaves one sample out, by
-        the exact identity residual/(1 − leverage).
-
-    Returns
-    -------
-    ndarray, shape (17, w)
-        For each of `DELTAS`, in Pa².
+    One of so many contiguous blocks, at least 2; without `folds` one sample, by the exact identity
+    residual/(1 − leverage).
     """
     design = _scaled(moments)
     if folds is None:
@@ -96,13 +72,7 @@ def losses(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds:
 
 
 def choose(moments: WindowMoments, loss: Array) -> Ridge:
-    """Fit each window with the δ of which the error of prediction is least.
-
-    Parameters
-    ----------
-    loss : ndarray, shape (17, w)
-        From `losses`.
-    """
+    """Fit each window with the δ of which the error of prediction (`losses`) is least."""
     design = _scaled(moments)
     delta = DELTAS[np.argmin(loss, axis=0)]
     cohesion, slope, (cohesion_mean, cohesion_shared, slope_mean, slope_shared) = _solve(design, delta)

@@ -43,18 +43,7 @@ _PLAIN_CORRELATION = 0.8
 
 
 def phi_bounds(moments: WindowMoments, *, correlated: bool) -> tuple[Array, Array]:
-    """Bounds of φ that hold for any amount of noise in any of the four sensors.
-
-    Parameters
-    ----------
-    correlated : bool
-        Whether samples follow each other in time.
-
-    Returns
-    -------
-    low, high : ndarray, shape (w,)
-        In rad, between 0 and 60°.
-    """
+    """Bounds of φ, in rad between 0 and 60°, that hold for any amount of noise in any of the four sensors."""
     low, high = np.zeros_like(moments.count), np.full_like(moments.count, LARGEST_PHI)
     for channel in CHANNELS:
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -73,18 +62,7 @@ def phi_bounds(moments: WindowMoments, *, correlated: bool) -> tuple[Array, Arra
 
 
 def distance_to_bounds(phi: Array, low: Array, high: Array) -> Array:
-    """Root mean square distance of φ to a truth that lies anywhere between its bounds.
-
-    Parameters
-    ----------
-    phi, low, high : ndarray, shape (w,)
-        In rad.
-
-    Returns
-    -------
-    ndarray, shape (w,)
-        In rad.
-    """
+    """Root mean square distance of φ to a truth that lies anywhere between its bounds, in rad."""
     return np.asarray(np.sqrt((high - low) ** 2 / 12.0 + (0.5 * (low + high) - phi) ** 2))
 
 

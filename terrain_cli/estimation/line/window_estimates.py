@@ -217,13 +217,7 @@ def estimate_windows(
 
 
 def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
-    """Put the windows of several calls behind one another.
-
-    Parameters
-    ----------
-    parts : sequence of WindowEstimates
-        At least one.
-    """
+    """Put the windows of several calls behind one another."""
     if len(parts) == 1:
         return parts[0]
     return WindowEstimates(
@@ -232,16 +226,9 @@ def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
 
 
 def blocks(bounds: Bounds) -> Iterator[tuple[int, int]]:
-    """Part windows into runs that fit into the processor's cache.
+    """Part windows into runs, first to last − 1, that fit into the processor's cache.
 
-    Parameters
-    ----------
-    bounds : ndarray of int, shape (w + 1,)
-
-    Yields
-    ------
-    first, last : int
-        Windows first to last − 1, of about `_BLOCK` samples; one empty run if there are no windows.
+    They are of about `_BLOCK` samples; one empty run if there are no windows.
     """
     first, windows = 0, len(bounds) - 1
     while True:

@@ -29,17 +29,9 @@ _FARTHEST = 5.0
 
 
 def overshoot(normal: Normal, local: tuple[Unknown, ...], t: Array) -> Array:
-    """Return how far beyond their bounds the next step would take the windows' own unknowns.
+    """Return how far beyond their bounds the next step would take the windows' own unknowns, shape (w, p).
 
-    Parameters
-    ----------
-    t : ndarray, shape (w, p)
-        Within their bounds.
-
-    Returns
-    -------
-    ndarray, shape (w, p)
-        0 or more where an unknown is at its bound, else −1.
+    0 or more where an unknown is at its bound, else −1.
     """
     low, high, _ = limits(local)
     at_low, at_high = t <= low + _NEAR, t >= high - _NEAR
@@ -52,16 +44,7 @@ def overshoot(normal: Normal, local: tuple[Unknown, ...], t: Array) -> Array:
 
 
 def truncate(t: Array, own: Array, beyond: Array, local: tuple[Unknown, ...]) -> tuple[Array, Array]:
-    """Cut the distribution of the windows' unknowns off at the bounds that they are at.
-
-    Parameters
-    ----------
-    t : ndarray, shape (w, p)
-    own : ndarray, shape (w, p, p)
-        Their covariance.
-    beyond : ndarray, shape (w, p)
-        From `overshoot`.
-    """
+    """Cut the distribution of the windows' unknowns (covariance `own`) off at bounds they are at."""
     low, high, _ = limits(local)
     t, own = t.copy(), own.copy()
     for w in np.flatnonzero((beyond >= 0.0).any(axis=1)):

@@ -49,18 +49,7 @@ class Noise:
         return cls(dict.fromkeys(CHANNELS, relative))
 
     def variance(self, channel: str, value: Array) -> Array:
-        """Variance of a channel's error.
-
-        Parameters
-        ----------
-        value : ndarray
-            True values of the channel, SI unit.
-
-        Returns
-        -------
-        ndarray
-            In the unit squared.
-        """
+        """Variance of a channel's error at its true values, in the SI unit squared."""
         share, constant = self.relative.get(channel, 0.0), self.absolute.get(channel, 0.0)
         return (share * value) ** 2 + constant**2
 

@@ -38,17 +38,9 @@ def descend(
     order: int | None,
     iterations: int = ITERATIONS,
 ) -> State:
-    """Go downhill from a beginning.
+    """Go downhill from a beginning within the bounds, t of shape (w, p) and common of shape (q,).
 
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-        Within their bounds.
-
-    Returns
-    -------
-    State
-        Windows that share something go together: all their steps fall, or none is taken.
+    Windows that share something go together: all their steps fall, or none is taken.
     """
     sought = problem.unknowns
     together = len(sought.shared) > 0

@@ -46,17 +46,7 @@ class FitData:
         return np.diff(self.bounds)
 
     def take(self, rows: NDArray[np.intp], count: NDArray[np.intp], windows: NDArray[np.intp]) -> FitData:
-        """Return some of the samples.
-
-        Parameters
-        ----------
-        rows : ndarray of int
-            Ordered by window.
-        count : ndarray of int, shape (w,)
-            Samples of each window that stays.
-        windows : ndarray of int, shape (w,)
-            These windows, counted within this data.
-        """
+        """Return some of the samples, ordered by window: so many of each of these windows."""
         return FitData(
             channels={name: column[rows] for name, column in self.channels.items()},
             inputs=self.inputs,
@@ -69,40 +59,17 @@ class FitData:
         )
 
     def rows_of(self, windows: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the samples of some windows.
-
-        Parameters
-        ----------
-        windows : ndarray of int
-            Counted within this data.
-        """
+        """Return the samples of some windows, counted within this data."""
         count = self.count[windows]
         ends = np.cumsum(count)
         return np.arange(ends[-1] if len(ends) else 0) + np.repeat(self.bounds[windows] - ends + count, count)
 
     def only(self, windows: NDArray[np.intp]) -> FitData:
-        """Return the samples of some windows.
-
-        Parameters
-        ----------
-        windows : ndarray of int
-            Counted within this data.
-        """
+        """Return the data of some windows, counted within this data."""
         return self.take(self.rows_of(windows), self.count[windows], windows)
 
     def thin(self, most: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Choose evenly spread samples of every window.
-
-        Parameters
-        ----------
-        most : int
-            Of each window.
-
-        Returns
-        -------
-        count : ndarray of int, shape (w,)
-            Chosen of each window.
-        """
+        """Choose evenly spread samples of every window, so many at most; return rows and numbers."""
         count = np.minimum(self.count, most)
         ends = np.cumsum(count)
         place = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - count, count)
@@ -115,18 +82,7 @@ class FitData:
         return self.take(rows, count, np.arange(len(count)))
 
     def blocks(self, size: int = _BLOCK) -> Iterator[NDArray[np.intp]]:
-        """Yield runs of whole windows.
-
-        Parameters
-        ----------
-        size : int
-            Samples at the most, save in a window that has more.
-
-        Yields
-        ------
-        ndarray of int
-            Windows, counted within this data.
-        """
+        """Yield runs of whole windows, of so many samples at most, save in a window with more."""
         first, last, windows = 0, 0, len(self.windows)
         while last < windows:
             last = int(np.searchsorted(self.bounds, self.bounds[first] + size, side="right")) - 1
@@ -138,26 +94,10 @@ class FitData:
 def collect(
     model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given
 ) -> tuple[FitData, NDArray[np.intp]]:
-    """Sort channels into what is given and what is predicted, and leave out samples that tell nothing.
+    """Sort channels into what is given and what is predicted; return the rows that tell something too.
 
-    Parameters
-    ----------
-    channels : mapping of str to array_like, shape (n,)
-        SI units; NaN where not measured.
-    bounds : array_like of int, shape (w + 1,)
-    given : {"sinkage", "load"}
-
-    Returns
-    -------
-    rows : ndarray of int
-        The samples kept.
-
-    Raises
-    ------
-    InputError
-        A channel is missing.
-    ValueError
-        Arrays of different length, or bounds that do not go from 0 to n.
+    NaN is not measured. InputError: a channel is missing. ValueError: arrays of different length, or bounds
+    that do not go from 0 to n.
     """
     columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}
     bounds = np.asarray(bounds, dtype=np.intp)

@@ -36,20 +36,7 @@ def _parted(fit: Fit) -> dict[str, Any]:
 def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
     """Put a fit in the place of the linear estimates of the same windows.
 
-    Parameters
-    ----------
-    linear : WindowEstimates
-        Keeps its columns of least squares and ridge, and the bounds of φ.
-
-    Returns
-    -------
-    WindowEstimates
-        With the method "wong-reece" (the base of the fit's model); k is in ``fit.values``.
-
-    Raises
-    ------
-    ValueError
-        Different numbers of windows.
+    Those keep their columns of least squares and ridge, and the bounds of φ.
     """
     if len(fit) != len(linear):
         raise ValueError(f"a fit of {len(fit)} windows and estimates of {len(linear)}")

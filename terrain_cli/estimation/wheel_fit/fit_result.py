@@ -119,18 +119,7 @@ class Fit:
         return np.asarray(self.errors["tan_phi"] / (1.0 + self.values["tan_phi"] ** 2))
 
     def correlation(self, a: str, b: str) -> Array:
-        """Correlation of the errors of two parameters.
-
-        Parameters
-        ----------
-        a, b : str
-            Of `names`, or fixed.
-
-        Returns
-        -------
-        ndarray, shape (w,)
-            NaN where one of them is fixed.
-        """
+        """Correlation of the errors of two parameters, NaN where one of them is fixed."""
         cov, var_a, var_b = (between(self.names, self.covariance, x, y) for x, y in ((a, b), (a, a), (b, b)))
         bottom = np.sqrt(var_a * var_b)
         ratio = np.divide(cov, bottom, out=np.full_like(cov, np.nan), where=bottom > 0.0)
@@ -205,21 +194,10 @@ class Parameters:
 def parameters(
     soil: Sequence[str], sought: Unknowns, found: Posterior, known: NDArray[np.bool_], spread: float
 ) -> Parameters:
-    """Turn unknowns into parameters in their own units.
+    """Turn unknowns into parameters in their own units, as `Fit` has them.
 
-    Parameters
-    ----------
-    soil : sequence of str
-        Names of the soil's parameters.
-    known : ndarray of bool, shape (w,)
-        Windows with samples.
-    spread : float
-        Factor on all standard errors, for noise that is itself estimated.
-
-    Returns
-    -------
-    Parameters :
-        What `Fit` says of them.
+    `known` are the windows with samples; `spread` is a factor on all standard errors, for noise that is
+    itself estimated.
     """
     windows = len(found.t)
     unknowns, q = (*sought.local, *sought.shared), len(sought.shared)
@@ -301,13 +279,7 @@ def _open(names: tuple[str, ...], sure: Array, tan_phi: Array, unknowns: Sequenc
 
 
 def between(names: tuple[str, ...], covariance: Array, a: str, b: str) -> Array:
-    """Return the covariance of two parameters in each window; 0 where one of them is not sought.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Of the rows of `covariance`, shape (w, p, p).
-    """
+    """Return the covariance of two of the names in each window; 0 where one of them is not sought."""
     if a not in names or b not in names:
         return np.zeros(len(covariance))
     return covariance[:, names.index(a), names.index(b)]

@@ -257,17 +257,7 @@ def _learn(
     data: FitData,
     learner: LikelyNoise | ScaledDifferences,
 ) -> tuple[Problem, float, bool]:
-    """Learn the noise of the sensors.
-
-    Returns
-    -------
-    Problem
-        With that noise.
-    float
-        Degrees of freedom that told it.
-    bool
-        Whether the search found its end in every window.
-    """
+    """Learn the noise of the sensors; return it with its degrees of freedom, and whether all settled."""
     problem = replace(problem, noise=learner.noise)
     filled = np.flatnonzero(data.count > 0)
     if len(filled) == 0:

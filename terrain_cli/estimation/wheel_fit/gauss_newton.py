@@ -57,12 +57,7 @@ class Normal:
 
 
 def initial(data: FitData, t: Array, common: Array) -> State:
-    """Begin a search with the measured values for the true ones.
-
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-    """
+    """Begin at t, shape (w, p), and common, shape (q,), with the measured values for the true ones."""
     windows = len(t)
     latent = np.array([data.channels[name] for name in data.inputs])
     return State(t.copy(), common.copy(), latent, np.zeros(windows, dtype=bool), np.full(windows, np.inf))
@@ -71,17 +66,7 @@ def initial(data: FitData, t: Array, common: Array) -> State:
 def solve(
     problem: Problem, data: FitData, start: State, *, order: int | None, iterations: int = ITERATIONS
 ) -> State:
-    """Find the most probable unknowns.
-
-    Parameters
-    ----------
-    start : State
-        Changed in place.
-    order : int or None
-        Nodes on each arc.
-    iterations : int
-        At the most.
-    """
+    """Find the most probable unknowns; `start` is changed in place, `order` is nodes on each arc."""
     sought, state = problem.unknowns, start
     windows, shared = len(data.windows), len(sought.shared) > 0
     # Where a search with fewer nodes has ended one short step is enough to tell.
@@ -133,15 +118,9 @@ def accumulate(
     order: int | None,
     each: Callable[[NDArray[np.intp], FitData, Equations], None] | None = None,
 ) -> Normal:
-    """Linearise all windows, block by block, and move the true values of the inputs along.
+    """Linearise all windows, block by block, and move the true values of the inputs along, in place.
 
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-    latent : ndarray, shape (inputs, n)
-        Changed in place.
-    each : callable, optional
-        Called with the windows of each block, their data and equations.
+    `each` is called with the windows of each block, their data and equations.
     """
     size = t.shape[1] + len(common)
     windows = len(t)
@@ -160,10 +139,7 @@ def accumulate(
 def eliminate(normal: Normal, local: int, *, prior: float = 1.0) -> tuple[Array, Array, Array]:
     """Eliminate the first unknowns of each window; return A⁻¹, G and S of `normal_equations`.
 
-    Parameters
-    ----------
-    prior : float
-        Information of each prior; less than 1 for what would be known with wider ones.
+    The information of each prior is less than 1 for what would be known with wider ones.
     """
     found, shared = _arrow(normal, local, prior)
     return found.own, found.gain, shared - found.taken()
@@ -175,16 +151,7 @@ def _arrow(normal: Normal, local: int, prior: float = 1.0) -> tuple[Eliminated, 
 
 
 def square_root(matrix: Array) -> Array:
-    """Return factors L with L Lᵀ the covariance matrices, triangular where rounding leaves them definite.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (…, p, p)
-
-    Returns
-    -------
-    ndarray, shape (…, p, p)
-    """
+    """Return factors L with L Lᵀ the covariance matrices, triangular where rounding leaves them definite."""
     try:
         return np.asarray(np.linalg.cholesky(matrix), dtype=float)
     except np.linalg.LinAlgError:
@@ -195,19 +162,9 @@ def square_root(matrix: Array) -> Array:
 
 
 def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[Array, Array, Array]:
-    """Return a step towards the most probable unknowns, within their bounds.
+    """Return a step towards the most probable unknowns within their bounds, own and shared, and its length.
 
-    Parameters
-    ----------
-    normal : Normal
-        At the unknowns that follow.
-    t, common : ndarray, shape (w, p) and (q,)
-
-    Returns
-    -------
-    step, shift : ndarray, shape (w, p) and (q,)
-    length : ndarray, shape (w,)
-        Squared, in posterior standard deviations.
+    The length is squared, in posterior standard deviations; `normal` is at these unknowns.
     """
     local = t.shape[1]
     step, shift = _unbounded(normal, t, common)
@@ -251,11 +208,6 @@ def _unbounded(normal: Normal, t: Array, common: Array) -> tuple[Array, Array]:
 
 
 def limits(sought: tuple[Unknown, ...]) -> tuple[Array, Array, Array]:
-    """Return lower and upper bounds and largest steps.
-
-    Returns
-    -------
-    lower, upper, step : ndarray, shape (p,)
-    """
+    """Return lower and upper bounds and largest steps, each of shape (p,)."""
     table = np.array([[u.lower, u.upper, u.step] for u in sought]).reshape(-1, 3)
     return table[:, 0], table[:, 1], table[:, 2]

@@ -69,19 +69,10 @@ class Problem:
         order: int | None,
         latent: Array | None = None,
     ) -> Prediction:
-        """Predict all samples of some windows.
+        """Predict all samples of some windows, at t, shape (w, p), and common, shape (q,).
 
-        Parameters
-        ----------
-        t : ndarray, shape (w, p)
-            Local unknowns of the windows of `data`.
-        common : ndarray, shape (q,)
-        by : bool
-            Differentiate by the unknowns, and by the inputs that are not exact.
-        order : int or None
-            Nodes on each arc.
-        latent : ndarray, shape (inputs, n), optional
-            True values of the inputs; the measured ones by default.
+        `by`: differentiate by the unknowns, and by the inputs that are not exact; `latent`: true values of
+        the inputs, by default the measured ones, shape (inputs, n).
         """
         channels = data.channels
         if latent is not None:
@@ -122,22 +113,12 @@ class Equations:
         return self.residual * (self.weight / self.size)
 
     def unwhitened(self) -> Array:
-        """Return the design in the units of the outputs.
-
-        Returns
-        -------
-        ndarray, shape (outputs, p + q, n)
-        """
+        """Return the design in the units of the outputs, shape (outputs, p + q, n)."""
         return np.asarray(np.einsum("abn,bpn->apn", self.factor, self.design))
 
     @_QUIET
     def latent(self, data: FitData) -> Array:
-        """Return the true values of the inputs that go best with the residuals.
-
-        Returns
-        -------
-        ndarray, shape (inputs, n)
-        """
+        """Return the true values of the inputs that go best with the residuals, shape (inputs, n)."""
         most = _FARTHEST / np.sqrt(np.repeat(data.excess, data.count))
         offset = np.clip(np.einsum("akn,an->kn", self.inward, self.residual), -most, most)
         measured = np.array([data.channels[name] for name in data.inputs])
@@ -151,19 +132,10 @@ class Equations:
         return np.asarray(moved)
 
     def normal(self, bounds: NDArray[np.intp]) -> tuple[Array, Array, Array]:
-        """Sum up windows.
+        """Return information, score and misfit of each window.
 
-        Parameters
-        ----------
-        bounds : ndarray of int, shape (w + 1,)
-
-        Returns
-        -------
-        information : ndarray, shape (w, p + q, p + q)
-        score : ndarray, shape (w, p + q)
-        misfit : ndarray, shape (w,)
-            Sum of squares of the residuals; of the weighted ones, in terms of what clean data
-            would give, where the fit is robust.
+        The misfit is the sum of squares of the residuals; of the weighted ones, in terms of what clean data
+        would give, where the fit is robust.
         """
         weighted = self.design * self.weight
         information = window_products(weighted, self.design, bounds)
@@ -176,17 +148,7 @@ class Equations:
 def equations(
     problem: Problem, data: FitData, t: Array, common: Array, latent: Array, *, order: int | None = None
 ) -> Equations:
-    """Linearise the model about a guess.
-
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-        Local and shared unknowns.
-    latent : ndarray, shape (inputs, n)
-        True values of the inputs.
-    order : int, optional
-        Nodes on each arc.
-    """
+    """Linearise the model about a guess of the unknowns and of the true values of the inputs."""
     sought = problem.unknowns
     prediction = problem.predict(data, t, common, by=True, order=order, latent=latent)
     size, n = len(sought.local) + len(sought.shared), latent.shape[1]
@@ -270,18 +232,7 @@ def _cholesky(inward: Array, own: Array) -> Array:
 
 
 def solve_lower(factor: Array, table: Array) -> Array:
-    """Multiply by the inverse of a lower triangular matrix of each sample, in place.
-
-    Parameters
-    ----------
-    factor : ndarray, shape (outputs, outputs, n)
-    table : ndarray, shape (outputs, columns, n)
-
-    Returns
-    -------
-    ndarray
-        `table`.
-    """
+    """Multiply a table (outputs, columns, n) by the inverse of a lower triangle of each sample, in place."""
     for a in range(len(table)):
         for b in range(a):
             table[a] -= factor[a, b] * table[b]

@@ -75,18 +75,7 @@ class ScaledDifferences:
 
 
 def assumed(channels: Mapping[str, Array]) -> Noise:
-    """Noise of steady test points, of which only the scatter about the fit tells: the same share in all.
-
-    Parameters
-    ----------
-    channels : mapping of str to ndarray, shape (n,)
-        Those measured.
-
-    Returns
-    -------
-    Noise
-        To be scaled by the residuals.
-    """
+    """Noise of steady test points, the same share in all, to be scaled by the residuals about the fit."""
     size = {name: level(channels[name]) for name in CHANNELS if name in channels}
     return Noise(
         {name: USUAL for name in size if name not in _ABSOLUTE},
@@ -97,14 +86,8 @@ def assumed(channels: Mapping[str, Array]) -> Noise:
 def from_differences(channels: Mapping[str, Array], bounds: Bounds) -> Noise:
     """White part of each channel, from second differences within the windows.
 
-    A true value that varies from sample to sample passes for noise here; the residuals of a fit
-    tell by how much.
-
-    Parameters
-    ----------
-    channels : mapping of str to ndarray, shape (n,)
-        Samples in their order in time; NaN where not measured.
-    bounds : ndarray of int, shape (w + 1,)
+    Samples are in their order in time, NaN where not measured. A true value that varies from sample to sample
+    passes for noise here; the residuals of a fit tell by how much.
     """
     relative: dict[str, float] = {}
     absolute: dict[str, float] = {}
@@ -126,17 +109,7 @@ def from_differences(channels: Mapping[str, Array], bounds: Bounds) -> Noise:
 
 
 def inner(bounds: Bounds) -> NDArray[np.bool_]:
-    """Tell which samples have a neighbour of their own window on either side.
-
-    Parameters
-    ----------
-    bounds : ndarray of int, shape (w + 1,)
-
-    Returns
-    -------
-    ndarray of bool, shape (max(n − 2, 0),)
-        Of samples 1 to n − 2.
-    """
+    """Tell which of the samples 1 to n − 2 have a neighbour of their own window on either side."""
     n = int(bounds[-1])
     window = np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
     return np.asarray(window[2:] == window[:-2]) if n > 2 else np.zeros(0, dtype=bool)

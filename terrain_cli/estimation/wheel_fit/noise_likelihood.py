@@ -84,12 +84,7 @@ class LevelPrior:
 
 
 def usual_noise(measured: Mapping[str, Array]) -> LevelPrior:
-    """Return what is known of the noise of the channels that are measured.
-
-    Parameters
-    ----------
-    measured : mapping of str to ndarray, shape (n,)
-    """
+    """Return what is known of the noise of the channels that are measured."""
     relative: dict[str, float] = {}
     absolute: dict[str, float] = {}
     for name in CHANNELS:
@@ -109,18 +104,10 @@ class LikelyNoise:
     def __init__(
         self, data: FitData, size: int, *, ordered: bool, near: bool = False, begun: Noise | None = None
     ) -> None:
-        """Begin with what is usual, or with what is nearly right.
+        """Begin with what is usual, or with what was `begun`: learnt from other samples of these sensors.
 
-        Parameters
-        ----------
-        size : int
-            Own and shared unknowns of a window together.
-        ordered : bool
-            Whether samples follow each other in time.
-        near : bool
-            Nearly right is enough.
-        begun : Noise, optional
-            Learnt from other samples of these sensors.
+        `size` is the number of own and shared unknowns of a window; `ordered` says that samples follow each
+        other in time, and `near` that nearly right is enough.
         """
         self._ordered = ordered
         self.rounds, self.samples, self._last_step = _NEAR if near else _WHOLE
@@ -176,13 +163,7 @@ class LikelyNoise:
         return vectors
 
     def settled(self, _: float, __: float, known: tuple[Array, Array, Array]) -> bool:
-        """Change the noise, and tell whether it has settled.
-
-        Parameters
-        ----------
-        known : tuple of ndarray
-            Covariances of the unknowns, as `normal_equations.covariance` takes them.
-        """
+        """Change the noise by the covariances of the unknowns, and tell whether it has settled."""
         prior, whole = self._prior, covariance(*known)
         expected = self._expected - np.einsum("wab,cwba->c", whole, self._taken)
         # A level that is wrong in all channels alike is found at once: it only scales the sum of squares.

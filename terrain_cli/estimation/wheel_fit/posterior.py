@@ -92,16 +92,9 @@ class Posterior:
 def posterior(
     problem: Problem, data: FitData, state: State, *, order: int | None, correlated: bool
 ) -> Posterior:
-    """Return means and covariances from the most probable unknowns.
+    """Return means and covariances from the most probable unknowns (`gauss_newton`).
 
-    Parameters
-    ----------
-    state : State
-        From `gauss_newton`; its true values of the inputs become those that go with the means.
-    order : int or None
-        Nodes on each arc.
-    correlated : bool
-        Whether samples follow each other in time.
+    The true values of the inputs of `state` become those that go with the means.
     """
     local = state.t.shape[1]
     few = _Few(problem, data, state)

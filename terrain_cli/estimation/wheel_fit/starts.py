@@ -31,28 +31,14 @@ _STIFFER = 5
 
 
 def centre(problem: Problem, data: FitData) -> tuple[Array, Array]:
-    """Begin at the prior means, with the stiffness that carries the load there.
-
-    Returns
-    -------
-    t, common : ndarray, shape (w, p) and (q,)
-    """
+    """Begin at the prior means, with the stiffness that carries the load there."""
     sought = problem.unknowns
     t, common = np.zeros((len(data.windows), len(sought.local))), np.zeros(len(sought.shared))
     return carried(problem, data, np.clip(t, *_range(problem)), common), common
 
 
 def others(problem: Problem, data: FitData, common: Array) -> Iterator[Array]:
-    """Yield further beginnings, far apart in what the model is most curved in.
-
-    Parameters
-    ----------
-    common : ndarray, shape (q,)
-
-    Yields
-    ------
-    ndarray, shape (w, p)
-    """
+    """Yield further beginnings, far apart in what the model is most curved in, shape (w, p)."""
     names = [u.name for u in problem.unknowns.local]
     columns = [names.index(name) for name in _BENT if name in names]
     low, high = _range(problem)
@@ -63,20 +49,10 @@ def others(problem: Problem, data: FitData, common: Array) -> Iterator[Array]:
 
 
 def of_shapes(problem: Problem, common: Array) -> Iterator[Array]:
-    """Yield beginnings for effects whose shape has no influence while the effect is absent.
+    """Yield beginnings for effects whose shape has no influence while the effect is absent, shape (q,).
 
-    There the data say nothing of where the shape's parameters are to go, and the search may end in
-    another valley.
-
-    Parameters
-    ----------
-    common : ndarray, shape (q,)
-
-    Yields
-    ------
-    ndarray, shape (q,)
-        The effects present by one scale, to either side of their null value; nothing where no
-        effect has a shape.
+    There the data say nothing of where the shape's parameters are to go, and the search may end in another
+    valley. The effects are present by one scale, to either side of their null value.
     """
     column = {u.name: j for j, u in enumerate(problem.unknowns.shared)}
     sizes = {
@@ -100,16 +76,7 @@ def of_shapes(problem: Problem, common: Array) -> Iterator[Array]:
 
 
 def carried(problem: Problem, data: FitData, t: Array, common: Array) -> Array:
-    """Choose each window's stiffness so that the soil carries the load.
-
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-
-    Returns
-    -------
-    ndarray, shape (w, p)
-    """
+    """Choose each window's stiffness so that the soil carries the load."""
     names = [u.name for u in problem.unknowns.local]
     if problem.model.base == "linear" or "load" not in data.channels or "stiffness" not in names:
         return t

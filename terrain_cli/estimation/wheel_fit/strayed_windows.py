@@ -56,21 +56,10 @@ def mend(
     correlated: bool,
     tempered: bool,
 ) -> Posterior:
-    """Fit those windows anew in which the search went astray.
+    """Fit those windows anew in which the search went astray; of windows that share something all, or none.
 
-    Parameters
-    ----------
-    state : State
-        Changed in place.
-    found : Posterior
-        What follows from it, by `posterior`.
-    tempered : bool
-        Raise the noise of all windows of which the priors alone would know more.
-
-    Returns
-    -------
-    Posterior
-        Of windows that share something all are fitted anew, or none.
+    `state` is changed in place. If `tempered`, raise the noise of all windows of which the priors alone would
+    know more.
     """
     unknowns = problem.unknowns
     missed = found.misfit > _HOPELESS * np.maximum(found.dof, 1.0)
@@ -191,15 +180,7 @@ def _some(state: State, at: Index, rows: Index) -> State:
 
 
 def put(state: State, other: State, at: Index, rows: Index) -> None:
-    """Put some windows in the place of the same ones of another search.
-
-    Parameters
-    ----------
-    state : State
-        Changed in place.
-    at, rows : ndarray of int
-        These windows and their samples in `state`.
-    """
+    """Put some windows, and their rows, in the place of the same ones of another search, in place."""
     state.t[at], state.merit[at], state.converged[at] = other.t, other.merit, other.converged
     state.latent[:, rows] = other.latent
     if len(other.common):

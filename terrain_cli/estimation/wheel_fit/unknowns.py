@@ -63,13 +63,7 @@ class Unknown:
     step: float
 
     def value(self, t: Array) -> Array:
-        """Return the parameter in its own unit.
-
-        Parameters
-        ----------
-        t : ndarray
-            In prior standard deviations from the prior mean.
-        """
+        """Return the parameter in its own unit, from prior standard deviations off the prior mean."""
         sought = self.mean + self.sd * t
         return np.exp(sought) if self.logarithm else sought
 
@@ -89,22 +83,7 @@ class Unknowns:
     def values(
         self, t: Array, common: Array, count: NDArray[np.intp], windows: NDArray[np.intp]
     ) -> dict[str, Array]:
-        """Return every parameter of the model as the model takes it.
-
-        Parameters
-        ----------
-        t : ndarray, shape (w, p)
-            Local unknowns of some windows.
-        common : ndarray, shape (q,)
-        count : ndarray of int, shape (w,)
-            Samples of these windows.
-        windows : ndarray of int, shape (w,)
-            Which windows they are.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (n,) or ()
-        """
+        """Return every parameter as the model takes it: one value, or one for each sample."""
         values = {
             name: value if value.ndim == 0 else np.repeat(value[windows], count)
             for name, value in self.fixed.items()
@@ -125,22 +104,11 @@ def unknowns(
     local: Collection[str] = (),
     windows: int,
 ) -> Unknowns:
-    """Sort the parameters of a model into those sought and those held.
+    """Sort the parameters of a model into those sought and those held (`fixed`).
 
-    Parameters
-    ----------
-    fixed : mapping of str to float or array_like, shape (w,)
-    shared : collection of str
-        Parameters of the soil with one value for all windows; those of effects have.
-    local : collection of str
-        But for these, which have one for each.
-
-    Raises
-    ------
-    ConfigurationError
-        A name that the model does not have, or a prior without width.
-    UsageError
-        A fixed value that is not finite or of the wrong number.
+    Parameters of the soil that are `shared`, and those of effects but for `local` ones, have one value for
+    all windows. ConfigurationError: no such name, or a prior without width; UsageError: a fixed value that is
+    none.
     """
     known = (*model.soil, *model.parameters)
     for name in (*fixed, *priors, *shared, *local):

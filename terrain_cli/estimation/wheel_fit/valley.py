@@ -59,12 +59,7 @@ def grids(
 ) -> dict[int, JointGrid]:
     """Lay a grid about c and φ of some windows; none where one of them is fixed.
 
-    Parameters
-    ----------
-    found, about : Posterior, Parameters
-        The estimate, in the units sought and in its own.
-    order : int or None
-        Nodes on each arc.
+    The estimate is `found` in the units sought, `about` in its own.
     """
     if not {*_PAIR} <= {*about.names}:
         return {}

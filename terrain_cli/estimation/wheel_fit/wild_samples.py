@@ -31,22 +31,9 @@ _PASSES = 3
 
 
 def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> NDArray[np.bool_]:
-    """Tell which samples are too far from a robust fit.
+    """Tell which of all samples are too far from a robust fit, of these or of some of them.
 
-    Parameters
-    ----------
-    problem : Problem
-        With the noise of the sensors.
-    data : FitData
-        All samples.
-    found : State
-        The most probable unknowns of a robust fit, of these or of some of these samples.
-    order : int or None
-        Nodes on each arc.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
+    `problem` has the noise of the sensors.
     """
     limits = _squares(data.measured.shape[0], _BY_CHANCE / max(data.measured.shape[1], 1))
     far = np.flatnonzero(_squared(problem, data, found, order, 1) > limits[data.seen.sum(axis=0)])

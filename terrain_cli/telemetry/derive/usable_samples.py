@@ -169,13 +169,7 @@ def longest_gap(time: Array, reasons: Labels, max_gap: float | None) -> float:
 
 
 def on_ground(reasons: Labels) -> NDArray[np.intp]:
-    """Return the samples that follow the ground: those that are usable, and those in which the wheel skids.
-
-    Parameters
-    ----------
-    reasons : Labels, shape (n,)
-        From `set_aside`.
-    """
+    """Return the samples that follow the ground: those usable, and those in which the wheel skids."""
     return np.flatnonzero((reasons.codes < 0) | _is(reasons, SKIDS))
 
 

@@ -33,20 +33,7 @@ _INFORMATIVE = 0.3
 
 
 def valleys(posterior: Posterior, table: Mapping[str, Any]) -> Figure | None:
-    """Draw the joint posterior of c and φ of the segments of one wheel.
-
-    Parameters
-    ----------
-    posterior : mapping of str to sequence
-        From `posterior_table.table`.
-    table : mapping of str to sequence
-        From `segment_table.table`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure or None
-        None where no segment has a grid.
-    """
+    """Draw the joint posterior of c and φ of the segments of one wheel; None where no segment has a grid."""
     kind, number = np.asarray(posterior["kind"]), np.asarray(posterior["segment"])
     there = np.unique(number[kind == GRID])
     if not len(there):

@@ -38,41 +38,21 @@ def _plain(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
 
 
 class Sheet:
-    """A chart being drawn: its data, kept apart from its encodings, and the segment it marks.
-
-    Parameters
-    ----------
-    chosen : str, optional
-        Key of the segment marked at first; none of a chart that knows no segments.
-    """
+    """A chart being drawn: its data, kept apart from its encodings, and the segment marked at first."""
 
     def __init__(self, chosen: str | None = None) -> None:
         self._datasets: dict[str, list[dict[str, Any]]] = {}
         self._chosen = chosen
 
     def chart(self, **columns: Sequence[Any] | NDArray[Any]) -> alt.Chart:
-        """Return a chart of columns.
-
-        Parameters
-        ----------
-        **columns : sequence
-            As for `rows`.
-        """
+        """Return a chart of columns."""
         name = f"data-{len(self._datasets)}"
         self._datasets[name] = rows(**columns)
         # Altair would look at every value if it had them.
         return alt.Chart(alt.NamedData(name=name))
 
     def finished(self, layers: Sequence[alt.Chart], height: int, width: int | str = "container") -> Spec:
-        """Return the layers as one specification.
-
-        Parameters
-        ----------
-        layers : sequence of altair.Chart
-            From the lowest to the highest.
-        height : int
-            In pixels.
-        """
+        """Return the layers, from the lowest to the highest, as one specification; sizes are in pixels."""
         chart = alt.layer(*layers)
         if self._chosen is not None:
             bind = alt.BindDirect(element="#segment", event="change")

@@ -21,18 +21,7 @@ _HEIGHT = 220
 
 
 def history(entries: Sequence[Mapping[str, Any]]) -> Section:
-    """Return what the page shows of a model file's history.
-
-    Parameters
-    ----------
-    entries : sequence of mapping
-        [[history]] of the model file.
-
-    Returns
-    -------
-    Section
-        Empty, and so not shown, where there is none.
-    """
+    """Return what the page shows of [[history]] of a model file; empty, so not shown, without any."""
     if not entries:
         return Section(id="history", title="How the model came about")
     from terrain_cli.improvement.model_history import channels, rungs

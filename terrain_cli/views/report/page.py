@@ -26,23 +26,7 @@ def write(
     further: Sequence[Section] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Write the report of a comparison.
-
-    Parameters
-    ----------
-    path : str or Path
-        Of the page. It is there whole, or as it was before.
-    further : sequence of Section
-        Shown after what the comparison says, if there is something in them.
-    progress : callable
-        Called with the name of each step before it begins.
-
-    Raises
-    ------
-    ConfigurationError
-        The extra "report" is not installed.
-    formats.errors.CannotWriteError
-    """
+    """Write the report of a comparison; `further` sections follow, if there is something in them."""
     optional_libraries.need("report")
     text = page(comparison, further=further, progress=progress)
     with formats.replacing(str(path)) as temporary:

@@ -29,24 +29,10 @@ _GAP = 8.0
 def course(
     along: Array, axis: str, pairs: Pairs, label: str, keys: Text, chosen: str, *, driven: bool
 ) -> Spec:
-    """Draw measured and predicted values along the chosen segment.
+    """Draw measured and predicted values along the chosen segment, by time, slip or the number of the sample.
 
-    Parameters
-    ----------
-    along : ndarray, shape (n,)
-        Time; the slip of steady test points, or their number.
-    axis : str
-        Title of this axis.
-    pairs : Pairs
-        Of the same samples.
-    label : str
-        Of the channel, with its unit.
-    keys : ndarray of str, shape (segments,)
-        By which a segment is chosen.
-    chosen : str
-        Key of the segment marked at first.
-    driven : bool
-        Whether the samples were driven in the order of `along`: the prediction is a line then.
+    Where the samples were `driven` in that order, the prediction is a line. `keys`, of the segments, choose
+    one.
     """
     sheet = Sheet(chosen)
     # A line does not bridge what was not driven.
@@ -89,23 +75,7 @@ def course(
 def residual(
     along: Along, pooled: Pairs, label: str, noise: float, keys: Text, chosen: str, *, height: int = 210
 ) -> Spec:
-    """Draw the residual against a driver: its median, the band of 5 to 95 %, the noise, the chosen segment.
-
-    Parameters
-    ----------
-    along : Along
-        The driver.
-    pooled : Pairs
-        Of the same samples.
-    label : str
-        Of the channel, with its unit.
-    noise : float
-        Standard deviation, in the unit of the residual.
-    keys, chosen
-        As for `course`.
-    height : int
-        In pixels.
-    """
+    """Draw the residual against a driver: its median, the band of 5 to 95 %, the noise, the segment."""
     sheet = Sheet(chosen)
     values, axis = pooled.residual, along.quantity.label
     known = np.flatnonzero(np.isfinite(along.values))

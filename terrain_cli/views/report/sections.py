@@ -69,20 +69,7 @@ class _Content:
 
 
 def of(comparison: Comparison, progress: Callable[[str], None]) -> tuple[list[Section], Choices, str]:
-    """Return the sections of a comparison, and the segments to choose from.
-
-    Parameters
-    ----------
-    progress : callable
-        Called with the name of each section before it is made.
-
-    Returns
-    -------
-    choices : list of (str, str)
-        Key and label of each choice.
-    chosen : str
-        Key of the one marked at first.
-    """
+    """Return the sections of a comparison, key and label of each segment to choose, and the first key."""
     progress("segments")
     content = _content(comparison)
     worst = content.order[0]

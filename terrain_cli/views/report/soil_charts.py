@@ -33,16 +33,8 @@ _MOST_VERTICES = 1_500
 def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> Spec:
     """Draw the segments of the chosen one's wheel on a map, coloured by a value; the chosen one stands out.
 
-    Other wheels went nearly the same way, and would hide it.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        Columns of `results.COLUMNS`, "name", and "key", by which a segment is chosen: the number of
-        its wheel, a colon, and its own.
-    values : ndarray, shape (segments,)
-    label : str
-        Of the values, with their unit.
+    Other wheels went nearly the same way, and would hide it. The keys of the table are the number of a wheel,
+    a colon, and that of its segment.
     """
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
@@ -96,13 +88,7 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
 
 
 def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
-    """Draw c and φ of every segment with their ellipses.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        As for `track`.
-    """
+    """Draw c and φ of every segment with their ellipses."""
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
     kinds = segment_groups.groups(table, len(COLOURS))
@@ -161,13 +147,7 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
 
 
 def strength(table: Mapping[str, Any], chosen: str) -> Spec:
-    """Draw the strength line of every segment about its σ*.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        As for `track`.
-    """
+    """Draw the strength line of every segment about its σ*."""
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
     kinds = segment_groups.groups(table, len(COLOURS))

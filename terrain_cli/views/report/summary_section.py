@@ -26,13 +26,7 @@ _NOTE = (
 
 
 def summary(comparison: Comparison, statuses: Sequence[str]) -> Section:
-    """Return the section.
-
-    Parameters
-    ----------
-    statuses : sequence of str
-        Of every segment.
-    """
+    """Return the section; `statuses` are those of every segment."""
     concluded = comparison_text.concluded(comparison)
     effects = comparison.model.get("effects") or []
     with_effects = f" with {', '.join(map(str, effects))}" if effects else " without added effects"

@@ -25,20 +25,7 @@ _UNSURE = 4.0
 
 
 def of_soil(table: Mapping[str, Any], chosen: str) -> list[tuple[str, Spec]]:
-    """Draw each quantity along the time of the drive; nothing without time.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        Columns of `segment_table.COLUMNS`, with "name" and "key" of every segment.
-    chosen : str
-        Key of the segment marked at first.
-
-    Returns
-    -------
-    list of (str, dict)
-        Titles, and specifications of Vega-Lite.
-    """
+    """Draw each quantity along the time of the drive, with its title; nothing without time."""
     start, end = (np.asarray(table[name], dtype=float) for name in ("t_start_s", "t_end_s"))
     if not np.isfinite(start).any():
         return []
