@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from terrain_cli import ForeignFormatsError, check_formats, installation
+from terrain_cli import ForeignFormatsError, check_formats, version
 from terrain_cli.commands.group import Group
 from terrain_cli.presentation import terminal
 from terrain_cli.processes import signals
@@ -89,7 +89,7 @@ class Verbs(Group):
 
 def _show_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     if wanted and not context.resilient_parsing:
-        click.echo(f"terrain-est, version {__version__}\n{installation.details()}")
+        click.echo(f"terrain-est, version {__version__}\n{version.details()}")
         context.exit()
 
 

@@ -21,7 +21,7 @@ from formats.content import failure
 from formats.copies import kept, too_large
 from formats.errors import FormatError, NotFoundError, shown
 from formats.input_paths import natural, promised_kind
-from terrain_cli import installation
+from terrain_cli import version
 from terrain_cli.errors import ConfigurationError, UsageError
 
 if TYPE_CHECKING:
@@ -146,12 +146,12 @@ def _open(address: str) -> tuple[Any, str]:
         import fsspec
     except ModuleNotFoundError:
         raise ConfigurationError(
-            f"{address}: inputs in a store need fsspec", hint=installation.command_for("remote")
+            f"{address}: inputs in a store need fsspec", hint=version.command_for("remote")
         ) from None
     try:
         store, path = fsspec.core.url_to_fs(address)
     except (ImportError, ValueError) as error:
-        hint = f"{installation.command_for('remote')}, or gcsfs, adlfs, … for the other stores"
+        hint = f"{version.command_for('remote')}, or gcsfs, adlfs, … for the other stores"
         raise ConfigurationError(f"{address}: {str(error).splitlines()[0]}", hint=hint) from error
     # What it listed a minute ago may not be so any more.
     store.invalidate_cache()

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from terrain_cli import effects, models
 from terrain_cli.estimation import estimators
-from terrain_cli.toml import strict
 from terrain_cli.version import __version__
+from terrain_cli.vocabulary import toml_files
 
 if TYPE_CHECKING:
     from terrain_cli.models import ModelFile
@@ -68,7 +68,7 @@ def gather(rover: Rover, settings: Settings, crs: str | None) -> Configuration:
         # A file is told by what it says, not by where it lies.
         "options": {**asdict(replace(settings, model=None, places=None)), "crs": crs},
         "places": settings.places.digest if settings.places else None,
-        "rover": strict.read_text(rover.path) if rover.path else None,
+        "rover": toml_files.read_text(rover.path) if rover.path else None,
         "model": model,
     }
     return Configuration(rover, settings, file, crs, document)
@@ -78,7 +78,7 @@ def _effect(name: str, file: ModelFile) -> str:
     """Return what an effect is: the text of its file, or the package it comes from."""
     if models.is_path(name):
         folder = file.path.parent if file.path else Path()
-        return strict.read_text(folder / name)
+        return toml_files.read_text(folder / name)
     if name in effects.NAMES:
         return f"terrain-est {__version__}"
     packages = {

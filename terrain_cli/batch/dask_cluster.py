@@ -17,7 +17,7 @@ from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-from terrain_cli import installation
+from terrain_cli import version
 from terrain_cli.batch.worker_pool import Child
 from terrain_cli.batch.worker_tasks import Failure, Reply
 from terrain_cli.errors import ConfigurationError, TerrainError, UsageError
@@ -47,7 +47,7 @@ class Cluster:
         except ModuleNotFoundError:
             raise ConfigurationError(
                 "--scheduler needs Dask distributed, which is not installed",
-                hint=installation.command_for("distributed"),
+                hint=version.command_for("distributed"),
             ) from None
         _check_address(address)
         # It tells of each connection that ends; what matters is told below.

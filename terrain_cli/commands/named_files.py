@@ -55,11 +55,11 @@ def effects_of(name: str) -> Iterator[str]:
 def content(name: str) -> Mapping[str, Any]:
     """Return what a file says in TOML, nothing where it is wrong: whoever reads it will tell."""
     from terrain_cli.errors import ConfigurationError
-    from terrain_cli.toml import strict
+    from terrain_cli.vocabulary import toml_files
 
     try:
         # A pipe can be read only once.
-        return strict.parse(strict.read_text(name), name) if os.path.isfile(name) else {}  # noqa: PTH113
+        return toml_files.parse(toml_files.read_text(name), name) if os.path.isfile(name) else {}  # noqa: PTH113
     except ConfigurationError:
         return {}
 

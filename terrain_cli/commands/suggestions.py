@@ -28,7 +28,7 @@ def models(_context: click.Context, _option: click.Parameter, begun: str) -> lis
 
 def soils(_context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
     """Offer the published soils."""
-    from terrain_cli.simulation.simulated_soils import SOILS
+    from terrain_cli.simulation.scenario import SOILS
 
     return _beginning(SOILS, begun)
 

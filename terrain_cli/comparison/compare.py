@@ -24,7 +24,7 @@ from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.estimation.estimate_request import EstimateRequest
 from terrain_cli.models import ModelFile
 from terrain_cli.processes import parallel
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 from terrain_cli.windows.cut_windows import thinned
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signature
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.processes import parallel
-from terrain_cli.vocabulary.english import listed
+from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter
-from terrain_cli.mechanics.prior import Prior
+from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter, Prior
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping

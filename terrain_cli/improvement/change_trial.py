@@ -22,7 +22,7 @@ from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Estimated, Idle, Lost, Shift, Step
 from terrain_cli.telemetry.long_logs import notes
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 from terrain_cli.windows import joined_inputs
 from terrain_cli.windows.joined_inputs import with_inputs
 

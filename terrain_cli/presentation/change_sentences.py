@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.vocabulary import quantities
-from terrain_cli.vocabulary.english import counted, listed
+from terrain_cli.vocabulary.quantities import counted, listed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,7 +10,7 @@ from terrain_cli.improvement import model_history
 from terrain_cli.presentation import change_sentences, conclusion_text
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary import quantities
-from terrain_cli.vocabulary.english import counted, listed
+from terrain_cli.vocabulary.quantities import counted, listed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -11,7 +11,7 @@ from terrain_cli.comparison import segment_soils
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.presentation import conclusion_text
 from terrain_cli.presentation.terminal import aligned, in_line
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -16,12 +16,12 @@ from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.rover.vehicle import FILE_NAME
 from terrain_cli.telemetry import bags
 from terrain_cli.telemetry.alignment import seconds
-from terrain_cli.telemetry.plan import derivable_channels, rover_advice, topic_discovery
+from terrain_cli.telemetry.plan import rover_advice, topic_discovery
 from terrain_cli.telemetry.plan.mapping import is_table
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.raw_columns import read_topics, stamps
 from terrain_cli.vocabulary.channels import CHANNELS
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -83,7 +83,7 @@ class Holdings(NamedTuple):
     # The columns of the topics that were read; none of a table
     tables: Mapping[str, dict[str, Column]] | None
     raws: list[Raw]
-    lacks: dict[str, list[derivable_channels.Lack]]
+    lacks: dict[str, list[rover_advice.Lack]]
 
 
 def holdings(source: Source, rover: Rover, wheels: Collection[str] = ()) -> Holdings:
@@ -93,9 +93,7 @@ def holdings(source: Source, rover: Rover, wheels: Collection[str] = ()) -> Hold
     raws = read_raw(layout, rover, CHANNELS, wheels=wheels, topics=tables)
     clock = layout.no_time
     doubts = (
-        [derivable_channels.Lack("time", str(clock), lines=tuple(clock.hint.splitlines()[1:]))]
-        if clock
-        else []
+        [rover_advice.Lack("time", str(clock), lines=tuple(clock.hint.splitlines()[1:]))] if clock else []
     )
     lacks = {raw.wheel: [*doubts, *telemetry.lacking(raw, rover)] for raw in raws}
     return Holdings(layout, tables, raws, lacks)
@@ -146,9 +144,9 @@ def _rate(time: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _wheel(
-    source: Source, layout: Plan, raw: Raw, rover: Rover, lacks: Sequence[derivable_channels.Lack]
+    source: Source, layout: Plan, raw: Raw, rover: Rover, lacks: Sequence[rover_advice.Lack]
 ) -> dict[str, Any]:
-    derived, _ = derivable_channels.routes(raw.channels, telemetry.wheel_of(raw, rover), rover)
+    derived, _ = rover_advice.routes(raw.channels, telemetry.wheel_of(raw, rover), rover)
     entry: dict[str, Any] = {"wheel": raw.wheel, "samples": len(raw)}
     if raw.time is not None:
         known = raw.time[np.isfinite(raw.time)]

@@ -8,7 +8,7 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.presentation.terminal import aligned
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

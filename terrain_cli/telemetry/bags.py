@@ -9,8 +9,7 @@ import numpy as np
 
 from formats import LOG_TIME, Labels
 from terrain_cli.telemetry import alignment, own_clocks, raw_columns
-from terrain_cli.telemetry.channel_sources import CLOCKS, match_name
-from terrain_cli.telemetry.wheel_samples import Raw
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Raw, match_name
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
 if TYPE_CHECKING:
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from formats import Column
-    from terrain_cli.telemetry.channel_sources import Feed, Plan
+    from terrain_cli.telemetry.wheel_samples import Feed, Plan
 
     Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 from formats import Labels
 from formats.recovery import told
 from terrain_cli.processes.memory import keep_freed
-from terrain_cli.telemetry import alignment, own_clocks, raw_columns, tables
+from terrain_cli.telemetry import alignment, own_clocks, raw_channels, raw_columns
 from terrain_cli.telemetry.derive import plausibility, usable_samples
 from terrain_cli.telemetry.derive.assembly import assemble
 from terrain_cli.telemetry.derive.effect_inputs import ANGLE
@@ -27,10 +27,9 @@ if TYPE_CHECKING:
     from formats import Batch, Column
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
-    from terrain_cli.telemetry.channel_sources import Plan
-    from terrain_cli.telemetry.derive.conditions import Condition
+    from terrain_cli.telemetry.derive.usable_samples import Condition
     from terrain_cli.telemetry.own_clocks import OwnClocks
-    from terrain_cli.telemetry.wheel_samples import Raw, Samples
+    from terrain_cli.telemetry.wheel_samples import Plan, Raw, Samples
 
     Array = NDArray[np.float64]
 
@@ -173,8 +172,8 @@ def in_parts(
 
     for table, first, last in _tables(begin, rest):
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)
-        raws = tables.wheels(layout, table, request.channels, [*request.extras, _ROW], choose)
-        nameless += tables.nameless(layout, table, slice(first, last))
+        raws = raw_channels.wheels(layout, table, request.channels, [*request.extras, _ROW], choose)
+        nameless += raw_channels.nameless(layout, table, slice(first, last))
         check([raw for raw in raws if raw.wheel not in ends])
         for raw in raws:
             # The first part shows whether its columns have clocks of their own, or one was out for a while.
@@ -200,7 +199,7 @@ def in_parts(
         if end.clocks:
             end.remarks.insert(0, end.clocks.told(wheel, end.samples, end.interpolated))
         end.remarks[:0] = source.remarks
-        end.remarks += tables.passed_over(layout, nameless)
+        end.remarks += raw_channels.passed_over(layout, nameless)
         end.remarks += plausibility.found(layout, wheel, end.evidence)
 
 

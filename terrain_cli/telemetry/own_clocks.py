@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.telemetry import alignment
-from terrain_cli.telemetry.channel_sources import CLOCKS
-from terrain_cli.telemetry.wheel_samples import Notice
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Notice
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-from terrain_cli import installation
+from terrain_cli import version
 from terrain_cli.errors import ConfigurationError
 
 #: Extra of the package → what it brings.
@@ -18,5 +18,5 @@ def need(extra: str) -> None:
         what = {"plot": "pictures need", "report": "a report needs"}[extra]
         raise ConfigurationError(
             f"{what} {' and '.join(missing)}, which {'is' if len(missing) == 1 else 'are'} not installed",
-            hint=installation.command_for(extra),
+            hint=version.command_for(extra),
         )

@@ -1,10 +1,13 @@
-"""Names, symbols and shown units of quantities, for axes and tables."""
+"""Quantities, numbers and words as people read them."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from terrain_cli.vocabulary.channels import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 #: SI unit → the unit shown, and the factor from one to the other.
 _SHOWN = {
@@ -20,6 +23,16 @@ _IN_MM = frozenset({"sinkage"})
 _DERIVED = frozenset({"wheel_angle"})
 #: The forces on a wheel, in the order in which they are shown.
 PREDICTED = ("torque", "drawbar_pull", "sinkage")
+
+
+def counted(number: int, noun: str, ending: str = "s") -> str:
+    """Write how many there are: "1 segment", "2,250 samples"."""
+    return f"{number:,} {noun}{'' if number == 1 else ending}"
+
+
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """Join names: "a, b and c"."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 class Quantity(NamedTuple):

@@ -14,7 +14,7 @@ from compared import comparison_of, drive
 from simulator.run import simulate
 
 from formats import CannotWriteError
-from terrain_cli import installation
+from terrain_cli import version
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import report
@@ -270,7 +270,7 @@ def test_missing_extra_says_what_to_install(comparison, tmp_path, monkeypatch, l
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(ConfigurationError, match=library) as error:
         report.write(comparison, tmp_path / "run.html")
-    assert error.value.hint == installation.command_for("report")
+    assert error.value.hint == version.command_for("report")
 
 
 def test_segments_without_errors_are_drawn_along_the_drive_too():

@@ -14,7 +14,7 @@ from matplotlib import image
 from matplotlib.figure import Figure
 
 from formats import CannotWriteError
-from terrain_cli import installation
+from terrain_cli import version
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.estimation.estimators import estimate_lines
 from terrain_cli.mechanics.wheel_model import Model
@@ -151,7 +151,7 @@ def test_missing_extra_says_what_to_install(comparison, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(ConfigurationError, match="matplotlib") as error:
         plots.write(comparison, tmp_path / "none")
-    assert error.value.hint == installation.command_for("plot")
+    assert error.value.hint == version.command_for("plot")
     assert not (tmp_path / "none").exists()
 
 

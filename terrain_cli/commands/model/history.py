@@ -8,7 +8,7 @@ import click
 
 from terrain_cli.commands import options, paths
 from terrain_cli.presentation.terminal import aligned, say
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 
 FORMAT = "terrain-est/model-history/1"
 

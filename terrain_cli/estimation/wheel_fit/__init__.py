@@ -10,6 +10,6 @@ from terrain_cli.estimation.wheel_fit.fit_estimates import as_window_estimates
 from terrain_cli.estimation.wheel_fit.fit_result import Fit
 from terrain_cli.estimation.wheel_fit.fitting import fit
 from terrain_cli.estimation.wheel_fit.unknowns import DEFAULT
-from terrain_cli.mechanics.prior import Prior
+from terrain_cli.mechanics.effect import Prior
 
 __all__ = ["DEFAULT", "Fit", "Noise", "Prior", "as_window_estimates", "fit"]

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.mechanics.prior import Prior
+    from terrain_cli.mechanics.effect import Prior
     from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
 
     Array = NDArray[np.float64]

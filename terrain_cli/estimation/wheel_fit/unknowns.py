@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, UsageError
-from terrain_cli.mechanics.prior import Prior
+from terrain_cli.mechanics.effect import Prior
 from terrain_cli.vocabulary.choices import SOIL_BOUNDS
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.mechanics import grouser_phase, rates
-from terrain_cli.telemetry.plan.derivable_channels import Lack
+from terrain_cli.mechanics import rates
+from terrain_cli.telemetry.plan.rover_advice import Lack
 from terrain_cli.telemetry.raw_columns import as_numbers
 from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.vocabulary.channels import CHANNELS
@@ -37,7 +37,7 @@ def sources(name: str) -> tuple[str, ...]:
     """Return the channels and columns, "time" among them, that a need is computed from.
 
     It is a channel, a further column, the rate of either (``torque_rate``), the angle through which the wheel
-    has turned (``wheel_angle``, see `grouser_phase`), or a constant of the wheel.
+    has turned (``wheel_angle``, see `rates`), or a constant of the wheel.
     """
     if name in CHANNELS:
         return (name,)
@@ -140,7 +140,7 @@ def _computed(
         if name == ANGLE:
             values = rates.wheel_angle(columns[1], own, values)
             shown, beside = ([known[c][rows] for c in some if c in known] for some in (_RIPPLING, _BESIDE))
-            values = grouser_phase.aligned(values, own, grousers, shown, beside)
+            values = rates.aligned(values, own, grousers, shown, beside)
         elif len(columns) > 1:
             values = rates.rate(columns[1], own, values)
         if name in needed or np.isfinite(values).any():

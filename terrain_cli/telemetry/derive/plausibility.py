@@ -11,8 +11,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.telemetry.derive import unit_doubts
-from terrain_cli.telemetry.derive.channel_changes import ROUNDED, pull, stuck
-from terrain_cli.telemetry.derive.unit_doubts import ALIKE, Doubt, Mend, Suspicion, Weight
+from terrain_cli.telemetry.derive.unit_doubts import (
+    ALIKE,
+    ROUNDED,
+    Doubt,
+    Mend,
+    Suspicion,
+    Weight,
+    pull,
+    stuck,
+)
 from terrain_cli.telemetry.derive.usable_samples import MOST_PRESSURE
 
 if TYPE_CHECKING:
@@ -20,8 +28,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.telemetry.channel_sources import Plan
     from terrain_cli.telemetry.derive.unit_doubts import UnitEvidence
+    from terrain_cli.telemetry.wheel_samples import Plan
 
     Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.telemetry.channel_sources import Feed, match_name
+from terrain_cli.telemetry.wheel_samples import Feed, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, identify
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from formats import Field, Stream
-    from terrain_cli.telemetry.channel_sources import Plan
+    from terrain_cli.telemetry.wheel_samples import Plan
     from terrain_cli.vocabulary.channels import Match
 
     Array = NDArray[np.float64]

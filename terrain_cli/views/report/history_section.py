@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from terrain_cli.views import ladder_table as views
 from terrain_cli.views.report.page_parts import Chart, Section, Table
 from terrain_cli.vocabulary import quantities
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -9,7 +9,7 @@ from terrain_cli.presentation import comparison_text
 from terrain_cli.views import sample_pairs
 from terrain_cli.views.report.page_parts import Section, Table
 from terrain_cli.vocabulary import quantities
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

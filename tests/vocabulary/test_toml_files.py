@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.toml import toml_text
+from terrain_cli.vocabulary import toml_files
 
 texts = st.text(st.characters(exclude_categories=["Cs"]))
 numbers = st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False)
@@ -21,18 +21,18 @@ values = st.recursive(
 
 @given(st.text(st.characters(exclude_categories=["Cs"]), min_size=1))
 def test_any_name_can_be_a_key(name):
-    text = f"[wheels.{toml_text.key(name)}.channels]"
+    text = f"[wheels.{toml_files.key(name)}.channels]"
     assert tomllib.loads(text) == {"wheels": {name: {"channels": {}}}}
 
 
 def test_a_plain_name_is_a_bare_key():
-    assert toml_text.key("front-left_2") == "front-left_2"
-    assert toml_text.key("slip-sinkage.n1") == '"slip-sinkage.n1"'
+    assert toml_files.key("front-left_2") == "front-left_2"
+    assert toml_files.key("slip-sinkage.n1") == '"slip-sinkage.n1"'
 
 
 @given(values)
 def test_any_value_reads_back(value):
-    assert tomllib.loads(f"x = {toml_text.value(value)}") == {"x": value}
+    assert tomllib.loads(f"x = {toml_files.value(value)}") == {"x": value}
 
 
 def test_dates_numpy_and_nothing():
@@ -44,7 +44,7 @@ def test_dates_numpy_and_nothing():
         "n": np.int64(3),
         "no": None,
     }
-    read = tomllib.loads(f"x = {toml_text.value(content)}")["x"]
+    read = tomllib.loads(f"x = {toml_files.value(content)}")["x"]
     assert read == {"day": date(2026, 11, 21), "at": moment, "error": 0.25, "n": 3}
     with pytest.raises(TypeError, match="TOML has no complex"):
-        toml_text.value(1j)
+        toml_files.value(1j)

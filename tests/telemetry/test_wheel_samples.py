@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.telemetry.channel_sources import match_name, words
+from terrain_cli.telemetry.wheel_samples import match_name, words
 
 
 @pytest.mark.parametrize(

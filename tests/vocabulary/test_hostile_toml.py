@@ -8,7 +8,7 @@ import pytest
 
 from terrain_cli import rover
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.toml import strict
+from terrain_cli.vocabulary import toml_files
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +37,7 @@ def _at_once():
 )
 def test_what_would_take_long(text, says):
     with pytest.raises(ConfigurationError, match=says) as caught:
-        strict.parse(text, "rover.toml")
+        toml_files.parse(text, "rover.toml")
     assert len(str(caught.value)) < 300
     assert "\n" not in str(caught.value)
 
@@ -53,7 +53,7 @@ def test_what_would_take_long(text, says):
     ids=range(4),
 )
 def test_what_is_long_and_well(text):
-    assert strict.parse(text, "rover.toml")
+    assert toml_files.parse(text, "rover.toml")
 
 
 def test_a_name_that_no_file_has(tmp_path):

@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from terrain_cli.rover import Rover
-from terrain_cli.telemetry.plan import derivable_channels
+from terrain_cli.telemetry.plan import rover_advice
 from terrain_cli.telemetry.wheel_samples import NEEDED, Raw
 
 VEHICLE = """
@@ -29,7 +29,7 @@ position = [-0.5, 0.0, 0.0]
 
 
 def ways(available, rover, name=""):
-    return derivable_channels.routes(set(available.split()), rover.wheel(name), rover)
+    return rover_advice.routes(set(available.split()), rover.wheel(name), rover)
 
 
 def test_what_is_there_needs_no_way():
@@ -92,13 +92,13 @@ def test_what_only_rover_toml_can_say(rover_of):
 
 def test_settings(rover_of):
     rover = rover_of(VEHICLE)
-    (lack,) = derivable_channels.settings(rover.wheel("a"), rover)
+    (lack,) = rover_advice.settings(rover.wheel("a"), rover)
     assert (lack.what, lack.lines[0]) == ("shear modulus", "[soil]")
-    lacks = derivable_channels.settings(Rover().wheel(), Rover())
+    lacks = rover_advice.settings(Rover().wheel(), Rover())
     assert [lack.what for lack in lacks] == ["geometry", "shear modulus"]
     assert [line.split(" ")[0] for line in lacks[0].lines] == ["[wheel]", "radius", "width"]
     rover = rover_of("[wheel]\nradius = 0.1\n[soil]\nshear_modulus = 0.01\n")
-    assert derivable_channels.settings(rover.wheel(), rover)[0].because == "the width of the wheel"
+    assert rover_advice.settings(rover.wheel(), rover)[0].because == "the width of the wheel"
 
 
 columns = st.sampled_from([0.0, 1.0, -1.0, 1e300, float("nan"), float("inf"), -float("inf")])
@@ -119,6 +119,6 @@ def test_no_number_is_too_wild_to_be_derived_from(rover_of, rows):
     rover = rover_of(VEHICLE)
     channels = {name: np.array([row[j] for row in rows]) for j, name in enumerate(names)}
     raw = Raw(wheel="a", origin=0.0, time=None, channels=channels, labels={}, extras={}, feeds={})
-    origins = derivable_channels.complete(raw, rover.wheel("a"), rover)
+    origins = rover_advice.complete(raw, rover.wheel("a"), rover)
     assert all(origins[name].startswith("derived from ") for name in NEEDED)
     assert all(len(raw.channels[name]) == len(rows) for name in NEEDED)

@@ -8,7 +8,7 @@ import pytest
 from simulator.soils import SOILS as INDEPENDENT
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.simulation.simulated_soils import SOILS, find, soils_rule
+from terrain_cli.simulation.scenario import SOILS, find, soils_rule
 
 #: The same soils under the names that another table has for them.
 OTHER_NAMES = {
