@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from terrain_cli import ForeignFormatsError, check_formats, version
+from terrain_cli import ForeignFormatsError, check_formats, processes, version
 from terrain_cli.commands.group import Group
 from terrain_cli.presentation import terminal
-from terrain_cli.processes import signals
 from terrain_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -141,7 +140,7 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
 def _run(args: Sequence[str] | None) -> NoReturn:
     try:
         check_formats()
-        with signals.heeded():
+        with processes.heeded():
             code: Any = cli.main(args=args, prog_name="terrain-est", standalone_mode=False)
             sys.stdout.flush()
     except click.ClickException as error:
@@ -149,7 +148,7 @@ def _run(args: Sequence[str] | None) -> NoReturn:
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         fail("interrupted; nothing was written", "", 130)
-    except signals.EndedError as end:
+    except processes.EndedError as end:
         fail(f"ended by {end.name}; nothing is left half-written", "", end.code)
     except (ReaderGoneError, BrokenPipeError):
         sys.exit(0)

@@ -7,13 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli import improvement, models
+from terrain_cli import improvement, models, processes
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, silent, windows_of
 from terrain_cli.improvement import model_history
 from terrain_cli.presentation import change_sentences, change_text, json_text
 from terrain_cli.presentation.terminal import escaped
-from terrain_cli.processes import parallel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -212,7 +211,7 @@ def add_effect(
     before = as_model(model)
     given = [effect] if isinstance(effect, str | Path) else effect
     names = models.named_from([str(name) for name in given], models.folder_of(before))
-    with parallel.jobs(jobs):
+    with processes.jobs(jobs):
         windows = windows_of(data, before.model.effects, rover)
         changed = models.added(before, names, windows[0].samples.geometry.shear_modulus)
         step = improvement.tried(

@@ -159,7 +159,7 @@ def tell_versions() -> dict[str, str]:
     """Return the versions that must be the same everywhere: they give the numbers, or are sent."""
     from importlib.metadata import version
 
-    from terrain_cli.batch.configuration import versions
+    from terrain_cli.batch.worker_tasks import versions
 
     return {**versions(), **{name: version(name) for name in ("dask", "distributed")}}
 

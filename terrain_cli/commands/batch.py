@@ -9,16 +9,16 @@ import click
 
 from terrain_cli.commands import options, paths
 from terrain_cli.presentation import terminal
-from terrain_cli.processes.signals import ENDINGS, EndedError
+from terrain_cli.processes import ENDINGS, EndedError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from terrain_cli.batch.batch_inputs import Input
     from terrain_cli.batch.batch_run import Order
-    from terrain_cli.batch.configuration import Configuration
     from terrain_cli.batch.coordinator import Tally
     from terrain_cli.batch.manifest import ManifestEntry
+    from terrain_cli.batch.worker_tasks import Configuration
     from terrain_cli.errors import InterruptedBatchError
 
 _GIGA = 1e9
@@ -115,8 +115,8 @@ def command(context: click.Context, /, **_: Any) -> int:
     However it ends, nothing that was done is lost: the same command goes on from there.
     """
     from formats.limits import largest_copy
-    from terrain_cli.batch import batch_inputs, batch_run, configuration
-    from terrain_cli.run.second_process import cores
+    from terrain_cli.batch import batch_inputs, batch_run, worker_tasks
+    from terrain_cli.run.long_log import cores
 
     names = context.params["inputs"]
     found = batch_inputs.discover(names)
@@ -124,7 +124,7 @@ def command(context: click.Context, /, **_: Any) -> int:
     options.with_defaults(context, rover.estimate)
     given = context.params
     _check_kinds(given["also"])
-    gathered = configuration.gather(rover, options.settings(given), given["crs"])
+    gathered = worker_tasks.gather(rover, options.settings(given), given["crs"])
     order = batch_run.Order(
         kind=given["kind"],
         also=tuple(given["also"]),

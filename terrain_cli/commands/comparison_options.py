@@ -78,8 +78,8 @@ def read(
     used.
     """
     import formats
+    from terrain_cli import processes
     from terrain_cli.errors import InputError
-    from terrain_cli.processes import parallel
     from terrain_cli.telemetry.long_logs import MOST_ROWS
 
     paths = formats.expand(context.params["inputs"] if inputs is None else inputs)
@@ -90,7 +90,7 @@ def read(
     options.with_defaults(
         context, {name: v for name, v in rover.estimate.items() if name in own and name != "model"}
     )
-    context.with_resource(parallel.jobs(context.params["jobs"]))
+    context.with_resource(processes.jobs(context.params["jobs"]))
     effects = {effect.id: effect for file in model for effect in file.model.effects}
     cut: list[Windows] = []
     for path in paths:

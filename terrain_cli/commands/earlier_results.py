@@ -66,8 +66,8 @@ def pictures_of_others(folder: str) -> Iterator[str]:
 def files_of_others(folder: str) -> Iterator[str]:
     """Yield the files in a folder that have the name of a result of a batch, but are none."""
     from terrain_cli.batch.batch_folder import MANIFEST, is_batch
-    from terrain_cli.batch.mission_table import SUMMARY as BRIEF
-    from terrain_cli.batch.mission_table import TABLE
+    from terrain_cli.batch.batch_run import SUMMARY as BRIEF
+    from terrain_cli.batch.batch_run import TABLE
 
     if is_batch(folder):
         return

@@ -196,7 +196,7 @@ def _outcomes(
     """Run every input, in order, with a progress bar once it has taken a second."""
     from terrain_cli.commands.progress import Progress
     from terrain_cli.run import one_log
-    from terrain_cli.run.second_process import cores
+    from terrain_cli.run.long_log import cores
 
     with Progress(len(logs), enabled=not quiet) as progress:
         if jobs == 1 or len(logs) == 1:

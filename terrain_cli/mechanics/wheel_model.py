@@ -15,7 +15,7 @@ from terrain_cli.mechanics import contact, dual, rim_forces
 from terrain_cli.mechanics.contact import ORDER, order_for
 from terrain_cli.mechanics.dual import Dual, chain, seed, slopes, value
 from terrain_cli.mechanics.effect import KINDS
-from terrain_cli.processes.memory import keep_freed
+from terrain_cli.processes import keep_freed
 from terrain_cli.vocabulary.choices import BASES, Base
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 

@@ -145,10 +145,10 @@ def _in_reaches(
             progress(f"{count:,} samples", count / rows if rows else 0.0)
             yield long_log.lean(part)
 
-    work = long_log.work
+    work_beside = long_log.work
     if beside:
-        from terrain_cli.run.second_process import work
-    wheels = work(lean(), settings)
+        from terrain_cli.run.long_log import work_beside
+    wheels = work_beside(lean(), settings)
     done = [wheels[name] for name in sorted(wheels)]
     if not any(len(wheel) for wheel in done):
         where = f" where {settings.where}" if settings.where else ""

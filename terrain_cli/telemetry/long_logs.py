@@ -10,7 +10,7 @@ import numpy as np
 
 from formats import Labels
 from formats.recovery import told
-from terrain_cli.processes.memory import keep_freed
+from terrain_cli.processes import keep_freed
 from terrain_cli.telemetry import alignment, own_clocks, raw_channels, raw_columns
 from terrain_cli.telemetry.derive import plausibility, usable_samples
 from terrain_cli.telemetry.derive.assembly import assemble

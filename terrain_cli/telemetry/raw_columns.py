@@ -8,7 +8,7 @@ import numpy as np
 
 from formats import LOG_TIME, STAMP, Labels
 from terrain_cli.errors import InputError
-from terrain_cli.processes.memory import most_held
+from terrain_cli.processes import most_held
 from terrain_cli.telemetry import alignment
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.windows.segmentation import line_costs
-from terrain_cli.windows.segmentation.running_moments import FINE, LONG
-from terrain_cli.windows.segmentation.sensor_noise import correlation_factor
+from terrain_cli.windows.segmentation.running_moments import FINE, LONG, correlation_factor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,7 +13,7 @@ import pytest
 from wheel_table import HEADER, good, text
 
 from terrain_cli.app import main
-from terrain_cli.batch import mission_table
+from terrain_cli.batch import batch_run
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 
@@ -32,7 +32,7 @@ def test_it_does_not_matter_how_many_are_held(batch, source, monkeypatch, at_onc
     (source / "c.csv").write_text(track(("x", "y"), 3.0))
     (source / "d.csv").write_text(track(("longitude", "latitude"), 4.0))
     (source / "e.csv").write_text(track(("x", "y"), 5.0))
-    monkeypatch.setattr(mission_table, "_AT_ONCE", at_once)
+    monkeypatch.setattr(batch_run, "_AT_ONCE", at_once)
     batch("in", also=("csv",))
     names = [f"in/{name}.csv" for name in ("b", "c", "copy", "d", "e")]
     for kind in ("parquet", "csv"):

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from terrain_cli.windows.segmentation import sample_blocks
+from terrain_cli.windows.segmentation.running_moments import block_noise, correlation_factor, tame
 from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
-from terrain_cli.windows.segmentation.sensor_noise import block_noise, correlation_factor, tame
 
 X, Y = 12_000.0, 8_000.0
 

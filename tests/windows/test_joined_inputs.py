@@ -9,7 +9,7 @@ import pytest
 import terrain_cli as terrain
 from terrain_cli import effects
 from terrain_cli.errors import InputError
-from terrain_cli.windows.effect_channels import with_channels
+from terrain_cli.windows.joined_inputs import with_channels
 
 SLOPE = [effects.find("slope")]
 
