@@ -12,7 +12,7 @@ from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, windows_of
 from terrain_cli.comparison import against as difference
 from terrain_cli.improvement import compared
-from terrain_cli.presentation import comparison_text, json_text
+from terrain_cli.presentation import comparison_text, terminal
 from terrain_cli.presentation.terminal import escaped
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ class ComparisonResult:
         str
             JSON, without the newline at the end. Units are SI; null where a value is not known.
         """
-        return json_text.written(self._document)
+        return terminal.as_json(self._document)
 
     def plot(self, name: str = "predicted-measured") -> Figure:
         """Draw a picture of the (last) model.
@@ -263,10 +263,10 @@ def report(
     formats.errors.CannotWriteError
         The page cannot be written.
     """
-    from terrain_cli.views import optional_libraries
+    from terrain_cli.views import chart_style
     from terrain_cli.views import report as page
 
-    optional_libraries.need("report")
+    chart_style.need("report")
     file = as_model(model)
     found = compare(data, file, rover=rover, seed=seed, jobs=jobs).found
     page.write(found, path, further=[page.history(file.history)])

@@ -12,7 +12,7 @@ from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, silent, windows_of
 from terrain_cli.diagnosis import diagnose as diagnosed
 from terrain_cli.diagnosis.verdict import sizes_text
-from terrain_cli.presentation import diagnosis_text, json_text
+from terrain_cli.presentation import diagnosis_text, terminal
 from terrain_cli.presentation.terminal import escaped
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ class DiagnosisResult:
             JSON, without the newline at the end. Units are SI or stand beside the value; null where a
             value is not known.
         """
-        return json_text.written(self._document)
+        return terminal.as_json(self._document)
 
     def __str__(self) -> str:
         return escaped(diagnosis_text.text(self.found))

@@ -118,9 +118,9 @@ def command(context: click.Context, /, **_: Any) -> None:
         raise UsageError("--trace shows the recursive estimate", hint="add --method recursive")
     # Before the work, not after it.
     if given["plot"]:
-        from terrain_cli.views import optional_libraries
+        from terrain_cli.views import chart_style
 
-        optional_libraries.need("plot")
+        chart_style.need("plot")
     for name in ("rejects", "trace", "posterior"):
         if given[name]:
             formats.output_kind(given[name])

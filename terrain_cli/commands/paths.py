@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from terrain_cli.commands import earlier_results
+from terrain_cli.commands import named_files
 from terrain_cli.commands.named_files import content, effects_of, identity, logs_of, resolved, text
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Sequence
 
-    from terrain_cli.commands.earlier_results import Sign
+    from terrain_cli.commands.named_files import Sign
 
 #: Names of the standard output, of which there is one for all that is written.
 _STANDARD_OUTPUT = frozenset({"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"})
@@ -168,7 +168,7 @@ class _Pictures(_Folder):
 
     def of_others(self, name: str) -> Iterator[str]:
         """Yield the pictures of others that have a name of one that is drawn."""
-        yield from earlier_results.pictures_of_others(name)
+        yield from named_files.pictures_of_others(name)
 
 
 class _Batch(_Folder):
@@ -188,7 +188,7 @@ class _Batch(_Folder):
 
     def of_others(self, name: str) -> Iterator[str]:
         """Yield the files of others that have the name of a result."""
-        yield from earlier_results.files_of_others(name)
+        yield from named_files.files_of_others(name)
 
     def skips(self, name: str, read: Read) -> bool:
         """Tell whether an input is a result of an earlier run into the folder."""
@@ -242,13 +242,13 @@ EFFECT_FILE = Reads("the effect file")
 DRIVE = _Drive("the file of the drive")
 OUTPUT = Writes()
 RESULT = Writes(result=True)
-SEGMENTS = Writes(earlier_results.SEGMENTS, result=True, layer=True)
-SAMPLES = Writes(earlier_results.SAMPLES, layer=True)
-REJECTS = Writes(earlier_results.REJECTS)
-TRACE = Writes(earlier_results.TRACE)
-POSTERIOR = Writes(earlier_results.POSTERIOR)
-SUMMARY = Writes(earlier_results.SUMMARY)
-PAGE = Writes(earlier_results.PAGE, result=True)
+SEGMENTS = Writes(named_files.SEGMENTS, result=True, layer=True)
+SAMPLES = Writes(named_files.SAMPLES, layer=True)
+REJECTS = Writes(named_files.REJECTS)
+TRACE = Writes(named_files.TRACE)
+POSTERIOR = Writes(named_files.POSTERIOR)
+SUMMARY = Writes(named_files.SUMMARY)
+PAGE = Writes(named_files.PAGE, result=True)
 CHANGED = Writes(changed=True)
 PICTURES = _Pictures()
 BATCH = _Batch(result=True)

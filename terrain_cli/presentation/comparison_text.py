@@ -1,4 +1,4 @@
-"""A comparison as JSON, and as tables for a person."""
+"""A comparison, and what a verb says at its end, as JSON and for a person."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from terrain_cli.comparison import segment_soils
 from terrain_cli.diagnosis import conclusion
-from terrain_cli.presentation import conclusion_text
+from terrain_cli.diagnosis.conclusion import Asked, conclude
 from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.quantities import counted
 
@@ -23,12 +23,33 @@ if TYPE_CHECKING:
         Finding,
         WheelComparison,
     )
-    from terrain_cli.diagnosis.conclusion import Asked
+    from terrain_cli.diagnosis.conclusion import Conclusion, Evidence
     from terrain_cli.estimation import WindowEstimates
 
 FORMAT = "terrain-est/comparison/1"
 #: Segments that a finding names, and a person reads.
 _WORST = 3
+
+
+def conclusion_of(evidence: Evidence, comparison: Comparison, asked: Asked | None = None) -> Conclusion:
+    """Conclude what evidence says; of the files and the model of a comparison if no more is known."""
+    return conclude(evidence, asked or _asked(comparison))
+
+
+def conclusion_document(conclusion: Conclusion) -> dict[str, Any]:
+    """Return a conclusion as it is written to JSON."""
+    return {
+        "state": conclusion.state,
+        "sentence": conclusion.sentence,
+        "command": conclusion.command or None,
+        "record": list(conclusion.record),
+    }
+
+
+def _asked(comparison: Comparison) -> Asked:
+    sources = [one for wheel in comparison.wheels for one in wheel.source.split(", ")]
+    model = "model.toml" if comparison.model["effects"] else comparison.model["base"]
+    return Asked(inputs=tuple(dict.fromkeys(sources)), model=model)
 
 
 def document(
@@ -57,7 +78,7 @@ def document(
 
 def _outcome(comparison: Comparison, asked: Asked | None) -> dict[str, Any]:
     return {
-        "conclusion": conclusion_text.document(concluded(comparison, asked)),
+        "conclusion": conclusion_document(concluded(comparison, asked)),
         "channels": {name: _errors(errors) for name, errors in comparison.channels.items()},
         "failures": [_finding(finding) for finding in comparison.failures],
         "parameters": [_parameters(wheel) for wheel in comparison.wheels if wheel.fit.shared],
@@ -171,7 +192,7 @@ def _known(value: float) -> float | None:
 
 def concluded(comparison: Comparison, asked: Asked | None = None) -> conclusion.Conclusion:
     """Conclude what a comparison says of its model."""
-    return conclusion_text.of(conclusion.of_comparison(comparison), comparison, asked)
+    return conclusion_of(conclusion.of_comparison(comparison), comparison, asked)
 
 
 def named(comparison: Comparison) -> str:

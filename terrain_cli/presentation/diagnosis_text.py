@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.verdict import sizes_text
-from terrain_cli.presentation import conclusion_text
+from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
 
 if TYPE_CHECKING:
@@ -75,13 +75,13 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
         "not_testable": [{"effect": one.effect, "because": one.because} for one in diagnosis.not_testable],
         "warnings": list(diagnosis.warnings),
         "sentence": diagnosis.sentence,
-        "conclusion": conclusion_text.document(_concluded(diagnosis, asked, draft)),
+        "conclusion": comparison_text.conclusion_document(_concluded(diagnosis, asked, draft)),
     }
 
 
 def _concluded(diagnosis: Diagnosis, asked: Asked | None, draft: str) -> conclusion.Conclusion:
     evidence = conclusion.of_diagnosis(diagnosis, draft)
-    return conclusion_text.of(evidence, diagnosis.comparison, asked)
+    return comparison_text.conclusion_of(evidence, diagnosis.comparison, asked)
 
 
 def _candidate(one: Candidate, channels: Iterable[str]) -> dict[str, Any]:

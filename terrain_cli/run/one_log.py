@@ -9,7 +9,7 @@ import formats
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
-from terrain_cli.presentation import posterior_table, segment_table
+from terrain_cli.presentation import segment_table
 from terrain_cli.run import long_log
 from terrain_cli.telemetry.derive.unit_doubts import Doubt
 from terrain_cli.telemetry.plan.mapping import is_table
@@ -113,7 +113,7 @@ def run(
         if settings.method == "recursive":
             outcome.trace.append(segment_table.trace(cut))
         if settings.joint:
-            outcome.posterior.append(posterior_table.table(cut, fitted.estimates, fitted.joint))
+            outcome.posterior.append(segment_table.posterior_table(cut, fitted.estimates, fitted.joint))
         if settings.samples:
             outcome.samples.append(segment_table.samples(cut))
     if tables:

@@ -15,7 +15,7 @@ import numpy as np
 import formats
 from formats.output.whole_files import explained
 from terrain_cli.errors import UsageError, nearest
-from terrain_cli.views import chart_style, optional_libraries
+from terrain_cli.views import chart_style
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -74,7 +74,7 @@ def draw(found: Comparison | Sequence[Rung], name: str) -> Figure:
 
 @contextmanager
 def _style() -> Iterator[None]:
-    optional_libraries.need("plot")
+    chart_style.need("plot")
     import matplotlib as mpl
 
     with mpl.rc_context(cast("Any", chart_style.SETTINGS)), warnings.catch_warnings():
@@ -84,7 +84,7 @@ def _style() -> Iterator[None]:
 
 
 def _write(drawings: Iterator[Drawing], folder: str | Path, progress: Callable[[str], None]) -> list[Path]:
-    optional_libraries.need("plot")
+    chart_style.need("plot")
     folder = Path(folder)
     with explained(str(folder)):
         folder.mkdir(parents=True, exist_ok=True)
@@ -111,21 +111,21 @@ def _of_ladder(ladder: Sequence[Rung]) -> Iterator[Drawing]:
 
 def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
     from terrain_cli.presentation import segment_table
-    from terrain_cli.views import figures, sample_pairs, soil_table
+    from terrain_cli.views import figures, shown_samples, shown_segments
     from terrain_cli.vocabulary import quantities
 
-    shown = sample_pairs.channels(comparison)
+    shown = shown_samples.channels(comparison)
     yield "predicted-measured", partial(figures.predicted_measured, comparison)
     for name in shown:
         yield f"residual-{name.replace('_', '-')}", partial(figures.residuals, comparison, name)
-    table = soil_table.table(comparison)
+    table = shown_segments.soil_table(comparison)
     yield "strength", partial(figures.strength, table)
     for name in shown:
         what = quantities.quantity(name, comparison.channels[name].unit)
         label = f"rms misfit of {what.words}{what.in_unit}"
-        misfit = sample_pairs.misfit(comparison, name)
+        misfit = shown_samples.misfit(comparison, name)
         yield f"track-{name.replace('_', '-')}", partial(figures.track, table, {label: misfit})
-    moments = soil_table.moments(comparison)
+    moments = shown_segments.moments(comparison)
     yield "rim-stress", partial(figures.rim_stress, moments) if moments else lambda: None
     driven = [wheel.segments for wheel in comparison.wheels if wheel.segments.lined]
     yield from _convergence([segment_table.trace(_begun(windows)) for windows in driven[:MOST_TRACES]])

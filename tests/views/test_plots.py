@@ -20,7 +20,7 @@ from terrain_cli.estimation.estimators import estimate_lines
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.presentation import segment_table
 from terrain_cli.run.one_log import Outcome
-from terrain_cli.views import plots, soil_table
+from terrain_cli.views import plots, shown_segments
 
 EXPECTED = {
     "predicted-measured": ("measured torque T (N m)", "predicted sinkage z (mm)"),
@@ -116,7 +116,7 @@ def test_names_of_wheels_make_no_paths(comparison, tmp_path):
 
 def test_linear_base_has_no_rim(comparison):
     linear = replace(comparison, wheels=[replace(w, model=Model("linear")) for w in comparison.wheels])
-    assert soil_table.moments(linear) == []
+    assert shown_segments.moments(linear) == []
 
 
 def test_full_disk_leaves_the_old_picture(comparison, tmp_path, monkeypatch):

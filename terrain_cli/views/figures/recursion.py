@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from terrain_cli.views import binning, segment_groups
+from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS
 from terrain_cli.views.figures.picture import Picture
 
@@ -46,7 +46,7 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True)
     number = np.asarray(trace["segment"])
     starts = _starts(number)
-    shown = binning.some(len(number), MOST_SAMPLES)
+    shown = shown_samples.some(len(number), MOST_SAMPLES)
     # A thinned line would else bridge two segments.
     shown = np.union1d(shown, starts)
     for axes, quantity, colour in zip((upper, lower), _QUANTITIES, COLOURS, strict=False):
@@ -84,7 +84,7 @@ def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
     for axes, quantity in zip((upper, lower), _QUANTITIES, strict=True):
         for j, (part, name) in enumerate(zip(parts, _names(parts), strict=True)):
             value = part[quantity.value]
-            shown = binning.some(len(value), MOST_SAMPLES)
+            shown = shown_samples.some(len(value), MOST_SAMPLES)
             axes.plot(shown + 1, value[shown], color=COLOURS[j], linestyle=LINES[j], label=name)
         last = np.array([part[quantity.value][-1] for part in parts])
         reach = 1.96 * np.nan_to_num([part[quantity.error][-1] for part in parts])
@@ -93,7 +93,7 @@ def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
             axes.errorbar(beside[j], last[j], reach[j], **style)
         # A soil that is hardly told is no reason to press the others flat.
         reach = np.minimum(reach, 3.0 * np.median(reach))
-        low, high = binning.limits(last - reach, last + reach, np.zeros(1), margin=0.05)
+        low, high = shown_samples.limits(last - reach, last + reach, np.zeros(1), margin=0.05)
         axes.set_ylim(max(low, quantity.widest[0]), min(high, quantity.widest[1]))
         axes.axvline(longest, color=FAINT, linewidth=0.8)
         axes.set_ylabel(quantity.label)
@@ -149,7 +149,7 @@ def _focus(
     last, spread = last[known], spread[known]
     room = 2.5 * spread + 0.25 * np.abs(np.median(last))
     reach = np.minimum(room, 3.0 * np.median(room))
-    low, high = segment_groups.usual(np.concatenate([last - reach, last + reach]))
+    low, high = shown_segments.usual(np.concatenate([last - reach, last + reach]))
     axes.set_ylim(max(low, widest[0]), min(high, widest[1]))
 
 

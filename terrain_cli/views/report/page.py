@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import formats
 from terrain_cli.version import __version__
-from terrain_cli.views import optional_libraries
+from terrain_cli.views import chart_style
 from terrain_cli.views.report.page_parts import Chart
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def write(
     progress: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Write the report of a comparison; `further` sections follow, if there is something in them."""
-    optional_libraries.need("report")
+    chart_style.need("report")
     text = page(comparison, further=further, progress=progress)
     with formats.replacing(str(path)) as temporary:
         Path(temporary).write_text(text, encoding="utf-8")

@@ -1,20 +1,25 @@
-"""The table of segments, as pictures use it: names, groups, tracks, ellipses and strength lines.
+"""Segments as they are shown: names, groups, tracks, ellipses, strength lines; and moments under the rim.
 
-Whatever estimated the soil, its table has the columns of `results.COLUMNS`.
+Whatever estimated the soil, its table has the columns of `segment_table.COLUMNS`.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from terrain_cli.views import binning
+from terrain_cli.comparison import segment_soils
+from terrain_cli.presentation import segment_table
+from terrain_cli.views import shown_samples
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
+
+    from terrain_cli.comparison.comparison_outcome import Comparison, WheelComparison
+    from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
     Array = NDArray[np.float64]
     Table = Mapping[str, Any]
@@ -23,6 +28,8 @@ if TYPE_CHECKING:
 _WIDEST = 30.0
 #: Of an ellipse that holds 95 % of a normal distribution in the plane, in standard deviations.
 ELLIPSE = 2.4477
+#: Wheels under whose rim one looks.
+MOST_MOMENTS = 4
 
 
 def names(table: Table) -> list[str]:
@@ -64,7 +71,7 @@ def frame(table: Table, points: Array) -> tuple[tuple[float, float], tuple[float
     The narrow side is at least a third of the long one, for labels to have room.
     """
     stretch = 1.0 / float(np.cos(np.radians(points[:, 1].mean()))) if geographic(table) else 1.0
-    across, up = (binning.limits(points[:, axis], margin=0.06) for axis in (0, 1))
+    across, up = (shown_samples.limits(points[:, axis], margin=0.06) for axis in (0, 1))
     width, height = across[1] - across[0], (up[1] - up[0]) * stretch
     least = max(width, height) / 3.0
     side, top = max(least - width, 0.0) / 2.0, max(least - height, 0.0) / (2.0 * stretch)
@@ -148,3 +155,59 @@ def strength(table: Table, row: int, stress: Array) -> tuple[Array, Array]:
     mixed = table["corr_c_phi"][row] * error * slope_error if error * slope_error > 0.0 else 0.0
     variance = error**2 + 2.0 * stress * mixed + (stress * slope_error) ** 2
     return table["c_kPa"][row] + slope * stress, np.sqrt(np.maximum(variance, 0.0))
+
+
+class Moment(NamedTuple):
+    """One wheel at one time, on a soil that was estimated."""
+
+    title: str
+    model: Model  # With the base "wong-reece"
+    wheel: WheelGeometry
+    channels: Mapping[str, ArrayLike]  # Shape (1,)
+    values: Mapping[str, float]  # Of all parameters
+
+
+def soil_table(comparison: Comparison) -> segment_table.Table:
+    """Return the soil of every segment, as `estimate` gives it."""
+    return segment_table.join([segment_table.table(*soils) for soils in segment_soils.of(comparison)])
+
+
+def moments(comparison: Comparison) -> list[Moment]:
+    """Choose a moment of each wheel: the middle of the sinkages in its longest segment.
+
+    None of the linear base, whose stresses are triangles.
+    """
+    several = len({wheel.source for wheel in comparison.wheels}) > 1
+    found = []
+    for wheel in comparison.wheels:
+        moment = _moment(wheel) if wheel.model.base == "wong-reece" else None
+        if moment is not None:
+            found.append(moment._replace(title=f"{wheel.source}\n{moment.title}") if several else moment)
+    return found[:MOST_MOMENTS]
+
+
+def _moment(wheel: WheelComparison) -> Moment | None:
+    samples, windows, segments, fit = wheel.samples, wheel.windows, wheel.segments, wheel.fit
+    sinkage = samples.channels.get("sinkage")
+    soil = np.searchsorted(windows.bounds, segments.bounds[:-1], side="right") - 1
+    length = np.where(np.isfinite(fit.values["cohesion"][soil]), np.diff(segments.bounds), 0)
+    if sinkage is None or not length.any():
+        return None
+    segment = int(np.argmax(length))
+    window = soil[segment]
+    values = {name: float(column[window]) for name, column in fit.values.items()} | fit.shared
+    rows = segments.rows[segments.bounds[segment] : segments.bounds[segment + 1]]
+    columns = {**samples.channels, **samples.drivers}
+    needed = ("slip", "sinkage", *(name for name in wheel.model.needs if name in columns))
+    rows = rows[np.all([np.isfinite(columns[name][rows]) for name in needed], axis=0)]
+    if not len(rows) or not wheel.model.parameters.keys() <= values.keys():
+        return None
+    row = rows[np.argsort(sinkage[rows], kind="stable")[len(rows) // 2]]
+    return Moment(
+        f"wheel {wheel.wheel}, segment {segment + 1}: z = {1e3 * sinkage[row]:.1f} mm, "
+        f"i = {samples.channels['slip'][row]:.2f}",
+        wheel.model,
+        samples.geometry.wheel,
+        {name: column[row : row + 1] for name, column in columns.items() if np.isfinite(column[row])},
+        values,
+    )

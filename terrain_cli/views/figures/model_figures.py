@@ -1,4 +1,4 @@
-"""Predicted against measured, and the residual against what may drive it."""
+"""How well a model predicts: against measurements, along its drivers, and change by change."""
 
 from __future__ import annotations
 
@@ -7,18 +7,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.views import binning, sample_pairs
+from terrain_cli.improvement.model_history import channels
+from terrain_cli.views import shown_samples
 from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN
 from terrain_cli.views.figures.picture import Picture
+from terrain_cli.views.ladder_table import measured, top
 from terrain_cli.vocabulary import quantities
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.improvement.improvement_outcome import Interval
+    from terrain_cli.improvement.model_history import Rung
 
     Array = NDArray[np.float64]
 
@@ -26,22 +32,24 @@ if TYPE_CHECKING:
 MOST_DRAWN = 500
 #: Drivers in one picture.
 MOST_DRIVERS = 9
+#: Distance of before and after from the middle of their step.
+_APART = 0.18
 
 
 def predicted_measured(comparison: Comparison) -> Figure:
     """Draw what was predicted against what was measured, a panel for each channel."""
-    shown = sample_pairs.channels(comparison)
+    shown = shown_samples.channels(comparison)
     figure = Picture(figsize=(3.4 * len(shown), 3.9))
     for axes, name in zip(np.ravel(figure.subplots(1, len(shown))), shown, strict=True):
         errors = comparison.channels[name]
         what = quantities.quantity(name, errors.unit)
-        pooled = sample_pairs.pairs(comparison, name)
-        if len(pooled.measured) > binning.MOST_POINTS:
-            mesh = _counts(axes, binning.grid(pooled.measured, pooled.predicted, square=True))
+        pooled = shown_samples.pairs(comparison, name)
+        if len(pooled.measured) > shown_samples.MOST_POINTS:
+            mesh = _counts(axes, shown_samples.grid(pooled.measured, pooled.predicted, square=True))
             figure.colorbar(mesh, ax=axes, label="samples", location="bottom", shrink=0.8, aspect=30)
         else:
             _points(axes, comparison, pooled)
-        ends = binning.limits(pooled.measured, pooled.predicted)
+        ends = shown_samples.limits(pooled.measured, pooled.predicted)
         axes.plot(ends, ends, color=INK, linewidth=0.8, label="predicted = measured")
         axes.set(
             xlim=ends,
@@ -58,7 +66,7 @@ def predicted_measured(comparison: Comparison) -> Figure:
     return figure
 
 
-def _points(axes: Axes, comparison: Comparison, pooled: sample_pairs.Pairs) -> None:
+def _points(axes: Axes, comparison: Comparison, pooled: shown_samples.Pairs) -> None:
     for index, wheel in enumerate(comparison.wheels):
         here = pooled.wheel == index
         label = wheel.wheel if 1 < len(comparison.wheels) <= len(COLOURS) else None
@@ -78,7 +86,7 @@ def _points(axes: Axes, comparison: Comparison, pooled: sample_pairs.Pairs) -> N
         )
 
 
-def _counts(axes: Axes, grid: binning.Grid) -> QuadMesh:
+def _counts(axes: Axes, grid: shown_samples.Grid) -> QuadMesh:
     from matplotlib.colors import LogNorm
 
     counts = np.ma.masked_equal(grid.counts, 0.0)
@@ -90,8 +98,8 @@ def residuals(comparison: Comparison, channel: str) -> Figure:
     """Draw the residual of a channel against its drivers, with the band of 5 to 95 % about its median."""
     errors = comparison.channels[channel]
     what = quantities.quantity(channel, errors.unit)
-    pooled = sample_pairs.pairs(comparison, channel)
-    shown = sample_pairs.drivers(comparison, channel, pooled, MOST_DRIVERS)
+    pooled = shown_samples.pairs(comparison, channel)
+    shown = shown_samples.drivers(comparison, channel, pooled, MOST_DRIVERS)
     columns = min(3, max(len(shown), 1))
     rows = math.ceil(len(shown) / columns) or 1
     figure = Picture(figsize=(3.2 * columns + 0.3, 2.4 * rows + 0.7))
@@ -100,12 +108,12 @@ def residuals(comparison: Comparison, channel: str) -> Figure:
     for axes in grid.flat[len(shown) :]:
         axes.remove()
     for axes, driver in zip(grid.flat, shown, strict=False):
-        along = sample_pairs.driver(comparison, driver, pooled)
+        along = shown_samples.driver(comparison, driver, pooled)
         _along(axes, along, residual, errors.noise * what.factor)
         axes.set_xlabel(along.quantity.label)
     if len(residual):
         low, high = np.percentile(residual, [0.2, 99.8])
-        grid[0, 0].set_ylim(*binning.limits(np.array([low, high, 0.0]), margin=0.1))
+        grid[0, 0].set_ylim(*shown_samples.limits(np.array([low, high, 0.0]), margin=0.1))
     figure.supylabel(f"measured − predicted {what.label}", fontsize=9.0)
     handles, labels = grid[0, 0].get_legend_handles_labels()
     if handles:
@@ -113,13 +121,13 @@ def residuals(comparison: Comparison, channel: str) -> Figure:
     return figure
 
 
-def _along(axes: Axes, along: sample_pairs.Along, residual: Array, noise: float) -> None:
+def _along(axes: Axes, along: shown_samples.Along, residual: Array, noise: float) -> None:
     driver = along.values
     known = np.flatnonzero(np.isfinite(driver))
-    if len(known) > binning.MOST_POINTS:
+    if len(known) > shown_samples.MOST_POINTS:
         low, high = np.percentile(residual[known], [0.1, 99.9])
         near = known[(residual[known] >= low) & (residual[known] <= high)]
-        _counts(axes, binning.grid(driver[near], residual[near], 50))
+        _counts(axes, shown_samples.grid(driver[near], residual[near], 50))
     else:
         axes.plot(
             driver[known],
@@ -140,7 +148,7 @@ def _along(axes: Axes, along: sample_pairs.Along, residual: Array, noise: float)
                 label="± 1.96 × noise" if sign > 0.0 else None,
             )
     axes.axhline(0.0, color=INK, linewidth=0.7)
-    band = binning.band(driver, residual)
+    band = shown_samples.band(driver, residual)
     if along.labels:
         longest = max(map(len, along.labels))
         turned: dict[str, Any] = {"rotation": 25, "ha": "right", "rotation_mode": "anchor"}
@@ -159,3 +167,70 @@ def _along(axes: Axes, along: sample_pairs.Along, residual: Array, noise: float)
         axes.plot(
             band.centre, band.median, color=MEDIAN, marker="o", markersize=2.5, linewidth=1.4, label="median"
         )
+
+
+def errors(ladder: Sequence[Rung]) -> Figure | None:
+    """Draw the held-out error of every channel, step by step, with its 95 % interval and the noise.
+
+    None where nothing was tried on data.
+    """
+    names = channels(ladder)
+    if not names:
+        return None
+    tested = [rung for rung in ladder if rung.channels]
+    wide = max(4.2, 1.6 + 0.95 * len(tested))
+    figure = Picture(figsize=(min(wide, 14.0), 0.9 + 1.9 * len(names)))
+    grid = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
+    place = {rung.number: index for index, rung in enumerate(tested)}
+    for axes, name in zip(grid, names, strict=True):
+        _rungs(axes, tested, name, place)
+    grid[-1].set_xticks(
+        range(len(tested)), [rung.label for rung in tested], rotation=25, ha="right", rotation_mode="anchor"
+    )
+    grid[-1].set_xlim(-0.6, len(tested) - 0.4)
+    handles, labels = grid[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
+    return figure
+
+
+def _rungs(axes: Axes, tested: Sequence[Rung], name: str, place: dict[int, int]) -> None:
+    known = measured(tested, name)
+    what = quantities.quantity(name, known[0][1].unit)
+    at = np.array([place[rung.number] for rung, _ in known], dtype=float)
+    for side, marker, face, label in (
+        (-_APART, "o", "white", "before"),
+        (_APART, "s", COLOURS[0], "after"),
+    ):
+        intervals = [one.before if side < 0.0 else one.after for _, one in known]
+        value, spread = _spread(intervals, what.factor)
+        axes.errorbar(
+            at + side,
+            value,
+            spread,
+            fmt=marker,
+            color=COLOURS[0],
+            markerfacecolor=face,
+            markersize=5.0,
+            capsize=2.5,
+            linewidth=1.0,
+            label=f"{label} (95 %)",
+            zorder=3,
+        )
+    for x, (_, one) in zip(at, known, strict=True):
+        ends = [one.before.value * what.factor, one.after.value * what.factor]
+        axes.plot([x - _APART, x + _APART], ends, color=INK, linewidth=0.8, zorder=2)
+    noise = np.array([one.noise * what.factor for _, one in known])
+    axes.hlines(noise, at - 0.42, at + 0.42, color=COLOURS[1], linestyle=":", linewidth=1.4, label="noise")
+    axes.set_ylim(0.0, top(known) * what.factor)
+    axes.set_ylabel(f"{what.words}{what.in_unit}")
+    axes.grid(axis="y", linewidth=0.4, alpha=0.5)
+    if axes.get_subplotspec().is_first_row():  # type: ignore[union-attr]
+        axes.set_title("rms error on data that were not fitted")
+
+
+def _spread(intervals: Sequence[Interval], factor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return values, and how far their intervals reach down and up, shape (2, n)."""
+    table = np.array(intervals, dtype=float).reshape(-1, 3) * factor
+    value = table[:, 0]
+    reach = np.stack([value - table[:, 1], table[:, 2] - value])
+    return value, np.maximum(np.nan_to_num(reach), 0.0)

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 import terrain_cli as terrain
 from terrain_cli.estimation import joint_posteriors
 from terrain_cli.estimation.estimators import estimate_lines
-from terrain_cli.presentation import posterior_table, segment_table
+from terrain_cli.presentation import segment_table
 from terrain_cli.run.one_log import Outcome
 from terrain_cli.views import chart_style, figures, plots
 from terrain_cli.windows import cut_windows
@@ -29,7 +29,7 @@ def wheel():
     joint = joint_posteriors.of_line(estimates, range(14))
     table = segment_table.table(windows, estimates)
     short = {name: values[:14] for name, values in table.items()}
-    return short, posterior_table.table(windows, estimates, joint)
+    return short, segment_table.posterior_table(windows, estimates, joint)
 
 
 def drawn(figure):

@@ -122,21 +122,21 @@ def tried(
 def untested(context: click.Context, action: Action, changed: Changed) -> None:
     """Make a change without data, and tell it."""
     from terrain_cli.improvement import model_history
-    from terrain_cli.presentation import change_sentences, change_text
+    from terrain_cli.presentation import change_text
 
     entry = model_history.untested(action, changed.ids, changed.file)
-    sentence = change_sentences.untested(action, changed.ids)
+    sentence = change_text.untested_sentence(action, changed.ids)
     write(context.params["file"], changed.file, entry)
     tell(context, sentence, change_text.untested(entry, sentence))
 
 
 def tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
     """Write what came out, for a person or as JSON."""
-    from terrain_cli.presentation import json_text
+    from terrain_cli.presentation import terminal
 
     file = context.params["file"]
     if context.params["as_json"]:
-        click.echo(json_text.written({**content, "file": file}))
+        click.echo(terminal.as_json({**content, "file": file}))
     else:
         say(f"{file}: {text}")
 
