@@ -212,7 +212,7 @@ def packed() -> list[bytes]:
     import bz2
     import gzip
 
-    from formats.rosbag.storage.unpacking import zstd
+    from formats.rosbag.storage.raw_messages import zstd
 
     return [pack(TABLES[0] * 3) for pack in (gzip.compress, bz2.compress, zstd.compress)]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from wheel_table import ROVER, good, text
 
-from formats.output import written_tables
+from formats.output import whole_files
 from terrain_cli.app import main
 from terrain_cli.commands import named_files
 
@@ -181,6 +181,6 @@ def test_every_table_begins_as_its_sign(made):
     """The signs are the first columns, which the contract fixes."""
     for name in ("output", "samples", "rejects", "posterior"):
         for kind in TABLES:
-            (names,) = written_tables.columns(str(made / f"{name}.{kind}"))
+            (names,) = whole_files.first_columns(str(made / f"{name}.{kind}"))
             header = (made / f"{name}.csv").read_text().partition("\n")[0].split(",")
             assert list(names[:5]) == header[:5], (name, kind)

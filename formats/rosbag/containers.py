@@ -14,8 +14,7 @@ from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMu
 from formats.recovery import Recovery
 from formats.rosbag.bag_files import HINTS, Recording, check, damaged
 from formats.rosbag.storage.chunks import RUN_BYTES
-from formats.rosbag.storage.raw_messages import of_payloads
-from formats.rosbag.storage.unpacking import unpack, unpacks
+from formats.rosbag.storage.raw_messages import of_payloads, unpack, unpacks
 from formats.salvage import salvaged
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ import numpy as np
 
 from formats.limits import CHUNK_BYTES, CONNECTIONS, Allowance, TooMuchError, unpacked_limit
 from formats.recovery import Recovery
-from formats.rosbag.storage.raw_messages import WILD, Messages
-from formats.rosbag.storage.unpacking import unpack
+from formats.rosbag.storage.raw_messages import WILD, Messages, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence

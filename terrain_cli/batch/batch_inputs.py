@@ -20,7 +20,7 @@ import formats
 from formats.content import failure
 from formats.copies import kept, too_large
 from formats.errors import FormatError, NotFoundError, shown
-from formats.input_paths import natural, promised_kind
+from formats.source import natural, promised_kind
 from terrain_cli import version
 from terrain_cli.errors import ConfigurationError, UsageError
 

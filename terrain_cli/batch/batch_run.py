@@ -16,8 +16,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from formats.input_paths import natural
 from formats.limits import COPY_GB
+from formats.source import natural
 from terrain_cli.batch import batch_folder, batch_inputs
 from terrain_cli.batch.batch_folder import CONFIGURATIONS, STATE, Folder
 from terrain_cli.batch.batch_inputs import Arrivals

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.commands.progress import Progress
     from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.estimation.estimate_request import EstimateRequest
+    from terrain_cli.estimation.estimators import EstimateRequest
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Rover
     from terrain_cli.windows.cut_windows import Windows
@@ -173,7 +173,7 @@ def _model_files() -> Iterator[str]:
 def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> EstimateRequest:
     """Return what `estimate` is asked for the segments of a comparison."""
     from terrain_cli.estimation import estimators
-    from terrain_cli.estimation.estimate_request import EstimateRequest
+    from terrain_cli.estimation.estimators import EstimateRequest
 
     # Before the work, not after it.
     estimators.choose("auto", file, robust=given["robust"])

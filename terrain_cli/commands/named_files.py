@@ -89,14 +89,14 @@ class Sign(NamedTuple):
 
     def on(self, path: str) -> bool:
         """Tell whether a file has it, or holds nothing that could be lost."""
-        from formats.output import written_tables
+        from formats.output import whole_files
 
         try:
             with Path(path).open("rb") as file:
-                head = file.read(written_tables.HEAD)
+                head = file.read(whole_files.HEAD)
             if not head or (self.mark and self.mark in head):
                 return True
-            tables = written_tables.columns(path) if self.columns else None
+            tables = whole_files.first_columns(path) if self.columns else None
         except OSError:
             return False
         return tables is not None and all(

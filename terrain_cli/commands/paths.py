@@ -65,7 +65,7 @@ class _Logs(Reads):
 
     def reads(self, name: str) -> Iterator[Read]:
         """Yield every file of the logs; none where the name is wrong, which is told when it is opened."""
-        from formats.input_paths import parts
+        from formats.source import parts
 
         for log in logs_of(name):
             yield from (Read(self.what, part) for part in parts(log))
@@ -348,7 +348,7 @@ def _check_reads(write: _Write, reads: Sequence[tuple[Read, Hashable]]) -> None:
 
 def _check_folders(write: _Write, names: Sequence[str]) -> None:
     """Refuse what would become part of a log, or a log of its own when the command is run again."""
-    from formats.input_paths import parts, takes
+    from formats.source import parts, takes
     from terrain_cli.errors import UsageError
 
     place = resolved(write.path)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from terrain_cli import estimation
+from terrain_cli.estimation.further_unknowns import offsets
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.window_estimates import LARGEST_PHI_SE
-from terrain_cli.estimation.sensor_offsets import offsets
 from terrain_cli.mechanics import contact, linear
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.estimation import WindowEstimates
-    from terrain_cli.estimation.line.recursive import Trace
+    from terrain_cli.estimation.line.pooled import Trace
     from terrain_cli.vocabulary.choices import LineMethod
     from terrain_cli.windows.cut_windows import Measured, Windows
 

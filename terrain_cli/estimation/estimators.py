@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -10,11 +11,10 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.errors import InputError, UsageError
-from terrain_cli.estimation import joint_posteriors
+from terrain_cli.estimation import fit_account
 from terrain_cli.estimation.assumed import with_assumptions
-from terrain_cli.estimation.contact_shape import with_contact
 from terrain_cli.estimation.fit_account import account
-from terrain_cli.estimation.sensor_offsets import with_offsets
+from terrain_cli.estimation.further_unknowns import with_contact, with_offsets
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.rover import NOISY
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
@@ -154,20 +154,20 @@ def estimate(
             "--method wong-reece fits the full model to any number"
         )
         file = None
-    asked = joint_posteriors.chosen(windows, joint)
+    asked = fit_account.chosen(windows, joint)
     of_line = cast("LineMethod", "auto" if file else method)
     line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)
     if file is None:
         windows = windows.on_line()
         line = with_strengths(with_assumptions(line, windows, of_line), windows, at_stress)
-        return Fitted(line, joint=joint_posteriors.of_line(line, asked))
+        return Fitted(line, joint=fit_account.of_line(line, asked))
     whole, windows = windows, windows.thinned(_MOST)
     channels = _channels(windows)
     file = with_offsets(with_contact(file), windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust, joint=asked)
     estimates = of_fit(fit, line, whole, at_stress)
-    posteriors = joint_posteriors.of_fit(fit, file, asked)
+    posteriors = fit_account.of_fit(fit, file, asked)
     return Fitted(estimates, account(windows, file, fit, held, because), posteriors)
 
 
@@ -334,3 +334,45 @@ def of_fit(
         phi_se=np.where(phi, estimates.phi_se, np.nan),
         corr=np.where(c & phi, estimates.corr, np.nan),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateRequest:
+    """Windows, a model, and the options of `estimate`."""
+
+    wheels: Sequence[Windows]  # As they were cut: neither joined nor thinned
+    file: ModelFile  # Of which the line is estimated where it is plain
+    min_samples: int | None = None  # min_samples, folds, robust: as for `estimators.estimate`
+    folds: int | None = None
+    robust: bool = False
+    at_stress: float | None = None  # In kPa
+
+    @cached_property
+    def estimates(self) -> list[WindowEstimates | None]:
+        """Of each wheel; None without torque or sinkage, where `estimate` has no answer."""
+        file = choose("auto", self.file, robust=self.robust)
+        stresses: dict[str, float | None] = {}
+        found: list[WindowEstimates | None] = []
+        for windows in self.wheels:
+            if not windows.lined:
+                found.append(None)
+                continue
+            source = windows.samples.source
+            fitted = estimate(
+                windows,
+                "auto",
+                file,
+                min_samples=self.min_samples,
+                folds=self.folds,
+                robust=self.robust,
+                at_stress=stresses.get(source, self.stress),
+            )
+            # Wheels of one log are compared at one stress.
+            stresses[source] = common_stress(stresses.get(source, self.stress), fitted)
+            found.append(fitted.estimates)
+        return found
+
+    @property
+    def stress(self) -> float | None:
+        """`at_stress` in Pa."""
+        return None if self.at_stress is None else 1e3 * self.at_stress

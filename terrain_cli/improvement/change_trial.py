@@ -17,7 +17,7 @@ from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import diagnosis_criteria, quick_scores, several_soils
 from terrain_cli.diagnosis.quick_scores import missing_effects
 from terrain_cli.estimation import estimators
-from terrain_cli.estimation.estimate_request import EstimateRequest
+from terrain_cli.estimation.estimators import EstimateRequest
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Estimated, Idle, Lost, Shift, Step

@@ -10,7 +10,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import terrain_cli as terrain
-from terrain_cli.estimation import joint_posteriors
+from terrain_cli.estimation import fit_account
 from terrain_cli.estimation.estimators import estimate_lines
 from terrain_cli.presentation import segment_table
 from terrain_cli.run.one_log import Outcome
@@ -26,7 +26,7 @@ def wheel():
     samples, _ = terrain.read(SAMPLE / "run.csv", SAMPLE / "rover.toml")
     windows = cut_windows.cut(samples, "fixed", window_samples=40)
     estimates = estimate_lines(windows)
-    joint = joint_posteriors.of_line(estimates, range(14))
+    joint = fit_account.of_line(estimates, range(14))
     table = segment_table.table(windows, estimates)
     short = {name: values[:14] for name, values in table.items()}
     return short, segment_table.posterior_table(windows, estimates, joint)

@@ -12,8 +12,7 @@ from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_uint32
 
 from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, opened, runs
-from formats.rosbag.storage.raw_messages import numbers_at, parts_at
-from formats.rosbag.storage.unpacking import unpack
+from formats.rosbag.storage.raw_messages import numbers_at, parts_at, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping

@@ -1,4 +1,4 @@
-"""Second moments of windows: all that least squares and its errors need.
+"""Second moments of windows, all that least squares and its errors need; and the line, equation [26].
 
 Window j is the samples bounds[j] to bounds[j + 1] − 1. A window's means are taken off before
 anything is multiplied: stresses of 10⁴ Pa that vary by 100 Pa would lose half their digits.
@@ -193,3 +193,34 @@ def _products(deviation: Array, bounds: Bounds, keys: Sequence[Key]) -> Iterator
             first = bounds[:-1] + step
             product[first[first < bounds[-1]]] = 0.0
         yield (lag, a, b), product
+
+
+@dataclass(frozen=True)
+class Line:
+    """Lines through the mean points of windows."""
+
+    tan_phi: Array  # Shape (w,): NaN where x does not vary
+    cohesion: Array  # Shape (w,): c in Pa
+    residual: Array  # Shape (w,): sum of the squared residuals, Pa²; about the mean where x does not vary
+    # Shape (w,): of the design [1, x] with both columns scaled to unit length (Belsley, Kuh & Welsch 1980):
+    # √((1 + m)/(1 − m)) with m = mean(x)/rms(x), about 2/(coefficient of variation of x)
+    condition_number: Array
+
+
+def fit_line(moments: WindowMoments) -> Line:
+    """Fit each window by least squares."""
+    spread, mean_x = moments[0, X, X], moments.mean[X]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tan_phi = np.where(moments.varies(X), moments[0, X, Y] / spread, np.nan)
+        variance = spread / moments.count
+        rms = np.sqrt(mean_x**2 + variance)
+        # (1 + m)²/(1 − m²): 1 − m itself would cancel where x hardly varies.
+        condition = np.where(
+            moments.varies(X), (1.0 + np.abs(mean_x) / rms) * rms / np.sqrt(variance), np.inf
+        )
+    return Line(
+        tan_phi,
+        moments.mean[Y] - tan_phi * mean_x,
+        np.maximum(moments[0, Y, Y] - np.nan_to_num(tan_phi) * moments[0, X, Y], 0.0),
+        condition,
+    )

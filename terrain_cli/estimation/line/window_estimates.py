@@ -10,8 +10,7 @@ import numpy as np
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line import moments as moments_of
 from terrain_cli.estimation.line import ridge
-from terrain_cli.estimation.line.least_squares import fit_line
-from terrain_cli.estimation.line.moments import X, Y, of_windows, segment_sum
+from terrain_cli.estimation.line.moments import X, Y, fit_line, of_windows, segment_sum
 from terrain_cli.estimation.line.uncertainty import uncertainty
 from terrain_cli.mechanics import linear
 from terrain_cli.vocabulary.choices import FIT_SAMPLES, LARGEST_PHI, LineMethod
@@ -142,8 +141,8 @@ def estimate_windows(
     Both least squares and ridge are computed; `method` says which of them `c` and `phi` are.
     A window does not depend on the others.
 
-    Standard errors hold for correlated residuals (see `correlation`) and include the bias of
-    a line fitted to stresses computed from noisy channels (see `separability`), so that they
+    Standard errors hold for correlated residuals (see `uncertainty`) and include the bias of
+    a line fitted to stresses computed from noisy channels (see `uncertainty`), so that they
     do not go to zero with the number of samples. On simulated windows with 3 % of white noise
     in all four channels, a constant load is called anything but "not-separable" in less than
     1 % of the windows, and random variation of the load by ±15 % is called "not-separable" in

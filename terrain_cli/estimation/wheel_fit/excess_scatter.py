@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.estimation.line.correlation import samples_per_independent
 from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.line.uncertainty import samples_per_independent
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,7 +62,7 @@ def memory(rows: Array, bounds: Bounds, *, taken: Array | float = 0.0, together:
     """Return how many samples make an independent one, 1 or more, shape (r, w), or (r, 1) if `together`.
 
     The autocorrelation is taken as that of a first-order process above white noise, from lags 1 and 2 (see
-    `correlation`). What may be chance is not counted: two small correlations may feign a long memory, which
+    `uncertainty`). What may be chance is not counted: two small correlations may feign a long memory, which
     the means of n^⅔ samples then do not show. A fit leaves less of the sum of each series, and of its
     autocorrelation, than there was; that is put back: `taken` of a series' sum of squares, were it white, in
     terms of the variance of a sample (1 of the residuals about a mean). `rows`, shape (r, n), are series of

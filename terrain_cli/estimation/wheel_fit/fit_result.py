@@ -1,9 +1,9 @@
-"""The result of a fit of the wheel–soil model, and the status of each window."""
+"""The result of a fit of the wheel–soil model, the status of each window, and its row of the table."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.estimation.joint_grid import JointGrid
-    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
+    from terrain_cli.estimation.line.window_estimates import WindowEstimates
+    from terrain_cli.estimation.wheel_fit.fit_data import Noise
     from terrain_cli.estimation.wheel_fit.posterior import Posterior
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
     from terrain_cli.mechanics.wheel_model import Model
@@ -79,7 +80,7 @@ class Fit:
     # Shape (w,): standard error of φ had there been no prior on it, rad, from what noise cannot have feigned
     phi_open: Array
     noise: Noise
-    # Where the noise comes from: what the caller said, or the residuals (`noise_likelihood`)
+    # Where the noise comes from: what the caller said, or the residuals (`learnt_noise`)
     noise_from: Literal["given", "residuals"]
     # chi2, dof: shape (w,): sum of squares of the residuals in terms of the noise, and their degrees of
     # freedom
@@ -283,3 +284,46 @@ def between(names: tuple[str, ...], covariance: Array, a: str, b: str) -> Array:
     if a not in names or b not in names:
         return np.zeros(len(covariance))
     return covariance[:, names.index(a), names.index(b)]
+
+
+def _parted(fit: Fit) -> dict[str, Any]:
+    """Return c and tan φ with the errors from noise, and those from priors."""
+    found: dict[str, Any] = {"data_c": fit.values["cohesion"], "data_tan_phi": fit.values["tan_phi"]}
+    for part, covariance in (("data", fit.covariance - fit.by_priors), ("assumed", fit.by_priors)):
+        var_c, cov, var_t = (
+            between(fit.names, covariance, a, b)
+            for a, b in (("cohesion", "cohesion"), ("cohesion", "tan_phi"), ("tan_phi", "tan_phi"))
+        )
+        c, t = (np.sqrt(np.maximum(variance, 0.0)) for variance in (var_c, var_t))
+        both = c * t
+        corr = np.clip(np.divide(cov, both, out=np.zeros_like(both), where=both > 0.0), -1.0, 1.0)
+        found |= {f"{part}_c_se": c, f"{part}_tan_phi_se": t, f"{part}_corr": corr}
+    return found
+
+
+def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
+    """Put a fit in the place of the linear estimates of the same windows.
+
+    Those keep their columns of least squares and ridge, and the bounds of φ.
+    """
+    if len(fit) != len(linear):
+        raise ValueError(f"a fit of {len(fit)} windows and estimates of {len(linear)}")
+    nothing = np.full(len(fit), np.nan)
+    return replace(
+        linear,
+        method=np.full(len(fit), fit.model.base),
+        status=fit.status,
+        separable=fit.separable,
+        **_parted(fit),
+        c=fit.values["cohesion"],
+        c_se=fit.errors["cohesion"],
+        phi=fit.phi,
+        phi_se=fit.phi_se,
+        corr=fit.correlation("cohesion", "tan_phi"),
+        sigma_star=fit.sigma_star,
+        strength=fit.strength,
+        strength_se=fit.strength_se,
+        torque_rmse=fit.rmse.get("torque", nothing),
+        # Errors of the channels are in `phi_se`, and average out over windows.
+        phi_bias=np.zeros(len(fit)),
+    )

@@ -26,8 +26,7 @@ from terrain_cli.mechanics.wheel_model import predict
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
     from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
     from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry
 

@@ -21,9 +21,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.estimation.line.correlation import student
 from terrain_cli.estimation.line.moments import segment_sum
-from terrain_cli.estimation.wheel_fit.bounds import overshoot, truncate
+from terrain_cli.estimation.line.uncertainty import student
 from terrain_cli.estimation.wheel_fit.excess_scatter import excess, memory
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
 from terrain_cli.estimation.wheel_fit.gauss_newton import (
@@ -32,7 +31,9 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     eliminate,
     limits,
     newton,
+    overshoot,
     square_root,
+    truncate,
 )
 from terrain_cli.estimation.wheel_fit.linearised import Equations, equations, solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse, posterior_covariance

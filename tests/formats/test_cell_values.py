@@ -12,7 +12,7 @@ from profiles import examples
 
 from formats.errors import FormatError
 from formats.table import Labels
-from formats.text import plain_tables
+from formats.text import cell_values
 from formats.text.cell_values import MISSING_SPELLINGS
 from formats.text.delimited import DelimitedSource
 
@@ -33,17 +33,17 @@ wrappings = st.sampled_from(["utf-8", "utf-8", "utf-8-sig", "utf-16", "gzip"])
 
 def refuse(*_):
     """Find everything odd."""
-    raise plain_tables.OddError
+    raise cell_values.OddError
     yield
 
 
 def read(path, *, at_once, batch_rows=7):
     """Return columns, remarks and rows set aside, or the error."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plain_tables, "_PIECE_BYTES", 64)
-        patch.setattr(plain_tables, "_USUAL_LINE", 4)
+        patch.setattr(cell_values, "_PIECE_BYTES", 64)
+        patch.setattr(cell_values, "_USUAL_LINE", 4)
         if not at_once:
-            patch.setattr(plain_tables, "columns", refuse)
+            patch.setattr(cell_values, "columns", refuse)
         try:
             source = DelimitedSource("t.csv", str(path))
             batches = list(source.read("", [f.name for f in source.streams()[0].fields], batch_rows))
@@ -115,7 +115,7 @@ def test_odd_bytes_are_told_of_as_from_texts(tmp_path, row, cell):
     for at_once in (True, False):
         with pytest.MonkeyPatch.context() as patch:
             if not at_once:
-                patch.setattr(plain_tables, "columns", refuse)
+                patch.setattr(cell_values, "columns", refuse)
             try:
                 source = DelimitedSource("t.csv", str(path))
                 batches = list(source.read("", ["b"]))
@@ -132,15 +132,15 @@ def test_lines_longer_than_a_piece(tmp_path, monkeypatch):
     names = [f"c{j}" for j in range(40)]
     lines = [",".join(f"{i * j / 8}" for j in range(40)) for i in range(3_000)]
     path.write_text("\n".join([",".join(names), *lines]))
-    monkeypatch.setattr(plain_tables, "_PIECE_BYTES", 50)
-    monkeypatch.setattr(plain_tables, "_USUAL_LINE", 20)
+    monkeypatch.setattr(cell_values, "_PIECE_BYTES", 50)
+    monkeypatch.setattr(cell_values, "_USUAL_LINE", 20)
     source = DelimitedSource("t.csv", str(path))
     texts = DelimitedSource._texts
     monkeypatch.setattr(DelimitedSource, "_texts", None)
     values = np.concatenate([batch["c39"] for batch in source.read("", ["c39"])])
     assert values.tolist() == [i * 39 / 8 for i in range(3_000)]
     monkeypatch.setattr(DelimitedSource, "_texts", texts)
-    monkeypatch.setattr(plain_tables, "_LONGEST_LINE", 100)
+    monkeypatch.setattr(cell_values, "_LONGEST_LINE", 100)
     np.testing.assert_array_equal(
         np.concatenate([batch["c39"] for batch in source.read("", ["c39"])]), values
     )
@@ -164,7 +164,7 @@ def test_every_spelling_of_a_missing_value_is_read_at_once(tmp_path, monkeypatch
     lines = [f"{i},{i / 8}" for i in range(2_000)]
     lines[1_500:] = [f"{i},{spelling}" for i, spelling in enumerate(MISSING_SPELLINGS, 1_500)]
     path.write_text("a,b\n" + "\n".join(lines) + "\n")
-    monkeypatch.setattr(plain_tables, "_PIECE_BYTES", 1_000)
+    monkeypatch.setattr(cell_values, "_PIECE_BYTES", 1_000)
     source = DelimitedSource("t.csv", str(path))
     monkeypatch.setattr(DelimitedSource, "_texts", None)
     values = np.concatenate([batch["b"] for batch in source.read("", ["b"])])
@@ -175,7 +175,7 @@ def test_every_spelling_of_a_missing_value_is_read_at_once(tmp_path, monkeypatch
 
 def test_what_was_passed_on_is_not_read_twice(tmp_path, monkeypatch):
     """An odd row near the end: the rows before it came as numbers, the rest as texts."""
-    monkeypatch.setattr(plain_tables, "_PIECE_BYTES", 1_000)
+    monkeypatch.setattr(cell_values, "_PIECE_BYTES", 1_000)
     path = tmp_path / "t.csv"
     lines = [f"{i},{2 * i}" for i in range(2_000)]
     lines[1_900] += ",7"
@@ -191,7 +191,7 @@ def test_what_was_passed_on_is_not_read_twice(tmp_path, monkeypatch):
 def test_decimal_commas_are_read_at_once_too(tmp_path, monkeypatch):
     path = tmp_path / "t.csv"
     path.write_text("a;b\n" + "\n".join(f"{i},5;{-i}e-1" for i in range(3_000)) + "\n")
-    monkeypatch.setattr(plain_tables, "_PIECE_BYTES", 500)
+    monkeypatch.setattr(cell_values, "_PIECE_BYTES", 500)
     source = DelimitedSource("t.csv", str(path))
     monkeypatch.setattr(DelimitedSource, "_texts", None)
     values = np.concatenate([batch["a"] for batch in source.read("", ["a", "b"])])
