@@ -23,14 +23,12 @@ from terrain_cli.vocabulary.choices import LARGEST_PHI
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.line.pooled import Trace
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.vocabulary.choices import LineMethod
     from terrain_cli.windows.cut_windows import Measured, Windows
 
-    Array = NDArray[np.float64]
 
 #: Samples of a window that tell how far the estimates would move, and samples at a time.
 _SOME, _GROUP = 60, 20_000

@@ -22,8 +22,6 @@ from terrain_cli.vocabulary.choices import FIT_SAMPLES
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.joint_grid import JointPosterior
     from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
@@ -31,10 +29,10 @@ if TYPE_CHECKING:
     from terrain_cli.rover import SensorNoise
     from terrain_cli.telemetry import Samples
     from terrain_cli.telemetry.wheel_samples import Geometry
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.vocabulary.choices import LineMethod, Method
     from terrain_cli.windows.cut_windows import Windows
 
-    Array = NDArray[np.float64]
 
 #: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors of 1 % and
 #: less, which no model deserves.

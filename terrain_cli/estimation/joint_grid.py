@@ -20,9 +20,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
     #: Returns log ρ at distances from the estimate along tan φ and along the strength, in standard errors.
     Shape = Callable[[Array, Array], Array]
 

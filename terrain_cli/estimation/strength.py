@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.line.window_estimates import WindowEstimates
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.windows.cut_windows import Windows
 
-    Array = NDArray[np.float64]
 
 #: Steps of the typical stress, by decade: so that logs of one rover have one stress.
 _STEPS = np.log10([1.0, 2.0, 5.0, 10.0])

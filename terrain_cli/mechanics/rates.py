@@ -17,10 +17,10 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
+    from terrain_cli.vocabulary.arrays import Array, Index
+
 
 #: Neighbours on either side among which is chosen, and samples that are enough to choose by.
 _REACHES = (2, 4, 8, 16, 32)
@@ -68,7 +68,7 @@ def rate(time: ArrayLike, stretch: ArrayLike, values: ArrayLike, *, reach: int |
         return np.asarray(np.where(spread > 0.0, (count * stv - st * sv) / spread, np.nan))
 
 
-def _sums(time: Array, stretch: NDArray[np.intp], values: Array, reach: int) -> Array:
+def _sums(time: Array, stretch: Index, values: Array, reach: int) -> Array:
     """Return number of neighbours and Σ t, Σ v, Σ t², Σ t v about each sample, so that nothing cancels."""
     n = len(time)
     sums = np.zeros((5, n))

@@ -22,11 +22,11 @@ from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.mechanics.effect import Effect, Parameter
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 Given = Literal["sinkage", "load"]
 

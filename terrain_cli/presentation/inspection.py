@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry import Plan
     from terrain_cli.telemetry.wheel_samples import Raw
+    from terrain_cli.vocabulary.arrays import Array
 
 FORMAT = "terrain-est/inspection/1"
 #: Positions need more digits than measurements.
@@ -131,7 +132,7 @@ def _stream(stream: Stream, clock: NDArray[np.datetime64] | None) -> dict[str, A
     return entry
 
 
-def _rate(time: NDArray[np.float64]) -> dict[str, Any]:
+def _rate(time: Array) -> dict[str, Any]:
     steps = np.diff(np.sort(time[np.isfinite(time)]))
     if len(steps) == 0 or steps.sum() == 0.0:
         return {}

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from formats.output.bag_writer import Topic
     from terrain_cli.presentation.segment_table import Table
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 
 SEGMENT = "terrain_est_msgs/msg/Segment"
@@ -110,9 +111,7 @@ def _names(wheels: Sequence[str] | Mapping[str, Any]) -> dict[str, str]:
     return names
 
 
-def _by_time(
-    stamps: NDArray[np.int64], rows: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int64]]:
+def _by_time(stamps: NDArray[np.int64], rows: Index) -> tuple[Index, Index, NDArray[np.int64]]:
     """Return the row, the end (0 first, 1 last) and the time of each message, by time."""
     both = np.repeat(rows, 2)
     ends = np.tile([0, 1], len(rows))
@@ -121,9 +120,7 @@ def _by_time(
     return both[order], ends[order], times[order]
 
 
-def _places(
-    table: Table, rows: NDArray[np.intp], ends: NDArray[np.intp]
-) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+def _places(table: Table, rows: Index, ends: Index) -> tuple[Mask, Array]:
     """Return which messages have a longitude and latitude, and these."""
     from formats.output.common_forms import parse
 
@@ -135,7 +132,7 @@ def _places(
     return np.isfinite(places).all(axis=1), places
 
 
-def _fix(places: NDArray[np.float64], crs: str) -> dict[str, Any]:
+def _fix(places: Array, crs: str) -> dict[str, Any]:
     return {
         "header.frame_id": crs,
         "longitude": places[:, 0],

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.joint_grid import JointGrid, JointPosterior
     from terrain_cli.telemetry.wheel_samples import Samples
+    from terrain_cli.vocabulary.arrays import Array, Index
     from terrain_cli.windows.cut_windows import Windows
 
-    Array = NDArray[np.float64]
     Table = dict[str, Any]
 
 #: In this order; scripts and GIS projects are built on it.
@@ -146,7 +146,7 @@ def _terrain(windows: Windows) -> list[str]:
     return result
 
 
-def _rejected(windows: Windows) -> NDArray[np.intp]:
+def _rejected(windows: Windows) -> Index:
     """Count the samples set aside, each with the window before it (the first also those ahead of it).
 
     So that used and rejected samples of all windows add up to the samples read.

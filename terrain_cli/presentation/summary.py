@@ -13,10 +13,9 @@ from terrain_cli.vocabulary.quantities import counted
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.presentation.segment_table import Table
+    from terrain_cli.vocabulary.arrays import Array, Index
 
 FORMAT = "terrain-est/summary/1"
 #: Of a table, what `document` looks at.
@@ -47,9 +46,7 @@ def terrains(table: Table, estimates: WindowEstimates) -> list[dict[str, Any]]:
     return [_group(*key, table, estimates, np.array(rows)) for key, rows in sorted(groups.items())]
 
 
-def _group(
-    terrain: str, wheel: str, table: Table, estimates: WindowEstimates, rows: NDArray[np.intp]
-) -> dict[str, Any]:
+def _group(terrain: str, wheel: str, table: Table, estimates: WindowEstimates, rows: Index) -> dict[str, Any]:
     found = estimates.status[rows]
     status = found.tolist()
     distance = table["distance_m"][rows]
@@ -92,7 +89,7 @@ def _group(
     }
 
 
-def _mean_and_spread(values: NDArray[np.float64]) -> dict[str, float | None]:
+def _mean_and_spread(values: Array) -> dict[str, float | None]:
     values = values[np.isfinite(values)]
     return {
         "mean": float(values.mean()) if len(values) else None,

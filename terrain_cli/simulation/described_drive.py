@@ -18,11 +18,9 @@ from terrain_cli.simulation.simulated_log import SimulatedLog, channels, simulat
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from terrain_cli.simulation.scenario import Scenario
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Channels in which an effect must show.
 _SEEN = ("load", "torque", "sinkage", "drawbar_pull", "angular_velocity")

@@ -18,11 +18,9 @@ from terrain_cli.errors import ConfigurationError
 from terrain_cli.vocabulary import toml_files
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.vocabulary.toml_files import Rule
 
-    Array = NDArray[np.float64]
 
 #: Times between the points of a course in s.
 STEP = 0.01

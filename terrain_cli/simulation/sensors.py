@@ -16,11 +16,9 @@ from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, unit_hint
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from terrain_cli.vocabulary.arrays import Array, Mask
     from terrain_cli.vocabulary.toml_files import Rule
 
-    Array = NDArray[np.float64]
 
 #: Channels that a drive has, in the order of the table.
 CHANNELS_WRITTEN = (
@@ -94,7 +92,7 @@ class Sensor:
             total[self._lost(n, _interval(time), generator(seed, f"{key} dropouts"))] = np.nan
         return total
 
-    def _lost(self, n: int, interval: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    def _lost(self, n: int, interval: float, rng: np.random.Generator) -> Mask:
         """Draw which samples are lost: a chain of two states whose long-run share is the one asked for."""
         length = max(self.dropout_length / interval, 1.0)
         draws = rng.random(n)

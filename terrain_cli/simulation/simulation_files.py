@@ -21,12 +21,10 @@ from terrain_cli.simulation.simulated_log import TOGETHER, truth_table
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from numpy.typing import NDArray
-
     from terrain_cli.simulation.scenario import Scenario
     from terrain_cli.simulation.simulated_log import SimulatedLog, SimulatedSeries
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: One stamped number; the name of the topic says of what.
 NUMBER = "terrain_est_msgs/msg/Float64Stamped"

@@ -15,11 +15,11 @@ import numpy as np
 from terrain_cli.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.rover.vehicle import Motor, Vehicle
+    from terrain_cli.vocabulary.arrays import Array, Mask
 
-    Array = NDArray[np.float64]
 
 #: rad/s. Below it a wheel stands, whatever its encoder's last digit does.
 STANDING = 1e-3
@@ -134,7 +134,7 @@ def distance_from_track(x: ArrayLike, y: ArrayLike) -> Array:
     return _accumulate(np.hypot(np.diff(x[known]), np.diff(y[known])), known)
 
 
-def _accumulate(steps: Array, known: NDArray[np.bool_]) -> Array:
+def _accumulate(steps: Array, known: Mask) -> Array:
     """Sum the steps between known samples; the others stay where the last known one was."""
     distance = np.zeros(len(known))
     if known.all():
@@ -241,7 +241,7 @@ def _equations(vehicle: Vehicle, positions: Array) -> tuple[Array, Array]:
     return np.array(arms), np.array(heights)
 
 
-def _on_bogie(x: Array, side: NDArray[np.bool_], pivot: float) -> NDArray[np.bool_]:
+def _on_bogie(x: Array, side: Mask, pivot: float) -> Mask:
     """Tell the two of a side's three wheels that stand before and behind the pivot."""
     rear, middle, front = np.sort(x[side])
     if rear < pivot < middle:

@@ -17,13 +17,10 @@ from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from formats import Batch, Column
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry.wheel_samples import Feed, Plan
-
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array, Index
 
 
 def fields(plan: Plan, wanted: Collection[str], extras: Sequence[str]) -> list[str]:
@@ -101,7 +98,7 @@ def _wheel(
     name: str,
     feeds: dict[str, Feed],
     table: dict[str, Column],
-    rows: NDArray[np.intp] | None,
+    rows: Index | None,
     extras: Sequence[str],
 ) -> Raw:
     def column(header: str) -> Column:

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from formats import Batch, Column, Source
-
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 
 #: How soon after a clock's zero its first stamps come.
@@ -95,7 +94,7 @@ def _number(text: str) -> float:
         return float("nan")
 
 
-def take(column: Column, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Column:
+def take(column: Column, rows: Index | Mask | slice) -> Column:
     """Take some rows of a column."""
     return column.take(rows) if isinstance(column, Labels) else column[rows]
 

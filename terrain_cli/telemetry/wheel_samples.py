@@ -20,15 +20,13 @@ from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from formats import Column, Source
     from terrain_cli.errors import InputError
     from terrain_cli.mechanics.wheel_model import WheelGeometry
     from terrain_cli.rover import SensorNoise
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.vocabulary.units import Unit
 
-    Array = NDArray[np.float64]
 
 #: Whose samples the other channels are brought to: the first of these that is there.
 CLOCKS = ("torque", "motor_current", "drawbar_pull", "sinkage", "entry_angle", "load")
@@ -235,9 +233,9 @@ class Raw:
     #: Whole seconds taken off the clock.
     origin: float
     #: In s; shape (n,).
-    time: NDArray[np.float64] | None
+    time: Array | None
     #: In SI units; shape (n,).
-    channels: dict[str, NDArray[np.float64]]
+    channels: dict[str, Array]
     labels: dict[str, Labels]
     #: Further columns that were asked for, as read; shape (n,).
     extras: dict[str, Column]
@@ -248,7 +246,7 @@ class Raw:
         columns = (*self.channels.values(), *self.labels.values(), *self.extras.values())
         return len(self.time) if self.time is not None else max(map(len, columns), default=0)
 
-    def select(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> None:
+    def select(self, rows: Index | Mask) -> None:
         """Keep some samples only."""
         self.time = None if self.time is None else self.time[rows]
         self.channels = {name: values[rows] for name, values in self.channels.items()}
@@ -265,36 +263,36 @@ class Samples:
     geometry: Geometry
     origin: float  # Whole seconds that were taken off the clock
     # Shape (n,), or None: s since `origin`; None for a table of steady test points
-    time: NDArray[np.float64] | None
+    time: Array | None
     # Shape (n,): by the names of the contract, in SI units; NaN where not known
-    channels: dict[str, NDArray[np.float64]]
+    channels: dict[str, Array]
     labels: dict[str, Labels]  # "run" and "terrain", where the input has them
     # Shape (n,): number of the continuous stretch: a new one begins with every run, gap or restart of the
     # clock
-    stretch: NDArray[np.intp]
+    stretch: Index
     # Shape (n,), or None: metres driven since the first sample; None where no channel tells
-    distance: NDArray[np.float64] | None
+    distance: Array | None
     set_aside: Labels  # Why a sample is not used; code −1 for those that are
     origins: dict[str, str] = field(default_factory=dict)  # Where each channel comes from, in words
     remarks: list[str] = field(default_factory=list)  # What a person should know about the input
     # Shape (n,): what makes a difference to the effects of the model, by the names they have there
-    drivers: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    drivers: dict[str, Array] = field(default_factory=dict)
     # What rover.toml says of the sensors, by channel
     noise: Mapping[str, SensorNoise] = field(default_factory=dict)
     # Shape (n,), or None: where only pieces of a log were kept: number of the continuous stretch of the log
     # that each sample is of. `stretch` then tells the pieces apart.
-    drive: NDArray[np.intp] | None = None
+    drive: Index | None = None
     total: int | None = None  # Usable samples of the log, where only pieces of it were kept
 
     def __len__(self) -> int:
         return len(self.set_aside)
 
     @property
-    def usable(self) -> NDArray[np.intp]:
+    def usable(self) -> Index:
         """Indices of the samples that are not set aside."""
         return np.flatnonzero(self.set_aside.codes < 0)
 
-    def taken(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Samples:
+    def taken(self, rows: Index | Mask | slice) -> Samples:
         """Return some of the samples."""
         return replace(
             self,
@@ -318,8 +316,8 @@ class Samples:
 
 
 def joined_columns(
-    parts: Sequence[Samples], of: Callable[[Samples], Mapping[str, NDArray[np.float64]]]
-) -> dict[str, NDArray[np.float64]]:
+    parts: Sequence[Samples], of: Callable[[Samples], Mapping[str, Array]]
+) -> dict[str, Array]:
     """Join the channels or drivers of some samples, NaN where one lacks a column."""
     names = dict.fromkeys(name for part in parts for name in of(part))
     return {

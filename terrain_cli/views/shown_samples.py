@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
     Index = NDArray[np.int32]
 
 #: With more points than this a picture shows counts.

@@ -16,12 +16,12 @@ from terrain_cli.views import shown_samples
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.comparison.comparison_outcome import Comparison, WheelComparison
     from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
     Table = Mapping[str, Any]
 
 #: Times the least range of c or φ to which the ellipses of what nothing separates are shown.
@@ -100,9 +100,7 @@ def estimate_limits(table: Table) -> tuple[tuple[float, float], tuple[float, flo
     return c, _limits(table, "phi_deg", "phi_se_deg", sure, 4.0)
 
 
-def _limits(
-    table: Table, name: str, error: str, sure: NDArray[np.bool_], least: float
-) -> tuple[float, float]:
+def _limits(table: Table, name: str, error: str, sure: Mask, least: float) -> tuple[float, float]:
     values, errors = (np.asarray(table[column], dtype=float) for column in (name, error))
     # What the drive does not separate has errors beyond all measure.
     shown = np.minimum(errors, least) if sure.any() else np.minimum(ELLIPSE * errors, _WIDEST * least)
@@ -134,7 +132,7 @@ def strength_limits(table: Table) -> tuple[tuple[float, float], tuple[float, flo
     return (0.0, 1.5 * usual(pivot)[1]), (min(0.0, 1.5 * low), max(1.5 * high, 0.5 * abs(low)) or 1.0)
 
 
-def tested(table: Table) -> NDArray[np.intp]:
+def tested(table: Table) -> Index:
     """Return the rows of the segments whose strength is known at a stress that can be."""
     pivot, value = (np.asarray(table[name], dtype=float) for name in ("sigma_star_kPa", "strength_kPa"))
     return np.flatnonzero(np.isfinite(value) & (pivot > 0.0))

@@ -17,13 +17,10 @@ from terrain_cli.windows.cut_windows import Windows
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.effects import Effect
     from terrain_cli.telemetry import Samples
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: s between the end of an input and the start of the next.
 _PAUSE = 1000.0

@@ -15,10 +15,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
 
-    Array = NDArray[np.float64]
-    Bounds = NDArray[np.intp]
     Key = tuple[int, int, int]
 
 #: Rows of a block of columns: the two stresses and the four channels they are made of.
@@ -56,7 +54,7 @@ class WindowMoments:
     def __getitem__(self, key: Key) -> Array:
         return self.products[key]
 
-    def varies(self, row: int) -> NDArray[np.bool_]:
+    def varies(self, row: int) -> Mask:
         """Whether a row varies by more than rounding."""
         return np.asarray(self[0, row, row] > self.count * (_ROUNDING * self.mean[row]) ** 2)
 

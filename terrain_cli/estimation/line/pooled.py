@@ -12,11 +12,11 @@ from terrain_cli.estimation.line.moments import fit_line, running
 from terrain_cli.estimation.line.uncertainty import uncertainty
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.estimation.line.window_estimates import WindowEstimates
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Errors below this share of the strength and of 1 (Pa, or in tan φ) do not weigh more than that:
 #: exact windows would otherwise make the normal equations singular.

@@ -23,11 +23,9 @@ import numpy as np
 from terrain_cli.estimation.line.moments import X, Y, segment_sum
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from terrain_cli.estimation.line.moments import WindowMoments
+    from terrain_cli.vocabulary.arrays import Array, Bounds
 
-    from terrain_cli.estimation.line.moments import Bounds, WindowMoments
-
-    Array = NDArray[np.float64]
 
 #: Values of δ tried: two per decade.
 DELTAS = np.logspace(-8.0, 0.0, 17)

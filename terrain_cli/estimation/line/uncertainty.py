@@ -24,11 +24,9 @@ from terrain_cli.estimation.line.moments import CHANNELS, LOAD, SINKAGE, SLIP, T
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.line.moments import Line, WindowMoments
+    from terrain_cli.vocabulary.arrays import Array, Mask
 
-    Array = NDArray[np.float64]
 
 #: Sign of ∂g/∂q.
 _SIGN = {LOAD: -1.0, TORQUE: 1.0, SINKAGE: -1.0, SLIP: -1.0}
@@ -79,7 +77,7 @@ def distance_to_bounds(phi: Array, low: Array, high: Array) -> Array:
     return np.asarray(np.sqrt((high - low) ** 2 / 12.0 + (0.5 * (low + high) - phi) ** 2))
 
 
-def _significant(moments: WindowMoments, channel: int, *, correlated: bool) -> NDArray[np.bool_]:
+def _significant(moments: WindowMoments, channel: int, *, correlated: bool) -> Mask:
     """Whether x follows a channel by more than chance (Fisher's z of their correlation).
 
     The samples are worth as many as are independent in what the channel leaves of x, so that
@@ -174,7 +172,7 @@ def sampling_errors(moments: WindowMoments, line: Line, *, correlated: bool) -> 
         return Errors(variance, np.nan_to_num(mean / variance), tan_phi * count / spread)
 
 
-def _effective(moments: WindowMoments, line: Line) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _effective(moments: WindowMoments, line: Line) -> tuple[Array, Array, Array, Mask]:
     """Return the samples per independent one, for mean and slope, and the degrees of freedom left.
 
     And whether the residuals are smooth: their second partial autocorrelation is negative by more

@@ -20,9 +20,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.estimation.line.moments import Bounds
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 
-    Array = NDArray[np.float64]
     Text = NDArray[np.str_]
 
 #: Above this condition number `auto` takes ridge and the status is ill-conditioned: x varies by
@@ -58,7 +57,7 @@ _TOGETHER = 1024
 class WindowEstimates:
     """Estimates of windows: one entry per window in every array, NaN where not known."""
 
-    n: NDArray[np.intp]  # Samples
+    n: Index  # Samples
     # Of `c` and `phi`: "least-squares", "ridge" or "recursive"; "wong-reece" or "linear" where the whole
     # model was fitted
     method: Text
@@ -67,7 +66,7 @@ class WindowEstimates:
     # misses" (by more than noise), "not-separable" (the samples and the channels' bounds leave φ open by more
     # than ± 6°, or its standard error is above 15°), "ill-conditioned" (the condition number is above 100)
     status: Text
-    separable: NDArray[np.bool_]  # Whether c and φ can be told apart, whatever else the status says
+    separable: Mask  # Whether c and φ can be told apart, whatever else the status says
     c: Array  # c, c_se: cohesion and its standard error, Pa. Never clipped.
     c_se: Array
     phi: Array  # phi, phi_se: friction angle and its standard error, rad

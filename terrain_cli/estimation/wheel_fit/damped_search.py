@@ -20,12 +20,10 @@ from terrain_cli.mechanics.dual import value
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Problem
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Samples of a window, and nodes on each arc, that are enough to begin with.
 _SAMPLES, _ORDER = 3, 5
@@ -188,7 +186,7 @@ def _cost(
     return normal, np.where(dumb | wild, np.inf, merit), latent
 
 
-def _some(normal: Normal, windows: NDArray[np.intp]) -> Normal:
+def _some(normal: Normal, windows: Index) -> Normal:
     return Normal(normal.information[windows], normal.score[windows], normal.misfit[windows])
 
 

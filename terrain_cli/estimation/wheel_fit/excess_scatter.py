@@ -10,11 +10,8 @@ from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.uncertainty import samples_per_independent
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
 
-    from terrain_cli.estimation.line.moments import Bounds
-
-    Array = NDArray[np.float64]
 
 #: Standard deviations beyond chance at which a scatter is larger, or a sample remembers the last one.
 _PLAIN, _MEMORY = 3.0, 2.0
@@ -28,7 +25,7 @@ MISSED = 20.0
 SLOW = 1.0 / 3.0
 
 
-def excess(residual: Array, seen: NDArray[np.bool_], bounds: Bounds, dof: Array) -> Array:
+def excess(residual: Array, seen: Mask, bounds: Bounds, dof: Array) -> Array:
     """Return the variance of whitened residuals, the largest of the channels', 1 or more, shape (w,).
 
     It is not known on which of them an estimate hangs. What may be chance is not counted, and a variance

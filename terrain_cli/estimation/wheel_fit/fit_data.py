@@ -12,12 +12,11 @@ from terrain_cli.errors import InputError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    from terrain_cli.estimation.line.moments import Bounds
     from terrain_cli.mechanics.wheel_model import Given, Model
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 
-    Array = NDArray[np.float64]
 
 #: Channels whose noise counts.
 CHANNELS = ("load", "torque", "sinkage", "slip", "drawbar_pull")
@@ -82,19 +81,19 @@ class FitData:
     inputs: tuple[str, ...]  # Channels from which the model predicts; their noise passes through it
     outputs: tuple[str, ...]  # What it predicts: channels, or `BALANCE`
     measured: Array  # measured, seen: shape (outputs, n): values of the outputs, and where there are any
-    seen: NDArray[np.bool_]
+    seen: Mask
     bounds: Bounds  # Shape (w + 1,)
-    windows: NDArray[np.intp]  # Shape (w,): which windows of the whole they are
+    windows: Index  # Shape (w,): which windows of the whole they are
     # Shape (w,): by how much larger the variances of all noise are taken to be than the sensors' own: 1
     # unless the model misses a window by more than noise
     excess: Array
 
     @property
-    def count(self) -> NDArray[np.intp]:
+    def count(self) -> Index:
         """Samples of each window."""
         return np.diff(self.bounds)
 
-    def take(self, rows: NDArray[np.intp], count: NDArray[np.intp], windows: NDArray[np.intp]) -> FitData:
+    def take(self, rows: Index, count: Index, windows: Index) -> FitData:
         """Return some of the samples, ordered by window: so many of each of these windows."""
         return FitData(
             channels={name: column[rows] for name, column in self.channels.items()},
@@ -107,17 +106,17 @@ class FitData:
             excess=self.excess[windows],
         )
 
-    def rows_of(self, windows: NDArray[np.intp]) -> NDArray[np.intp]:
+    def rows_of(self, windows: Index) -> Index:
         """Return the samples of some windows, counted within this data."""
         count = self.count[windows]
         ends = np.cumsum(count)
         return np.arange(ends[-1] if len(ends) else 0) + np.repeat(self.bounds[windows] - ends + count, count)
 
-    def only(self, windows: NDArray[np.intp]) -> FitData:
+    def only(self, windows: Index) -> FitData:
         """Return the data of some windows, counted within this data."""
         return self.take(self.rows_of(windows), self.count[windows], windows)
 
-    def thin(self, most: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def thin(self, most: int) -> tuple[Index, Index]:
         """Choose evenly spread samples of every window, so many at most; return rows and numbers."""
         count = np.minimum(self.count, most)
         ends = np.cumsum(count)
@@ -130,7 +129,7 @@ class FitData:
         rows, count = self.thin(most)
         return self.take(rows, count, np.arange(len(count)))
 
-    def blocks(self, size: int = _BLOCK) -> Iterator[NDArray[np.intp]]:
+    def blocks(self, size: int = _BLOCK) -> Iterator[Index]:
         """Yield runs of whole windows, of so many samples at most, save in a window with more."""
         first, last, windows = 0, 0, len(self.windows)
         while last < windows:
@@ -142,7 +141,7 @@ class FitData:
 
 def collect(
     model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given
-) -> tuple[FitData, NDArray[np.intp]]:
+) -> tuple[FitData, Index]:
     """Sort channels into what is given and what is predicted; return the rows that tell something too.
 
     NaN is not measured. InputError: a channel is missing. ValueError: arrays of different length, or bounds

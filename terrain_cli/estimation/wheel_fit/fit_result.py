@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from terrain_cli.estimation.wheel_fit.posterior import Posterior
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
     from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
 
 #: A parameter that would be open by more than this many of its prior's standard deviations, had
 #: all priors been ten times as wide, is known from the priors rather than from the data.
@@ -42,7 +42,7 @@ class Fit:
     """
 
     model: Model
-    n: NDArray[np.intp]  # Shape (w,): samples used
+    n: Index  # Shape (w,): samples used
     # values, errors: shape (w,): every parameter of the soil and its standard error: 0 where it is fixed, the
     # same in all windows where it is shared, NaN in windows without samples. Of k and keq the median.
     values: dict[str, Array]
@@ -67,16 +67,16 @@ class Fit:
     # Shape (w,): for each parameter sought, whether the data leave it open: had all priors been ten times as
     # wide, its standard error would exceed that of its prior as it is; or it ran to its bound. A shared one
     # is so in all windows or in none.
-    undetermined: dict[str, NDArray[np.bool_]]
+    undetermined: dict[str, Mask]
     # Mean and standard deviation of each parameter of a window's own, of k and keq those of the logarithm
     priors: dict[str, tuple[float, float]]
     # Shape (w,): for each parameter of a window's own, whether the data say anything of it: its standard
     # error is well below that of its prior
-    told: dict[str, NDArray[np.bool_]]
+    told: dict[str, Mask]
     # Shape (w,): for each parameter of a window's own, whether the data would take it beyond what soils have:
     # φ beyond 0 to 60°. Value and error are then those of the soils that remain (a normal distribution cut
     # off at the bound).
-    bounded: dict[str, NDArray[np.bool_]]
+    bounded: dict[str, Mask]
     # Shape (w,): standard error of φ had there been no prior on it, rad, from what noise cannot have feigned
     phi_open: Array
     noise: Noise
@@ -101,7 +101,7 @@ class Fit:
     rmse: dict[str, Array]  # Shape (w,)
     # Shape (w,): share of the residuals' scatter that goes on from one sample to the next (`excess_scatter`)
     slow: Array
-    converged: NDArray[np.bool_]  # Shape (w,)
+    converged: Mask  # Shape (w,)
     min_samples: int
     # Joint posterior of c and φ, of the windows of which it was asked for
     grids: dict[int, JointGrid] = field(default_factory=dict)
@@ -134,19 +134,19 @@ class Fit:
             return np.asarray(np.sqrt((1.0 + r) / (1.0 - r)))
 
     @property
-    def separable(self) -> NDArray[np.bool_]:
+    def separable(self) -> Mask:
         """Whether the data, without a prior on φ, tell c from φ: φ is then open by no more than ± 6°."""
         widest = np.fmax(self.phi_open, self.phi_se)
         return np.asarray((widest <= LARGEST_PHI_OPEN) & self.converged & self._told)
 
     @property
-    def missed(self) -> NDArray[np.bool_]:
+    def missed(self) -> Mask:
         """Whether what the model leaves lasts for many samples of noise, and is not small beside it."""
         large = (self.slow > SLOW) | (self.chi2 * (1.0 - SLOW) > self.dof)
         return np.asarray((self.excess > 1.0) | ((self.inflation > MISSED) & large))
 
     @property
-    def _told(self) -> NDArray[np.bool_]:
+    def _told(self) -> Mask:
         told = [self.told[name] for name in ("cohesion", "tan_phi") if name in self.told]
         return np.asarray(np.all([np.ones(len(self), dtype=bool), *told], axis=0))
 
@@ -185,15 +185,15 @@ class Parameters:
     sigma_star: Array
     strength: Array
     strength_se: Array
-    undetermined: dict[str, NDArray[np.bool_]]
+    undetermined: dict[str, Mask]
     priors: dict[str, tuple[float, float]]
-    told: dict[str, NDArray[np.bool_]]
-    bounded: dict[str, NDArray[np.bool_]]
+    told: dict[str, Mask]
+    bounded: dict[str, Mask]
     phi_open: Array
 
 
 def parameters(
-    soil: Sequence[str], sought: Unknowns, found: Posterior, known: NDArray[np.bool_], spread: float
+    soil: Sequence[str], sought: Unknowns, found: Posterior, known: Mask, spread: float
 ) -> Parameters:
     """Turn unknowns into parameters in their own units, as `Fit` has them.
 

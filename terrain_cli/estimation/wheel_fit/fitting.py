@@ -33,15 +33,15 @@ from terrain_cli.vocabulary.choices import FIT_SAMPLES
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.gauss_newton import State
     from terrain_cli.estimation.wheel_fit.linearised import Equations
     from terrain_cli.mechanics.effect import Prior
     from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
 
 #: Samples of pure noise that are left out of a whole log, on average. Judged.
 _BY_CHANCE = 0.01
@@ -57,7 +57,7 @@ _EACH = 30
 _GROUP = 100_000
 
 
-def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> NDArray[np.bool_]:
+def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> Mask:
     """Tell which of all samples are too far from a robust fit, of these or of some of them.
 
     `problem` has the noise of the sensors.
@@ -74,13 +74,11 @@ def wild_samples(problem: Problem, data: FitData, found: State, order: int | Non
     return np.asarray(wild & np.repeat(share <= _MOST, data.count))
 
 
-def _squared(
-    problem: Problem, data: FitData, found: State, order: int | None, passes: int
-) -> NDArray[np.float64]:
+def _squared(problem: Problem, data: FitData, found: State, order: int | None, passes: int) -> Array:
     """Return the sum of squares of each sample's residuals after some passes, shape (n,)."""
     squared = np.zeros(data.measured.shape[1])
 
-    def keep(block: NDArray[np.intp], _: FitData, equations: Equations) -> None:
+    def keep(block: Index, _: FitData, equations: Equations) -> None:
         rows = slice(data.bounds[block[0]], data.bounds[block[-1] + 1])
         squared[rows] = np.einsum("an,an->n", equations.residual, equations.residual)
 
@@ -90,7 +88,7 @@ def _squared(
     return squared
 
 
-def _squares(most: int, probability: float) -> NDArray[np.float64]:
+def _squares(most: int, probability: float) -> Array:
     """Return what χ² of 0 to so many degrees of freedom exceeds that rarely (Wilson & Hilferty 1931)."""
     free = np.arange(1, most + 1)
     part = 2.0 / (9.0 * free)
@@ -240,7 +238,7 @@ def _all(
     *,
     correlated: bool,
     tempered: bool,
-) -> tuple[Posterior, NDArray[np.bool_]]:
+) -> tuple[Posterior, Mask]:
     """Fit all windows: together where they share something, else in groups that bound the memory."""
     groups = [np.arange(len(data.windows))] if problem.unknowns.shared else list(data.blocks(_GROUP))
     parts, converged = [], []
@@ -260,9 +258,7 @@ def _all(
     return Posterior(**together), np.concatenate(converged)
 
 
-def _without_wild(
-    problem: Problem, data: FitData, rows: NDArray[np.intp]
-) -> tuple[FitData, NDArray[np.intp]]:
+def _without_wild(problem: Problem, data: FitData, rows: Index) -> tuple[FitData, Index]:
     """Return the samples that are not too far from a robust fit for noise."""
     order = enough_nodes(problem.noise, data)
     some = data.thinned(_ENOUGH)
@@ -341,7 +337,7 @@ def _learn(
 
 
 def _residuals(
-    problem: Problem, data: FitData, t: Array, common: Array, rows: NDArray[np.intp], n: int
+    problem: Problem, data: FitData, t: Array, common: Array, rows: Index, n: int
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array], Array]:
     """Return residuals, predictions, root mean squares and slow shares at the measured channels."""
     prediction = problem.predict(data, t, common, by=False, order=enough_nodes(problem.noise, data))

@@ -23,15 +23,12 @@ from terrain_cli.estimation.wheel_fit.normal_equations import arrow, posterior_c
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
     from terrain_cli.estimation.wheel_fit.normal_equations import Eliminated
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 ITERATIONS = 40
 #: A step this small, in posterior standard deviations, is the last one.
@@ -126,7 +123,7 @@ def accumulate(
     latent: Array,
     *,
     order: int | None,
-    each: Callable[[NDArray[np.intp], FitData, Equations], None] | None = None,
+    each: Callable[[Index, FitData, Equations], None] | None = None,
 ) -> Normal:
     """Linearise all windows, block by block, and move the true values of the inputs along, in place.
 

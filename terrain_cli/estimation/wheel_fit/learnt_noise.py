@@ -34,13 +34,10 @@ from terrain_cli.estimation.wheel_fit.normal_equations import covariance, invers
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
-    from terrain_cli.estimation.line.moments import Bounds
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Equations
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 
-    Array = NDArray[np.float64]
 
 #: What is assumed of a channel of which nothing else is known.
 USUAL = 0.03
@@ -91,7 +88,7 @@ class ScaledDifferences:
         """Begin a round."""
         self._data, self._residual = data, np.zeros_like(data.measured)
 
-    def add(self, block: NDArray[np.intp], _: FitData, found: Equations) -> None:
+    def add(self, block: Index, _: FitData, found: Equations) -> None:
         """Keep the residuals of some windows."""
         bounds = self._data.bounds
         self._residual[:, bounds[block[0]] : bounds[block[-1] + 1]] = found.bounded
@@ -145,7 +142,7 @@ def from_differences(channels: Mapping[str, Array], bounds: Bounds) -> Noise:
     return Noise({name: max(share, 1e-3) for name, share in relative.items()}, absolute)
 
 
-def inner(bounds: Bounds) -> NDArray[np.bool_]:
+def inner(bounds: Bounds) -> Mask:
     """Tell which of the samples 1 to n − 2 have a neighbour of their own window on either side."""
     n = int(bounds[-1])
     window = np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
@@ -234,7 +231,7 @@ class LikelyNoise:
         self._shared = np.zeros((number, number))
         self._taken = np.zeros((number, windows, self._size, self._size))
 
-    def add(self, block: NDArray[np.intp], data: FitData, found: Equations) -> None:
+    def add(self, block: Index, data: FitData, found: Equations) -> None:
         """Add the samples of some windows."""
         bounds = self._data.bounds
         self._residual[:, bounds[block[0]] : bounds[block[-1] + 1]] = found.bounded

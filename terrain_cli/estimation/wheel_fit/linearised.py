@@ -24,13 +24,11 @@ from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.wheel_model import predict
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
     from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
     from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Part of an output's size that its error has at least: keeps S positive where noise is said to be none.
 _LEAST = 1e-8
@@ -130,7 +128,7 @@ class Equations:
             )
         return np.asarray(moved)
 
-    def normal(self, bounds: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+    def normal(self, bounds: Index) -> tuple[Array, Array, Array]:
         """Return information, score and misfit of each window.
 
         The misfit is the sum of squares of the residuals; of the weighted ones, in terms of what clean data

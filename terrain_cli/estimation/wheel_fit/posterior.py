@@ -41,14 +41,11 @@ from terrain_cli.estimation.wheel_fit.normal_equations import covariance, invers
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.gauss_newton import State
     from terrain_cli.estimation.wheel_fit.linearised import Problem
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Samples of each window, and nodes on each arc, for the corrections. To the mean of a shared
 #: unknown every window adds in the same direction: more samples, lest their errors add up too.
@@ -87,7 +84,7 @@ class Posterior:
     inflation: Array
     excess: Array  # Shape (w,): as in `FitData`
     # Shape (w, p): which of a window's own unknowns the data would take beyond their bounds
-    at_bound: NDArray[np.bool_]
+    at_bound: Mask
 
 
 def posterior(

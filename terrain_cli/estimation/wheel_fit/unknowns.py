@@ -18,11 +18,11 @@ from terrain_cli.vocabulary.choices import SOIL_BOUNDS
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Sought by their logarithm.
 POSITIVE = frozenset({"shear_modulus", "stiffness"})
@@ -80,9 +80,7 @@ class Unknowns:
     shared: tuple[Unknown, ...]
     fixed: dict[str, Array]  # Held: one value, or one for each window
 
-    def values(
-        self, t: Array, common: Array, count: NDArray[np.intp], windows: NDArray[np.intp]
-    ) -> dict[str, Array]:
+    def values(self, t: Array, common: Array, count: Index, windows: Index) -> dict[str, Array]:
         """Return every parameter as the model takes it: one value, or one for each sample."""
         values = {
             name: value if value.ndim == 0 else np.repeat(value[windows], count)

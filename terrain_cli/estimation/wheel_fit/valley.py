@@ -23,15 +23,13 @@ from terrain_cli.mechanics.dual import value
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.joint_grid import Frame, JointGrid, Shape
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.fit_result import Parameters
     from terrain_cli.estimation.wheel_fit.linearised import Problem
     from terrain_cli.estimation.wheel_fit.posterior import Posterior
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Samples of a window that are asked, points along each side at which, and steps of each search. Twice of
 #: each, or two degrees more, change the deviations over the grids of sample_data by less than 0.5 %; by 2 %

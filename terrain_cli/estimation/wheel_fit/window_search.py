@@ -26,13 +26,10 @@ from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
     from terrain_cli.estimation.wheel_fit.linearised import Problem
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Samples of each window, and steps, that tell which beginning is best.
 _TRIED, _ROUGHLY = 12, 6
@@ -112,11 +109,11 @@ def _temper(
         _alone(problem, alone, data, state, found, np.flatnonzero(wide), order)
 
 
-def _raise(data: FitData, found: Posterior, wide: NDArray[np.bool_]) -> None:
+def _raise(data: FitData, found: Posterior, wide: Mask) -> None:
     data.excess[wide] = np.maximum(found.inflation, _RAISED * data.excess)[wide]
 
 
-def _useless(found: Posterior, *, tempered: bool) -> NDArray[np.bool_]:
+def _useless(found: Posterior, *, tempered: bool) -> Mask:
     """Tell where the model misses, and ends at no known soil or, if asked for, knows less than the priors."""
     missed = found.inflation > MISSED
     if not tempered:

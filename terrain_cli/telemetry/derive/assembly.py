@@ -18,15 +18,12 @@ from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from numpy.typing import NDArray
-
     from formats import Source
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover, Wheel
     from terrain_cli.telemetry.derive.usable_samples import Condition
     from terrain_cli.telemetry.wheel_samples import Plan
-
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array
 
 
 def wheel_of(raw: Raw, rover: Rover) -> Wheel:

@@ -15,13 +15,11 @@ from terrain_cli.vocabulary.channels import CHANNELS
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Wheel
     from terrain_cli.telemetry.wheel_samples import Geometry, Raw, Samples
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Constants of a wheel, which rover.toml gives.
 CONSTANTS = ("wheel_radius", "width", "grouser_height", "grouser_count", "gravity")
@@ -93,7 +91,7 @@ def _there(raw: Raw) -> set[str]:
 
 
 def drivers(
-    raw: Raw, wheel: Wheel, rows: NDArray[np.intp], stretch: NDArray[np.intp], effects: Iterable[Effect]
+    raw: Raw, wheel: Wheel, rows: Index, stretch: Index, effects: Iterable[Effect]
 ) -> dict[str, Array]:
     """Compute what makes a difference to the effects of a model; nothing of what they need may be `lacking`.
 
@@ -116,8 +114,8 @@ def of_samples(samples: Samples, effects: Iterable[Effect]) -> dict[str, Array]:
 def _computed(
     known: dict[str, Array],
     time: Array | None,
-    rows: NDArray[np.intp],
-    stretch: NDArray[np.intp],
+    rows: Index,
+    stretch: Index,
     grousers: int,
     effects: Iterable[Effect],
 ) -> dict[str, Array]:

@@ -17,11 +17,9 @@ from terrain_cli.vocabulary.channels import CHANNELS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from numpy.typing import NDArray
-
     from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Plan, Samples
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Samples that are kept: the 5th and 95th percentile of so many are known to a hundredth of a deviation.
 MOST = 1 << 14
@@ -130,7 +128,7 @@ class UnitEvidence:
         self.blocks += [_block(driven[a:b], x[a:b], y[a:b], stretch[a:b]) for a, b in pairwise(bounds)]
 
 
-def _block(driven: Array, x: Array, y: Array, stretch: NDArray[np.intp]) -> tuple[float, float, float, float]:
+def _block(driven: Array, x: Array, y: Array, stretch: Index) -> tuple[float, float, float, float]:
     """Measure the longest stretch of a block in each way."""
     own = stretch == np.bincount(stretch - stretch[0]).argmax() + stretch[0]
     driven, x, y = driven[own], x[own], y[own]

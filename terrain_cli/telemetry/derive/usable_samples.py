@@ -20,12 +20,9 @@ from terrain_cli.telemetry.wheel_samples import NEEDED
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from numpy.typing import NDArray
-
     from formats import Column
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Mask = NDArray[np.bool_]
-    Array = NDArray[np.float64]
 
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Eq: operator.eq,
@@ -187,7 +184,7 @@ def _kind(term: Any) -> str:
 
 def set_aside(
     channels: Mapping[str, Array], time: Array | None, radius: float, width: float, *, skids: bool = False
-) -> tuple[Labels, NDArray[np.intp]]:
+) -> tuple[Labels, Index]:
     """Give each sample the first reason for which it cannot be used (else −1), and find clock restarts.
 
     Of the channels (SI) load and slip are needed, and others used where they are there. `skids` keeps the
@@ -197,7 +194,7 @@ def set_aside(
     names: list[str] = []
     codes = np.full(n, -1, dtype=np.int32)
 
-    def because(reason: str, where: NDArray[np.bool_]) -> None:
+    def because(reason: str, where: Mask) -> None:
         # Most are true of no sample.
         if not where.any():
             return
@@ -220,7 +217,7 @@ def set_aside(
 
 def _unusable(
     channels: Mapping[str, Array], radius: float, width: float, *, skids: bool
-) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+) -> Iterator[tuple[str, Mask]]:
     """Yield what can be wrong with the values of a sample, and where it is, the plainest reason first."""
     omega = channels.get("angular_velocity")
     for name in NEEDED:
@@ -249,9 +246,7 @@ def _unusable(
         yield SKIDS, slip < 0.0
 
 
-def _beyond(
-    channels: Mapping[str, Array], radius: float, width: float
-) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+def _beyond(channels: Mapping[str, Array], radius: float, width: float) -> Iterator[tuple[str, Mask]]:
     """Yield what no single sample can be, and where it is."""
     depth = np.clip(channels.get("sinkage", np.array(radius)) / radius, _LEAST_DEPTH, 1.0)
     area = width * radius * np.sqrt((2.0 - depth) * depth)
@@ -268,7 +263,7 @@ def _beyond(
             yield reason, np.abs(channels[name]) > limit
 
 
-def also_aside(reasons: Labels, reason: str, where: NDArray[np.bool_]) -> Labels:
+def also_aside(reasons: Labels, reason: str, where: Mask) -> Labels:
     """Set further samples aside; where there was a reason already, that stays."""
     new = where & (reasons.codes < 0)
     if not new.any():
@@ -282,9 +277,9 @@ def stretches(
     reasons: Labels,
     *,
     runs: Labels | None = None,
-    restarts: NDArray[np.intp] | None = None,
+    restarts: Index | None = None,
     max_gap: float,
-) -> NDArray[np.intp]:
+) -> Index:
     """Give each sample the number of its continuous stretch of the drive.
 
     A new one begins with another run, a restart of the clock, and after a gap: nothing recorded, or
@@ -320,7 +315,7 @@ def longest_gap(time: Array, reasons: Labels, max_gap: float | None) -> float:
     return stretch_gap(there if len(there) > 1 else time, max_gap)
 
 
-def on_ground(reasons: Labels) -> NDArray[np.intp]:
+def on_ground(reasons: Labels) -> Index:
     """Return the samples that follow the ground: those usable, and those in which the wheel skids."""
     return np.flatnonzero((reasons.codes < 0) | _is(reasons, SKIDS))
 
@@ -336,6 +331,6 @@ def driving_time(time: Array, reasons: Labels, max_gap: float) -> Array:
     return np.asarray(np.cumsum(np.maximum(step, 0.0)))
 
 
-def _is(reasons: Labels, reason: str) -> NDArray[np.bool_]:
+def _is(reasons: Labels, reason: str) -> Mask:
     code = reasons.names.index(reason) if reason in reasons.names else -2
     return np.asarray(reasons.codes == code)

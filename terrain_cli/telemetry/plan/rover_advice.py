@@ -18,13 +18,11 @@ from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from formats import Stream
     from terrain_cli.rover import Rover, Wheel
     from terrain_cli.telemetry.wheel_samples import Feed, Plan, Raw
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Positive forward or nose up, and so with the other sign to a wheel that turns backwards. Pitch and roll
 #: are turned for the effects only (`effect_inputs.drivers`): in the body's frame they say where the load is.

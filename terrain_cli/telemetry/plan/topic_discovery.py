@@ -21,13 +21,11 @@ from terrain_cli.vocabulary.channels import CHANNELS, LABEL, identify
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from formats import Field, Stream
     from terrain_cli.telemetry.wheel_samples import Plan
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.vocabulary.channels import Match
 
-    Array = NDArray[np.float64]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _STANDARD = re.compile(

@@ -20,13 +20,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.improvement.improvement_outcome import Interval
     from terrain_cli.improvement.model_history import Rung
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Points that an SVG holds one by one; more are an image in it.
 MOST_DRAWN = 500

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array, Index
+
 
 #: More samples than this are thinned: a line of them is as wide as a page has dots.
 MOST_SAMPLES = 3_000
@@ -121,7 +122,7 @@ def _names(parts: Sequence[Mapping[str, Any]]) -> list[str]:
     return [" ".join(text for text, told in zip(row, differs, strict=True) if told) for row in rows]
 
 
-def _limits(axes: Axes, number: Any, starts: NDArray[np.intp], *, name_them: bool) -> None:
+def _limits(axes: Axes, number: Any, starts: Index, *, name_them: bool) -> None:
     ends = np.append(starts[1:], len(number))
     for start, end in zip(starts, ends, strict=True):
         if start:
@@ -137,9 +138,7 @@ def _limits(axes: Axes, number: Any, starts: NDArray[np.intp], *, name_them: boo
             )
 
 
-def _focus(
-    axes: Axes, value: Array, error: Array, starts: NDArray[np.intp], widest: tuple[float, float]
-) -> None:
+def _focus(axes: Axes, value: Array, error: Array, starts: Index, widest: tuple[float, float]) -> None:
     """Show where the segments end up; what their first samples say lies far beyond."""
     ends = np.append(starts[1:], len(value)) - 1
     last, spread = value[ends], np.nan_to_num(error[ends])
@@ -153,6 +152,6 @@ def _focus(
     axes.set_ylim(max(low, widest[0]), min(high, widest[1]))
 
 
-def _starts(number: NDArray[Any]) -> NDArray[np.intp]:
+def _starts(number: NDArray[Any]) -> Index:
     """Return the first sample of each segment."""
     return np.flatnonzero(np.diff(number, prepend=number[0] - 1)) if len(number) else np.empty(0, int)

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.views.shown_segments import Moment
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
     Posterior = Mapping[str, Any]
 
 #: With more segments than this, errors would hide the estimates.
@@ -273,9 +273,7 @@ def valleys(posterior: Posterior, table: Mapping[str, Any]) -> Figure | None:
     return figure
 
 
-def _panel(
-    axes: Axes, posterior: Posterior, rows: NDArray[np.intp], table: Mapping[str, Any], segment: int
-) -> bool:
+def _panel(axes: Axes, posterior: Posterior, rows: Index, table: Mapping[str, Any], segment: int) -> bool:
     """Draw one segment; return whether its prior was drawn."""
     column = {name: np.asarray(posterior[name])[rows] for name in posterior}
     grid = column["kind"] == GRID

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.views.shown_samples import Along, Pairs
+    from terrain_cli.vocabulary.arrays import Array
 
     Spec = dict[str, Any]
-    Array = NDArray[np.float64]
     Text = NDArray[np.str_]
 
 #: Marks the chosen segment in all charts at once: told apart from the groups and from the scale.

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.views.shown_samples import Pairs
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
     Choices = list[tuple[str, str]]
 
 #: Rows of the table of segments, and segments to choose from: the worst ones where there are more.
@@ -42,9 +42,9 @@ class _Content:
     table: Mapping[str, Any]
     misfits: Mapping[str, Array]
     #: The segments to choose from, as rows of the table.
-    kept: NDArray[np.intp]
+    kept: Index
     #: All of them, the worst first.
-    order: NDArray[np.intp]
+    order: Index
 
     @property
     def keys(self) -> NDArray[np.str_]:
@@ -222,7 +222,7 @@ def _agreement(content: _Content) -> Section:
     return Section(id="agreement", title="Measured and predicted", parts=parts)
 
 
-def _few_of_each(segment: NDArray[np.int32], kept: NDArray[np.intp]) -> NDArray[np.intp]:
+def _few_of_each(segment: NDArray[np.int32], kept: Index) -> Index:
     """Choose samples of the segments kept, about equally many of each."""
     most = max(MOST_SAMPLES // max(len(kept), 1), 20)
     order = np.argsort(segment, kind="stable")

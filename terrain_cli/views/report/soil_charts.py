@@ -14,9 +14,8 @@ from terrain_cli.views.report.sample_charts import CHOSEN, Sheet, scale
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
     Spec = dict[str, Any]
 
 #: Told apart in print and without colour: one for each of `COLOURS`.

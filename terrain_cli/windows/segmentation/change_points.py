@@ -31,11 +31,11 @@ from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    from terrain_cli.windows.segmentation.plain_windows import Bounds, Breaks
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Index
+    from terrain_cli.windows.segmentation.plain_windows import Breaks
 
-    Array = NDArray[np.float64]
 
 #: Gain in units of the noise's variance, χ² with 2 degrees of freedom if there is no change. Chance
 #: exceeds 25 once in 270,000, and the best of all places in a clean run less than once in 300 runs.
@@ -158,7 +158,7 @@ def needed(
     y: Array,
     drivers: Sequence[Array],
     bounds: Bounds,
-    fixed: NDArray[np.intp],
+    fixed: Index,
     penalty: float = PENALTY,
 ) -> Bounds:
     """Return the bounds that are needed whatever y follows of some drivers.
@@ -230,7 +230,7 @@ class _Lines:
         return size**2 * correlation_factor(residuals / size, self.bounds[1:-1], fitted) if size else _RIDGE
 
 
-def _joined(lines: _Lines, fixed: NDArray[np.intp], penalty: float) -> tuple[Bounds, float]:
+def _joined(lines: _Lines, fixed: Index, penalty: float) -> tuple[Bounds, float]:
     """Join windows; return the bounds that remain, and what the sum of squares rose by, in its unit."""
     bounds, moments = lines.bounds, lines.moments()
     unit = lines.scatter(moments)

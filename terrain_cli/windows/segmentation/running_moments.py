@@ -30,10 +30,8 @@ from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
     Parts = Sequence[Index]
 
 #: No channel is known better than this share of its value.
