@@ -68,11 +68,9 @@ class Verbs(Group):
             raise ReaderGoneError from error
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
-        """Return the names of the verbs."""
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Import a verb."""
         if cmd_name not in VERBS:
             return None
         module = importlib.import_module(f"terrain_cli.commands.{cmd_name.replace('-', '_')}")

@@ -158,7 +158,6 @@ class Container:
         return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
 
     def _opened(self) -> Iterator[Reader]:
-        """Open each file."""
         if self.recovery is None:
             for file in self._recording.files:
                 yield self._open(file)

@@ -41,12 +41,10 @@ class Piece:
 
     @property
     def first(self) -> int:
-        """The least log time, ns."""
         return int(self.rows[:, 1].min())
 
     @property
     def last(self) -> int:
-        """The greatest log time, ns."""
         return int(self.rows[:, 1].max())
 
 
@@ -138,7 +136,6 @@ class SalvagedFile(ABC):
             self.walk.append(None)
 
     def close(self) -> None:
-        """Close the file."""
         if isinstance(self.data, mmap.mmap):
             self.data.close()
         self.data = b""
@@ -196,7 +193,6 @@ class SalvagedFile(ABC):
 
 
 def _messages(piece: Piece, rank: int, wanted: Index) -> dict[int, Messages]:
-    """Read the messages of a piece, by connection."""
     contents = piece.load()
     found = {}
     for number, rows in _by_connection(piece.rows[np.isin(piece.rows[:, 0], wanted)]):

@@ -88,7 +88,6 @@ def examine(path: str, head: str, *, whole: bool) -> Dialect:
 
 
 def split_line(text: str, delimiter: str) -> list[str]:
-    """Split one row into its fields."""
     # The csv module refuses fields beyond 128 KiB.
     return next(csv.reader(io.StringIO(text[:100_000], newline=""), delimiter=delimiter), [])
 

@@ -72,7 +72,6 @@ class Folder:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Let go of the folder."""
         self.manifest.close()
         if self.records:
             self.records.close()
@@ -125,7 +124,6 @@ class Folder:
             self.kept[key] = entry.record
 
     def add(self, entry: ManifestEntry) -> None:
-        """Write an entry of the manifest."""
         self.manifest.add(entry)
         self._note(entry)
 

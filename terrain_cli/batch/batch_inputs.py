@@ -101,7 +101,6 @@ def _in_store(name: str) -> list[Input]:
 
 
 def look(address: str) -> Input:
-    """Look at an object."""
     return _look_in(_open(address)[0], address)
 
 
@@ -191,7 +190,6 @@ def _on_disk(name: str) -> list[Input]:
 
 
 def local(path: str) -> Input:
-    """Look at a file or folder."""
     # Not resolved: a link to today's log is an input of its own.
     location = os.path.abspath(path)  # noqa: PTH100
     label = shown(os.path.normpath(path))

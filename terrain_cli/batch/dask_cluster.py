@@ -79,7 +79,6 @@ class Cluster:
 
     @property
     def free(self) -> int:
-        """Tasks that can be submitted now."""
         # One more for each thread: none waits for the keeper to answer.
         try:
             return 2 * int(sum(self._client.nthreads().values())) - len(self._tickets)
@@ -87,7 +86,6 @@ class Cluster:
             raise self._gone() from None
 
     def submit(self, ticket: int, task: Task) -> None:
-        """Have a task done."""
         key = f"terrain-est-{self._run}-{ticket}"
         future = self._client.submit(run_apart, task, *self._limits, key=key, pure=False)
         self._tickets[future] = ticket

@@ -121,7 +121,6 @@ def place(temporary: Path, target: Path) -> None:
 
 
 def remove(path: Path) -> None:
-    """Remove a file that may be there."""
     with explained(str(path)):
         try:
             os.unlink(path)  # noqa: PTH108
@@ -235,7 +234,6 @@ class Manifest:
         self.entries.append(entry)
 
     def close(self) -> None:
-        """Close the file."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
@@ -285,7 +283,6 @@ class Records:
         return record if _digest(record) == digest else None
 
     def close(self) -> None:
-        """Close the file."""
         os.close(self._descriptor)
 
 
@@ -294,7 +291,6 @@ def _digest(record: bytes) -> str:
 
 
 def encode(table: Table, estimates: WindowEstimates, account: dict[str, Any]) -> bytes:
-    """Write a record."""
     import pyarrow as pa
 
     columns = {

@@ -179,7 +179,6 @@ class Identify:
     job: Job
 
     def run(self) -> Reply:
-        """Return its hash."""
         started = time.monotonic()
         with opened(self.item, self.job.largest) as path:
             reply = Reply(sha256=batch_inputs.content_hash(path))
@@ -234,7 +233,6 @@ class Restore:
     record: bytes
 
     def run(self) -> Reply:
-        """Return the result as it was."""
         from terrain_cli.batch import manifest
 
         table, _, account = manifest.decode(self.record, self.item.path)

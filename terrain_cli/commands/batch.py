@@ -44,7 +44,6 @@ class Rate:
 
     @property
     def seconds(self) -> float:
-        """Since the start."""
         return time.monotonic() - self._started
 
     def show(self, tally: Tally) -> None:

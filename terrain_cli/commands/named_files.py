@@ -73,7 +73,6 @@ def content(name: str) -> Mapping[str, Any]:
 
 
 def text(path: str) -> str:
-    """Return a name as a message shows it."""
     from formats.errors import shown
 
     return shown(path)

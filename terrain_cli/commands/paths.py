@@ -56,7 +56,6 @@ class Reads(Named):
         self.what = what
 
     def reads(self, name: str) -> Iterator[Read]:
-        """Yield the file itself."""
         yield Read(self.what, name)
 
 
@@ -78,7 +77,6 @@ class _Effect(Reads):
     envvar_list_splitter = None  # type: ignore[assignment]
 
     def reads(self, name: str) -> Iterator[Read]:
-        """Yield the file, if it is one."""
         from terrain_cli import models
 
         names = dict.fromkeys((name, name.rpartition(":")[0]))
@@ -100,7 +98,6 @@ class _Drive(Reads):
     """The file of a drive to simulate, with the model and the effects that it names."""
 
     def reads(self, name: str) -> Iterator[Read]:
-        """Yield the files."""
         yield Read(self.what, name)
         yield from _effects(name)
         model = content(name).get("model")

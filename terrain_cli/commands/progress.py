@@ -37,7 +37,6 @@ class Progress:
         self._thread = threading.Thread(target=self._run, daemon=True) if shown else None
 
     def __enter__(self) -> Self:
-        """Start to wait for the first second."""
         if self._thread:
             self._thread.start()
         return self
@@ -45,7 +44,6 @@ class Progress:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Wipe the bar."""
         self._stop.set()
         if self._thread:
             self._thread.join()
@@ -57,7 +55,6 @@ class Progress:
         self._text, self._share = f"{path}  {step}", share
 
     def advance(self) -> None:
-        """Count one input as done."""
         self._done, self._share = self._done + 1, 0.0
 
     def tell(self, text: str) -> None:

@@ -33,33 +33,28 @@ class Group(click.Group):
 
 
 def effects(_context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Offer the effects of the catalogue, or files."""
     from terrain_cli.effects import NAMES
 
     return _or_files(NAMES, begun)
 
 
 def models(_context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Offer the bases, or files."""
     return _or_files(BASES, begun)
 
 
 def soils(_context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Offer the published soils."""
     from terrain_cli.simulation.scenario import SOILS
 
     return _beginning(SOILS, begun)
 
 
 def drives(_context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Offer the prepared drives."""
     from terrain_cli.simulation.drive_file import PRESETS
 
     return _beginning(PRESETS, begun)
 
 
 def wheels(context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
-    """Offer the wheels that rover.toml names."""
     from terrain_cli import rover
     from terrain_cli.errors import ConfigurationError
 

@@ -94,11 +94,9 @@ class Dual(NDArrayOperatorsMixin):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the value."""
         return self.value.shape
 
     def __getitem__(self, key: Any) -> Dual:
-        """Return some of the entries."""
         return Dual(
             self.value[key],
             {name: np.broadcast_to(slope, self.value.shape)[key] for name, slope in self.slopes.items()},

@@ -86,7 +86,6 @@ class Model:
 
     @property
     def soil(self) -> tuple[str, ...]:
-        """Names of the soil's parameters."""
         return SOIL[self.base]
 
     @cached_property
@@ -246,7 +245,6 @@ class _Block:
         return q[quantity]
 
     def run(self, given: Given) -> Prediction:
-        """Predict."""
         q = _Missing(self.start)
         self.law("slip", q)
         if "load" in q:

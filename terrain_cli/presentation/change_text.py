@@ -59,14 +59,12 @@ def verdict(step: Step) -> str:
 
 
 def untested_sentence(action: Action, changed: Sequence[str]) -> str:
-    """Say that a change was made without data."""
     done = {"add": "added", "remove": "removed"}[action]
     are = "is" if len(changed) == 1 else "are"
     return f"{listed(changed)} {are} {done}, without a test: no --data was given"
 
 
 def tried(step: Step) -> str:
-    """Say what the loop tried, and whether it stays."""
     name = listed(step.changed)
     if step.action == "add":
         return f"{'+' if step.kept else 'not'} {name}: {found(step)}"

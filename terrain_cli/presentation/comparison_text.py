@@ -37,7 +37,6 @@ def conclusion_of(evidence: Evidence, comparison: Comparison, asked: Asked | Non
 
 
 def conclusion_document(conclusion: Conclusion) -> dict[str, Any]:
-    """Return a conclusion as it is written to JSON."""
     return {
         "state": conclusion.state,
         "sentence": conclusion.sentence,
@@ -191,7 +190,6 @@ def _known(value: float) -> float | None:
 
 
 def concluded(comparison: Comparison, asked: Asked | None = None) -> conclusion.Conclusion:
-    """Conclude what a comparison says of its model."""
     return conclusion_of(conclusion.of_comparison(comparison), comparison, asked)
 
 

@@ -39,7 +39,6 @@ def document(
 
 
 def terrains(table: Table, estimates: WindowEstimates) -> list[dict[str, Any]]:
-    """Summarise segments by terrain and wheel."""
     groups: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(table["terrain"], table["wheel"], strict=True)):
         groups.setdefault(key, []).append(row)

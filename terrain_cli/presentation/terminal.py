@@ -48,7 +48,6 @@ def in_lines(value: Any) -> Any:
 
 
 def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
-    """Set rows in columns."""
     cells = [[in_line(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return [

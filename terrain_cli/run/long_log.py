@@ -196,7 +196,6 @@ class LongWheel:
 
     @property
     def estimates(self) -> WindowEstimates:
-        """Behind the rows."""
         self._estimates = [estimation.join(self._estimates)]
         return self._estimates[0]
 

@@ -299,7 +299,6 @@ class Scenario:
 
     @property
     def duration(self) -> float:
-        """Length of the drive in s."""
         return sum(part.duration for part in self.parts)
 
     @property

@@ -116,7 +116,6 @@ def _request(
     compared: bool = False,
     kept: Collection[str] = (),
 ) -> Request:
-    """Decide what is to be read."""
     layout = plan(source, rover)
     if layout.no_time:
         raise layout.no_time
@@ -178,7 +177,6 @@ def _nothing(request: Request) -> InputError:
 
 
 def _check(request: Request, raws: Sequence[Raw], *, compared: bool) -> None:
-    """Refuse wheels of which something is missing."""
     layout, rover, effects = request.layout, request.rover, request.effects or ()
     lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
     if compared:

@@ -185,7 +185,6 @@ def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Colle
 
 
 def labels_there(labels: Labels) -> list[str]:
-    """Return the labels that occur, sorted."""
     return sorted(labels.names[code] for code in np.unique(labels.codes) if code >= 0)
 
 

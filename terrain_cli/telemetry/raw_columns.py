@@ -95,7 +95,6 @@ def _number(text: str) -> float:
 
 
 def take(column: Column, rows: Index | Mask | slice) -> Column:
-    """Take some rows of a column."""
     return column.take(rows) if isinstance(column, Labels) else column[rows]
 
 

@@ -123,7 +123,6 @@ class Plan:
         return [feed for feeds in (self.shared, *self.wheels.values()) for feed in feeds.values()]
 
     def feeds(self, wheel: str) -> dict[str, Feed]:
-        """Return the feeds of one wheel."""
         return self.shared | self.wheels.get(wheel, {})
 
     def doubts(self, wheel: str) -> dict[str, list[Feed]]:
@@ -289,11 +288,9 @@ class Samples:
 
     @property
     def usable(self) -> Index:
-        """Indices of the samples that are not set aside."""
         return np.flatnonzero(self.set_aside.codes < 0)
 
     def taken(self, rows: Index | Mask | slice) -> Samples:
-        """Return some of the samples."""
         return replace(
             self,
             time=None if self.time is None else self.time[rows],

@@ -131,7 +131,6 @@ class Pairs(NamedTuple):
         return self.measured - self.predicted
 
     def take(self, chosen: NDArray[np.intp]) -> Pairs:
-        """Return some of them."""
         return Pairs(
             self.measured[chosen],
             self.predicted[chosen],
@@ -147,7 +146,6 @@ def channels(comparison: Comparison) -> list[str]:
 
 
 def pairs(comparison: Comparison, channel: str) -> Pairs:
-    """Collect measured and predicted values of a channel."""
     factor = quantities.quantity(channel, comparison.channels[channel].unit).factor
     parts, before = [], 0
     for index, wheel in enumerate(comparison.wheels):

@@ -26,7 +26,6 @@ PREDICTED = ("torque", "drawbar_pull", "sinkage")
 
 
 def counted(number: int, noun: str, ending: str = "s") -> str:
-    """Write how many there are: "1 segment", "2,250 samples"."""
     return f"{number:,} {noun}{'' if number == 1 else ending}"
 
 

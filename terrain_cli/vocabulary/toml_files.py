@@ -33,7 +33,6 @@ _DOTTED = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{_PARTS}}}{_PART
 
 
 def read_text(path: str | Path) -> str:
-    """Read the text of a file."""
     from formats.copies import read_short
     from formats.errors import FormatError
 
@@ -120,7 +119,6 @@ def text(value: Any, place: str) -> Any:
 
 
 def flag(value: Any, place: str) -> Any:
-    """Accept true and false."""
     if not isinstance(value, bool):
         raise ConfigurationError(f"{place}: must be true or false, not {shown(value)}")
     return value
@@ -184,7 +182,6 @@ def tables(rule_of_each: Rule) -> Rule:
 
 
 def key(name: str) -> str:
-    """Write a name as a key."""
     bare = name.isascii() and name.replace("-", "").replace("_", "").isalnum()
     return name if bare else value(name)
 

@@ -199,7 +199,6 @@ class Placed(NamedTuple):
     ambiguous: int
 
     def __str__(self) -> str:
-        """Say it in words."""
         total = self.placed + self.missed + self.ambiguous
         text = f"{self.placed} of {total} samples placed by {self.by}"
         if self.missed:

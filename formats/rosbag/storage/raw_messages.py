@@ -113,12 +113,10 @@ class Messages:
         return len(self.starts)
 
     def payload(self, row: int) -> bytes:
-        """Return one message."""
         start = int(self.starts[row])
         return bytes(self.buffer[start : start + int(self.sizes[row])])
 
     def take(self, rows: Index | NDArray[np.bool_] | slice) -> Messages:
-        """Return some of them, in the same buffer."""
         return Messages(self.buffer, self.starts[rows], self.sizes[rows], self.times[rows], self.order[rows])
 
     def sorted(self) -> Messages:

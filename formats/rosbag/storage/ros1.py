@@ -101,7 +101,6 @@ class Ros1File(Reader):
         self.spans[connection] = min(start, first), max(end, last)
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
-        """Read the messages of some connections; see `chunks.runs`."""
         chunks = [
             Chunk(
                 position=chunk.datapos,
@@ -122,7 +121,6 @@ class Ros1File(Reader):
         return times, of["place"].astype(np.int64)
 
     def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
-        """Return starts and sizes of payloads; see `chunks.Layout`."""
         lengths = numbers_at(buffer, records, "<u4").astype(np.int64)
         known = np.zeros(len(records), dtype=bool)
         ordered = np.sort(lengths)

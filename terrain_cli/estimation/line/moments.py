@@ -206,7 +206,6 @@ class Line:
 
 
 def fit_line(moments: WindowMoments) -> Line:
-    """Fit each window by least squares."""
     spread, mean_x = moments[0, X, X], moments.mean[X]
     with np.errstate(divide="ignore", invalid="ignore"):
         tan_phi = np.where(moments.varies(X), moments[0, X, Y] / spread, np.nan)

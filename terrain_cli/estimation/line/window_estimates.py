@@ -215,7 +215,6 @@ def estimate_windows(
 
 
 def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
-    """Put the windows of several calls behind one another."""
     if len(parts) == 1:
         return parts[0]
     return WindowEstimates(

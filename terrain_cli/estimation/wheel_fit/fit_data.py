@@ -195,7 +195,6 @@ def collect(
 def _parts(
     model: Model, columns: Mapping[str, Array], given: Given
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return inputs and outputs."""
     must: tuple[str, ...]
     explained: tuple[str, ...]
     if model.base == "linear":

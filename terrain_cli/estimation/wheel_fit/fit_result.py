@@ -116,7 +116,6 @@ class Fit:
 
     @property
     def phi_se(self) -> Array:
-        """Standard error of the friction angle, rad."""
         return np.asarray(self.errors["tan_phi"] / (1.0 + self.values["tan_phi"] ** 2))
 
     def correlation(self, a: str, b: str) -> Array:

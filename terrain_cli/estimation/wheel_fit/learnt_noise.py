@@ -85,7 +85,6 @@ class ScaledDifferences:
         self.noise = from_differences(data.channels, data.bounds) if ordered else assumed(data.channels)
 
     def begin(self, data: FitData) -> None:
-        """Begin a round."""
         self._data, self._residual = data, np.zeros_like(data.measured)
 
     def add(self, block: Index, _: FitData, found: Equations) -> None:
@@ -224,7 +223,6 @@ class LikelyNoise:
         self.noise = self._prior.at(self._steps)
 
     def begin(self, data: FitData) -> None:
-        """Begin a round."""
         number, windows = len(self._prior.terms), len(data.windows)
         self._data, self._residual = data, np.zeros_like(data.measured)
         self._found, self._expected = np.zeros(number), np.zeros(number)

@@ -172,7 +172,6 @@ def explained(information: Array, score: Array) -> Array:
 
 
 def inverse(matrix: Array) -> Array:
-    """Invert matrices, shape (…, p, p)."""
     try:
         return np.asarray(np.linalg.inv(matrix), dtype=float)
     except np.linalg.LinAlgError:

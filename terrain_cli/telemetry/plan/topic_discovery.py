@@ -155,7 +155,6 @@ def _find_joints(stream: Stream) -> list[TopicCandidate]:
 
 
 def joint_speed(topic: str, joint: str) -> TopicCandidate:
-    """Return the speed of a joint in a JointState."""
     feed = Feed(
         channel="angular_velocity",
         topic=topic,

@@ -114,7 +114,6 @@ def _segments(trace: Mapping[str, Any]) -> list[dict[str, NDArray[Any]]]:
 
 
 def _names(parts: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Name segments by what tells them apart."""
     rows = [
         (str(part["source"][0]), str(part["wheel"][0]), f"segment {part['segment'][0]}") for part in parts
     ]
@@ -153,5 +152,4 @@ def _focus(axes: Axes, value: Array, error: Array, starts: Index, widest: tuple[
 
 
 def _starts(number: NDArray[Any]) -> Index:
-    """Return the first sample of each segment."""
     return np.flatnonzero(np.diff(number, prepend=number[0] - 1)) if len(number) else np.empty(0, int)

@@ -39,7 +39,6 @@ def page(
     further: Sequence[Section] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
-    """Return the page as text."""
     from jinja2 import Environment, StrictUndefined
 
     from terrain_cli.views.report import sections

@@ -54,7 +54,6 @@ class Sheet:
         self._chosen = chosen
 
     def chart(self, **columns: Sequence[Any] | NDArray[Any]) -> alt.Chart:
-        """Return a chart of columns."""
         name = f"data-{len(self._datasets)}"
         self._datasets[name] = rows(**columns)
         # Altair would look at every value if it had them.

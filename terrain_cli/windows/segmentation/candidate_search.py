@@ -106,7 +106,6 @@ class _Chunks:
         return chosen
 
     def chosen(self, penalty: float) -> _Places:
-        """Return the places chosen."""
         found = np.zeros(len(self._places.samples), dtype=bool)
         found[self._index[self.optimum(penalty)]] = True
         return _Places(self._places.samples[found], self._places.sums[:, found])

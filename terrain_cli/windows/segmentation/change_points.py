@@ -131,7 +131,6 @@ def change_points(
 
 
 def _changes(x: Array, y: Array, limits: Limits, penalty: float, block: int) -> Bounds:
-    """Find the change points of one stretch."""
     n = len(x)
     if n < max(2 * limits.samples, _FEWEST):
         ReplacedSamples(x, y).check_finite()

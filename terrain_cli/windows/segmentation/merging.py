@@ -206,7 +206,6 @@ class Refinement:
     def _cheapest(
         self, cuts: Index, sums: Array, ends: tuple[Array, Array], inside: tuple[Index, ...]
     ) -> tuple[Index, Array]:
-        """Return the cuts of least misfit, and that."""
         costs = self._costs(cuts, sums, ends, inside)
         best = costs.argmin(axis=1)[:, None]
         return np.take_along_axis(cuts, best, axis=1)[:, 0], np.take_along_axis(costs, best, axis=1)[:, 0]
