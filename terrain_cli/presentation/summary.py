@@ -8,7 +8,7 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.presentation.terminal import aligned
-from terrain_cli.vocabulary.quantities import counted
+from terrain_cli.vocabulary.quantities import counted, known
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,18 +71,18 @@ def _group(terrain: str, wheel: str, table: Table, estimates: WindowEstimates, r
         "keq_kPa_per_m_n": _mean_and_spread(estimates.stiffness[long] / 1e3),
         "pooled": {
             "windows": pooled.windows,
-            "c_kPa": _shown(pooled.c / 1e3),
-            "c_se_kPa": _shown(pooled.c_se / 1e3),
+            "c_kPa": known(pooled.c / 1e3),
+            "c_se_kPa": known(pooled.c_se / 1e3),
             "phi_deg": _degrees(pooled.phi),
             "phi_se_deg": _degrees(pooled.phi_se),
-            "corr_c_phi": _shown(pooled.corr),
-            "sigma_star_kPa": _shown(pooled.sigma_star / 1e3),
-            "strength_kPa": _shown(pooled.strength / 1e3),
-            "strength_se_kPa": _shown(pooled.strength_se / 1e3),
-            "stress_kPa": _shown(stress / 1e3),
-            "strength_at_stress_kPa": _shown(mapped / 1e3),
-            "strength_at_stress_se_kPa": _shown(mapped_se / 1e3),
-            "strength_between_kPa": _shown(pooled.strength_between / 1e3),
+            "corr_c_phi": known(pooled.corr),
+            "sigma_star_kPa": known(pooled.sigma_star / 1e3),
+            "strength_kPa": known(pooled.strength / 1e3),
+            "strength_se_kPa": known(pooled.strength_se / 1e3),
+            "stress_kPa": known(stress / 1e3),
+            "strength_at_stress_kPa": known(mapped / 1e3),
+            "strength_at_stress_se_kPa": known(mapped_se / 1e3),
+            "strength_between_kPa": known(pooled.strength_between / 1e3),
             "phi_between_deg": _degrees(pooled.phi_between),
         },
     }
@@ -96,12 +96,8 @@ def _mean_and_spread(values: Array) -> dict[str, float | None]:
     }
 
 
-def _shown(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
 def _degrees(angle: float) -> float | None:
-    return _shown(float(np.degrees(angle)))
+    return known(float(np.degrees(angle)))
 
 
 def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str:
@@ -205,11 +201,11 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
                 row["wheel"],
                 str(row["segment"]),
                 str(row["n_samples"]),
-                _metres(_shown(row["distance_m"])),
+                _metres(known(row["distance_m"])),
                 row["status"],
-                _plus_minus(_shown(row["c_kPa"]), _shown(row["c_se_kPa"]), 2),
-                _plus_minus(_shown(row["phi_deg"]), _shown(row["phi_se_deg"]), 1),
-                _strength(*(_shown(row[name]) for name in _MAPPED)),
+                _plus_minus(known(row["c_kPa"]), known(row["c_se_kPa"]), 2),
+                _plus_minus(known(row["phi_deg"]), known(row["phi_se_deg"]), 1),
+                _strength(*(known(row[name]) for name in _MAPPED)),
             )
         )
     return rows

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from terrain_cli.vocabulary.channels import CHANNELS
@@ -84,3 +85,13 @@ def plus_minus(value: float, error: float) -> str:
         return number(value)
     digits = max(0, 1 - int(f"{error:.1e}".partition("e")[2]))
     return f"{value:.{digits}f} ± {error:.{digits}f}".replace("-", "−")
+
+
+def short(value: float) -> str:
+    """Write a number of three digits, – where unknown."""
+    return f"{value:.3g}" if math.isfinite(value) else "–"
+
+
+def known(value: float) -> float | None:
+    """Return a number as JSON has it: null where unknown."""
+    return float(value) if math.isfinite(value) else None

@@ -35,14 +35,9 @@ _AT_BOUND = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit:
-    """Parameters of windows, with what must be known to trust them; SI units, tan φ as a number.
+class Parameters:
+    """What a fit says of the parameters of windows."""
 
-    Values ± 1.96 standard errors are 95 % intervals.
-    """
-
-    model: Model
-    n: Index  # Shape (w,): samples used
     # values, errors: shape (w,): every parameter of the soil and its standard error: 0 where it is fixed, the
     # same in all windows where it is shared, NaN in windows without samples. Of k and keq the median.
     values: dict[str, Array]
@@ -79,6 +74,17 @@ class Fit:
     bounded: dict[str, Mask]
     # Shape (w,): standard error of φ had there been no prior on it, rad, from what noise cannot have feigned
     phi_open: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit(Parameters):
+    """Parameters of windows, with what must be known to trust them; SI units, tan φ as a number.
+
+    Values ± 1.96 standard errors are 95 % intervals.
+    """
+
+    model: Model
+    n: Index  # Shape (w,): samples used
     noise: Noise
     # Where the noise comes from: what the caller said, or the residuals (`learnt_noise`)
     noise_from: Literal["given", "residuals"]
@@ -167,28 +173,6 @@ class Fit:
             STATUSES[:-1],
             STATUSES[-1],
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Parameters:
-    """The part of `Fit` that is about parameters: fields of the same names."""
-
-    values: dict[str, Array]
-    errors: dict[str, Array]
-    shared: dict[str, float]
-    shared_errors: dict[str, float]
-    names: tuple[str, ...]
-    covariance: Array
-    by_priors: Array
-    shared_covariance: Array
-    sigma_star: Array
-    strength: Array
-    strength_se: Array
-    undetermined: dict[str, Mask]
-    priors: dict[str, tuple[float, float]]
-    told: dict[str, Mask]
-    bounded: dict[str, Mask]
-    phi_open: Array
 
 
 def parameters(
