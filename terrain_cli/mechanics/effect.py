@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-import numpy as np
-
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
@@ -67,6 +65,8 @@ class Prior:
     @classmethod
     def factor(cls, median: float, factor: float) -> Prior:
         """Return the log-normal prior "`median`, within a factor of `factor`" (one standard deviation)."""
+        import numpy as np
+
         spread = float(np.log(factor))
         mean = median * float(np.exp(0.5 * spread**2))
         return cls(mean, mean * float(np.sqrt(np.expm1(spread**2))))
@@ -74,6 +74,8 @@ class Prior:
     @classmethod
     def of(cls, values: ArrayLike, *, positive: bool = False) -> Prior:
         """Return the prior with the mean and the variance of values, or of their logarithms if positive."""
+        import numpy as np
+
         values = np.asarray(values, dtype=float)
         if positive:
             logs = np.log(values)
@@ -82,6 +84,8 @@ class Prior:
 
     def of_logarithm(self) -> tuple[float, float]:
         """Return mean and standard deviation of the logarithm of a log-normal parameter."""
+        import numpy as np
+
         spread = float(np.sqrt(np.log1p((self.sd / self.mean) ** 2)))
         return float(np.log(self.mean)) - 0.5 * spread**2, spread
 
