@@ -8,7 +8,7 @@ of a root of their covariance: what is left has variance 1 in every channel and 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -91,7 +91,7 @@ class Whitening:
         return result
 
 
-def _each(matrix: Array, stacked: Array) -> Array:
+def _each(matrix: NDArray[Any], stacked: Array) -> Array:
     """Multiply a matrix of the channels by each sample of (n, c, …)."""
     return np.asarray(stacked @ matrix.T if stacked.ndim == 2 else matrix @ stacked)
 

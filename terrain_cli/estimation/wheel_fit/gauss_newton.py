@@ -52,6 +52,7 @@ class State:
     latent: Array  # Shape (inputs, n): true values of the inputs
     converged: Mask  # Shape (w,)
     merit: Array  # Shape (w,): sum of squares of residuals and of local unknowns
+    lost: Mask  # Shape (w,): where quick steps got lost, so that they are not tried again
 
 
 @dataclass(frozen=True)
@@ -65,9 +66,9 @@ class Normal:
 
 def initial(data: FitData, t: Array, common: Array) -> State:
     """Begin at t, shape (w, p), and common, shape (q,), with the measured values for the true ones."""
-    windows = len(t)
+    converged, lost = np.zeros((2, len(t)), dtype=bool)
     latent = np.array([data.channels[name] for name in data.inputs])
-    return State(t.copy(), common.copy(), latent, np.zeros(windows, dtype=bool), np.full(windows, np.inf))
+    return State(t.copy(), common.copy(), latent, converged, np.full(len(t), np.inf), lost)
 
 
 def solve(
@@ -78,7 +79,7 @@ def solve(
     windows, shared = len(data.windows), len(sought.shared) > 0
     # Where a search with fewer nodes has ended one short step is enough to tell.
     settled = state.converged.copy()
-    state.converged[:] = data.count == 0
+    state.converged[:] = (data.count == 0) | state.lost
     state.merit[:] = np.inf
     share, before, last = np.ones(windows), np.full(windows, np.inf), np.zeros_like(state.t)
     active, part = np.flatnonzero(~state.converged), data
