@@ -43,7 +43,7 @@ _NEAR = 1e-9
 _FARTHEST = 5.0
 
 
-@dataclass
+@dataclass(kw_only=True)
 class State:
     """Where the search stands."""
 
@@ -68,7 +68,14 @@ def initial(data: FitData, t: Array, common: Array) -> State:
     """Begin at t, shape (w, p), and common, shape (q,), with the measured values for the true ones."""
     converged, lost = np.zeros((2, len(t)), dtype=bool)
     latent = np.array([data.channels[name] for name in data.inputs])
-    return State(t.copy(), common.copy(), latent, converged, np.full(len(t), np.inf), lost)
+    return State(
+        t=t.copy(),
+        common=common.copy(),
+        latent=latent,
+        converged=converged,
+        merit=np.full(len(t), np.inf),
+        lost=lost,
+    )
 
 
 def solve(

@@ -183,7 +183,12 @@ def _alone(
 
 def _some(state: State, at: Index, rows: Index) -> State:
     return State(
-        state.t[at], state.common, state.latent[:, rows], state.converged[at], state.merit[at], state.lost[at]
+        t=state.t[at],
+        common=state.common,
+        latent=state.latent[:, rows],
+        converged=state.converged[at],
+        merit=state.merit[at],
+        lost=state.lost[at],
     )
 
 
