@@ -25,36 +25,12 @@ if TYPE_CHECKING:
 
 #: In this order; scripts and GIS projects are built on it.
 COLUMNS = (
-    *(
-        "source",
-        "wheel",
-        "segment",
-        "terrain",
-        "t_start_s",
-        "t_end_s",
-        "distance_m",
-        "n_samples",
-        "n_rejected",
-    ),
-    *(
-        "method",
-        "status",
-        "c_kPa",
-        "c_se_kPa",
-        "phi_deg",
-        "phi_se_deg",
-        "corr_c_phi",
-        "c_ls_kPa",
-        "phi_ls_deg",
-    ),
-    *("c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number", "k_mm", "sigma_star_kPa", "strength_kPa"),
-    *(
-        "strength_se_kPa",
-        "stress_kPa",
-        "strength_at_stress_kPa",
-        "strength_at_stress_se_kPa",
-        "torque_rmse_Nm",
-    ),
+    *("source", "wheel", "segment", "terrain", "t_start_s", "t_end_s", "distance_m"),
+    *("n_samples", "n_rejected", "method", "status"),
+    *("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", "corr_c_phi", "c_ls_kPa", "phi_ls_deg"),
+    *("c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number", "k_mm"),
+    *("sigma_star_kPa", "strength_kPa", "strength_se_kPa"),
+    *("stress_kPa", "strength_at_stress_kPa", "strength_at_stress_se_kPa", "torque_rmse_Nm"),
     *("x_m", "y_m", "longitude_deg", "latitude_deg", "WKT"),
 )
 #: Of a table of samples: channel → column.
