@@ -3,7 +3,7 @@
 Unknowns of a window meet those of another only through the shared ones, so that no matrix ever spans
 two windows (`normal_equations`).
 
-About the bound the posterior is taken as normal, with its peak as far outside as the next step of
+About a bound the posterior is taken as normal, with its peak as far outside as the next step of
 the search would lead, and cut off: the mean and the deviation of what remains stand for the
 unknown, and the others move along as they are correlated with it (Johnson, Kotz & Balakrishnan
 1994, section 13.10.1).

@@ -1,9 +1,9 @@
 """Noise of the sensors, learnt from the data: from differences of neighbours, or by likelihood.
 
-For `comparison` and `diagnosis`, which whiten residuals by the part of them that is not smooth, so that
-what a model misses does not pass for noise. For estimates with errors see `learnt_noise`.
+`ScaledDifferences` is for `comparison` and `diagnosis`, which whiten residuals by the part of them that is
+not smooth, so that what a model misses does not pass for noise.
 
-The residuals of a sample have the covariance S = Σ_c s_c² v_c v_cᵀ, one term for each noisy channel c: v_c is
+`LikelyNoise` is for estimates with errors: restricted maximum likelihood. The residuals of a sample have the covariance S = Σ_c s_c² v_c v_cᵀ, one term for each noisy channel c: v_c is
 the derivative of the residuals by that channel, an input or an output. s_c is the standard deviation
 of the channel's noise. The channels differ in how their v_c change with load, sinkage and slip, which tells
 the s_c apart. At the best s_c

@@ -1,6 +1,6 @@
 """The search for the unknowns of windows, and what is done where it ends at an impossible soil.
 
-They are sought again, downhill from several beginnings. Where the model misses a window by so much that
+Such windows are sought again, downhill from several beginnings. Where the model misses one by so much that
 it ends at a soil that nobody knows (or, if asked for, that its errors would be larger than those of the
 priors alone), the noise of that window is taken to be as large as its residuals in the long run: the
 priors then weigh as much as they know more, and what the data cannot tell stays within what soils are.
