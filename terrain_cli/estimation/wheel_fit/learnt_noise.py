@@ -3,10 +3,10 @@
 `ScaledDifferences` is for `comparison` and `diagnosis`, which whiten residuals by the part of them that is
 not smooth, so that what a model misses does not pass for noise.
 
-`LikelyNoise` is for estimates with errors: restricted maximum likelihood. The residuals of a sample have the covariance S = Σ_c s_c² v_c v_cᵀ, one term for each noisy channel c: v_c is
-the derivative of the residuals by that channel, an input or an output. s_c is the standard deviation
-of the channel's noise. The channels differ in how their v_c change with load, sinkage and slip, which tells
-the s_c apart. At the best s_c
+`LikelyNoise` is for estimates with errors: restricted maximum likelihood. The residuals of a sample have the
+covariance S = Σ_c s_c² v_c v_cᵀ, one term for each noisy channel c: v_c is the derivative of the residuals by
+that channel, an input or an output. s_c is the standard deviation of the channel's noise. The channels differ
+in how their v_c change with load, sinkage and slip, which tells the s_c apart. At the best s_c
 
     Σ (v_cᵀ S⁻¹ g)² = Σ tr(P v_c v_cᵀ),    P = S⁻¹ − S⁻¹ A (Aᵀ S⁻¹ A + 1)⁻¹ Aᵀ S⁻¹,
 
