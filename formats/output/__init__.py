@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from formats.errors import CannotWriteError
 from formats.output.common_forms import LAYER, check_crs, normalise
-from formats.output.table_writers import write_text
+from formats.output.text_writer import write_text
 from formats.output.whole_files import check_free, explained, opened, replacing
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def write_table(
             with Path(temporary).open("w", encoding="utf-8", newline="") as stream:
                 write_text(table, stream, kind, crs, geometry, layer)
         elif kind == "parquet":
-            from formats.output.table_writers import write_parquet
+            from formats.output.parquet_writer import write_parquet
 
             write_parquet([table], temporary, crs, geometry)
         else:
@@ -148,7 +148,7 @@ def write_parts(
     CannotWriteError, FormatError
         As from `write_table`.
     """
-    from formats.output.table_writers import write_parquet
+    from formats.output.parquet_writer import write_parquet
 
     with replacing(destination) as temporary:
         write_parquet(map(normalise, parts), temporary, crs, geometry)

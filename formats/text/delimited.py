@@ -16,9 +16,9 @@ from formats.content import SalvagedText, TextStream
 from formats.errors import DamagedError, FormatError
 from formats.recovery import HINT, Recovery
 from formats.table import BATCH_ROWS, Field, Source, Stream
-from formats.text import cell_values
+from formats.text import cell_values, unguarded
 from formats.text.cell_values import MISSING, MISSING_SPELLINGS, Names, floats, kind_of, numbers, times
-from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line, unguarded
+from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

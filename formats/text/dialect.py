@@ -1,4 +1,4 @@
-"""How a text table is written: told from its first lines; and texts that a spreadsheet would run."""
+"""How a text table is written: told from its first lines."""
 
 from __future__ import annotations
 
@@ -11,26 +11,15 @@ from typing import TYPE_CHECKING
 
 from formats.errors import FormatError
 from formats.limits import COLUMNS
+from formats.text import unguarded
 from formats.text.cell_values import kind_of, number_pattern
 
 if TYPE_CHECKING:
     from formats.table import Kind
 
-#: As OWASP lists them ("CSV injection"), with their wide forms. A sign alone is nothing to run.
-_FORMULA = re.compile(r"'*(?:[=+\-@\uff1d\uff0b\uff0d\uff20].|[\t\r\n])", re.DOTALL)
 #: Tab before semicolon before comma, where two would do: a decimal comma looks like a comma.
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 SAMPLE_ROWS = 1000
-
-
-def guarded(text: str | None) -> str | None:
-    """Put an apostrophe before a text that a spreadsheet would run; `unguarded` takes it off."""
-    return f"'{text}" if text and _FORMULA.match(text) else text
-
-
-def unguarded(text: str) -> str:
-    """Take off the apostrophe that `guarded` puts before a text."""
-    return text[1:] if text.startswith("'") and _FORMULA.match(text[1:]) else text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 import formats
 from formats.output.bag_writer import Topic
-from formats.output.table_writers import PACKINGS, write_packed
+from formats.output.text_writer import PACKINGS, write_packed
 from terrain_cli.simulation import scenario
 from terrain_cli.simulation import simulated_log as logs
 from terrain_cli.simulation.scenario import JOINTS, identifier, joint

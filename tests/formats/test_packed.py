@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from formats import CannotWriteError, open_source, write_table
-from formats.output.table_writers import PACKINGS, write_packed
+from formats.output.text_writer import PACKINGS, write_packed
 
 TABLE = {"time": np.arange(1000.0), "wheel": ["left"] * 1000}
 

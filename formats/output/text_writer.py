@@ -1,4 +1,4 @@
-"""Tables as text (CSV, JSON, GeoJSON and its sequences) and as Parquet; one table gives the same bytes."""
+"""CSV, plain and packed, JSON, GeoJSON and sequences of GeoJSON. The same table gives the same bytes."""
 
 from __future__ import annotations
 
@@ -10,41 +10,25 @@ import json
 import math
 import sys
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, cast
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
-from formats.output.common_forms import (
-    LAYER,
-    SITE_FRAME,
-    Cells,
-    check_crs,
-    is_wgs84,
-    normalise,
-    parse,
-    projjson,
-    urn,
-)
+from formats.output.common_forms import LAYER, SITE_FRAME, Cells, check_crs, is_wgs84, normalise, parse, urn
 from formats.output.whole_files import replacing
 from formats.table import BATCH_ROWS
-from formats.text.dialect import guarded
+from formats.text import guarded
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
-    from formats.output.common_forms import Table, Values, WktShape
+    from formats.output.common_forms import Table, Values
 
 #: What stands before each feature: the record separator of RFC 8142, or nothing.
 _SEPARATORS = {"geojsonl": "", "geojsons": "\x1e"}
 #: Endings of packed files.
 PACKINGS = (".gz", ".bz2", ".zst")
-_TYPES = {"real": pa.float64(), "integer": pa.int64(), "text": pa.string()}
-#: Of the binary geometry, which stands beside the text.
-GEOMETRY = "geometry"
 
 
 def write_text(
@@ -154,79 +138,3 @@ def _packed(file: BinaryIO, ending: str) -> BinaryIO:
     else:
         from backports import zstd
     return cast("BinaryIO", zstd.ZstdFile(file, "w"))
-
-
-def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry: str) -> None:
-    """Write a table as Parquet; empty cells are null.
-
-    A table with a column of WKT becomes GeoParquet 1.1: it gains the column `GEOMETRY` of WKB,
-    and the key ``geo`` says what that is. A reader that does not know GeoParquet still has the text.
-
-    Of the tables, which are its parts, one is held at a time. Without a `crs` it is a site frame, for which
-    GeoParquet has ``null``.
-    """
-    extent = Extent()
-    with ExitStack() as stack:
-        writer = None
-        for table in tables:
-            part = _arrow(table, geometry, extent)
-            if writer is None:
-                # With Arrow's own schema beside it, pyarrow would not look for keys that come last.
-                writer = stack.enter_context(pq.ParquetWriter(path, part.schema, store_schema=False))
-            writer.write_table(part)
-        if writer is not None and GEOMETRY in part.schema.names:
-            writer.add_key_value_metadata({"geo": json.dumps(geo_metadata(extent, crs))})
-
-
-@dataclass
-class Extent:
-    """What kinds of shapes there are, and the box around them."""
-
-    kinds: set[str] = field(default_factory=set)
-    #: The least and the largest x and y.
-    low: tuple[float, float] | None = None
-    high: tuple[float, float] | None = None
-
-    def take(self, shape: WktShape) -> bytes:
-        """Take in a shape, and return its bytes."""
-        self.kinds.add(f"{shape.kind}{' Z' if len(shape.points[0]) == 3 else ''}")
-        x, y, *_ = zip(*shape.points, strict=True)
-        self.low = _corner(min, self.low, (min(x), min(y)))
-        self.high = _corner(max, self.high, (max(x), max(y)))
-        return shape.wkb()
-
-
-def _corner(
-    extreme: Callable[..., float], so_far: tuple[float, float] | None, point: tuple[float, float]
-) -> tuple[float, float]:
-    x, y = so_far or point
-    return extreme(x, point[0]), extreme(y, point[1])
-
-
-def _arrow(table: Table, geometry: str, extent: Extent) -> pa.Table:
-    arrays = {
-        name: pa.array(
-            cells.values, _TYPES[cells.kind], mask=np.isnan(cells.values) if cells.kind == "real" else None
-        )
-        for name, cells in table.items()
-    }
-    if geometry in table:
-        shapes = map(parse, table[geometry].values)
-        arrays[GEOMETRY] = pa.array([extent.take(shape) if shape else None for shape in shapes], pa.binary())
-    return pa.table(arrays)
-
-
-def geo_metadata(extent: Extent, crs: str | None) -> dict[str, Any]:
-    """Describe a column of geometries, as GeoParquet 1.1 has it in the key ``geo``.
-
-    See https://geoparquet.org/releases/v1.1.0/.
-    """
-    column: dict[str, Any] = {
-        "encoding": "WKB",
-        "geometry_types": sorted(extent.kinds),
-        # Left out it would mean longitudes and latitudes on the Earth.
-        "crs": None if crs is None else projjson(crs),
-    }
-    if extent.low and extent.high:
-        column["bbox"] = [*extent.low, *extent.high]
-    return {"version": "1.1.0", "primary_column": GEOMETRY, "columns": {GEOMETRY: column}}
