@@ -1,4 +1,4 @@
-"""What a shell offers for options that take names, and for a command with verbs of its own.
+"""What is suggested: by a shell for options that take names, by a command for a verb that it does not know.
 
 Only what can be told at once, without reading a log.
 """
