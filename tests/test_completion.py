@@ -14,7 +14,7 @@ from click.shell_completion import BashComplete
 from terrain_cli.app import cli
 from terrain_cli.effects import NAMES
 from terrain_cli.simulation.drive_file import PRESETS
-from terrain_cli.simulation.simulated_soils import SOILS
+from terrain_cli.simulation.scenario import SOILS
 
 SHELLS = [pytest.param(shell, marks=pytest.mark.real(shell)) for shell in ("bash", "zsh", "fish")]
 LINES = [

@@ -118,9 +118,9 @@ def command(context: click.Context, /, **_: Any) -> None:
         raise UsageError("--trace shows the recursive estimate", hint="add --method recursive")
     # Before the work, not after it.
     if given["plot"]:
-        from terrain_cli.views import optional_libraries
+        from terrain_cli.views import chart_style
 
-        optional_libraries.need("plot")
+        chart_style.need("plot")
     for name in ("rejects", "trace", "posterior"):
         if given[name]:
             formats.output_kind(given[name])
@@ -196,7 +196,7 @@ def _outcomes(
     """Run every input, in order, with a progress bar once it has taken a second."""
     from terrain_cli.commands.progress import Progress
     from terrain_cli.run import one_log
-    from terrain_cli.run.second_process import cores
+    from terrain_cli.run.long_log import cores
 
     with Progress(len(logs), enabled=not quiet) as progress:
         if jobs == 1 or len(logs) == 1:

@@ -22,9 +22,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 ORDER = 14
 #: Nodes on each arc that give the forces to 1e-8 of themselves, by the longest way along an arc in

@@ -15,18 +15,18 @@ from terrain_cli.mechanics import contact, dual, rim_forces
 from terrain_cli.mechanics.contact import ORDER, order_for
 from terrain_cli.mechanics.dual import Dual, chain, seed, slopes, value
 from terrain_cli.mechanics.effect import KINDS
-from terrain_cli.processes.memory import keep_freed
+from terrain_cli.processes import keep_freed
 from terrain_cli.vocabulary.choices import BASES, Base
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.mechanics.effect import Effect, Parameter
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 Given = Literal["sinkage", "load"]
 
@@ -86,7 +86,6 @@ class Model:
 
     @property
     def soil(self) -> tuple[str, ...]:
-        """Names of the soil's parameters."""
         return SOIL[self.base]
 
     @cached_property
@@ -257,7 +256,6 @@ class _Block:
         return q[quantity]
 
     def run(self, given: Given) -> Prediction:
-        """Predict."""
         q = _Missing(self.start)
         self.law("slip", q)
         if "load" in q:

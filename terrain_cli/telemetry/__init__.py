@@ -9,16 +9,15 @@ import numpy as np
 
 import formats
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry import raw_columns, tables
-from terrain_cli.telemetry.channel_sources import Plan
+from terrain_cli.telemetry import raw_channels, raw_columns
 from terrain_cli.telemetry.derive import effect_inputs
 from terrain_cli.telemetry.derive.assembly import assemble, wheel_of
-from terrain_cli.telemetry.derive.conditions import Condition
+from terrain_cli.telemetry.derive.usable_samples import Condition
 from terrain_cli.telemetry.long_logs import Excerpt, Request, in_parts
-from terrain_cli.telemetry.plan import derivable_channels, rover_advice
+from terrain_cli.telemetry.plan import rover_advice
 from terrain_cli.telemetry.plan.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
-from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Raw, Samples
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Plan, Raw, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED
 
@@ -117,12 +116,11 @@ def _request(
     compared: bool = False,
     kept: Collection[str] = (),
 ) -> Request:
-    """Decide what is to be read."""
     layout = plan(source, rover)
     if layout.no_time:
         raise layout.no_time
     extras, names = _condition_columns(layout, where) if where else ([], set())
-    wanted = {*derivable_channels.SOURCES, *names}
+    wanted = {*rover_advice.SOURCES, *names}
     if effects is not None:
         channels, further = effect_inputs.read(effects)
         wanted |= {"drawbar_pull", *channels}
@@ -146,7 +144,7 @@ def _begun(request: Request, rows: int | None) -> tuple[list[Batch] | None, Iter
     """Begin to read a table of which not more than some rows may be held; nothing of a bag."""
     if rows is None or not is_table(request.layout.source):
         return None, None
-    names = tables.fields(request.layout, request.channels, request.extras)
+    names = raw_channels.fields(request.layout, request.channels, request.extras)
     return raw_columns.begin(request.layout.source, names, rows)
 
 
@@ -179,7 +177,6 @@ def _nothing(request: Request) -> InputError:
 
 
 def _check(request: Request, raws: Sequence[Raw], *, compared: bool) -> None:
-    """Refuse wheels of which something is missing."""
     layout, rover, effects = request.layout, request.rover, request.effects or ()
     lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
     if compared:
@@ -214,16 +211,14 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
     return sorted(columns), where.names - columns
 
 
-def lacking(raw: Raw, rover: Rover) -> list[derivable_channels.Lack]:
+def lacking(raw: Raw, rover: Rover) -> list[rover_advice.Lack]:
     """Say what is missing for an estimate under one wheel: channels, then what rover.toml does not say."""
     wheel = wheel_of(raw, rover)
-    return derivable_channels.routes(raw.channels, wheel, rover)[1] + derivable_channels.settings(
-        wheel, rover
-    )
+    return rover_advice.routes(raw.channels, wheel, rover)[1] + rover_advice.settings(wheel, rover)
 
 
 def _cannot_give(
-    layout: Plan, lacks: dict[str, list[derivable_channels.Lack]], rover: Rover
+    layout: Plan, lacks: dict[str, list[rover_advice.Lack]], rover: Rover
 ) -> InputError | ConfigurationError:
     """Say all that is missing, and the lines of rover.toml that would supply it."""
     reasons: dict[str, list[str]] = {}
@@ -249,7 +244,7 @@ def _cannot_give(
 
 
 def _model_cannot_be_fitted(
-    layout: Plan, lacks: dict[str, list[derivable_channels.Lack]], rover: Rover
+    layout: Plan, lacks: dict[str, list[rover_advice.Lack]], rover: Rover
 ) -> InputError | ConfigurationError:
     """Say which effect needs what, and how to supply it."""
     missing = [lack for several in lacks.values() for lack in several]

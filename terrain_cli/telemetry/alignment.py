@@ -12,7 +12,8 @@ from terrain_cli.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+
 
 #: Smallest default for the largest gap across which a channel is interpolated, in s.
 LEAST_GAP = 0.5
@@ -87,11 +88,11 @@ class Neighbours:
     """Where the times of a clock lie between the samples of a topic: the same for all its channels."""
 
     #: The sample at each time, or the next; shape (n,).
-    after: NDArray[np.intp]
+    after: Index
     #: How far the time is from the sample before to that; NaN where nothing may be interpolated; shape (n,).
     share: Array
     #: The sample is of this very time; shape (n,).
-    exact: NDArray[np.bool_]
+    exact: Mask
 
     def between(self, values: Array) -> Array:
         """Interpolate values of the samples, of which none is NaN."""
@@ -128,7 +129,7 @@ def seconds(stamps: NDArray[np.datetime64], origin: float) -> Array:
     return np.where(missing, np.nan, np.round(relative, 6))
 
 
-def origin_of(times: NDArray[np.float64]) -> float:
+def origin_of(times: Array) -> float:
     """Whole seconds to subtract from a clock so that its fractions keep their digits, or 0."""
     finite = np.isfinite(times)
     first = float(times[np.argmax(finite)]) if finite.any() else 0.0
@@ -172,9 +173,7 @@ def check_unit_of_time(
         )
 
 
-def split_clock(
-    time: Array, least: int = 10
-) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
+def split_clock(time: Array, least: int = 10) -> tuple[Index, Mask, Mask]:
     """Find where a clock (s, NaN is passed over) restarts, steps back for a moment, or repeats itself.
 
     A step back after which it runs forward for `least` samples, without reaching the time before, is a

@@ -10,8 +10,8 @@ import numpy as np
 
 from formats import Labels
 from formats.recovery import told
-from terrain_cli.processes.memory import keep_freed
-from terrain_cli.telemetry import alignment, own_clocks, raw_columns, tables
+from terrain_cli.processes import keep_freed
+from terrain_cli.telemetry import alignment, own_clocks, raw_channels, raw_columns
 from terrain_cli.telemetry.derive import plausibility, usable_samples
 from terrain_cli.telemetry.derive.assembly import assemble
 from terrain_cli.telemetry.derive.effect_inputs import ANGLE
@@ -22,17 +22,14 @@ from terrain_cli.telemetry.wheel_samples import Notice, joined_columns
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from formats import Batch, Column
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
-    from terrain_cli.telemetry.channel_sources import Plan
-    from terrain_cli.telemetry.derive.conditions import Condition
+    from terrain_cli.telemetry.derive.usable_samples import Condition
     from terrain_cli.telemetry.own_clocks import OwnClocks
-    from terrain_cli.telemetry.wheel_samples import Raw, Samples
+    from terrain_cli.telemetry.wheel_samples import Plan, Raw, Samples
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
 
 #: Rows that are read whole, of all inputs together, where only a share of them is compared.
 MOST_ROWS = 2_000_000
@@ -55,7 +52,7 @@ class Excerpt:
 
     def __init__(self, most: int, parts: Iterable[Samples]) -> None:
         self._most, self._step = most, 1
-        self._kept: dict[str, list[tuple[Samples, NDArray[np.intp]]]] = {}
+        self._kept: dict[str, list[tuple[Samples, Index]]] = {}
         self._seen: Counter[str] = Counter()
         self._rows: Counter[str] = Counter()
         for part in parts:
@@ -74,7 +71,7 @@ class Excerpt:
                 thinned = [(samples.taken(c), n[c]) for samples, n in pieces for c in [self._chosen(n)]]
                 self._kept[wheel] = [one for one in thinned if len(one[1])] or thinned[:1]
 
-    def _chosen(self, number: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def _chosen(self, number: Index) -> Mask:
         return np.asarray(number // PIECE % self._step == 0)
 
     def samples(self) -> list[Samples]:
@@ -95,7 +92,7 @@ class Excerpt:
 def joined(parts: Sequence[Samples]) -> Samples:
     """Join parts of one wheel, with the words of the first."""
 
-    def optional(values: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+    def optional(values: Sequence[Array | None]) -> Array | None:
         known = [value for value in values if value is not None]
         return np.concatenate(known) if known else None
 
@@ -173,8 +170,8 @@ def in_parts(
 
     for table, first, last in _tables(begin, rest):
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)
-        raws = tables.wheels(layout, table, request.channels, [*request.extras, _ROW], choose)
-        nameless += tables.nameless(layout, table, slice(first, last))
+        raws = raw_channels.wheels(layout, table, request.channels, [*request.extras, _ROW], choose)
+        nameless += raw_channels.nameless(layout, table, slice(first, last))
         check([raw for raw in raws if raw.wheel not in ends])
         for raw in raws:
             # The first part shows whether its columns have clocks of their own, or one was out for a while.
@@ -200,7 +197,7 @@ def in_parts(
         if end.clocks:
             end.remarks.insert(0, end.clocks.told(wheel, end.samples, end.interpolated))
         end.remarks[:0] = source.remarks
-        end.remarks += tables.passed_over(layout, nameless)
+        end.remarks += raw_channels.passed_over(layout, nameless)
         end.remarks += plausibility.found(layout, wheel, end.evidence)
 
 
@@ -296,7 +293,7 @@ class _End:
 
     def _stretches(
         self, samples: Samples, row: Array, i: int, j: int, last: int, max_gap: float | None
-    ) -> NDArray[np.intp]:
+    ) -> Index:
         """Count a gap in what is usable that began where the part does not see it."""
         stretch, time = samples.stretch[i:j], samples.time
         ground = usable_samples.on_ground(samples.set_aside)
@@ -315,7 +312,7 @@ class _End:
         self.used |= len(own) > 0
         return stretch
 
-    def _angle(self, angle: Array, i: int, j: int, stretch: NDArray[np.intp]) -> Array:
+    def _angle(self, angle: Array, i: int, j: int, stretch: Index) -> Array:
         """Count the angle of the wheel on through the stretch in which it was last known."""
         known = np.isfinite(angle)
         before = np.flatnonzero(known[:i])

@@ -1,18 +1,22 @@
-"""One estimate from many windows of the same soil."""
+"""Estimates of one soil that samples or windows add to: recursive within a window, pooled over windows."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.estimation.line.moments import fit_line, running
+from terrain_cli.estimation.line.uncertainty import uncertainty
+
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.estimation.line.window_estimates import WindowEstimates
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Errors below this share of the strength and of 1 (Pa, or in tan φ) do not weigh more than that:
 #: exact windows would otherwise make the normal equations singular.
@@ -21,49 +25,97 @@ _SMALLEST = 1e-6
 _UNSURE = 1e-9
 
 
-@dataclass(frozen=True, kw_only=True)
-class PooledEstimate:
-    """Estimate from windows of one soil, NaN where not known.
+@dataclass(frozen=True)
+class Trace:
+    """Estimates of every sample from the samples of its window so far, NaN where not known."""
+
+    c: Array  # c, c_se: shape (n,): Pa
+    c_se: Array
+    phi: Array  # phi, phi_se: shape (n,): rad
+    phi_se: Array
+    corr: Array  # Shape (n,): correlation of the errors of c and φ
+
+
+def recursive(
+    x: ArrayLike,
+    y: ArrayLike,
+    bounds: ArrayLike,
+    *,
+    load: ArrayLike,
+    torque: ArrayLike,
+    sinkage: ArrayLike,
+    slip: ArrayLike,
+    correlated: bool = True,
+) -> Trace:
+    """Follow c, φ and their errors through each window.
+
+    The Kalman filter of the constant state (c, tan φ) with the measurement y = c + x tan φ,
+    started from a prior of no information. In its information form such a filter does nothing
+    but add up, so that its states are had from cumulative sums of products, and the last is
+    the least-squares answer of `estimate_windows`, with the same errors. The noise of the
+    measurement and its correlation are not given beforehand but taken from the residuals so
+    far.
 
     Parameters
     ----------
-    windows, separable : int
-        Windows pooled, and those among them that tell c from φ.
-    c, c_se, phi, phi_se, corr : float
-        Pa and rad, with the correlation of the errors of c and φ.
-    sigma_star, strength, strength_se : float
-        Stress at which the strength is not correlated with φ, and the strength there, Pa.
-    strength_between, phi_between : float
-        Standard deviations of the soil from window to window, beyond the windows' own errors,
-        Pa and rad.
-    c_mean, c_spread, phi_mean, phi_spread : float
-        Plain mean and standard deviation over the separable windows, Pa and rad.
+    x, y : array_like, shape (n,)
+        Stresses of `mechanics.linear.line_coordinates`, Pa; finite.
+    bounds : array_like of int, shape (w + 1,)
+        Window j is the samples bounds[j] to bounds[j + 1] − 1; from 0 to n.
+    load, torque, sinkage, slip : array_like, shape (n,)
+        W in N, T in N m, z in m, i.
+    correlated : bool
+        False for steady test points, which have no order in time.
     """
+    columns = np.array([x, y, load, torque, sinkage, slip], dtype=float)
+    states = np.full((5, columns.shape[1]), np.nan)
+    edges = np.asarray(bounds, dtype=np.intp)
+    for start, stop in pairwise(edges):
+        if stop == start:
+            continue
+        moments = running(columns[:, start:stop])
+        line = fit_line(moments)
+        gain = np.broadcast_to(np.eye(2)[:, :, None], (2, 2, stop - start))
+        errors = uncertainty(moments, line, line.cohesion, line.tan_phi, gain, correlated=correlated)
+        states[:, start:stop] = (
+            line.cohesion,
+            errors.cohesion,
+            np.arctan(line.tan_phi),
+            errors.phi,
+            errors.correlation,
+        )
+    return Trace(*states)
 
-    windows: int = 0
+
+@dataclass(frozen=True, kw_only=True)
+class PooledEstimate:
+    """Estimate from windows of one soil, NaN where not known."""
+
+    windows: int = 0  # windows, separable: windows pooled, and those among them that tell c from φ
     separable: int = 0
-    c: float = np.nan
+    c: float = np.nan  # c, c_se, phi, phi_se, corr: Pa and rad, with the correlation of the errors of c and φ
     c_se: float = np.nan
     phi: float = np.nan
     phi_se: float = np.nan
     corr: float = np.nan
+    # sigma_star, strength, strength_se: stress at which the strength is not correlated with φ, and the
+    # strength there, Pa
     sigma_star: float = np.nan
     strength: float = np.nan
     strength_se: float = np.nan
+    # strength_between, phi_between: standard deviations of the soil from window to window, beyond the
+    # windows' own errors, Pa and rad
     strength_between: float = np.nan
     phi_between: float = np.nan
+    # c_mean, c_spread, phi_mean, phi_spread: plain mean and standard deviation over the separable windows, Pa
+    # and rad
     c_mean: float = np.nan
     c_spread: float = np.nan
     phi_mean: float = np.nan
     phi_spread: float = np.nan
 
     def strength_at(self, stress: float) -> tuple[float, float]:
-        """Return the strength under a normal stress and its standard error, all in Pa.
-
-        Parameters
-        ----------
-        stress : float
-        """
+        """Return the strength under a normal stress and its standard error, all in Pa."""
         slope, away = np.tan(self.phi), stress - self.sigma_star
         error = np.hypot(self.strength_se, away * self.phi_se * (1.0 + slope**2))
         return float(self.strength + away * slope), float(error)

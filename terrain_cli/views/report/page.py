@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import formats
 from terrain_cli.version import __version__
-from terrain_cli.views import optional_libraries
+from terrain_cli.views import chart_style
 from terrain_cli.views.report.page_parts import Chart
 
 if TYPE_CHECKING:
@@ -26,24 +26,8 @@ def write(
     further: Sequence[Section] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Write the report of a comparison.
-
-    Parameters
-    ----------
-    path : str or Path
-        Of the page. It is there whole, or as it was before.
-    further : sequence of Section
-        Shown after what the comparison says, if there is something in them.
-    progress : callable
-        Called with the name of each step before it begins.
-
-    Raises
-    ------
-    ConfigurationError
-        The extra "report" is not installed.
-    formats.errors.CannotWriteError
-    """
-    optional_libraries.need("report")
+    """Write the report of a comparison; `further` sections follow, if there is something in them."""
+    chart_style.need("report")
     text = page(comparison, further=further, progress=progress)
     with formats.replacing(str(path)) as temporary:
         Path(temporary).write_text(text, encoding="utf-8")
@@ -55,7 +39,6 @@ def page(
     further: Sequence[Section] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
-    """Return the page as text."""
     from jinja2 import Environment, StrictUndefined
 
     from terrain_cli.views.report import sections
