@@ -48,7 +48,9 @@ _SPREAD_C = 5e3
 _STEPS, _NEWTON = np.array([1e3, 0.05]), 3
 
 
-def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineMethod) -> WindowEstimates:
+def with_assumptions(
+    estimates: WindowEstimates, windows: Windows, method: LineMethod, moved: Array | None = None
+) -> WindowEstimates:
     """Return estimates of the line whose errors include a wrong k and the triangular stresses.
 
     Parameters
@@ -57,8 +59,10 @@ def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineM
         From `estimation.estimate_windows`.
     windows : Windows
         Of them, with as many samples as one likes.
+    moved : ndarray, optional
+        From `deviations`, where they are known already.
     """
-    moved = deviations(estimates, windows, method)
+    moved = deviations(estimates, windows, method) if moved is None else moved
     c_se, phi_se, corr = _wider(estimates, moved)
     tan_se = phi_se * (1.0 + np.tan(estimates.phi) ** 2)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,8 +1,9 @@
-"""SIGTERM and SIGHUP end a command as Ctrl-C does: what is unfinished is removed on the way."""
+"""SIGTERM and SIGHUP end a command as Ctrl-C does: what is unfinished is removed on the way, or completed."""
 
 from __future__ import annotations
 
 import math
+import os
 import signal
 import sys
 import threading
@@ -17,6 +18,32 @@ if TYPE_CHECKING:
 ENDINGS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
 #: Seconds in which two signals are one wish: a system that shuts down sends both (judged).
 _TOGETHER = 1.0
+
+
+@contextmanager
+def noted() -> Iterator[int]:
+    """Note the first wish to end instead of ending; yield what can be read from then on (`select`).
+
+    The second does what the first would have done, so that nobody has to wait. Wishes that were ignored
+    before, as nohup does, are ignored still.
+    """
+    reader, writer = os.pipe()
+
+    def note(number: int, _: object) -> None:
+        os.write(writer, b"!")
+        signal.signal(number, before[number])
+
+    names = [signal.SIGINT, *ENDINGS] if threading.current_thread() is threading.main_thread() else []
+    before = {name: signal.getsignal(name) for name in names if signal.getsignal(name) != signal.SIG_IGN}
+    try:
+        for name in before:
+            signal.signal(name, note)
+        yield reader
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
+        os.close(reader)
+        os.close(writer)
 
 
 class EndedError(SystemExit):
