@@ -46,12 +46,14 @@ class ArrivingBytes:
         with self._opened() as descriptor:
             grows = self._path != "-" and stat.S_ISREG(os.fstat(descriptor).st_mode)
             last = time.monotonic()
-            while not self.stopped:
+            while True:
                 block = self._next(descriptor, grows=grows)
                 if block:
                     last = time.monotonic()
                 elif block is None:
                     return
+                elif self.stopped:
+                    break
                 elif self._idle is not None and time.monotonic() - last >= self._idle:
                     self.idled = True
                     return

@@ -67,7 +67,8 @@ class ArrivingRows(Source):
         if self._head:
             self._refuse()
         self._add(data)
-        self._json = bool(self._lines) and self._lines[0].lstrip(_MARK).lstrip().startswith("{")
+        self._lines[:1] = [line.lstrip(_MARK) for line in self._lines[:1]]
+        self._json = bool(self._lines) and self._lines[0].lstrip().startswith("{")
         least = HEAD_LINES if not hurry else 1 if self._json else 2
         if len(self._lines) < least:
             return False
@@ -214,7 +215,7 @@ class ArrivingRows(Source):
 def _object(line: str) -> dict[str, str] | None:
     """Read one JSON object as cells, objects within it by dotted names."""
     try:
-        value = json.loads(line.lstrip(_MARK))
+        value = json.loads(line)
     except ValueError:
         return None
     return dict(_cells("", value)) if isinstance(value, dict) else None

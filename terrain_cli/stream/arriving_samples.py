@@ -30,8 +30,9 @@ _BEFORE = 256
 _SHOWN = 128
 #: Samples of a wheel that tell whether its units can be true.
 _JUDGED = 512
-#: A clock that stands back for so many rows in a row began anew, as `alignment.split_clock` has it.
-_ANEW = 10
+#: A clock that stands back for so many rows in a row began anew: with the next one `alignment.split_clock`
+#: would say so, but of rows that were judged already.
+_ANEW = 9
 
 
 class ArrivingSamples:

@@ -191,7 +191,14 @@ class PartReader:
             end.bring(raw, first, last, rover.max_gap)
             end.count_on(raw)
             samples = assemble(
-                layout, raw, rover, request.where, request.effects, (*layout.extras, _ROW), checked=end.begun
+                layout,
+                raw,
+                rover,
+                request.where,
+                request.effects,
+                (*layout.extras, _ROW),
+                checked=end.begun,
+                judged=self._evident,
             )
             if not end.begun:
                 told = samples.remarks[len(layout.source.remarks) :]
