@@ -71,13 +71,14 @@ class ArrivingSamples:
             return
         labels = raw_columns.as_labels(batch[self._label])
         batch[self._label] = labels
-        for code in np.unique(labels.codes).tolist():
-            rows = np.flatnonzero(labels.codes == code)
-            whole = len(rows) == len(labels)
-            yield (
-                labels.names[code] if code >= 0 else "",
-                batch if whole else {name: raw_columns.take(column, rows) for name, column in batch.items()},
-            )
+        codes = labels.codes
+        if (codes == codes[0]).all():
+            yield labels.names[codes[0]] if codes[0] >= 0 else "", batch
+            return
+        for code in np.unique(codes).tolist():
+            rows = np.flatnonzero(codes == code)
+            some = {name: raw_columns.take(column, rows) for name, column in batch.items()}
+            yield labels.names[code] if code >= 0 else "", some
 
     def _of_wheel(self, key: str, rows: Batch) -> Iterator[Samples]:
         before = self._before.get(key)

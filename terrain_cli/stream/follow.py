@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Rover
     from terrain_cli.run.settings import Settings
     from terrain_cli.stream.followed_wheel import FollowedWheel
-    from terrain_cli.stream.model_watch import Alarm
+    from terrain_cli.stream.model_watch import ModelMiss
     from terrain_cli.telemetry import Samples
 
 #: Seconds in which more rows may come before the columns are told from those that are there.
@@ -110,7 +110,7 @@ class Follow:
                 self._teller.remark(self._missed(part, wheel.alarms.pop(0)))
         self._tell()
 
-    def _missed(self, part: Samples, alarm: Alarm) -> str:
+    def _missed(self, part: Samples, alarm: ModelMiss) -> str:
         """Say what the model misses, and what to do about it."""
         unit = CHANNELS[alarm.channel].unit
         size = f"{abs(alarm.size):.3g} {unit.symbol if unit else ''}".rstrip()

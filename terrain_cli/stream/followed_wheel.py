@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.models import ModelFile
     from terrain_cli.run.settings import Settings
-    from terrain_cli.stream.model_watch import Alarm
+    from terrain_cli.stream.model_watch import ModelMiss
     from terrain_cli.telemetry import Samples
 
     Array = NDArray[np.float64]
@@ -65,7 +65,7 @@ class FollowedWheel:
         self._segment = OpenSegment()
         self._watch = ModelWatch(file) if file is not None and settings.model is not None else None
         #: What the model was found to miss; whoever tells it empties this.
-        self.alarms: list[Alarm] = []
+        self.alarms: list[ModelMiss] = []
         self._stretch: int | None = None
         self._begin()
         #: Closed segments, and those of them that were cut as they became too long.
@@ -97,8 +97,6 @@ class FollowedWheel:
 
     def take(self, part: Samples) -> Iterator[segment_table.Table]:
         """Take the samples that follow; yield the row of each segment that they close."""
-        if not self._effects:
-            part = replace(part, channels={n: v for n, v in part.channels.items() if n in self._wanted})
         used, ahead = with_behind(part, part.usable)
         self._segment.set_aside(ahead)
         for begin, end in _runs(used.stretch):
@@ -108,16 +106,13 @@ class FollowedWheel:
             self._stretch = int(piece.stretch[0])
             yield from self._follow(piece)
 
-    @property
-    def _wanted(self) -> set[str]:
-        return _KEPT.union(cut_windows.FOLLOWED)
-
     def _follow(self, piece: Samples) -> Iterator[segment_table.Table]:
-        while len(piece):
-            room = self._room(piece)
-            size = min(room, LONGEST - self._segment.count, len(piece))
-            taken = piece if size == len(piece) else piece.taken(slice(0, size))
-            piece = piece.taken(slice(size, None))
+        left: Samples | None = piece
+        while left is not None:
+            room = self._room(left)
+            size = min(room, LONGEST - self._segment.count, len(left))
+            taken = left if size == len(left) else left.taken(slice(0, size))
+            left = None if size == len(left) else left.taken(slice(size, None))
             if size:
                 yield from self._take(taken)
             if size == room:
@@ -142,7 +137,11 @@ class FollowedWheel:
     def _take(self, piece: Samples) -> Iterator[segment_table.Table]:
         place = self._past + self._segment.count
         rows, x, y = self._driving(piece)
-        self._segment.add(piece)
+        if not self._effects:
+            kept = {name: column for name, column in piece.channels.items() if name in _KEPT}
+            self._segment.add(replace(piece, channels=kept))
+        else:
+            self._segment.add(piece)
         self._line.add(_columns(piece, rows, x, y))
         self._look(piece)
         if self._settings.segments != "auto" or not len(rows):

@@ -49,7 +49,7 @@ _SAMPLES, _SECONDS = 20, 1.0
 _RIDGE = 1e-10
 
 
-class Alarm(NamedTuple):
+class ModelMiss(NamedTuple):
     """Something that a model misses."""
 
     channel: str
@@ -79,12 +79,12 @@ class ControlChart:
         self.seen = np.where(up, np.where(begins, 0.0, self.seen) + innovation, 0.0)
         self.count = np.where(up, np.where(begins, 0.0, self.count) + 1.0, 0.0)
 
-    def alarm(self, channel: str, limit: float) -> Alarm | None:
+    def alarm(self, channel: str, limit: float) -> ModelMiss | None:
         """Return what is beyond chance."""
         side = int(np.argmax(self.sums))
         if self.sums[side] <= limit:
             return None
-        return Alarm(channel, float(self.seen[side] / self.count[side]), float(self.since[side]))
+        return ModelMiss(channel, float(self.seen[side] / self.count[side]), float(self.since[side]))
 
 
 class ModelWatch:
@@ -101,7 +101,7 @@ class ModelWatch:
         self._done = 0
         self._hopeless = False
 
-    def look(self, samples: Samples, count: int) -> list[Alarm]:
+    def look(self, samples: Samples, count: int) -> list[ModelMiss]:
         """Look at the first so many samples of the open segment; return alarms of channels that had none."""
         if count < LEARNT or self._hopeless:
             return []
@@ -175,7 +175,7 @@ class SegmentWatch:
         by = prediction.derivatives(self._model, self._wheel, channels, parameters, self._names)
         return {name: channels[name] - predicted[name] for name in self.compared}, by
 
-    def add(self, block: Samples) -> list[Alarm]:
+    def add(self, block: Samples) -> list[ModelMiss]:
         """Take the samples of a second; return what the model misses."""
         channels = _channels(block)
         if not set(self.compared) <= set(prediction.compared(self._model, channels)):

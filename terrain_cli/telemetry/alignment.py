@@ -54,7 +54,7 @@ def stretch_gap(time: Array, max_gap: float | None = None) -> float:
         gaps = np.count_nonzero(steps > 1.5 * usual)
         share = (gaps - 2.0 * np.sqrt(gaps)) / max(len(steps), 1)
         lost = usual * np.log(_RARE) / np.log(share) if share > 0.0 else 0.0
-        return max(default_gap(known), float(lost))
+        return max(LEAST_GAP, GAP_INTERVALS * usual, float(lost))
     return max(max_gap, 1.5 * float(np.median(np.diff(known)))) if len(known) > 1 else max_gap
 
 
