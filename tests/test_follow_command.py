@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+import fcntl
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,7 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
-from child_processes import TERRAIN_EST
+from child_processes import TERRAIN_EST, peak
 from terminals import on_terminal
 
 from formats.output.written_tables import columns
@@ -172,12 +174,87 @@ def test_on_a_terminal_rows_are_for_reading_and_one_line_is_redrawn(lines, tmp_p
     assert shown.rstrip().endswith("segments: 6")
 
 
+def test_a_reader_that_stalls_holds_up_the_writer_and_no_memory_grows(start, lines):
+    process = start("-", "--method", "recursive", "--every", "1ms")
+    writer, header, wheel = process.stdin.fileno(), lines[0], lines[1].split(",")
+    for pipe in (process.stdin, process.stdout):
+        fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, 4096)
+    os.set_blocking(writer, False)
+    data = header.encode()
+    sizes, sent, blocked = [], 0, 0
+    # Rows a quarter of a second apart, until the pipe has been full for a while.
+    while blocked < 20 and sent < 100_000:
+        if not data:
+            wheel[0] = repr(1754000000.0 + 0.25 * sent)
+            data, sent = ",".join(wheel).encode(), sent + 1
+        try:
+            data, blocked = data[os.write(writer, data) :], 0
+        except BlockingIOError:
+            time.sleep(0.1)
+            blocked += 1
+            sizes.append(peak(process.pid))
+    assert blocked == 20
+    assert sizes[-1] - sizes[-15] < 2_000
+    os.set_blocking(writer, True)
+    out, _ = process.communicate(data.decode(), timeout=60)
+    assert process.returncode == 0
+    assert sum(int(r["n_samples"]) for r in rows_of(out) if r["open"] == "false") == sent
+
+
+BLOCKS = re.findall(r"^```sh\n(.*?)^```", (ROOT / "docs/follow.md").read_text(), re.MULTILINE | re.DOTALL)
+EXAMPLES = [block for block in BLOCKS if "ros2" in block or "mosquitto_sub" in block]
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=["ros2", "mosquitto_sub"])
+def test_the_pipes_of_the_page_work(example, bin_folder, tmp_path, lines):
+    """With stand-ins that write what the programs do."""
+    table = rows_of("".join(lines))
+    names = ["load", "torque", "sinkage", "angular_velocity", "velocity"]
+    own = [row for row in table if row["wheel"] == table[0]["wheel"]]
+    values = "\n".join(
+        f"{row['time'].partition('.')[0]},{round(float('0.' + row['time'].partition('.')[2]) * 1e9)},base,"
+        + ",".join(row[name] for name in names)
+        for row in own
+    )
+    objects = "\n".join(
+        json.dumps(
+            {name: row[name] if name == "wheel" else float(row[name]) for name in ("time", "wheel", *names)}
+        )
+        for row in table
+    )
+    for name, shown in (("ros2", values), ("mosquitto_sub", objects)):
+        (tmp_path / name).write_text(f"#!/bin/sh\ncat <<'END'\n{shown}\nEND\n")
+        (tmp_path / name).chmod(0o755)
+    (tmp_path / "rover.toml").write_text(
+        "[wheel]\nradius = 0.125\nwidth = 0.1\n[soil]\nshear_modulus = 0.018\n"
+    )
+    done = subprocess.run(
+        ["bash", "-c", f"set -o pipefail\n{example}"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={
+            **os.environ,
+            "PATH": f"{tmp_path}:{bin_folder}:{os.environ['PATH']}",
+            "TERRAIN_EST_METHOD": "recursive",
+        },
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    count = len(own) if "ros2" in example else len(table)
+    assert f"rows: {count}, late: 0, repeated: 0" in done.stderr
+    assert (
+        done.stdout.startswith("source,wheel") or (tmp_path / "soil.geojsons").read_text().count("\x1e") >= 2
+    )
+
+
 @pytest.mark.parametrize(
     ("args", "code", "said"),
     [
         (["a.csv", "b.csv"], 2, "--follow takes one input, not 2"),
         (["a.csv", "-o", "soil.gpkg"], 2, "-o soil.gpkg: a table that grows cannot be .gpkg"),
-        (["a.csv", "-o", "soil.mcap"], 73, "the ending '.mcap' is not known"),
+        (["a.csv", "-o", "soil.mcap"], 2, "-o soil.mcap: a table that grows cannot be .mcap"),
         (["a.csv", "--plot", "pictures"], 2, "--plot needs the whole log"),
         (["a.csv", "--summary", "soil.json"], 2, "--summary needs the whole log"),
         (["a.csv", "--segments", "fixed", "--window-distance", "2"], 2, "counts fixed windows in samples"),

@@ -144,8 +144,7 @@ class ArrivingSamples:
         for first in self._first.values():
             if first:
                 self._tell(first)
-        if self.count:
-            self._reader.end()
+        self._reader.end()
 
 
 def _length(batch: Batch) -> int:

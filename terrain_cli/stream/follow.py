@@ -164,6 +164,9 @@ class Follow:
         assert samples is not None  # noqa: S101 - begun above
         samples.end()
         self._tell()
+        if not samples.count.total():
+            where = f" where {self._settings.where}" if self._settings.where else ""
+            raise InputError(f"{self._rows.label}: there are no samples{where}")
         if not any(wheel.closed for wheel in self._wheels.values()):
             raise nothing_usable(
                 self._rows.label,

@@ -30,7 +30,9 @@ class GrowingTable:
 
     def __init__(self, destination: str, crs: str | None, *, marked: bool) -> None:
         """Check the name; rows are `marked` as open or not in a last column."""
-        kind = "csv" if destination == "-" else formats.output_kind(destination)
+        # Messages of an MCAP are written whole, by segment_files.
+        mcap = destination.lower().endswith(".mcap")
+        kind = "csv" if destination == "-" else "mcap" if mcap else formats.output_kind(destination)
         if kind not in KINDS:
             raise UsageError(
                 f"-o {destination}: a table that grows cannot be .{kind}",

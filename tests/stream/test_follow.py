@@ -166,6 +166,11 @@ def test_what_cannot_be_used_is_told_as_for_a_log():
         followed(text([some[0], *map(",".join, cells)]))
 
 
+def test_a_condition_that_no_row_satisfies():
+    with pytest.raises(InputError, match="there are no samples where load > 1000"):
+        followed(text(lines((60.0,))[:101]), where="load > 1000")
+
+
 def test_nothing_came():
     with pytest.raises(InputError, match="no row came"):
         followed(b"")
