@@ -47,6 +47,8 @@ _GROWN = 1.5
 _WATCHED_AFTER = 25.0
 #: Seconds between two looks.
 _LOOK = 5.0
+#: Samples that are taken at once where a model is watched.
+_TOGETHER = 64
 
 
 @dataclass
@@ -111,6 +113,9 @@ class FollowedWheel:
         while left is not None:
             room = self._room(left)
             size = min(room, LONGEST - self._segment.count, len(left))
+            if self._watch:
+                # What has passed is watched before it is closed, however much comes at once.
+                size = min(size, _TOGETHER)
             taken = left if size == len(left) else left.taken(slice(0, size))
             left = None if size == len(left) else left.taken(slice(size, None))
             if size:
@@ -143,16 +148,20 @@ class FollowedWheel:
         else:
             self._segment.add(piece)
         self._line.add(_columns(piece, rows, x, y))
+        if self._settings.segments == "auto" and len(rows):
+            yield from self._search(piece, place, rows, (x, y))
         self._look(piece)
-        if self._settings.segments != "auto" or not len(rows):
-            return
+
+    def _search(
+        self, piece: Samples, place: int, rows: NDArray[np.intp], line: tuple[Array, Array]
+    ) -> Iterator[segment_table.Table]:
+        """Close what ends at a change of soil that is sure by now; `place` is that of the piece."""
         nothing = np.full(len(piece), np.nan)
         columns = np.array(
             [
                 place + rows,
                 (nothing if piece.time is None else piece.time)[rows],
-                x,
-                y,
+                *line,
                 (nothing if piece.distance is None else piece.distance)[rows],
                 *(piece.channels[name][rows] for name in cut_windows.FOLLOWED if name in piece.channels),
             ]
@@ -209,8 +218,10 @@ class FollowedWheel:
         """Return samples with what effects need: rates know now what came behind."""
         if not self._effects:
             return samples
-        found = effect_inputs.of_samples(samples, self._effects)
-        return replace(samples, drivers={**samples.drivers, **found})
+        drivers = dict(samples.drivers)
+        for name, values in effect_inputs.of_samples(samples, self._effects).items():
+            drivers[name] = np.where(np.isfinite(values), values, drivers.get(name, np.nan))
+        return replace(samples, drivers=drivers)
 
     def _row(self, cut: cut_windows.Windows, estimates: WindowEstimates) -> segment_table.Table:
         row = segment_table.table(cut, estimates)

@@ -62,8 +62,9 @@ def test_a_torque_that_shifts_is_told_once_with_its_size_and_time():
     assert said.endswith("to find out why: terrain-est diagnose LOG --model wong-reece")
 
 
-def test_a_change_of_soil_is_no_fault_of_the_model():
-    told = followed(text(lines((60.0, 60.0))), model="wong-reece")
+@pytest.mark.parametrize("block", [4096, 1 << 20])
+def test_a_change_of_soil_is_no_fault_of_the_model(block):
+    told = followed(text(lines((60.0, 60.0))), block=block, model="wong-reece")
     assert len(told.rows) == 2
     assert not [remark for remark in told.remarks if "misses" in remark]
 

@@ -75,6 +75,13 @@ def test_places_are_those_that_were_given():
     assert follow(columns, 100)[0] == [3 * bound + 7 for bound in plain]
 
 
+def test_a_distance_that_falls_by_a_digit_is_one_that_stands():
+    columns = columns_of(mixed(1, WAVES))
+    plain, _ = follow(columns, 50)
+    columns[online_cuts.DRIVEN, 50::50] = np.nextafter(columns[online_cuts.DRIVEN, 49:-1:50], 0.0)
+    assert follow(columns, 50)[0] == plain
+
+
 def test_what_is_recorded_may_explain_a_change():
     """One soil whose line follows a driver: cut at each step of it, until there are enough to see why."""
     rng = np.random.default_rng(0)

@@ -88,8 +88,12 @@ class OnlineCuts:
     def _keep(self, columns: Array) -> None:
         """Keep the last samples."""
         for first in range(0, columns.shape[1], HORIZON):
-            part = columns[:, first : first + HORIZON]
+            part = columns[:, first : first + HORIZON].copy()
             size = part.shape[1]
+            if self._filled:
+                # What was summed part by part may fall by a digit.
+                part[DRIVEN, 0] = np.maximum(part[DRIVEN, 0], self._recent[DRIVEN, self._filled - 1])
+            np.maximum.accumulate(part[DRIVEN], out=part[DRIVEN])
             if not self._recent.size:
                 self._recent = np.empty((len(part), 2 * HORIZON))
             if self._filled + size > 2 * HORIZON:
