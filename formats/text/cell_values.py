@@ -143,13 +143,12 @@ class Names:
 
     def labels(self, cells: pa.Array) -> Labels:
         """Turn cells, of text or of a dictionary, into labels, without the spaces around them."""
-        import pyarrow.compute as pc
-
         if not pa.types.is_dictionary(cells.type):
             cells = cells.dictionary_encode()
         codes = [self._code(text) for text in cells.dictionary.to_pylist()]
         lookup = np.array([*codes, -1], dtype=np.int32)
-        indices = pc.fill_null(cells.indices.cast(pa.int64()), len(codes)).to_numpy(zero_copy_only=False)
+        indices = np.full(len(cells), len(codes))
+        indices[_mask(cells.is_valid())] = np.from_dlpack(cells.indices.drop_null())
         if len(self._codes) > len(self._names):
             self._names = tuple(self._codes)
         return Labels(lookup[indices], self._names)
@@ -170,9 +169,12 @@ class Names:
 
 
 def _mask(array: pa.Array) -> NDArray[np.bool_]:
-    import pyarrow.compute as pc
+    """Return truths, false where null, without the pandas that pyarrow's own conversion imports."""
+    if array.null_count:
+        import pyarrow.compute as pc
 
-    return np.asarray(pc.fill_null(array, False).to_numpy(zero_copy_only=False), dtype=bool)
+        array = pc.if_else(array.is_valid(), array, array.is_valid())
+    return np.asarray(np.from_dlpack(array.cast(pa.int8())), dtype=bool)
 
 
 def _filled(trimmed: pa.Array) -> NDArray[np.bool_]:

@@ -109,12 +109,23 @@ class Model:
         From the ground to the sensor, whatever the order in which they were added; a measured slip
         or load is followed back from the sensor to the ground.
         """
-        acting = [effect for effect in self.effects if quantity in effect.laws]
-        return sorted(acting, key=lambda e: KINDS.index(e.kind), reverse=quantity in _MEASURED)
+        return self._acting.get(quantity, [])
+
+    @cached_property
+    def _acting(self) -> dict[str, list[Effect]]:
+        quantities = dict.fromkeys(quantity for effect in self.effects for quantity in effect.laws)
+        return {
+            name: sorted(
+                (effect for effect in self.effects if name in effect.laws),
+                key=lambda e: KINDS.index(e.kind),
+                reverse=name in _MEASURED,
+            )
+            for name in quantities
+        }
 
     def changes(self, quantity: str) -> bool:
         """Whether an effect changes a quantity."""
-        return any(quantity in effect.laws for effect in self.effects)
+        return quantity in self._acting
 
 
 @dataclass(frozen=True)
@@ -310,8 +321,13 @@ class _Block:
                 q, self.wheel.width, self.law, order=order
             )
             return load
+        # Most have the shape already, and to ask costs less than to broadcast.
+        numbers = {name: np.asarray(value(q[name])) for name in contact.NAMES}
         plain = contact.Contact(
-            **{name: np.broadcast_to(value(q[name]), self.shape) for name in contact.NAMES}
+            **{
+                name: x if x.shape == self.shape else np.broadcast_to(x, self.shape)
+                for name, x in numbers.items()
+            }
         )
         by = [name for name in contact.NAMES if slopes(q[name])]
         totals, partial = contact.forces(plain, self.wheel.width, by=by, order=order)

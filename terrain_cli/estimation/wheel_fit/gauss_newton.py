@@ -49,6 +49,8 @@ class State:
     converged : ndarray of bool, shape (w,)
     merit : ndarray, shape (w,)
         Sum of squares of residuals and of local unknowns.
+    lost : ndarray of bool, shape (w,)
+        Where quick steps got lost, so that they are not tried again.
     """
 
     t: Array
@@ -56,6 +58,7 @@ class State:
     latent: Array
     converged: Mask
     merit: Array
+    lost: Mask
 
 
 @dataclass(frozen=True)
@@ -81,9 +84,9 @@ def initial(data: FitData, t: Array, common: Array) -> State:
     ----------
     t, common : ndarray, shape (w, p) and (q,)
     """
-    windows = len(t)
+    converged, lost = np.zeros((2, len(t)), dtype=bool)
     latent = np.array([data.channels[name] for name in data.inputs])
-    return State(t.copy(), common.copy(), latent, np.zeros(windows, dtype=bool), np.full(windows, np.inf))
+    return State(t.copy(), common.copy(), latent, converged, np.full(len(t), np.inf), lost)
 
 
 def solve(
@@ -104,7 +107,7 @@ def solve(
     windows, shared = len(data.windows), len(sought.shared) > 0
     # Where a search with fewer nodes has ended one short step is enough to tell.
     settled = state.converged.copy()
-    state.converged[:] = data.count == 0
+    state.converged[:] = (data.count == 0) | state.lost
     state.merit[:] = np.inf
     share, before, last = np.ones(windows), np.full(windows, np.inf), np.zeros_like(state.t)
     active, part = np.flatnonzero(~state.converged), data

@@ -187,7 +187,9 @@ def _alone(
 
 
 def _some(state: State, at: Index, rows: Index) -> State:
-    return State(state.t[at], state.common, state.latent[:, rows], state.converged[at], state.merit[at])
+    return State(
+        state.t[at], state.common, state.latent[:, rows], state.converged[at], state.merit[at], state.lost[at]
+    )
 
 
 def put(state: State, other: State, at: Index, rows: Index) -> None:

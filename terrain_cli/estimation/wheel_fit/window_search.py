@@ -93,12 +93,15 @@ def settled_search(problem: Problem, data: FitData, begun: State, order: int | N
     Residuals of a search that is lost say nothing of the noise, and differ with the last digit.
     """
     state = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
-    state = solve(problem, data, state, order=order)
-    lost = np.flatnonzero(~state.converged)
+    together = len(problem.unknowns.shared) > 0
+    if not (together and begun.lost.any()):
+        state = solve(problem, data, state, order=order)
+        state.lost = begun.lost | ~state.converged
+    lost = np.flatnonzero(state.lost)
     if len(lost) == 0:
         return state
-    if problem.unknowns.shared:
-        return descend(problem, data, begun.t, begun.common, order=order)
+    if together:
+        return replace(descend(problem, data, begun.t, begun.common, order=order), lost=state.lost)
     ends = descend(problem, data.only(lost), begun.t[lost], begun.common, order=order)
     put(state, ends, lost, data.rows_of(lost))
     return state
