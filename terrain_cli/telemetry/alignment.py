@@ -23,6 +23,8 @@ _RARE = 1e-6
 #: Times are whole microseconds; a gap as long as allowed is not longer.
 RESOLUTION = 1e-6
 _BEGINNING = 10_000
+#: Fewer times do not tell what a clock counts.
+FEW_TIMES = 3
 #: Clocks that differ by more than this, in s, are told apart (recordings played back, simulated time).
 CLOCK_TOLERANCE = 0.5
 
@@ -147,7 +149,7 @@ def check_unit_of_time(
     # The beginning of a clock shows what it counts.
     time, speed = time[:_BEGINNING], None if speed is None else speed[:_BEGINNING]
     finite = time[np.isfinite(time)]
-    if len(finite) < 3:
+    if len(finite) < FEW_TIMES:
         return
     size = float(np.median(np.abs(finite)))
     step = float(np.median(np.abs(np.diff(finite))))

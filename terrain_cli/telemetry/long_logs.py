@@ -197,9 +197,10 @@ class PartReader:
                 request.where,
                 request.effects,
                 (*layout.extras, _ROW),
-                checked=end.begun,
+                checked=end.begun if self._evident else end.clocked,
                 judged=self._evident,
             )
+            end.clocked |= len(raw) >= alignment.FEW_TIMES
             if not end.begun:
                 told = samples.remarks[len(layout.source.remarks) :]
                 end.remarks = [remark for remark in told if not isinstance(remark, Doubt)]
@@ -276,6 +277,8 @@ class _End:
     interpolated: int = 0
     origin: float | None = None
     begun: bool = False
+    #: Whether there were rows enough to tell what its clock counts.
+    clocked: bool = False
     used: bool = False
     stretch: int = 0
     distance: float = 0.0

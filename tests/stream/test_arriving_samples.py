@@ -100,6 +100,19 @@ def test_a_unit_that_cannot_be_true_is_told_while_it_goes_on():
         list(arriving.take(rows.take(text(map(",".join, cells[400:])))))
 
 
+def test_a_clock_that_is_not_in_seconds_is_refused_as_soon_as_it_shows():
+    some = lines((60.0, 60.0))[:11]
+    place = some[0].split(",").index("time")
+    cells = [line.split(",") for line in some[1:]]
+    for number, row in enumerate(cells):
+        row[place] = str(1_767_225_600_000 + 50 * number)
+    rows = begun([some[0], ",".join(cells[0])])
+    arriving = ArrivingSamples(rows, ROVER, Settings(), None)
+    list(arriving.take(rows.take(text([",".join(cells[1])]))))
+    with pytest.raises(InputError, match="is no time in seconds"):
+        list(arriving.take(rows.take(text([",".join(cells[2])]))))
+
+
 def test_columns_on_clocks_of_their_own_are_refused():
     some = lines((60.0, 60.0))[:401]
     place = some[0].split(",").index("sinkage")
