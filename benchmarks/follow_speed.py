@@ -146,7 +146,7 @@ def report(seconds):
         ("recursive least squares alone, plain NumPy", plain(3000)),
     ):
         yield f"  {what:<42}{np.median(took):8.3f}{np.percentile(took, 95):8.3f}"
-    yield f"  {'as Iagnemma et al. 2004 state':<42}{1.0:8.3f}"
+    yield f"  {'the aim':<42}{1.0:8.3f}"
     yield from ("", f"{'all at once':<44}{'s':>8}{'segments':>10}{'× real time':>14}")
     for name, settings in (
         ("--method recursive", {"method": "recursive"}),

@@ -133,7 +133,7 @@ def report(hours):
     )
     for extra in (0.05, 0.1, 0.2, 0.5):
         delays = []
-        for seed in range(8):
+        for seed in range(FIRST, FIRST + 8):
             series, _ = innovations(seed, extra)
             begun = len(series["torque"]) - int(LENGTH / 2.0)
             _, first = alarms(series["torque"][begun:], limit)
