@@ -46,7 +46,8 @@ Examples:
 
 \b
 Exit codes:
-  0 done  1 unexpected  2 wrong use  65 bad data  66 no such input
+  0 done, also estimate --follow ended by a signal  1 unexpected  2 wrong use
+  65 bad data  66 no such input
   73 cannot write  75 batch finished with failures
   78 bad rover, model or effect file
   129 ended by SIGHUP  130 by Ctrl-C  143 by SIGTERM (batch: 130)

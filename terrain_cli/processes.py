@@ -132,6 +132,32 @@ def _of(item: Any) -> Any:
     return _held[0](item)
 
 
+@contextmanager
+def noted() -> Iterator[int]:
+    """Note the first wish to end instead of ending; yield what can be read from then on (`select`).
+
+    The second does what the first would have done, so that nobody has to wait. Wishes that were ignored
+    before, as nohup does, are ignored still.
+    """
+    reader, writer = os.pipe()
+
+    def note(number: int, _: object) -> None:
+        os.write(writer, b"!")
+        signal.signal(number, before[number])
+
+    names = [signal.SIGINT, *ENDINGS] if threading.current_thread() is threading.main_thread() else []
+    before = {name: signal.getsignal(name) for name in names if signal.getsignal(name) != signal.SIG_IGN}
+    try:
+        for name in before:
+            signal.signal(name, note)
+        yield reader
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
+        os.close(reader)
+        os.close(writer)
+
+
 class EndedError(SystemExit):
     """The system wants this process to end, by the signal of this number.
 

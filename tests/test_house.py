@@ -23,7 +23,7 @@ FLOORS = (
     ("improvement",),
     ("presentation",),
     ("run",),
-    ("batch", "views"),
+    ("batch", "stream", "views"),
     ("api",),
     ("terrain_cli",),
     ("commands",),

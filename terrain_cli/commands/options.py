@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import sys
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -53,6 +54,24 @@ class Amount(click.FloatRange):
 
 
 POSITIVE = Amount(0, min_open=True)
+
+
+class Duration(click.ParamType):  # type: ignore[type-arg]
+    """Seconds, or a time with its unit, such as 500ms or 10min."""
+
+    name = "duration"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Read a time."""
+        from terrain_cli.vocabulary import units
+
+        number, symbol = re.fullmatch(r"\s*(.*?)\s*([a-zA-Z]*)\s*", str(value)).groups()  # type: ignore[union-attr]
+        unit = units.parse(symbol or "s", "time")
+        if unit is None:
+            self.fail(f"{value} is no time, such as 500ms, 1s or 10min.", param, ctx)
+        return POSITIVE.convert(POSITIVE.convert(number, param, ctx) * unit.factor, param, ctx)
+
+
 JOBS = click.IntRange(1, 10_000)
 
 

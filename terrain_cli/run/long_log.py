@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from multiprocessing.connection import Connection
 
+    from numpy.typing import NDArray
+
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.models import ModelFile
     from terrain_cli.run.settings import Settings
@@ -44,7 +46,7 @@ LONGEST = 1 << 20
 #: Channels that windows, estimates and the table are made of.
 _KEPT = {*NEEDED, "x", "y", "longitude", "latitude"}
 #: Samples set aside behind each usable one, among its drivers.
-_BEHIND = "@behind"
+BEHIND = "@behind"
 #: Parts that may wait for the other process: as many as make a reach, and one that is being read. What
 #: is longer than this many bytes goes through the pipe.
 _SLOTS, _ROOM = 5, 12 << 20
@@ -84,6 +86,19 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
     return wheels
 
 
+def with_behind(part: Samples, usable: NDArray[np.intp]) -> tuple[Samples, int]:
+    """Return the usable samples of a part, and how many are set aside ahead of the first.
+
+    Those set aside behind each are counted among its drivers.
+    """
+    if len(usable) == len(part):
+        return replace(part, drivers={**part.drivers, BEHIND: np.zeros(len(part))}), 0
+    behind = np.diff(np.append(usable, len(part))) - 1.0
+    used = part.taken(usable)
+    ahead = int(usable[0]) if len(usable) else len(part)
+    return replace(used, drivers={**used.drivers, BEHIND: behind}), ahead
+
+
 class LongWheel:
     """The windows of one wheel so far, and the samples that are not yet in one."""
 
@@ -112,19 +127,14 @@ class LongWheel:
         self._rows += len(part)
         self._used += len(usable)
         self._reasons.update(part.reasons())
-        if len(usable) < len(part):
-            ahead = int(usable[0]) if len(usable) else len(part)
-            if self._pending:
-                self._pending[-1].drivers[_BEHIND][-1] += ahead
-            else:
-                self._before += ahead
+        used, ahead = with_behind(part, usable)
+        if self._pending:
+            self._pending[-1].drivers[BEHIND][-1] += ahead
+        else:
+            self._before += ahead
         if not len(usable):
             return
-        if len(usable) == len(part):
-            used, behind = part, np.zeros(len(part))
-        else:
-            used, behind = part.taken(usable), np.diff(np.append(usable, len(part))) - 1.0
-        self._pending.append(replace(used, drivers={_BEHIND: behind}))
+        self._pending.append(used)
         self._waiting += len(usable)
         # A long window that is carried on is not searched again for every few samples.
         if self._waiting >= self._carried + max(REACH, self._carried):
@@ -178,7 +188,7 @@ class LongWheel:
         if len(cut):
             self._stress = float(fitted.estimates.stress[0])
         table = segment_table.table(cut, fitted.estimates)
-        behind = np.add.reduceat(cut.samples.drivers[_BEHIND], cut.bounds[:-1]).astype(np.intp)
+        behind = np.add.reduceat(cut.samples.drivers[BEHIND], cut.bounds[:-1]).astype(np.intp)
         behind[0] += self._before
         self._before = 0
         table["n_rejected"] = behind

@@ -119,7 +119,7 @@ def run(
     if tables:
         outcome.table = segment_table.join(tables)
     else:
-        outcome.error = _nothing_usable(source.path, outcome.account["wheels"])
+        outcome.error = nothing_usable(source.path, outcome.account["wheels"])
     return outcome
 
 
@@ -163,7 +163,7 @@ def _in_reaches(
         outcome.table = segment_table.join(tables)
         outcome.estimates = [wheel.estimates for wheel in done if wheel.table is not None]
     else:
-        outcome.error = _nothing_usable(source.path, outcome.account["wheels"])
+        outcome.error = nothing_usable(source.path, outcome.account["wheels"])
     return outcome
 
 
@@ -187,7 +187,7 @@ def _account(samples: Samples) -> dict[str, Any]:
     }
 
 
-def _nothing_usable(path: str, wheels: Sequence[dict[str, Any]]) -> InputError:
+def nothing_usable(path: str, wheels: Sequence[dict[str, Any]]) -> InputError:
     """Say why no sample can be used: the frequent reasons of the wheel that has most samples."""
     fullest = max(wheels, key=lambda wheel: int(wheel["samples"]))
     reasons = dict(fullest["set_aside"])

@@ -13,7 +13,7 @@ from terrain_cli.telemetry import raw_channels, raw_columns
 from terrain_cli.telemetry.derive import effect_inputs
 from terrain_cli.telemetry.derive.assembly import assemble, wheel_of
 from terrain_cli.telemetry.derive.usable_samples import Condition
-from terrain_cli.telemetry.long_logs import Excerpt, Request, in_parts
+from terrain_cli.telemetry.long_logs import Excerpt, PartReader, Request, in_parts
 from terrain_cli.telemetry.plan import rover_advice
 from terrain_cli.telemetry.plan.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
@@ -35,6 +35,7 @@ __all__ = [
     "Samples",
     "assemble",
     "lacking",
+    "part_reader",
     "plan",
     "read",
     "read_parts",
@@ -104,6 +105,24 @@ def read_parts(
     if not any(len(samples) for samples in result):
         raise _nothing(request)
     return result
+
+
+def part_reader(
+    source: Source,
+    rover: Rover,
+    *,
+    wheels: Collection[str] = (),
+    where: Condition | None = None,
+    effects: Sequence[Effect] | None = None,
+) -> PartReader:
+    """Return what makes samples of the rows of a table as they arrive; InputError without a clock."""
+    request = _request(source, rover, wheels, where, effects)
+    if not any(feed.channel == "time" for feed in request.layout.every_feed):
+        raise InputError(
+            f"{source.label}: no column is the time of a row, without which nothing can be followed",
+            hint="name one in its header (time, or stamp_ns), or in rover.toml under [channels]",
+        )
+    return PartReader(request, partial(_check, request, compared=False), evident=False)
 
 
 def _request(

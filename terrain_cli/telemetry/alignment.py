@@ -24,6 +24,8 @@ _RARE = 1e-6
 #: Times are whole microseconds; a gap as long as allowed is not longer.
 RESOLUTION = 1e-6
 _BEGINNING = 10_000
+#: Fewer times do not tell what a clock counts.
+FEW_TIMES = 3
 #: Clocks that differ by more than this, in s, are told apart (recordings played back, simulated time).
 CLOCK_TOLERANCE = 0.5
 
@@ -55,7 +57,7 @@ def stretch_gap(time: Array, max_gap: float | None = None) -> float:
         gaps = np.count_nonzero(steps > 1.5 * usual)
         share = (gaps - 2.0 * np.sqrt(gaps)) / max(len(steps), 1)
         lost = usual * np.log(_RARE) / np.log(share) if share > 0.0 else 0.0
-        return max(default_gap(known), float(lost))
+        return max(LEAST_GAP, GAP_INTERVALS * usual, float(lost))
     return max(max_gap, 1.5 * float(np.median(np.diff(known)))) if len(known) > 1 else max_gap
 
 
@@ -148,7 +150,7 @@ def check_unit_of_time(
     # The beginning of a clock shows what it counts.
     time, speed = time[:_BEGINNING], None if speed is None else speed[:_BEGINNING]
     finite = time[np.isfinite(time)]
-    if len(finite) < 3:
+    if len(finite) < FEW_TIMES:
         return
     size = float(np.median(np.abs(finite)))
     step = float(np.median(np.abs(np.diff(finite))))

@@ -155,50 +155,83 @@ def in_parts(
     wheel in turn. What a person should know stands in the first part of a wheel.
     """
     keep_freed()
-    layout, rover = request.layout, request.rover
-    source = layout.source
-    ends: dict[str, _End] = {}
-    seen: set[str] = set()
-    nameless = 0
-
-    def choose(labels: Labels | None) -> list[str]:
-        if labels is None:
-            return choose_wheels(layout, rover, None, request.wheels)
-        there = labels_there(labels)
-        seen.update(there)
-        return [name for name in there if name in request.wheels or not request.wheels]
-
+    reader = PartReader(request, check)
     for table, first, last in _tables(begin, rest):
+        yield from reader.parts(table, first, last)
+    reader.end()
+
+
+class PartReader:
+    """Makes samples of one part of a table after another."""
+
+    def __init__(self, request: Request, check: Callable[[list[Raw]], None], *, evident: bool = True) -> None:
+        self.request = request
+        #: Whether every part is evidence on the units; of small ones only those that are asked for.
+        self._evident = evident
+        self._check = check
+        self._ends: dict[str, _End] = {}
+        self._seen: set[str] = set()
+        self._nameless = 0
+
+    def parts(self, table: dict[str, Column], first: int, last: int) -> Iterator[Samples]:
+        """Yield the samples of the rows from first to last; the others are their neighbours."""
+        request, layout, rover = self.request, self.request.layout, self.request.rover
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)
-        raws = raw_channels.wheels(layout, table, request.channels, [*request.extras, _ROW], choose)
-        nameless += raw_channels.nameless(layout, table, slice(first, last))
-        check([raw for raw in raws if raw.wheel not in ends])
+        raws = raw_channels.wheels(layout, table, request.channels, [*request.extras, _ROW], self._choose)
+        self._nameless += raw_channels.nameless(layout, table, slice(first, last))
+        self._check([raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
             # The first part shows whether its columns have clocks of their own, or one was out for a while.
-            if raw.wheel not in ends:
-                ends[raw.wheel] = _End(clocks=own_clocks.find(raw))
-            end = ends[raw.wheel]
+            if raw.wheel not in self._ends:
+                self._ends[raw.wheel] = _End(clocks=own_clocks.find(raw))
+            end = self._ends[raw.wheel]
             end.bring(raw, first, last, rover.max_gap)
             end.count_on(raw)
             samples = assemble(
-                layout, raw, rover, request.where, request.effects, (*layout.extras, _ROW), checked=end.begun
+                layout,
+                raw,
+                rover,
+                request.where,
+                request.effects,
+                (*layout.extras, _ROW),
+                checked=end.begun if self._evident else end.clocked,
+                judged=self._evident,
             )
+            end.clocked |= len(raw) >= alignment.FEW_TIMES
             if not end.begun:
-                told = samples.remarks[len(source.remarks) :]
+                told = samples.remarks[len(layout.source.remarks) :]
                 end.remarks = [remark for remark in told if not isinstance(remark, Doubt)]
                 end.evidence = UnitEvidence(samples.geometry, raw.feeds)
             part = end.go_on(samples, first, last, rover.max_gap)
-            end.evidence.add(part)
+            if self._evident:
+                end.evidence.add(part)
             yield part
-    if "" in layout.labels:
-        every = Labels(np.arange(len(seen), dtype=np.int32), tuple(sorted(seen)))
-        choose_wheels(layout, rover, every, request.wheels)
-    for wheel, end in ends.items():
-        if end.clocks:
-            end.remarks.insert(0, end.clocks.told(wheel, end.samples, end.interpolated))
-        end.remarks[:0] = source.remarks
-        end.remarks += raw_channels.passed_over(layout, nameless)
-        end.remarks += plausibility.found(layout, wheel, end.evidence)
+
+    def doubts(self, part: Samples) -> list[Doubt]:
+        """Take more evidence on the units of a wheel; return what is hardly true by all of it."""
+        evidence = self._ends[part.wheel].evidence
+        evidence.add(part)
+        return plausibility.found(self.request.layout, part.wheel, evidence)
+
+    def _choose(self, labels: Labels | None) -> list[str]:
+        if labels is None:
+            return choose_wheels(self.request.layout, self.request.rover, None, self.request.wheels)
+        there = labels_there(labels)
+        self._seen.update(there)
+        return [name for name in there if name in self.request.wheels or not self.request.wheels]
+
+    def end(self) -> None:
+        """Complete the remarks, once there are no more parts."""
+        layout, rover = self.request.layout, self.request.rover
+        if "" in layout.labels:
+            every = Labels(np.arange(len(self._seen), dtype=np.int32), tuple(sorted(self._seen)))
+            choose_wheels(layout, rover, every, self.request.wheels)
+        for wheel, end in self._ends.items():
+            if end.clocks:
+                end.remarks.insert(0, end.clocks.told(wheel, end.samples, end.interpolated))
+            end.remarks[:0] = layout.source.remarks
+            end.remarks += raw_channels.passed_over(layout, self._nameless)
+            end.remarks += plausibility.found(layout, wheel, end.evidence)
 
 
 def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[str, Column], int, int]]:
@@ -241,6 +274,8 @@ class _End:
     interpolated: int = 0
     origin: float | None = None
     begun: bool = False
+    #: Whether there were rows enough to tell what its clock counts.
+    clocked: bool = False
     used: bool = False
     stretch: int = 0
     distance: float = 0.0

@@ -185,7 +185,8 @@ def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Colle
 
 
 def labels_there(labels: Labels) -> list[str]:
-    return sorted(labels.names[code] for code in np.unique(labels.codes) if code >= 0)
+    there = np.bincount(labels.codes[labels.codes >= 0], minlength=1)
+    return sorted(labels.names[code] for code in np.flatnonzero(there).tolist())
 
 
 def among(path: str, there: Sequence[str], wheels: Collection[str]) -> list[str]:

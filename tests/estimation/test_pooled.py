@@ -13,6 +13,7 @@ from simulator.paper import WHEEL
 
 import terrain_cli as terrain
 from terrain_cli.estimation import estimate_windows, pool, recursive
+from terrain_cli.estimation.line.pooled import RecursiveLine
 from terrain_cli.mechanics.linear import line_coordinates
 
 STRESS = 1e4
@@ -84,6 +85,30 @@ def test_errors_shrink_and_begin_unknown(run, stresses):
 def test_empty_windows_have_no_samples(stresses, run):
     trace = recursive(*stresses, [0, 0, 120, 240, 360, 360], **run.channels)
     assert len(trace.c) == 360
+
+
+def test_sample_by_sample_it_is_the_trace(run, stresses):
+    """Whatever number of samples comes at once, with sums alone that are held."""
+    columns = np.array([*stresses, *(run.channels[name] for name in ("load", "torque", "sinkage", "slip"))])
+    columns = columns[:, :120]
+    channels = {name: channel[:120] for name, channel in run.channels.items()}
+    trace = recursive(*columns[:2], [0, 120], **channels)
+    line, done = RecursiveLine(), 0
+    for size in (1, 1, 1, 2, 3, 1, 31, 80):
+        line.add(columns[:, done : done + size])
+        done += size
+        now = line.trace()
+        for name in ("c", "c_se", "phi", "phi_se", "corr"):
+            np.testing.assert_allclose(getattr(now, name)[0], getattr(trace, name)[done - 1], rtol=1e-9)
+        np.testing.assert_allclose(line.soil, (trace.c[done - 1], np.tan(trace.phi[done - 1])), rtol=1e-9)
+    line.add(columns[:, :0])
+    assert line.count == done == 120
+
+
+def test_a_load_that_does_not_vary_tells_no_soil():
+    line = RecursiveLine()
+    line.add(np.tile([[1e4], [7e3], [80.0], [3.0], [0.02], [0.3]], 50))
+    assert np.isnan(line.soil).all()
 
 
 def windows(strength, strength_se, tan_phi, tan_se, tan_bias=0.0, stress=STRESS):

@@ -21,12 +21,13 @@ if TYPE_CHECKING:
 
 #: Rows of a block of columns: the two stresses and the four channels they are made of.
 X, Y, LOAD, TORQUE, SINKAGE, SLIP = range(6)
+ROWS = 6
 CHANNELS = (LOAD, TORQUE, SINKAGE, SLIP)
 
 #: (lag, row, row) of the products that a line needs, ...
 LINE: tuple[Key, ...] = ((0, X, X), (0, X, Y), (0, Y, Y))
 #: ... and those that its uncertainty needs.
-_KEYS: tuple[Key, ...] = (
+KEYS: tuple[Key, ...] = (
     *LINE,
     *((lag, a, b) for lag in (1, 2) for a, b in ((X, X), (X, Y), (Y, Y))),
     *((0, channel, other) for channel in CHANNELS for other in (channel, X, Y)),
@@ -39,7 +40,7 @@ _LONG = 4096
 #: Samples of a window from which on BLAS is quicker, window by window, than all windows at once.
 _SHORT = 20
 #: A spread below this share of the mean is rounding.
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class WindowMoments:
 
     def varies(self, row: int) -> Mask:
         """Whether a row varies by more than rounding."""
-        return np.asarray(self[0, row, row] > self.count * (_ROUNDING * self.mean[row]) ** 2)
+        return np.asarray(self[0, row, row] > self.count * (ROUNDING * self.mean[row]) ** 2)
 
 
 def segment_sum(values: Array, bounds: Bounds) -> Array:
@@ -90,9 +91,7 @@ def window_products(weighted: Array, rows: Array, bounds: Bounds) -> Array:
     return total
 
 
-def of_windows(
-    columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[Key] = _KEYS
-) -> WindowMoments:
+def of_windows(columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[Key] = KEYS) -> WindowMoments:
     """Moments of every window, of the columns x, y, load, torque, sinkage and slip.
 
     `keys` are the products wanted; with `LINE` the columns may be x and y alone.
@@ -163,7 +162,7 @@ def running(columns: Array) -> WindowMoments:
     total = np.cumsum(deviation, axis=1)
     mean = total / count
     products = {}
-    for (lag, a, b), product in _products(deviation, np.array([0, size]), _KEYS):
+    for (lag, a, b), product in _products(deviation, np.array([0, size]), KEYS):
         # The sums are about the final mean; move them to the mean so far.
         early, late = np.zeros_like(total), np.zeros_like(total)
         early[:, lag:] = total[:, : size - lag]

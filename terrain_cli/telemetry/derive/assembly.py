@@ -40,12 +40,13 @@ def assemble(
     columns: Collection[str] = (),
     *,
     checked: bool = False,
+    judged: bool = True,
 ) -> Samples:
     """Derive what was not recorded, and judge every sample of a wheel.
 
     The raw channels are consumed: they become those of the result. Nothing may be `lacking`. `columns` are
     further numeric ones that are kept, where they were read; `checked` says that it is a later part of a log,
-    whose units were looked at.
+    whose units were looked at, and without `judged` they are only so far as a clock goes.
     """
     source, wheel = layout.source, wheel_of(raw, rover)
     radius, width = rover.geometry(wheel)
@@ -94,7 +95,7 @@ def assemble(
         drivers={**further, **drivers},
         noise=rover.noise,
     )
-    if not checked:
+    if judged and not checked:
         evidence = UnitEvidence(geometry, raw.feeds)
         evidence.add(samples)
         samples.remarks += plausibility.found(layout, raw.wheel, evidence)
