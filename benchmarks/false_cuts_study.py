@@ -1,4 +1,4 @@
-"""How often one soil is cut in two where the model lacks an effect: with and without `explained_cuts`.
+"""How often one soil is cut in two where the model lacks an effect: with and without `needed` cuts.
 
     python benchmarks/false_cuts_study.py [DRIVES]
 

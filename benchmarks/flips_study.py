@@ -35,7 +35,7 @@ def files(folder: Path) -> dict[str, Path]:
     import pyarrow.parquet as pq
     from salvage_cases import CASES, write
 
-    from formats.rosbag.storage.unpacking import zstd
+    from formats.rosbag.storage.raw_messages import zstd
 
     found = {}
     for kind, packing in CASES:

@@ -143,7 +143,7 @@ def targets() -> dict[str, tuple[Target, list[bytes]]]:
     from terrain_cli import rover as rovers
     from terrain_cli.effects.laws import effect_file, grammar
     from terrain_cli.telemetry import Condition
-    from terrain_cli.toml import strict
+    from terrain_cli.vocabulary import toml_files
 
     rover = (HERE.parent / "sample_data" / "rover.toml").read_bytes()
     effect = EFFECT.encode()
@@ -151,7 +151,7 @@ def targets() -> dict[str, tuple[Target, list[bytes]]]:
     found = {
         "laws": (text_target(grammar.parse), [b"a + b*sin(c)^2", b"where(slip > 0.2 and not a < 1, 1e-3, -x)"]),
         "conditions": (text_target(Condition), [b"slip_angle_deg == 0 and terrain != 'rock'", b"`a [b]` > 1 or not (c <= 2)"]),
-        "toml": (text_target(lambda text: strict.parse(text, "x")), [rover, effect, b'a.b."c" = [1, {d = 2}]\n[[e]]\nf = 1979-05-27T07:32:00Z']),
+        "toml": (text_target(lambda text: toml_files.parse(text, "x")), [rover, effect, b'a.b."c" = [1, {d = 2}]\n[[e]]\nf = 1979-05-27T07:32:00Z']),
         "rover": (file_target("rover.toml", rovers.load), [rover]),
         "effect": (text_target(effect_file.parse), [effect]),
         "model": (file_target("model.toml", models.resolve), [MODEL.encode()]),
@@ -212,7 +212,7 @@ def packed() -> list[bytes]:
     import bz2
     import gzip
 
-    from formats.rosbag.storage.unpacking import zstd
+    from formats.rosbag.storage.raw_messages import zstd
 
     return [pack(TABLES[0] * 3) for pack in (gzip.compress, bz2.compress, zstd.compress)]
 

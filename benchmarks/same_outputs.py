@@ -57,9 +57,10 @@ estimate run.csv --method wong-reece
 compare run.csv --json
 diagnose run.csv --json
 """
-#: The moment of writing; and where and when an input lay, with what the names of results have of that.
+#: The moment of writing, and how long the work took; and where and when an input lay, with what the names of results have of that.
 _PASSING = re.compile(
     rb"20\d\d-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|\+00:00)?|\d{19}-\d{19}|(?<=-)[0-9a-f]{16}(?=\.)"
+    rb'|(?<="seconds": )[\d.]+'
 )
 
 

@@ -6,9 +6,8 @@ Knows nothing of soil. What each kind of file needs is imported when one is open
 from __future__ import annotations
 
 from formats.errors import CannotWriteError, DamagedError, FormatError, NotFoundError, shown
-from formats.input_paths import expand
 from formats.output import check_crs, check_free, output_kind, replacing, write_parts, write_table
-from formats.source import open_source
+from formats.source import expand, open_source
 from formats.table import BATCH_ROWS, LOG_TIME, STAMP, Batch, Column, Field, Kind, Labels, Source, Stream
 
 __all__ = [

@@ -146,7 +146,6 @@ class TextStream(io.RawIOBase):
         return True
 
     def close(self) -> None:
-        """Close the file."""
         if not self.closed:
             self._inner.close()
         super().close()

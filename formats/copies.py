@@ -33,7 +33,6 @@ def readable(path: str) -> os.stat_result:
 
 
 def no_file(path: str, mode: int) -> FormatError:
-    """Say that something is a device or a socket."""
     kind = "a socket" if stat.S_ISSOCK(mode) else "a device"
     return FormatError(path, f"is {kind}, not a file", hint="give a file, a pipe, or - for standard input")
 
@@ -147,7 +146,6 @@ def _write(label: str, blocks: Iterable[bytes], file: BinaryIO, most: int, state
 
 
 def too_large(label: str, most: int) -> CannotWriteError:
-    """Say that something is larger than what is copied."""
     return CannotWriteError(
         label, f"is larger than the {most / 1e9:g} GB that are copied", hint="raise --largest"
     )

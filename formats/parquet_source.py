@@ -86,7 +86,6 @@ class ParquetSource(Source):
             )
 
     def streams(self) -> tuple[Stream, ...]:
-        """Return the one table."""
         fields = tuple(Field(name, kind) for name, kind in self._kinds.items())
         return (Stream(topic="", type="table", fields=fields, count=self._rows),)
 

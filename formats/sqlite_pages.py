@@ -144,7 +144,6 @@ class Pages:
         return pages
 
     def record(self, cell: PageCell) -> bytes:
-        """Return the whole record of a cell."""
         parts = [self.data[cell.begin : cell.end]]
         left = cell.size - (cell.end - cell.begin)
         for page in self.overflow(cell):
@@ -193,7 +192,6 @@ class Pages:
         return leaves, lost
 
     def values(self, record: bytes) -> list[Value]:
-        """Return the columns of a record."""
         return [self.value(record, span) for span in layout(record)]
 
     def value(self, record: bytes, span: tuple[int, int, int]) -> Value:

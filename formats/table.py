@@ -127,7 +127,6 @@ class Source(ABC):
 
     @property
     def label(self) -> str:
-        """The path, as messages name it."""
         return STANDARD_INPUT if self.path == "-" else self.path
 
     @abstractmethod

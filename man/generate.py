@@ -22,10 +22,11 @@ sys.path.insert(0, str(HERE.parent))
 import click  # noqa: E402 - in one block with the import that needs the path above
 
 from terrain_cli.app import cli  # noqa: E402
-from terrain_cli.commands.completion import script  # noqa: E402
 from terrain_cli.version import __version__  # noqa: E402
 
 NAME = "terrain-est"
+#: The function that click defines in zsh.
+ZSH = "_terrain_est_completion"
 #: Special to roff, or turned by it into typographic signs that nobody can type.
 ESCAPES = {"\\": r"\e", "-": r"\-", "'": r"\(aq", "`": r"\(ga", "^": r"\(ha", "~": r"\(ti"}
 #: "0 done  1 unexpected  2 wrong use"
@@ -201,10 +202,17 @@ def undated(content: str) -> str:
 
 
 def scripts() -> dict[Path, str]:
-    """Write the completion script of every shell, under the name by which it is found."""
+    """Write what each shell loads, under the name by which it is found.
+
+    It asks the installed command for the script, since what the two say to each other changes with the
+    version of click.
+    """
     folder = HERE.parent / "completions"
-    names = {"bash": NAME, "zsh": f"_{NAME}", "fish": f"{NAME}.fish"}
-    return {folder / shell / name: script(cli, shell) for shell, name in names.items()}
+    return {
+        folder / "bash" / NAME: f'eval "$({NAME} completion bash)"\n',
+        folder / "zsh" / f"_{NAME}": f'#compdef {NAME}\neval "$({NAME} completion zsh)"\n{ZSH} "$@"\n',
+        folder / "fish" / f"{NAME}.fish": f"{NAME} completion fish | source\n",
+    }
 
 
 def main() -> None:

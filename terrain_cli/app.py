@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from terrain_cli import ForeignFormatsError, check_formats, installation
-from terrain_cli.commands.group import Group
+from terrain_cli import ForeignFormatsError, check_formats, processes, version
+from terrain_cli.commands.suggestions import Group
 from terrain_cli.presentation import terminal
-from terrain_cli.processes import signals
 from terrain_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -47,7 +46,8 @@ Examples:
 
 \b
 Exit codes:
-  0 done  1 unexpected  2 wrong use  65 bad data  66 no such input
+  0 done, also estimate --follow ended by a signal  1 unexpected  2 wrong use
+  65 bad data  66 no such input
   73 cannot write  75 batch finished with failures
   78 bad rover, model or effect file
   129 ended by SIGHUP  130 by Ctrl-C  143 by SIGTERM (batch: 130)
@@ -69,11 +69,9 @@ class Verbs(Group):
             raise ReaderGoneError from error
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
-        """Return the names of the verbs."""
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Import a verb."""
         if cmd_name not in VERBS:
             return None
         module = importlib.import_module(f"terrain_cli.commands.{cmd_name.replace('-', '_')}")
@@ -89,7 +87,7 @@ class Verbs(Group):
 
 def _show_version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     if wanted and not context.resilient_parsing:
-        click.echo(f"terrain-est, version {__version__}\n{installation.details()}")
+        click.echo(f"terrain-est, version {__version__}\n{version.details()}")
         context.exit()
 
 
@@ -141,7 +139,7 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
 def _run(args: Sequence[str] | None) -> NoReturn:
     try:
         check_formats()
-        with signals.heeded():
+        with processes.heeded():
             code: Any = cli.main(args=args, prog_name="terrain-est", standalone_mode=False)
             sys.stdout.flush()
     except click.ClickException as error:
@@ -149,7 +147,7 @@ def _run(args: Sequence[str] | None) -> NoReturn:
         sys.exit(error.exit_code)
     except (click.Abort, KeyboardInterrupt):
         fail("interrupted; nothing was written", "", 130)
-    except signals.EndedError as end:
+    except processes.EndedError as end:
         fail(f"ended by {end.name}; nothing is left half-written", "", end.code)
     except (ReaderGoneError, BrokenPipeError):
         sys.exit(0)

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 from wheel_table import ROVER, good, text
 
 from terrain_cli import rover as rovers
-from terrain_cli.batch import batch_inputs, batch_run, configuration
+from terrain_cli.batch import batch_inputs, batch_run, worker_tasks
 from terrain_cli.run.settings import Settings
 
 #: The quickest estimator: these tests are about what surrounds it.
@@ -92,7 +92,7 @@ def batch(names, output, *, rover=None, settings=None, **order):
     """Run a batch in this process."""
     found = batch_inputs.discover([str(name) for name in names])
     known = rovers.load(rovers.find(rover, found[0].location if found else None))
-    gathered = configuration.gather(known, settings or Settings(method=METHOD), None)
+    gathered = worker_tasks.gather(known, settings or Settings(method=METHOD), None)
     return batch_run.run(
         [str(name) for name in names], found, str(output), gathered, batch_run.Order(**order)
     )

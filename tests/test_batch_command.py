@@ -17,8 +17,8 @@ from wheel_table import HEADER, ROVER, good, text
 from terrain_cli.app import main
 from terrain_cli.batch import batch_run as batches
 from terrain_cli.batch.coordinator import Tally
+from terrain_cli.commands import batch, estimate
 from terrain_cli.commands import batch as command
-from terrain_cli.commands import batch_rate, estimate
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -285,15 +285,15 @@ def test_a_worker_in_trouble_costs_one_input(folder, run, body, options, says):
 
 def test_progress():
     tally = Tally(total=10, bytes_total=100, bytes_done=25)
-    assert batch_rate.line(tally, 2.0) == "0/10 inputs · 2 s"
+    assert batch.line(tally, 2.0) == "0/10 inputs · 2 s"
     tally.counts.update(ok=3, failed=1)
-    assert batch_rate.line(tally, 8.0) == "4/10 inputs · 8 s · 0.5 inputs/s · 24 s left · 1 failed"
-    assert [batch_rate.duration(seconds) for seconds in (89, 600, 7200)] == ["89 s", "10 min", "2.0 h"]
+    assert batch.line(tally, 8.0) == "4/10 inputs · 8 s · 0.5 inputs/s · 24 s left · 1 failed"
+    assert [batch.duration(seconds) for seconds in (89, 600, 7200)] == ["89 s", "10 min", "2.0 h"]
 
 
 def test_progress_is_told_in_a_file_too(capfd, monkeypatch):
-    monkeypatch.setattr(batch_rate, "PATIENCE", 0.0)
-    progress = batch_rate.Rate()
+    monkeypatch.setattr(batch, "PATIENCE", 0.0)
+    progress = batch.Rate()
     tally = Tally(total=5, bytes_total=5, bytes_done=1)
     tally.counts["ok"] = 1
     # The second comes too soon after the first.

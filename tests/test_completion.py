@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 import pty
 import select
+import shutil
 import subprocess
 import time
 
 import pytest
 from click.shell_completion import BashComplete
 
+from man import generate
 from terrain_cli.app import cli
 from terrain_cli.effects import NAMES
 from terrain_cli.simulation.drive_file import PRESETS
-from terrain_cli.simulation.simulated_soils import SOILS
+from terrain_cli.simulation.scenario import SOILS
 
 SHELLS = [pytest.param(shell, marks=pytest.mark.real(shell)) for shell in ("bash", "zsh", "fish")]
 LINES = [
@@ -49,10 +51,11 @@ START = {"bash": ["bash", "--norc", "--noprofile", "-i"], "zsh": ["zsh", "-f", "
 
 
 @pytest.fixture
-def scripts(tmp_path, terrain_est):
-    """Return a folder with the scripts, and two files to complete."""
-    for shell, name in (("bash", "terrain-est.bash"), ("zsh", "_terrain-est"), ("fish", "terrain-est.fish")):
-        (tmp_path / name).write_text(terrain_est("completion", shell).stdout)
+def scripts(tmp_path):
+    """Return a folder with the scripts that are packed, and two files to complete."""
+    for path in generate.scripts():
+        name = f"{path.name}.bash" if path.parent.name == "bash" else path.name
+        shutil.copy(path, tmp_path / name)
     for name in ("walk.bag", "lunar.toml"):
         (tmp_path / name).touch()
     (tmp_path / "rover.toml").write_text("[wheels.front-left]\n[wheels.rear]\n")

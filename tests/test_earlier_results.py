@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from wheel_table import ROVER, good, text
 
-from formats.output import written_tables
+from formats.output import whole_files
 from terrain_cli.app import main
-from terrain_cli.commands import earlier_results
+from terrain_cli.commands import named_files
 
 TABLES = ("csv", "parquet", "json", "geojson", "geojsonl", "geojsons", "gpkg")
 KEPT = "is there already, and is no earlier result of this kind"
@@ -143,7 +143,7 @@ def test_a_page(here):
     Path("page.html").write_text(OTHERS["page.json"])
     assert run("report", "run.csv", "-q", "-o", "page.html") == 73
     assert run("report", "run.csv", "-q", "--model", "linear", "-o", "page.html", "--force") == 0
-    assert earlier_results.PAGE.on("page.html")
+    assert named_files.PAGE.on("page.html")
 
 
 def test_pictures(here):
@@ -156,8 +156,8 @@ def test_pictures(here):
     assert run(*args) == 0
     drawn = {path.name for path in Path("drawn").iterdir()} - {"holiday.png"}
     assert drawn
-    assert all(map(earlier_results._PICTURES.fullmatch, drawn))
-    assert not list(earlier_results.pictures_of_others("drawn"))
+    assert all(map(named_files._PICTURES.fullmatch, drawn))
+    assert not list(named_files.pictures_of_others("drawn"))
 
 
 @pytest.mark.parametrize("name", ["summary.json", "manifest.jsonl", "segments.parquet", "segments.gpkg"])
@@ -181,6 +181,6 @@ def test_every_table_begins_as_its_sign(made):
     """The signs are the first columns, which the contract fixes."""
     for name in ("output", "samples", "rejects", "posterior"):
         for kind in TABLES:
-            (names,) = written_tables.columns(str(made / f"{name}.{kind}"))
+            (names,) = whole_files.first_columns(str(made / f"{name}.{kind}"))
             header = (made / f"{name}.csv").read_text().partition("\n")[0].split(",")
             assert list(names[:5]) == header[:5], (name, kind)

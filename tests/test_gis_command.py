@@ -36,6 +36,8 @@ def folder(tmp_path, monkeypatch):
         "planetocentric_latitude": LATITUDE - time * 1e-6,
     }
     pd.DataFrame(columns).to_csv(tmp_path / "places.csv", index=False)
+    # Where segments lie does not hang on how they are estimated.
+    monkeypatch.setenv("TERRAIN_EST_METHOD", "least-squares")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

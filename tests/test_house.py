@@ -11,8 +11,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 #: From the ground up. A room knows those below it, none beside it and none above it.
 FLOORS = (
-    ("formats", "errors", "version", "installation", "processes"),
-    ("vocabulary", "toml"),
+    ("formats", "errors", "version", "processes"),
+    ("vocabulary",),
     ("mechanics", "rover"),
     ("effects",),
     ("models", "telemetry"),
@@ -23,7 +23,7 @@ FLOORS = (
     ("improvement",),
     ("presentation",),
     ("run",),
-    ("batch", "views"),
+    ("batch", "stream", "views"),
     ("api",),
     ("terrain_cli",),
     ("commands",),

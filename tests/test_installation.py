@@ -6,7 +6,7 @@ import shlex
 
 import pytest
 
-from terrain_cli import installation
+from terrain_cli import version
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def prefix(tmp_path, monkeypatch):
 
 
 def words():
-    return shlex.split(installation.command_for("report"))
+    return shlex.split(version.command_for("report"))
 
 
 def test_an_active_environment(prefix, monkeypatch):
@@ -40,13 +40,13 @@ def test_uv(receipt, prefix):
     else:
         (prefix / "bin" / "pip").unlink()
     assert words() == ["uv", "pip", "install", "--python", str(prefix), "terrain-est[report]"]
-    assert "uv" in installation.details()
+    assert "uv" in version.details()
 
 
 def test_pipx(prefix):
     (prefix / "pipx_metadata.json").touch()
     assert words() == ["pipx", "runpip", "terrain-est", "install", "terrain-est[report]"]
-    assert installation.details().endswith("(pipx)")
+    assert version.details().endswith("(pipx)")
 
 
 def test_no_environment(prefix, monkeypatch):

@@ -23,6 +23,7 @@ SAMPLE = Path(__file__).resolve().parent.parent / "sample_data"
 def run(tmp_path, monkeypatch, capfd):
     """Return a function that runs the command in a folder with the sample drive under such names."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TERRAIN_EST_METHOD", missions.METHOD)
     monkeypatch.setattr(batches, "LocalPool", missions.Inline)
     folder = odd(b"d\xe9j\xe0")
     folder.mkdir()

@@ -31,9 +31,8 @@ def run(terrain_est_here):
     return succeed
 
 
-@pytest.mark.parametrize("name", ["run.csv", "run.bag"])
-def test_from_file_to_parameter(name, tmp_path, run):
-    effect, log, model = tmp_path / "cable-drag.toml", tmp_path / name, tmp_path / "model.toml"
+def test_from_file_to_parameter(tmp_path, run):
+    effect, log, model = tmp_path / "cable-drag.toml", tmp_path / "run.bag", tmp_path / "model.toml"
     effect.write_text(EFFECT)
     assert "nothing is wrong" in run("effects", "check", effect)
     drive = ["--drive", "mixed", "--duration", "60", "--noise", "2%", "--seed", "5"]

@@ -9,8 +9,7 @@ import numpy as np
 
 from benchmarks.harness import Case, Stage
 from terrain_cli.estimation.line import ridge
-from terrain_cli.estimation.line.least_squares import fit_line
-from terrain_cli.estimation.line.moments import LINE, of_windows
+from terrain_cli.estimation.line.moments import LINE, fit_line, of_windows
 from terrain_cli.estimation.line.window_estimates import blocks
 
 if TYPE_CHECKING:

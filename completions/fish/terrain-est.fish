@@ -1,18 +1,1 @@
-function _terrain_est_completion;
-    set -l response (env _TERRAIN_EST_COMPLETE=fish_complete COMP_WORDS=(commandline -cp) COMP_CWORD=(commandline -t) terrain-est);
-
-    for completion in $response;
-        set -l metadata (string split "," $completion);
-
-        if test $metadata[1] = "dir";
-            __fish_complete_directories $metadata[2];
-        else if test $metadata[1] = "file";
-            __fish_complete_path $metadata[2];
-        else if test $metadata[1] = "plain";
-            echo $metadata[2];
-        end;
-    end;
-end;
-
-complete --no-files --command terrain-est --arguments "(_terrain_est_completion)";
-
+terrain-est completion fish | source

@@ -132,7 +132,6 @@ def _tree(topic: Topic) -> dict[str, Any]:
 
 
 def _message(store: Typestore, type_name: str, tree: Mapping[str, Any], row: int) -> Any:
-    """Build one message."""
     fields = (_value(store, kind, tree.get(name), row) for name, kind in store.fielddefs[type_name][1])
     return store.types[type_name](*fields)
 

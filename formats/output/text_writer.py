@@ -18,7 +18,7 @@ import numpy as np
 from formats.output.common_forms import LAYER, SITE_FRAME, Cells, check_crs, is_wgs84, normalise, parse, urn
 from formats.output.whole_files import replacing
 from formats.table import BATCH_ROWS
-from formats.text.formulas import guarded
+from formats.text import guarded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

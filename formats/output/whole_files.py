@@ -1,20 +1,22 @@
-"""Atomic writes: a file is there whole, or as it was before."""
+"""Files written whole or not at all; and how a table that was written before is known again."""
 
 from __future__ import annotations
 
 import errno
 import os
+import re
 import shutil
+import sqlite3
 import stat
 import tempfile
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from formats.errors import CannotWriteError, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
 #: As many as Linux follows.
 _MOST_LINKS = 40
@@ -29,6 +31,10 @@ _REASONS = {
     errno.ENOTDIR: "no such folder",
     errno.EBADF: "is closed",
 }
+#: Enough for the header of any table, and all that is read of a text.
+HEAD = 1 << 16
+#: What GDAL puts before the columns of a layer, and QGIS beside the layers.
+_OF_GEOPACKAGE, _STYLES = ("fid", "geom"), "layer_styles"
 
 
 @contextmanager
@@ -157,3 +163,49 @@ def explained(path: str) -> Iterator[None]:
         if shown(path) == path:
             raise
         raise CannotWriteError(path, "a file of this kind needs a path that is text (UTF-8)") from error
+
+
+def first_columns(path: str) -> list[Sequence[str]] | None:
+    """Return the first columns of each table of a file, none where it is a file of another kind.
+
+    The list is empty where a table without rows shows no columns. OSError where it cannot be read.
+    """
+    with Path(path).open("rb") as file:
+        head = file.read(HEAD)
+    if head.startswith(b"PAR1"):
+        return _parquet(path)
+    if head.startswith(b"SQLite format 3\0"):
+        return _geopackage(path)
+    text = head.decode("utf-8", "replace")
+    if not text.startswith(("[", "{", "\x1e")):
+        return [text.partition("\n")[0].split(",")]
+    rows = text.partition('"features": [')[2] or text
+    if re.fullmatch(r"[\[\]}\s]*", rows):
+        return []
+    names = re.findall(r'"(\w+)": ', rows.partition('"properties": {')[2] or rows)
+    return [names] if names else None
+
+
+def _parquet(path: str) -> list[Sequence[str]] | None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    try:
+        return [parquet.read_schema(path).names]
+    except pa.ArrowException:
+        return None
+
+
+def _geopackage(path: str) -> list[Sequence[str]] | None:
+    """Return the columns of each layer; None where one is a raster."""
+    try:
+        # Nothing is made beside it.
+        with closing(sqlite3.connect(f"{Path(path).resolve().as_uri()}?immutable=1", uri=True)) as database:
+            layers = dict(database.execute("SELECT table_name, data_type FROM gpkg_contents"))
+            layers.pop(_STYLES, None)
+            if not {"features", "attributes"}.issuperset(layers.values()):
+                return None
+            named = [database.execute("SELECT name FROM pragma_table_info(?)", [name]) for name in layers]
+            return [[name for (name,) in names if name not in _OF_GEOPACKAGE] for names in named]
+    except (sqlite3.Error, ValueError):
+        return None

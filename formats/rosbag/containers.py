@@ -14,8 +14,7 @@ from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMu
 from formats.recovery import Recovery
 from formats.rosbag.bag_files import HINTS, Recording, check, damaged
 from formats.rosbag.storage.chunks import RUN_BYTES
-from formats.rosbag.storage.raw_messages import of_payloads
-from formats.rosbag.storage.unpacking import unpack, unpacks
+from formats.rosbag.storage.raw_messages import of_payloads, unpack, unpacks
 from formats.salvage import salvaged
 
 if TYPE_CHECKING:
@@ -159,7 +158,6 @@ class Container:
         return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
 
     def _opened(self) -> Iterator[Reader]:
-        """Open each file."""
         if self.recovery is None:
             for file in self._recording.files:
                 yield self._open(file)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import storage_mcap
 
-from formats.rosbag.storage.unpacking import unpack
+from formats.rosbag.storage.raw_messages import unpack
 
 if TYPE_CHECKING:
     from rosbags.rosbag2.storage_mcap import Schema

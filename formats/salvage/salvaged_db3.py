@@ -74,7 +74,6 @@ class SalvagedDb3(SalvagedFile):
         return Path(copies[self.path])
 
     def scan(self) -> dict[int, Connection]:
-        """Read the pages of the file."""
         recovery = self.recovery
         self._pages = pages = Pages(self.data)
         size, whole = len(self.data), pages.stated * pages.size

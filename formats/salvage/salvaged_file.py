@@ -12,8 +12,7 @@ import numpy as np
 
 from formats.limits import CHUNK_BYTES, CONNECTIONS, Allowance, TooMuchError, unpacked_limit
 from formats.recovery import Recovery
-from formats.rosbag.storage.raw_messages import WILD, Messages
-from formats.rosbag.storage.unpacking import unpack
+from formats.rosbag.storage.raw_messages import WILD, Messages, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -42,12 +41,10 @@ class Piece:
 
     @property
     def first(self) -> int:
-        """The least log time, ns."""
         return int(self.rows[:, 1].min())
 
     @property
     def last(self) -> int:
-        """The greatest log time, ns."""
         return int(self.rows[:, 1].max())
 
 
@@ -139,7 +136,6 @@ class SalvagedFile(ABC):
             self.walk.append(None)
 
     def close(self) -> None:
-        """Close the file."""
         if isinstance(self.data, mmap.mmap):
             self.data.close()
         self.data = b""
@@ -197,7 +193,6 @@ class SalvagedFile(ABC):
 
 
 def _messages(piece: Piece, rank: int, wanted: Index) -> dict[int, Messages]:
-    """Read the messages of a piece, by connection."""
     contents = piece.load()
     found = {}
     for number, rows in _by_connection(piece.rows[np.isin(piece.rows[:, 0], wanted)]):

@@ -55,7 +55,6 @@ class SalvagedMcap(SalvagedFile):
     """What can be read of one MCAP file."""
 
     def scan(self) -> dict[int, Connection]:
-        """Walk through the records of the file."""
         self._told = _Told()
         self.recovery.bytes_read = at = len(_MAGIC)
         size, ended = len(self.data), False

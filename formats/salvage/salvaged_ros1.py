@@ -59,7 +59,6 @@ class SalvagedRos1(SalvagedFile):
     """What can be read of one ROS 1 bag."""
 
     def scan(self) -> dict[int, Connection]:
-        """Walk through the records of the file."""
         self._told = _Told()
         self.recovery.bytes_read = at = len(_MAGIC)
         size = len(self.data)

@@ -16,10 +16,9 @@ from formats.content import SalvagedText, TextStream
 from formats.errors import DamagedError, FormatError
 from formats.recovery import HINT, Recovery
 from formats.table import BATCH_ROWS, Field, Source, Stream
-from formats.text import plain_tables
+from formats.text import cell_values, unguarded
 from formats.text.cell_values import MISSING, MISSING_SPELLINGS, Names, floats, kind_of, numbers, times
 from formats.text.dialect import SAMPLE_ROWS, Dialect, examine, split_line
-from formats.text.formulas import unguarded
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -158,14 +157,14 @@ class DelimitedSource(Source):
                 with (
                     self._rows_alone() as stream,
                     closing(
-                        plain_tables.columns(stream, said.delimiter, said.decimal, width, kinds)
+                        cell_values.columns(stream, said.delimiter, said.decimal, width, kinds)
                     ) as blocks,
                 ):
                     for block in blocks:
                         begin = self._dialect.first_row + done
                         done += len(block[0])
                         yield np.arange(begin, begin + len(block[0])), block
-            except (plain_tables.OddError, OSError):
+            except (cell_values.OddError, OSError):
                 pass
             else:
                 self.skipped = 0

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from formats.errors import FormatError
 from formats.limits import COLUMNS
+from formats.text import unguarded
 from formats.text.cell_values import kind_of, number_pattern
-from formats.text.formulas import unguarded
 
 if TYPE_CHECKING:
     from formats.table import Kind
@@ -77,7 +77,6 @@ def examine(path: str, head: str, *, whole: bool) -> Dialect:
 
 
 def split_line(text: str, delimiter: str) -> list[str]:
-    """Split one row into its fields."""
     # The csv module refuses fields beyond 128 KiB.
     return next(csv.reader(io.StringIO(text[:100_000], newline=""), delimiter=delimiter), [])
 

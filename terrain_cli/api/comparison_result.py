@@ -7,13 +7,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from terrain_cli import processes
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, windows_of
 from terrain_cli.comparison import against as difference
 from terrain_cli.improvement import compared
-from terrain_cli.presentation import comparison_text, json_text
+from terrain_cli.presentation import comparison_text, terminal
 from terrain_cli.presentation.terminal import escaped
-from terrain_cli.processes import parallel
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -115,7 +115,7 @@ class ComparisonResult:
         str
             JSON, without the newline at the end. Units are SI; null where a value is not known.
         """
-        return json_text.written(self._document)
+        return terminal.as_json(self._document)
 
     def plot(self, name: str = "predicted-measured") -> Figure:
         """Draw a picture of the (last) model.
@@ -216,7 +216,7 @@ def compare(
     """
     files = [as_model(one) for one in (model, against) if one is not None]
     effects = {effect.id: effect for file in files for effect in file.model.effects}
-    with parallel.jobs(jobs):
+    with processes.jobs(jobs):
         windows = windows_of(data, list(effects.values()), rover)
         first = compared(windows, files[0], seed=seed)
         if len(files) == 1:
@@ -263,10 +263,10 @@ def report(
     formats.errors.CannotWriteError
         The page cannot be written.
     """
-    from terrain_cli.views import optional_libraries
+    from terrain_cli.views import chart_style
     from terrain_cli.views import report as page
 
-    optional_libraries.need("report")
+    chart_style.need("report")
     file = as_model(model)
     found = compare(data, file, rover=rover, seed=seed, jobs=jobs).found
     page.write(found, path, further=[page.history(file.history)])

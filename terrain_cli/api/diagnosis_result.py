@@ -7,14 +7,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from terrain_cli import effects as catalogues
-from terrain_cli import models
+from terrain_cli import models, processes
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, silent, windows_of
 from terrain_cli.diagnosis import diagnose as diagnosed
 from terrain_cli.diagnosis.verdict import sizes_text
-from terrain_cli.presentation import diagnosis_text, json_text
+from terrain_cli.presentation import diagnosis_text, terminal
 from terrain_cli.presentation.terminal import escaped
-from terrain_cli.processes import parallel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -118,7 +117,7 @@ class DiagnosisResult:
             JSON, without the newline at the end. Units are SI or stand beside the value; null where a
             value is not known.
         """
-        return json_text.written(self._document)
+        return terminal.as_json(self._document)
 
     def __str__(self) -> str:
         return escaped(diagnosis_text.text(self.found))
@@ -197,7 +196,7 @@ def diagnose(
     file = as_model(model)
     own = [models.find_effect(str(name)) for name in effects]
     every = {**catalogues.catalogue(), **{effect.id: effect for effect in own}}
-    with parallel.jobs(jobs):
+    with processes.jobs(jobs):
         windows = windows_of(data, file.model.effects, rover)
         found = diagnosed(windows, file, effects=list(every.values()), seed=seed, progress=progress or silent)
     return DiagnosisResult(found)

@@ -7,13 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli import improvement, models
+from terrain_cli import improvement, models, processes
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, silent, windows_of
 from terrain_cli.improvement import model_history
-from terrain_cli.presentation import change_sentences, change_text, json_text
+from terrain_cli.presentation import change_text, terminal
 from terrain_cli.presentation.terminal import escaped
-from terrain_cli.processes import parallel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -62,7 +61,7 @@ class EffectTrial:
     @property
     def sentence(self) -> str:
         """The outcome in words."""
-        return change_sentences.verdict(self.step)
+        return change_text.verdict(self.step)
 
     @property
     def history(self) -> tuple[Mapping[str, Any], ...]:
@@ -108,7 +107,7 @@ class EffectTrial:
             JSON, without the newline at the end. Errors are in SI units; null where a value is not
             known, and under "file" if there is none.
         """
-        return json_text.written(self._document)
+        return terminal.as_json(self._document)
 
     def plot(self) -> Figure:
         """Draw the held-out error after each change that the model remembers, and after this one.
@@ -142,7 +141,7 @@ class EffectTrial:
 
 
 def _entry(step: Step) -> dict[str, Any]:
-    return model_history.entry(step, change_sentences.reason(step))
+    return model_history.entry(step, change_text.reason(step))
 
 
 def add_effect(
@@ -212,7 +211,7 @@ def add_effect(
     before = as_model(model)
     given = [effect] if isinstance(effect, str | Path) else effect
     names = models.named_from([str(name) for name in given], models.folder_of(before))
-    with parallel.jobs(jobs):
+    with processes.jobs(jobs):
         windows = windows_of(data, before.model.effects, rover)
         changed = models.added(before, names, windows[0].samples.geometry.shear_modulus)
         step = improvement.tried(

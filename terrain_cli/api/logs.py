@@ -15,7 +15,7 @@ from terrain_cli import rover as rovers
 from terrain_cli.errors import InputError
 from terrain_cli.models import ModelFile
 from terrain_cli.telemetry import Condition, Samples
-from terrain_cli.windows import cut_windows, effect_channels
+from terrain_cli.windows import cut_windows, joined_inputs
 from terrain_cli.windows.cut_windows import Windows
 
 if TYPE_CHECKING:
@@ -240,7 +240,7 @@ def windows_of(
     cut = list(_windows(data, rover))
     if not cut:
         raise InputError("no sample can be used", hint="reasons() of the samples says why")
-    return [effect_channels.with_channels(windows, effects) for windows in cut]
+    return [joined_inputs.with_channels(windows, effects) for windows in cut]
 
 
 def _windows(data: Data, rover: Rover | str | Path | None) -> Iterator[Windows]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
+
+from terrain_cli.vocabulary.quantities import short
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -48,11 +49,7 @@ def _tables(tables: Mapping[str, pd.DataFrame]) -> Iterator[str]:
             yield table.to_html(
                 index=table.index.name is not None,
                 border=0,
-                float_format=_short,
+                float_format=short,
                 na_rep="–",
                 max_rows=_MOST_ROWS,
             )
-
-
-def _short(value: float) -> str:
-    return f"{value:.3g}" if math.isfinite(value) else "–"

@@ -12,7 +12,7 @@ from terrain_cli import rover as rovers
 from terrain_cli import simulation
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import from_frame
-from terrain_cli.presentation import json_text
+from terrain_cli.presentation import terminal
 from terrain_cli.simulation import scenario
 from terrain_cli.simulation import simulation_files as truths
 
@@ -79,7 +79,7 @@ class SimulatedDrive:
         str
             JSON. Units are SI where the name has none; null where a value is not defined.
         """
-        return json_text.written(self._document)
+        return terminal.as_json(self._document)
 
     def __str__(self) -> str:
         return self.log.scenario.summary

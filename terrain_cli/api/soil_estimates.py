@@ -11,7 +11,7 @@ from terrain_cli import estimation
 from terrain_cli.api.logs import windows_of
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
-from terrain_cli.presentation import posterior_table, segment_table
+from terrain_cli.presentation import segment_table
 from terrain_cli.presentation import summary as summaries
 from terrain_cli.telemetry.wheel_samples import NEEDED
 
@@ -108,7 +108,8 @@ def posterior(
         cut, method, model, min_samples=min_samples, folds=folds, robust=robust, joint=sys.maxsize
     )
     tables = [
-        posterior_table.table(one, fit.estimates, fit.joint) for one, fit in zip(several, fits, strict=True)
+        segment_table.posterior_table(one, fit.estimates, fit.joint)
+        for one, fit in zip(several, fits, strict=True)
     ]
     return pd.DataFrame(segment_table.join(tables))
 

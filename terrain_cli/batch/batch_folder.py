@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Self
 
 from formats.errors import CannotWriteError, DamagedError, shown
 from formats.output.whole_files import explained
-from terrain_cli.batch import durable_files
+from terrain_cli.batch import manifest
 from terrain_cli.batch.manifest import Manifest, ManifestEntry, Records
 
 if TYPE_CHECKING:
@@ -72,7 +72,6 @@ class Folder:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Let go of the folder."""
         self.manifest.close()
         if self.records:
             self.records.close()
@@ -125,7 +124,6 @@ class Folder:
             self.kept[key] = entry.record
 
     def add(self, entry: ManifestEntry) -> None:
-        """Write an entry of the manifest."""
         self.manifest.add(entry)
         self._note(entry)
 
@@ -136,26 +134,26 @@ class Folder:
 
     def put(self, name: str, data: bytes) -> None:
         """Write a file below the folder whole."""
-        durable_files.put(data, self.state / _NEW, self.path / name)
+        manifest.put(data, self.state / _NEW, self.path / name)
 
     def publish(self, name: str) -> None:
         """Put a file that lies ready in `state` beside the manifest."""
-        durable_files.place(self.state / name, self.path / name)
+        manifest.place(self.state / name, self.path / name)
 
     @property
     def assembled(self) -> bytes:
         """What the mission table in the folder was made of, as it was noted."""
-        return durable_files.read_all(self.state / _ASSEMBLED)
+        return manifest.read_all(self.state / _ASSEMBLED)
 
     @assembled.setter
     def assembled(self, note: bytes) -> None:
-        durable_files.put(note, self.state / _NEW, self.state / _ASSEMBLED)
+        manifest.put(note, self.state / _NEW, self.state / _ASSEMBLED)
 
     def remove(self, name: str | None) -> None:
         """Remove a file that is not to be taken for a result any more."""
         # A manifest that someone has changed is not to lead out of the folder.
         if name and re.fullmatch(rf"{RESULTS}/[^/]+", name):
-            durable_files.remove(self.path / name)
+            manifest.remove(self.path / name)
 
     def has_result(self, entry: ManifestEntry, name: str) -> bool:
         """Tell whether the result of an input is there as it was written, where it belongs."""

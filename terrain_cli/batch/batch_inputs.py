@@ -20,8 +20,8 @@ import formats
 from formats.content import failure
 from formats.copies import kept, too_large
 from formats.errors import FormatError, NotFoundError, shown
-from formats.input_paths import natural, promised_kind
-from terrain_cli import installation
+from formats.source import natural, promised_kind
+from terrain_cli import version
 from terrain_cli.errors import ConfigurationError, UsageError
 
 if TYPE_CHECKING:
@@ -101,7 +101,6 @@ def _in_store(name: str) -> list[Input]:
 
 
 def look(address: str) -> Input:
-    """Look at an object."""
     return _look_in(_open(address)[0], address)
 
 
@@ -146,12 +145,12 @@ def _open(address: str) -> tuple[Any, str]:
         import fsspec
     except ModuleNotFoundError:
         raise ConfigurationError(
-            f"{address}: inputs in a store need fsspec", hint=installation.command_for("remote")
+            f"{address}: inputs in a store need fsspec", hint=version.command_for("remote")
         ) from None
     try:
         store, path = fsspec.core.url_to_fs(address)
     except (ImportError, ValueError) as error:
-        hint = f"{installation.command_for('remote')}, or gcsfs, adlfs, … for the other stores"
+        hint = f"{version.command_for('remote')}, or gcsfs, adlfs, … for the other stores"
         raise ConfigurationError(f"{address}: {str(error).splitlines()[0]}", hint=hint) from error
     # What it listed a minute ago may not be so any more.
     store.invalidate_cache()
@@ -191,7 +190,6 @@ def _on_disk(name: str) -> list[Input]:
 
 
 def local(path: str) -> Input:
-    """Look at a file or folder."""
     # Not resolved: a link to today's log is an input of its own.
     location = os.path.abspath(path)  # noqa: PTH100
     label = shown(os.path.normpath(path))

@@ -11,8 +11,7 @@ from formats.errors import NotFoundError
 from formats.recovery import told
 from terrain_cli.batch import batch_folder
 from terrain_cli.batch.batch_folder import result_name
-from terrain_cli.batch.durable_files import uninterrupted
-from terrain_cli.batch.manifest import ManifestEntry
+from terrain_cli.batch.manifest import ManifestEntry, uninterrupted
 from terrain_cli.batch.worker_tasks import Estimate, Failure, Identify, Reply, Restore, failure
 
 if TYPE_CHECKING:

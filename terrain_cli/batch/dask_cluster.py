@@ -17,7 +17,7 @@ from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-from terrain_cli import installation
+from terrain_cli import version
 from terrain_cli.batch.worker_pool import Child
 from terrain_cli.batch.worker_tasks import Failure, Reply
 from terrain_cli.errors import ConfigurationError, TerrainError, UsageError
@@ -47,7 +47,7 @@ class Cluster:
         except ModuleNotFoundError:
             raise ConfigurationError(
                 "--scheduler needs Dask distributed, which is not installed",
-                hint=installation.command_for("distributed"),
+                hint=version.command_for("distributed"),
             ) from None
         _check_address(address)
         # It tells of each connection that ends; what matters is told below.
@@ -79,7 +79,6 @@ class Cluster:
 
     @property
     def free(self) -> int:
-        """Tasks that can be submitted now."""
         # One more for each thread: none waits for the keeper to answer.
         try:
             return 2 * int(sum(self._client.nthreads().values())) - len(self._tickets)
@@ -87,7 +86,6 @@ class Cluster:
             raise self._gone() from None
 
     def submit(self, ticket: int, task: Task) -> None:
-        """Have a task done."""
         key = f"terrain-est-{self._run}-{ticket}"
         future = self._client.submit(run_apart, task, *self._limits, key=key, pure=False)
         self._tickets[future] = ticket
@@ -159,7 +157,7 @@ def tell_versions() -> dict[str, str]:
     """Return the versions that must be the same everywhere: they give the numbers, or are sent."""
     from importlib.metadata import version
 
-    from terrain_cli.batch.configuration import versions
+    from terrain_cli.batch.worker_tasks import versions
 
     return {**versions(), **{name: version(name) for name in ("dask", "distributed")}}
 

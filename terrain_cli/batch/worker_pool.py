@@ -79,7 +79,6 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Number of the process."""
         return self._process.pid
 
     @property
@@ -237,9 +236,7 @@ class Pool(Protocol):
     """Workers, wherever they are."""
 
     @property
-    def free(self) -> int:
-        """Tasks that can be submitted now."""
-        ...
+    def free(self) -> int: ...
 
     def submit(self, ticket: int, task: Task) -> None:
         """Have a task done; at most `free` of them."""
@@ -249,9 +246,7 @@ class Pool(Protocol):
         """Return what was done, with the tickets; wait so many seconds for the first."""
         ...
 
-    def close(self) -> None:
-        """End all work at once."""
-        ...
+    def close(self) -> None: ...
 
 
 class LocalPool:
@@ -265,16 +260,13 @@ class LocalPool:
 
     @property
     def free(self) -> int:
-        """Tasks that can be submitted now."""
         return self._jobs - len(self._busy)
 
     @property
     def pids(self) -> list[int]:
-        """Numbers of the processes."""
         return [child.pid for child in (*self._idle, *self._busy)]
 
     def submit(self, ticket: int, task: Task) -> None:
-        """Have a task done."""
         while self._idle:
             child = self._idle.pop()
             if child.alive:
@@ -306,7 +298,6 @@ class LocalPool:
         return done
 
     def close(self) -> None:
-        """End all processes at once."""
         children = (*self._idle, *self._busy)
         for child in children:
             child.kill()

@@ -1,29 +1,91 @@
-"""`terrain-est batch INPUT… -o DIR`."""
+"""Many inputs, into one folder."""
 
 from __future__ import annotations
 
 import signal
+import sys
+import time
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from terrain_cli.commands import options, paths
+from terrain_cli.commands.progress import PATIENCE, draw, wipe
 from terrain_cli.presentation import terminal
-from terrain_cli.processes.signals import ENDINGS, EndedError
+from terrain_cli.processes import ENDINGS, EndedError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from terrain_cli.batch.batch_inputs import Input
     from terrain_cli.batch.batch_run import Order
-    from terrain_cli.batch.configuration import Configuration
     from terrain_cli.batch.coordinator import Tally
     from terrain_cli.batch.manifest import ManifestEntry
+    from terrain_cli.batch.worker_tasks import Configuration
     from terrain_cli.errors import InterruptedBatchError
 
+#: Seconds between two pictures on a terminal, and between two lines in a file.
+_ON_TERMINAL, _IN_FILE = 0.2, 10.0
 _GIGA = 1e9
 #: Remarks that are told; a mission may have thousands.
 _TOLD = 5
+
+
+class Rate:
+    """Shows the state of a batch: on a terminal in one line, in a file now and then in a new one."""
+
+    def __init__(self, *, enabled: bool = True) -> None:
+        self._enabled = enabled
+        self._terminal = sys.stderr.isatty()
+        self._started = time.monotonic()
+        self._next = self._started + PATIENCE
+        self._drawn = False
+        self.tally: Tally | None = None
+
+    @property
+    def seconds(self) -> float:
+        return time.monotonic() - self._started
+
+    def show(self, tally: Tally) -> None:
+        """Show the state, if it is time to."""
+        self.tally = tally
+        now = time.monotonic()
+        if not self._enabled or now < self._next or tally.done == tally.total:
+            return
+        self._next = now + (_ON_TERMINAL if self._terminal else _IN_FILE)
+        if self._terminal:
+            draw(line(tally, self.seconds))
+            self._drawn = True
+        else:
+            click.echo(line(tally, self.seconds), err=True)
+
+    def close(self) -> None:
+        """Wipe the line on the terminal."""
+        if self._drawn:
+            wipe()
+            self._drawn = False
+
+
+def line(tally: Tally, seconds: float) -> str:
+    """Return the state of a batch, some seconds after its start, in one line."""
+    parts = [f"{tally.done}/{tally.total} inputs", f"{seconds:.0f} s"]
+    if tally.done:
+        parts.append(f"{tally.done / seconds:.3g} inputs/s")
+        # By bytes: a large input at the end is not one of many.
+        left = seconds * (tally.bytes_total - tally.bytes_done) / tally.bytes_done
+        parts.append(f"{duration(left)} left")
+    if tally.counts["failed"]:
+        parts.append(f"{tally.counts['failed']} failed")
+    return " · ".join(parts)
+
+
+def duration(seconds: float) -> str:
+    """Return a time as people say it."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"
 
 
 @click.command(
@@ -115,8 +177,8 @@ def command(context: click.Context, /, **_: Any) -> int:
     However it ends, nothing that was done is lost: the same command goes on from there.
     """
     from formats.limits import largest_copy
-    from terrain_cli.batch import batch_inputs, batch_run, configuration
-    from terrain_cli.run.second_process import cores
+    from terrain_cli.batch import batch_inputs, batch_run, worker_tasks
+    from terrain_cli.run.long_log import cores
 
     names = context.params["inputs"]
     found = batch_inputs.discover(names)
@@ -124,7 +186,7 @@ def command(context: click.Context, /, **_: Any) -> int:
     options.with_defaults(context, rover.estimate)
     given = context.params
     _check_kinds(given["also"])
-    gathered = configuration.gather(rover, options.settings(given), given["crs"])
+    gathered = worker_tasks.gather(rover, options.settings(given), given["crs"])
     order = batch_run.Order(
         kind=given["kind"],
         also=tuple(given["also"]),
@@ -158,7 +220,6 @@ def _check_kinds(kinds: tuple[str, ...]) -> None:
 
 def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: dict[str, Any]) -> int:
     from terrain_cli.batch import batch_run
-    from terrain_cli.commands.batch_rate import Rate
     from terrain_cli.errors import UnfinishedError
 
     before = signal.signal(signal.SIGTERM, _stop)

@@ -65,15 +65,15 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli.comparison import against
     from terrain_cli.errors import UsageError
     from terrain_cli.improvement import compared
-    from terrain_cli.presentation import comparison_text, json_text
+    from terrain_cli.presentation import comparison_text, terminal
 
     names = context.params["models"]
     if len(names) > 2:
         raise UsageError(f"--model is given {len(names)} times", hint="once, or twice for two side by side")
     if context.params["plot"]:
-        from terrain_cli.views import optional_libraries
+        from terrain_cli.views import chart_style
 
-        optional_libraries.need("plot")
+        chart_style.need("plot")
     files = [models.resolve(name) for name in names]
     seed = context.params["seed"]
     with Progress(
@@ -91,7 +91,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     differences = against(first, second, seed=seed) if second else []
     asked = [comparison_options.repeated(context, name) for name in names]
     if context.params["as_json"]:
-        click.echo(json_text.written(comparison_text.document(first, second, differences, asked)))
+        click.echo(terminal.as_json(comparison_text.document(first, second, differences, asked)))
     else:
         say(comparison_text.text(first, second, differences, asked))
     if context.params["plot"]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.commands.progress import Progress
     from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.estimation.estimate_request import EstimateRequest
+    from terrain_cli.estimation.estimators import EstimateRequest
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Rover
     from terrain_cli.windows.cut_windows import Windows
@@ -74,26 +74,12 @@ def read(
 ) -> list[Windows]:
     """Read every input, with all that the models need, and cut it into windows.
 
-    Parameters
-    ----------
-    context : click.Context
-        Of a verb with `cutting`, inputs, --rover and --wheel.
-    inputs : sequence of str, optional
-        In place of those of the context.
-
-    Returns
-    -------
-    list of Windows
-        Of every wheel of every input that has usable samples.
-
-    Raises
-    ------
-    InputError
-        No sample can be used.
+    The context is of a verb with `cutting`, inputs, --rover and --wheel. InputError where no sample can be
+    used.
     """
     import formats
+    from terrain_cli import processes
     from terrain_cli.errors import InputError
-    from terrain_cli.processes import parallel
     from terrain_cli.telemetry.long_logs import MOST_ROWS
 
     paths = formats.expand(context.params["inputs"] if inputs is None else inputs)
@@ -104,7 +90,7 @@ def read(
     options.with_defaults(
         context, {name: v for name, v in rover.estimate.items() if name in own and name != "model"}
     )
-    context.with_resource(parallel.jobs(context.params["jobs"]))
+    context.with_resource(processes.jobs(context.params["jobs"]))
     effects = {effect.id: effect for file in model for effect in file.model.effects}
     cut: list[Windows] = []
     for path in paths:
@@ -185,15 +171,9 @@ def _model_files() -> Iterator[str]:
 
 
 def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> EstimateRequest:
-    """Return what `estimate` is asked for the segments of a comparison.
-
-    Parameters
-    ----------
-    given : mapping of str to value
-        The parameters of a verb with `cutting` and `soils`.
-    """
+    """Return what `estimate` is asked for the segments of a comparison."""
     from terrain_cli.estimation import estimators
-    from terrain_cli.estimation.estimate_request import EstimateRequest
+    from terrain_cli.estimation.estimators import EstimateRequest
 
     # Before the work, not after it.
     estimators.choose("auto", file, robust=given["robust"])

@@ -26,7 +26,6 @@ def command(context: click.Context, /, shell: str) -> None:
 
 
 def script(program: click.Command, shell: str) -> str:
-    """Write the completion script of a shell."""
     kind = get_completion_class(shell)
     if kind is None:
         raise click.UsageError(f"no completion for {shell}")

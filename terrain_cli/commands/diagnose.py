@@ -71,7 +71,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli import effects, models
     from terrain_cli.commands.progress import Progress
     from terrain_cli.diagnosis import diagnose, verdict
-    from terrain_cli.presentation import diagnosis_text, json_text
+    from terrain_cli.presentation import diagnosis_text, terminal
 
     given = context.params
     if given["draft"]:
@@ -96,7 +96,7 @@ def command(context: click.Context, /, **_: Any) -> None:
         found = replace(found, sentence=verdict.with_draft(found.sentence, given["draft"]))
     asked = comparison_options.repeated(context, given["model"])
     if given["as_json"]:
-        click.echo(json_text.written(diagnosis_text.document(found, asked, given["draft"] or "")))
+        click.echo(terminal.as_json(diagnosis_text.document(found, asked, given["draft"] or "")))
     else:
         say(diagnosis_text.text(found, asked, given["draft"] or ""))
     if given["draft"] and found.unknown is None:

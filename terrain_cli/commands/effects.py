@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options, paths, suggestions
-from terrain_cli.commands.group import Group
+from terrain_cli.commands.suggestions import Group
 from terrain_cli.mechanics.effect import KINDS
 from terrain_cli.presentation.terminal import say
 

@@ -39,6 +39,8 @@ Examples:
   terrain-est estimate run.bag --method wong-reece --summary soil.json
   terrain-est estimate run.bag --model model.toml --plot pictures
   terrain-est estimate run.bag -o soil.csv --posterior posterior.parquet
+  terrain-est estimate --follow growing.csv --every 1s --idle-timeout 10min
+  mosquitto_sub -t rover/wheels | terrain-est estimate --follow - -o soil.geojsons
   terrain-est estimate run.bag | ogr2ogr -f GPKG soil.gpkg CSV:/vsistdin/ \\
       -oo AUTODETECT_TYPE=YES -oo EMPTY_STRING_AS_NULL=YES -a_srs IAU_2015:49900
 """,
@@ -88,6 +90,25 @@ Examples:
     help="Write pictures into this folder, as PNG and SVG (extra: plot). With --method recursive also "
     "how it converges.",
 )
+@click.option(
+    "--follow",
+    is_flag=True,
+    help="Take the rows of INPUT as they arrive, and write the row of a segment when it closes: CSV with a "
+    "header or JSON Lines from a pipe, - or a file that grows. Ends with the pipe, or by Ctrl-C.",
+)
+@click.option(
+    "--every",
+    type=options.Duration(),
+    metavar="TIME",
+    help="With --follow: also write the segments that are still open, every 1s or so; the last column, open, "
+    "tells them.",
+)
+@click.option(
+    "--idle-timeout",
+    type=options.Duration(),
+    metavar="TIME",
+    help="With --follow: end when nothing has arrived for so long.  [never]",
+)
 @options.force
 @options.jobs("Inputs read at the same time.")
 @click.option("--seed", type=int, metavar="N", help="No effect here: estimate draws nothing at random.")
@@ -114,13 +135,23 @@ def command(context: click.Context, /, **_: Any) -> None:
     given = context.params
     if given["csv"] and given["output"]:
         raise UsageError("--csv and -o both say where the table goes", hint="leave one of them out")
+    if given["follow"]:
+        from terrain_cli.commands import following
+
+        following.run(logs, rover, given)
+        return
+    for name in ("every", "idle_timeout"):
+        if given[name] is not None:
+            raise UsageError(
+                f"--{name.replace('_', '-')} needs --follow", hint="add --follow, or leave it out"
+            )
     if given["trace"] and given["method"] != "recursive":
         raise UsageError("--trace shows the recursive estimate", hint="add --method recursive")
     # Before the work, not after it.
     if given["plot"]:
-        from terrain_cli.views import optional_libraries
+        from terrain_cli.views import chart_style
 
-        optional_libraries.need("plot")
+        chart_style.need("plot")
     for name in ("rejects", "trace", "posterior"):
         if given[name]:
             formats.output_kind(given[name])
@@ -196,7 +227,7 @@ def _outcomes(
     """Run every input, in order, with a progress bar once it has taken a second."""
     from terrain_cli.commands.progress import Progress
     from terrain_cli.run import one_log
-    from terrain_cli.run.second_process import cores
+    from terrain_cli.run.long_log import cores
 
     with Progress(len(logs), enabled=not quiet) as progress:
         if jobs == 1 or len(logs) == 1:

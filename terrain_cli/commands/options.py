@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import sys
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -53,6 +54,24 @@ class Amount(click.FloatRange):
 
 
 POSITIVE = Amount(0, min_open=True)
+
+
+class Duration(click.ParamType):  # type: ignore[type-arg]
+    """Seconds, or a time with its unit, such as 500ms or 10min."""
+
+    name = "duration"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Read a time."""
+        from terrain_cli.vocabulary import units
+
+        number, symbol = re.fullmatch(r"\s*(.*?)\s*([a-zA-Z]*)\s*", str(value)).groups()  # type: ignore[union-attr]
+        unit = units.parse(symbol or "s", "time")
+        if unit is None:
+            self.fail(f"{value} is no time, such as 500ms, 1s or 10min.", param, ctx)
+        return POSITIVE.convert(POSITIVE.convert(number, param, ctx) * unit.factor, param, ctx)
+
+
 JOBS = click.IntRange(1, 10_000)
 
 
@@ -182,13 +201,7 @@ verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr wher
 
 
 def jobs(told: str) -> Callable[[F], F]:
-    """Return the option --jobs, with what it does told in the help.
-
-    Returns
-    -------
-    function
-        A decorator.
-    """
+    """Return the option --jobs, with what it does told in the help."""
     return click.option("--jobs", type=JOBS, default=1, show_default=True, metavar="N", help=told)
 
 
@@ -207,22 +220,7 @@ def estimation(command: F) -> F:
 
 
 def settings(given: Mapping[str, Any]) -> Settings:
-    """Return what `estimation` was given, checked as far as it can be before any input is read.
-
-    Parameters
-    ----------
-    given : mapping of str to value
-        The parameters of the command.
-
-    Raises
-    ------
-    UsageError
-        Options contradict each other, or nobody knows the reference system.
-    ConfigurationError
-        The model file is wrong.
-    formats.errors.FormatError, InputError
-        The localisation table is none, or cannot be read.
-    """
+    """Return what `estimation` was given, checked as far as it can be before any input is read."""
     import formats
     from terrain_cli.errors import UsageError
     from terrain_cli.estimation import estimators
@@ -257,13 +255,7 @@ def settings(given: Mapping[str, Any]) -> Settings:
 
 
 def load_rover(path: str | None, inputs: Sequence[str]) -> Rover:
-    """Find and read the rover file of some inputs.
-
-    Parameters
-    ----------
-    path : str or None
-        What ``--rover`` names.
-    """
+    """Find the rover file of some inputs, the one that ``--rover`` names if it names one, and read it."""
     from terrain_cli import rover as rovers
 
     return rovers.load(rovers.find(path, inputs[0] if inputs else None))
@@ -272,19 +264,7 @@ def load_rover(path: str | None, inputs: Sequence[str]) -> Rover:
 def with_defaults(context: click.Context, settings: Mapping[str, Any]) -> None:
     """Let rover.toml give what neither the command line nor the environment gives.
 
-    Parameters
-    ----------
-    settings : mapping of str to value
-        Long options without dashes, from the table of the verb in rover.toml.
-
-    Raises
-    ------
-    click.BadParameter
-        A value that the option does not take.
-    UsageError
-        A file that it names is one to be written.
-    formats.CannotWriteError
-        A file to be written is there, and is no earlier result.
+    `settings` are long options without dashes, from the table of the verb in rover.toml.
     """
     named = False
     parameters = {option.lstrip("-"): p for p in context.command.params for option in p.opts}

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from terrain_cli.commands import earlier_results
+from terrain_cli.commands import named_files
 from terrain_cli.commands.named_files import content, effects_of, identity, logs_of, resolved, text
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Sequence
 
-    from terrain_cli.commands.earlier_results import Sign
+    from terrain_cli.commands.named_files import Sign
 
 #: Names of the standard output, of which there is one for all that is written.
 _STANDARD_OUTPUT = frozenset({"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"})
@@ -56,7 +56,6 @@ class Reads(Named):
         self.what = what
 
     def reads(self, name: str) -> Iterator[Read]:
-        """Yield the file itself."""
         yield Read(self.what, name)
 
 
@@ -65,7 +64,7 @@ class _Logs(Reads):
 
     def reads(self, name: str) -> Iterator[Read]:
         """Yield every file of the logs; none where the name is wrong, which is told when it is opened."""
-        from formats.input_paths import parts
+        from formats.source import parts
 
         for log in logs_of(name):
             yield from (Read(self.what, part) for part in parts(log))
@@ -78,7 +77,6 @@ class _Effect(Reads):
     envvar_list_splitter = None  # type: ignore[assignment]
 
     def reads(self, name: str) -> Iterator[Read]:
-        """Yield the file, if it is one."""
         from terrain_cli import models
 
         names = dict.fromkeys((name, name.rpartition(":")[0]))
@@ -100,7 +98,6 @@ class _Drive(Reads):
     """The file of a drive to simulate, with the model and the effects that it names."""
 
     def reads(self, name: str) -> Iterator[Read]:
-        """Yield the files."""
         yield Read(self.what, name)
         yield from _effects(name)
         model = content(name).get("model")
@@ -168,7 +165,7 @@ class _Pictures(_Folder):
 
     def of_others(self, name: str) -> Iterator[str]:
         """Yield the pictures of others that have a name of one that is drawn."""
-        yield from earlier_results.pictures_of_others(name)
+        yield from named_files.pictures_of_others(name)
 
 
 class _Batch(_Folder):
@@ -188,7 +185,7 @@ class _Batch(_Folder):
 
     def of_others(self, name: str) -> Iterator[str]:
         """Yield the files of others that have the name of a result."""
-        yield from earlier_results.files_of_others(name)
+        yield from named_files.files_of_others(name)
 
     def skips(self, name: str, read: Read) -> bool:
         """Tell whether an input is a result of an earlier run into the folder."""
@@ -242,13 +239,13 @@ EFFECT_FILE = Reads("the effect file")
 DRIVE = _Drive("the file of the drive")
 OUTPUT = Writes()
 RESULT = Writes(result=True)
-SEGMENTS = Writes(earlier_results.SEGMENTS, result=True, layer=True)
-SAMPLES = Writes(earlier_results.SAMPLES, layer=True)
-REJECTS = Writes(earlier_results.REJECTS)
-TRACE = Writes(earlier_results.TRACE)
-POSTERIOR = Writes(earlier_results.POSTERIOR)
-SUMMARY = Writes(earlier_results.SUMMARY)
-PAGE = Writes(earlier_results.PAGE, result=True)
+SEGMENTS = Writes(named_files.SEGMENTS, result=True, layer=True)
+SAMPLES = Writes(named_files.SAMPLES, layer=True)
+REJECTS = Writes(named_files.REJECTS)
+TRACE = Writes(named_files.TRACE)
+POSTERIOR = Writes(named_files.POSTERIOR)
+SUMMARY = Writes(named_files.SUMMARY)
+PAGE = Writes(named_files.PAGE, result=True)
 CHANGED = Writes(changed=True)
 PICTURES = _Pictures()
 BATCH = _Batch(result=True)
@@ -269,10 +266,6 @@ def check(context: click.Context) -> None:
     """Refuse to write onto what is read, and to write two outputs into one file.
 
     A command that fills in names which nobody gave calls this again.
-
-    Raises
-    ------
-    UsageError
     """
     writes = list(_writes(context))
     # No file has a NUL in its name; what a model file names may.
@@ -352,7 +345,7 @@ def _check_reads(write: _Write, reads: Sequence[tuple[Read, Hashable]]) -> None:
 
 def _check_folders(write: _Write, names: Sequence[str]) -> None:
     """Refuse what would become part of a log, or a log of its own when the command is run again."""
-    from formats.input_paths import parts, takes
+    from formats.source import parts, takes
     from terrain_cli.errors import UsageError
 
     place = resolved(write.path)

@@ -23,11 +23,6 @@ class Progress:
 
     Drawn only on a terminal, only after a second, and wiped when the work ends. What is told stays, and is
     written to a file or a pipe too.
-
-    Parameters
-    ----------
-    total : int
-        Number of inputs.
     """
 
     def __init__(self, total: int, *, enabled: bool = True) -> None:
@@ -42,7 +37,6 @@ class Progress:
         self._thread = threading.Thread(target=self._run, daemon=True) if shown else None
 
     def __enter__(self) -> Self:
-        """Start to wait for the first second."""
         if self._thread:
             self._thread.start()
         return self
@@ -50,7 +44,6 @@ class Progress:
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Wipe the bar."""
         self._stop.set()
         if self._thread:
             self._thread.join()
@@ -62,17 +55,10 @@ class Progress:
         self._text, self._share = f"{path}  {step}", share
 
     def advance(self) -> None:
-        """Count one input as done."""
         self._done, self._share = self._done + 1, 0.0
 
     def tell(self, text: str) -> None:
-        """Write a result that is there before the work ends.
-
-        Parameters
-        ----------
-        text : str
-            Lines.
-        """
+        """Write a result that is there before the work ends."""
         if self._enabled:
             # In one call, or the bar could be drawn between wiping it and the text.
             _write(("\r" + over("") + "\r" if self._drawn else "") + escaped(text) + "\n")

@@ -53,9 +53,9 @@ def command(context: click.Context, /, **_: Any) -> None:
     input. The page needs no network and no other file; it prints. It takes the extra "report"; where
     that is missing, the command says how to add it.
     """
-    from terrain_cli.views import optional_libraries
+    from terrain_cli.views import chart_style
 
-    optional_libraries.need("report")
+    chart_style.need("report")
     from terrain_cli import models
     from terrain_cli.commands.progress import Progress
     from terrain_cli.improvement import compared

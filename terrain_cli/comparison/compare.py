@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli import processes
 from terrain_cli.comparison import blocks, held_out, one_soil_or_several
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.bootstrap import resample
@@ -21,10 +22,9 @@ from terrain_cli.comparison.comparison_outcome import (
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.estimation.estimate_request import EstimateRequest
+from terrain_cli.estimation.estimators import EstimateRequest
 from terrain_cli.models import ModelFile
-from terrain_cli.processes import parallel
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 from terrain_cli.windows.cut_windows import thinned
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ def fit_wheels(
             f"{used} of {total} samples are compared, in unbroken pieces spread over every segment"
         )
     fit = partial(FittedWheel, model=model, settings=settings, further=further)
-    return parallel.each(fit, wheels, lambda one: progress(f"fitting wheel {one.samples.wheel}")), warnings
+    return processes.each(fit, wheels, lambda one: progress(f"fitting wheel {one.samples.wheel}")), warnings
 
 
 def of_fitted(

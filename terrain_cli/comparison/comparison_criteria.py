@@ -77,8 +77,8 @@ NOISE_OF_JUMPS = criterion(0.9, "part of what second differences say that the no
 NOISE_OF_ALIKE = criterion(
     0.6,
     "part of what jumps from sample to sample below which samples driven alike tell the noise instead",
-    "48 simulated drives, load constant, smooth or jumping: of right models they tell 0.73 to 1.0 of the noise, "
-    "of wrong ones 0.75 to 1.05, where jumps tell up to 7 times",
+    "48 simulated drives, load constant, smooth or jumping: of right models they tell 0.73 to 1.0 of the "
+    "noise, of wrong ones 0.75 to 1.05, where jumps tell up to 7 times",
 )
 SLIP_VARIES = criterion(0.05, "deviation of slip from which on it varies: five times its usual noise")
 DRIVER_VARIES = criterion(

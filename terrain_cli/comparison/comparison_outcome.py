@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation.estimate_request import EstimateRequest
+    from terrain_cli.estimation.estimators import EstimateRequest
     from terrain_cli.estimation.wheel_fit import Fit
     from terrain_cli.mechanics.wheel_model import Model
     from terrain_cli.telemetry import Samples

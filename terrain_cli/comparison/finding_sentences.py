@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.vocabulary.english import listed
+from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

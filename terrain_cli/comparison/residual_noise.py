@@ -97,8 +97,8 @@ def under_like_conditions(residual: Array, group: Index, slip: Array, other: Arr
     """Estimate what no model of slip and one other driver could predict, from samples driven alike.
 
     Each residual is held against a plane through its nearest neighbours in both drivers, itself left out, so
-    that it does not matter how fast these change (Stone 1977, Annals of Statistics 5, 595). A driver that varies by no more
-    than its own noise is left out: its slope would be that of the noise.
+    that it does not matter how fast these change (Stone 1977, Annals of Statistics 5, 595). A driver that
+    varies by no more than its own noise is left out: its slope would be that of the noise.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def _varying(slip: Array, other: Array) -> Array:
 
 
 def _off_plane(values: Array, table: Array) -> Array:
-    """Return how far each value is off the plane through its neighbours', with the variance of white noise."""
+    """Return how far each value is off the plane through its neighbours', as white noise varies."""
     from scipy.spatial import KDTree
 
     nearest = KDTree(table).query(table, k=_ALIKE + 1)[1][:, 1:]

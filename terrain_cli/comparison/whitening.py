@@ -8,7 +8,7 @@ of a root of their covariance: what is left has variance 1 in every channel and 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -77,19 +77,23 @@ class Whitening:
         """Multiply each sample by the root of the covariance of what is known of it, or by its inverse."""
         result = np.zeros_like(stacked)
         if known.all():
-            # Nothing to pick out, which costs more than the product; the same bytes.
+            # Nothing to pick out, which costs more than the product.
             root = np.linalg.cholesky(self.covariance)
             matrix = np.linalg.inv(root) if inverse else root
-            result[:] = np.einsum("ab,nb...->na...", matrix, np.ascontiguousarray(stacked))
-            return result
+            return _each(matrix, stacked)
         pattern = known @ (1 << np.arange(len(self.channels)))
         for code in np.unique(pattern[pattern > 0]):
             rows = np.flatnonzero(pattern == code)
             there = np.flatnonzero(known[rows[0]])
             root = np.linalg.cholesky(self.covariance[np.ix_(there, there)])
             matrix = np.linalg.inv(root) if inverse else root
-            result[np.ix_(rows, there)] = np.einsum("ab,nb...->na...", matrix, stacked[np.ix_(rows, there)])
+            result[np.ix_(rows, there)] = _each(matrix, stacked[np.ix_(rows, there)])
         return result
+
+
+def _each(matrix: NDArray[Any], stacked: Array) -> Array:
+    """Multiply a matrix of the channels by each sample of (n, c, …)."""
+    return np.asarray(stacked @ matrix.T if stacked.ndim == 2 else matrix @ stacked)
 
 
 def of_residuals(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.vocabulary.choices import BASES
-from terrain_cli.vocabulary.english import counted, listed
+from terrain_cli.vocabulary.quantities import counted, listed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,7 +12,7 @@ from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, steps, verdict
 from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence

@@ -10,8 +10,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison import Comparison
     from terrain_cli.effects import Effect
-    from terrain_cli.mechanics.effect import Parameter
-    from terrain_cli.mechanics.prior import Prior
+    from terrain_cli.mechanics.effect import Parameter, Prior
     from terrain_cli.mechanics.wheel_model import Model
 
 Verdict = Literal["none", "effect", "family", "unknown"]

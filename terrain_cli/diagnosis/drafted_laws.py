@@ -19,7 +19,7 @@ from terrain_cli.effects.laws import effect_file, grammar
 from terrain_cli.effects.laws.law_names import LONGEST_NAME, ON_DEMAND
 from terrain_cli.errors import TerrainError
 from terrain_cli.mechanics.effect import QUANTITIES
-from terrain_cli.toml import toml_text
+from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -250,20 +250,20 @@ def _text(
     columns: Mapping[str, str],
 ) -> str:
     lines = [
-        f"id = {toml_text.value(name)}",
-        f"title = {toml_text.value(title)}",
-        f"changes = {toml_text.value(changes)}",
-        f"law = {toml_text.value(law)}",
-        f"needs = {toml_text.value(list(needs))}",
+        f"id = {toml_files.value(name)}",
+        f"title = {toml_files.value(title)}",
+        f"changes = {toml_files.value(changes)}",
+        f"law = {toml_files.value(law)}",
+        f"needs = {toml_files.value(list(needs))}",
         'reference = "empirical: drafted from the data, no physics behind it"',
     ]
     if columns:
-        lines += ["[columns]", *(f"{toml_text.key(k)} = {toml_text.value(v)}" for k, v in columns.items())]
+        lines += ["[columns]", *(f"{toml_files.key(k)} = {toml_files.value(v)}" for k, v in columns.items())]
     for parameter, (unit, null, scale) in parameters.items():
         lines += [
             f"[parameters.{parameter}]",
-            f"unit = {toml_text.value(unit)}",
-            f"null = {toml_text.value(null)}",
-            f"scale = {toml_text.value(scale)}",
+            f"unit = {toml_files.value(unit)}",
+            f"null = {toml_files.value(null)}",
+            f"scale = {toml_files.value(scale)}",
         ]
     return "\n".join(lines) + "\n"

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli import processes
 from terrain_cli.comparison.drivers import functions_of
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.processes import parallel
-from terrain_cli.vocabulary.english import listed
+from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -80,7 +80,7 @@ def best(data: Ground, base: Refit, progress: Callable[[str], None]) -> list[Tri
             effects=(draft.effect,),
         )
         written.append((draft, one, _extra(data, driver)))
-    tried = parallel.each(
+    tried = processes.each(
         partial(_tried, data), written, lambda one: progress(f"fitting the draft {one[0].effect.id}")
     )
     tried.sort(key=lambda one: float(one.refit.loss.sum()))

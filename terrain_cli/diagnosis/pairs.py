@@ -9,11 +9,11 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from terrain_cli import processes
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refit_ranking, refits, screening, signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.processes import parallel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -97,7 +97,7 @@ def on_full_stresses(
         for one in screening.hypotheses(full, data.wheels, effects)[0]
         if one.effects
     ]
-    tried = parallel.each(
+    tried = processes.each(
         partial(_after, data, base), several, lambda one: progress(f"fitting with {base.id} and {one.id}")
     )
     good = [pair for pair in zip(several, tried, strict=True) if not refit_ranking.imitates(data, *pair)]

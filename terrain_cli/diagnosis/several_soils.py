@@ -19,7 +19,7 @@ from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
 from terrain_cli.estimation import estimators
 from terrain_cli.estimation.wheel_fit.normal_equations import explained
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli import models
+from terrain_cli import models, processes
 from terrain_cli.comparison import comparison_criteria, smoothed_covariance
 from terrain_cli.diagnosis import (
     alarm,
@@ -25,7 +25,6 @@ from terrain_cli.diagnosis import (
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate, Size
 from terrain_cli.models.model_file import SOIL_UNITS
-from terrain_cli.processes import parallel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -121,7 +120,7 @@ def refitted(case: Case, log: DiagnosedLog) -> list[Fitted]:
     def before(one: Hypothesis) -> None:
         case.progress(f"fitting with {one.id} ({testable.index(one) + 1} of {len(testable)})")
 
-    several = parallel.each(partial(_best_form, log.data), testable, before)
+    several = processes.each(partial(_best_form, log.data), testable, before)
     return sorted(several, key=lambda pair: float(pair[1].loss.sum()))
 
 
@@ -137,7 +136,7 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
         return Ranked(log=log, base=base, several=several, drafts=drafts)
     data = refits.with_noise_of(log.data, min(leaders, key=lambda one: float(one.loss.sum())))
     base = refits.refit(data, None)
-    again = parallel.each(partial(_again, data), several[: criteria.RIVALS + 2])
+    again = processes.each(partial(_again, data), several[: criteria.RIVALS + 2])
     again = sorted(again, key=lambda pair: float(pair[1].loss.sum()))
     again = _plainest_first(_credible_first(data, base, again))
     rest = [(one, refits.weighed(data, refit)) for one, refit in several[criteria.RIVALS + 2 :]]

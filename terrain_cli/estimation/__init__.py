@@ -1,7 +1,6 @@
 """Cohesion and internal friction angle from windows of samples."""
 
-from terrain_cli.estimation.line.pooled import PooledEstimate, pool
-from terrain_cli.estimation.line.recursive import Trace, recursive
+from terrain_cli.estimation.line.pooled import PooledEstimate, Trace, pool, recursive
 from terrain_cli.estimation.line.window_estimates import WindowEstimates, estimate_windows, join
 
 __all__ = [

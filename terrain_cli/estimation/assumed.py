@@ -14,23 +14,21 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from terrain_cli import estimation
+from terrain_cli.estimation.further_unknowns import offsets
 from terrain_cli.estimation.line.moments import segment_sum
 from terrain_cli.estimation.line.window_estimates import LARGEST_PHI_SE
-from terrain_cli.estimation.sensor_offsets import offsets
 from terrain_cli.mechanics import contact, linear
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation import WindowEstimates
-    from terrain_cli.estimation.line.recursive import Trace
+    from terrain_cli.estimation.line.pooled import Trace
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.vocabulary.choices import LineMethod
     from terrain_cli.windows.cut_windows import Measured, Windows
 
-    Array = NDArray[np.float64]
 
 #: Samples of a window that tell how far the estimates would move, and samples at a time.
 _SOME, _GROUP = 60, 20_000
@@ -48,17 +46,14 @@ _SPREAD_C = 5e3
 _STEPS, _NEWTON = np.array([1e3, 0.05]), 3
 
 
-def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineMethod) -> WindowEstimates:
+def with_assumptions(
+    estimates: WindowEstimates, windows: Windows, method: LineMethod, moved: Array | None = None
+) -> WindowEstimates:
     """Return estimates of the line whose errors include a wrong k and the triangular stresses.
 
-    Parameters
-    ----------
-    estimates : WindowEstimates
-        From `estimation.estimate_windows`.
-    windows : Windows
-        Of them, with as many samples as one likes.
+    `moved` is what `deviations` returns, where that is known already.
     """
-    moved = deviations(estimates, windows, method)
+    moved = deviations(estimates, windows, method) if moved is None else moved
     c_se, phi_se, corr = _wider(estimates, moved)
     tan_se = phi_se * (1.0 + np.tan(estimates.phi) ** 2)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -82,17 +77,9 @@ def with_assumptions(estimates: WindowEstimates, windows: Windows, method: LineM
 
 
 def trace(windows: Windows) -> Trace:
-    """Follow c and φ sample by sample, with errors that include what each window assumes.
+    """Follow c and φ sample by sample (`recursive`), with errors that include what each window assumes.
 
-    Parameters
-    ----------
-    windows : Windows
-        Without samples of a skidding wheel.
-
-    Returns
-    -------
-    Trace
-        Of all usable samples (`estimation.recursive`).
+    The windows hold no samples of a skidding wheel.
     """
     samples = windows.samples
     correlated = samples.time is not None
@@ -125,12 +112,9 @@ def _wider(of: WindowEstimates | Trace, moved: Array) -> tuple[Array, Array, Arr
 
 
 def deviations(estimates: WindowEstimates, windows: Windows, method: LineMethod) -> Array:
-    """Return how far c and tan φ move with each assumption, by a standard deviation of it.
+    """Return how far c (Pa) and tan φ move with each assumption, by a standard deviation of it.
 
-    Returns
-    -------
-    ndarray, shape (w, 2, 1 + offsets + shapes)
-        c in Pa; 0 where it is not known.
+    Shape (w, 2, 1 + offsets + shapes); 0 where it is not known.
     """
     found = np.array([estimates.c, np.tan(estimates.phi)])
     groups = list(windows.thinned(_SOME).groups(_GROUP))

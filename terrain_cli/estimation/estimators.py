@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -10,19 +11,16 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.errors import InputError, UsageError
-from terrain_cli.estimation import joint_posteriors
+from terrain_cli.estimation import fit_account
 from terrain_cli.estimation.assumed import with_assumptions
-from terrain_cli.estimation.contact_shape import with_contact
 from terrain_cli.estimation.fit_account import account
-from terrain_cli.estimation.sensor_offsets import with_offsets
+from terrain_cli.estimation.further_unknowns import with_contact, with_offsets
 from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.rover import NOISY
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
-
-    from numpy.typing import NDArray
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.joint_grid import JointPosterior
@@ -31,10 +29,10 @@ if TYPE_CHECKING:
     from terrain_cli.rover import SensorNoise
     from terrain_cli.telemetry import Samples
     from terrain_cli.telemetry.wheel_samples import Geometry
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.vocabulary.choices import LineMethod, Method
     from terrain_cli.windows.cut_windows import Windows
 
-    Array = NDArray[np.float64]
 
 #: Samples of a window that are fitted at the most, evenly spread. Judged: more would lower errors of 1 % and
 #: less, which no model deserves.
@@ -46,19 +44,12 @@ _MOST_WINDOWS = 100_000
 
 @dataclass(frozen=True)
 class Fitted:
-    """Estimates of the windows of a wheel, and what they were made with.
-
-    Parameters
-    ----------
-    account : dict or None
-        The model, its parameters and the noise, as the summary shows them; None for the line.
-    joint : list of JointPosterior
-        Of the windows of which it was asked for.
-    """
+    """Estimates of the windows of a wheel, and what they were made with."""
 
     estimates: WindowEstimates
+    # The model, its parameters and the noise, as the summary shows them; None for the line
     account: dict[str, Any] | None = None
-    joint: list[JointPosterior] = field(default_factory=list)
+    joint: list[JointPosterior] = field(default_factory=list)  # Of the windows of which it was asked for
 
 
 def common_stress(stress: float | None, fitted: Fitted) -> float | None:
@@ -72,23 +63,8 @@ def choose(
 ) -> ModelFile | None:
     """Return the model that is to be fitted whole: what the caller names, else `full_model`.
 
-    Parameters
-    ----------
-    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
-    model : ModelFile, str or Path, optional
-        A base or a model file.
-
-    Returns
-    -------
-    ModelFile or None
-        None where the estimators of the line are asked for: by the method, or with the linear model.
-
-    Raises
-    ------
-    UsageError
-        Model, method and robustness contradict each other.
-    ConfigurationError
-        The model file is wrong.
+    None where the estimators of the line are asked for: by the method, or with the linear model. UsageError
+    where model, method and robustness contradict each other.
     """
     file = None
     if model is not None:
@@ -130,20 +106,10 @@ def full_model() -> ModelFile:
 def estimate_lines(
     windows: Windows, method: LineMethod = "auto", *, min_samples: int | None = None, folds: int | None = None
 ) -> WindowEstimates:
-    """Estimate cohesion and friction angle in every window of a wheel.
+    """Estimate cohesion and friction angle in every window of a wheel, where it does not skid, by the line.
 
-    Parameters
-    ----------
-    method : {"auto", "least-squares", "ridge", "recursive"}
-    min_samples : int, optional
-        Windows with fewer get the status "too-few-samples"; 5 if not given.
-    folds : int, optional
-        Choose δ of the ridge over so many contiguous blocks instead of leaving one sample out.
-
-    Returns
-    -------
-    WindowEstimates
-        In SI units and rad; of the samples in which the wheel does not skid.
+    Windows with fewer than `min_samples` (5 if not given) get the status "too-few-samples". With `folds`, δ
+    of the ridge is chosen over so many contiguous blocks instead of leaving one sample out.
     """
     samples, windows = windows.samples, windows.on_line()
     return estimation.estimate_windows(
@@ -170,19 +136,10 @@ def estimate(
     at_stress: float | None = None,
     joint: int = 0,
 ) -> Fitted:
-    """Estimate the soil in every window of a wheel.
+    """Estimate the soil in every window of a wheel, by the line or by the model to fit whole (`choose`).
 
-    Parameters
-    ----------
-    method : {"auto", "least-squares", "ridge", "recursive", "wong-reece"}
-    file : ModelFile, optional
-        From `choose`: the model to fit whole, its effects with the same parameters in all windows.
-    min_samples, folds
-        As for `estimate_lines`.
-    at_stress : float, optional
-        Where the strengths of all windows are compared, Pa (`strength.with_strengths`).
-    joint : int
-        Windows, evenly spread, of which the joint posterior of c and φ is found as well.
+    Strengths of all windows are compared `at_stress`, in Pa (`strength.with_strengths`); of `joint` windows,
+    evenly spread, the joint posterior of c and φ is found as well.
     """
     if (
         file is not None
@@ -195,20 +152,20 @@ def estimate(
             "--method wong-reece fits the full model to any number"
         )
         file = None
-    asked = joint_posteriors.chosen(windows, joint)
+    asked = fit_account.chosen(windows, joint)
     of_line = cast("LineMethod", "auto" if file else method)
     line = estimate_lines(windows, of_line, min_samples=min_samples, folds=folds)
     if file is None:
         windows = windows.on_line()
         line = with_strengths(with_assumptions(line, windows, of_line), windows, at_stress)
-        return Fitted(line, joint=joint_posteriors.of_line(line, asked))
+        return Fitted(line, joint=fit_account.of_line(line, asked))
     whole, windows = windows, windows.thinned(_MOST)
     channels = _channels(windows)
     file = with_offsets(with_contact(file), windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
     fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust, joint=asked)
     estimates = of_fit(fit, line, whole, at_stress)
-    posteriors = joint_posteriors.of_fit(fit, file, asked)
+    posteriors = fit_account.of_fit(fit, file, asked)
     return Fitted(estimates, account(windows, file, fit, held, because), posteriors)
 
 
@@ -242,19 +199,10 @@ def _channels(windows: Windows) -> dict[str, Array]:
 def assumed(
     several: Sequence[Windows], file: ModelFile
 ) -> tuple[dict[str, float], dict[str, Prior], Noise | None]:
-    """Return what a fit takes for known before it has seen the data of some wheels.
+    """Return what a fit takes for known before it has seen the data of some wheels of one rover.
 
-    Parameters
-    ----------
-    several : sequence of Windows
-        Of one rover.
-
-    Returns
-    -------
-    held : dict of str to float
-        Parameters that are not sought: those of the file, and those whose channels a wheel lacks.
-    noise : Noise or None
-        Of the sensors, if rover.toml gives it for every channel that the fit weighs.
+    The parameters that are not sought (of the file, and those whose channels a wheel lacks), the priors, and
+    the noise of the sensors, if rover.toml gives it for every channel that the fit weighs.
     """
     every: list[dict[str, Array]] = []
     measured: set[str] = set()
@@ -359,15 +307,7 @@ def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noi
 def of_fit(
     fit: Fit, line: WindowEstimates, windows: Windows, at_stress: float | None = None
 ) -> WindowEstimates:
-    """Return what the table of windows says of a fit.
-
-    Parameters
-    ----------
-    line : WindowEstimates
-        Of the same windows; keeps its columns of least squares and ridge.
-    at_stress : float, optional
-        As for `estimate`.
-    """
+    """Return what the table of windows says of a fit; `line` keeps its columns of least squares and ridge."""
     from terrain_cli.estimation import wheel_fit
 
     soil: dict[str, Any] = {
@@ -392,3 +332,45 @@ def of_fit(
         phi_se=np.where(phi, estimates.phi_se, np.nan),
         corr=np.where(c & phi, estimates.corr, np.nan),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateRequest:
+    """Windows, a model, and the options of `estimate`."""
+
+    wheels: Sequence[Windows]  # As they were cut: neither joined nor thinned
+    file: ModelFile  # Of which the line is estimated where it is plain
+    min_samples: int | None = None  # min_samples, folds, robust: as for `estimators.estimate`
+    folds: int | None = None
+    robust: bool = False
+    at_stress: float | None = None  # In kPa
+
+    @cached_property
+    def estimates(self) -> list[WindowEstimates | None]:
+        """Of each wheel; None without torque or sinkage, where `estimate` has no answer."""
+        file = choose("auto", self.file, robust=self.robust)
+        stresses: dict[str, float | None] = {}
+        found: list[WindowEstimates | None] = []
+        for windows in self.wheels:
+            if not windows.lined:
+                found.append(None)
+                continue
+            source = windows.samples.source
+            fitted = estimate(
+                windows,
+                "auto",
+                file,
+                min_samples=self.min_samples,
+                folds=self.folds,
+                robust=self.robust,
+                at_stress=stresses.get(source, self.stress),
+            )
+            # Wheels of one log are compared at one stress.
+            stresses[source] = common_stress(stresses.get(source, self.stress), fitted)
+            found.append(fitted.estimates)
+        return found
+
+    @property
+    def stress(self) -> float | None:
+        """`at_stress` in Pa."""
+        return None if self.at_stress is None else 1e3 * self.at_stress

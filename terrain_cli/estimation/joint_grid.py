@@ -20,9 +20,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
     #: Returns log ρ at distances from the estimate along tan φ and along the strength, in standard errors.
     Shape = Callable[[Array, Array], Array]
 
@@ -36,24 +35,12 @@ _FARTHEST = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class JointGrid:
-    """Posterior of c and tan φ.
+    """Posterior of c and tan φ."""
 
-    Parameters
-    ----------
-    tan_phi : ndarray, shape (a,)
-        Of the lines.
-    strength : ndarray, shape (b,)
-        Of the columns: c + `pivot` tan φ, Pa.
-    pivot : float
-        σ* in Pa.
-    log_density : ndarray, shape (a, b)
-        Of c and tan φ; 0 where it is greatest.
-    """
-
-    tan_phi: Array
-    strength: Array
-    pivot: float
-    log_density: Array
+    tan_phi: Array  # Shape (a,): of the lines
+    strength: Array  # Shape (b,): of the columns: c + `pivot` tan φ, Pa
+    pivot: float  # σ* in Pa
+    log_density: Array  # Shape (a, b): of c and tan φ; 0 where it is greatest
 
     @property
     def cohesion(self) -> Array:
@@ -69,42 +56,24 @@ class JointGrid:
 
 @dataclass(frozen=True, kw_only=True)
 class JointPosterior:
-    """What is known of all parameters of a window together.
-
-    Parameters
-    ----------
-    window : int
-    names, units : tuple of str
-    values : ndarray, shape (p,)
-    covariance : ndarray, shape (p, p)
-    prior : ndarray, shape (p, 2)
-        Mean and standard deviation of what is known of each beforehand; NaN where nothing is.
-    grid : JointGrid or None
-        None where c or φ is not sought.
-    """
+    """What is known of all parameters of a window together."""
 
     window: int
     names: tuple[str, ...]
     units: tuple[str, ...]
-    values: Array
-    covariance: Array
+    values: Array  # Shape (p,)
+    covariance: Array  # Shape (p, p)
+    # Shape (p, 2): mean and standard deviation of what is known of each beforehand; NaN where nothing is
     prior: Array
-    grid: JointGrid | None
+    grid: JointGrid | None  # None where c or φ is not sought
 
 
 @dataclass(frozen=True)
 class Frame:
-    """The axes of a grid about an estimate.
+    """The axes of a grid about an estimate."""
 
-    Parameters
-    ----------
-    mean : ndarray, shape (2,)
-        c in Pa and tan φ.
-    covariance : ndarray, shape (2, 2)
-    """
-
-    mean: Array
-    covariance: Array
+    mean: Array  # Shape (2,): c in Pa and tan φ
+    covariance: Array  # Shape (2, 2)
 
     @property
     def pivot(self) -> float:
@@ -118,16 +87,9 @@ class Frame:
         return float(np.sqrt(self.covariance[1, 1])), float(np.sqrt(along @ self.covariance @ along))
 
     def away(self, u: Array, v: Array) -> Array:
-        """Return how far points are from the estimate, in c and tan φ.
+        """Return how far points are from the estimate, in c and tan φ, shape (…, 2).
 
-        Parameters
-        ----------
-        u, v : ndarray
-            Along tan φ and along the strength, in their standard errors.
-
-        Returns
-        -------
-        ndarray, shape (…, 2)
+        u and v are along tan φ and along the strength, in their standard errors.
         """
         of_phi, of_strength = self.errors
         tan_phi = u * of_phi
@@ -152,15 +114,10 @@ def grid(
     shape: Callable[[Array], Shape] | None = None,
     bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> JointGrid:
-    """Lay a grid about an estimate.
+    """Lay a grid about an estimate, with tan φ within bounds.
 
-    Parameters
-    ----------
-    shape : callable, optional
-        Returns the shape within some reach: least and greatest distance along tan φ and along the
-        strength, shape (2, 2). A normal distribution if not given.
-    bounds : (float, float)
-        Of tan φ.
+    `shape` returns within some reach the least and greatest distance along tan φ and along the strength,
+    shape (2, 2); a normal distribution if not given.
     """
     ends = (np.asarray(bounds) - frame.mean[1]) / frame.errors[0]
     reach = np.array([[-REACH, REACH], [-REACH, REACH]])

@@ -8,32 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.line.window_estimates import WindowEstimates
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.windows.cut_windows import Windows
 
-    Array = NDArray[np.float64]
 
 #: Steps of the typical stress, by decade: so that logs of one rover have one stress.
 _STEPS = np.log10([1.0, 2.0, 5.0, 10.0])
 
 
 def mean_stress(load: Array, sinkage: Array, radius: float, width: float) -> Array:
-    """Return the load by the ground that carries it, W / (b r sin θ1).
-
-    Parameters
-    ----------
-    load, sinkage : ndarray, shape (n,)
-        N and m.
-    radius, width : float
-        In m.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In Pa; NaN where the wheel does not sink.
-    """
+    """Return the load by the ground that carries it, W / (b r sin θ1), in Pa; NaN without sinkage."""
     share = np.clip(sinkage / radius, 0.0, 1.0)
     length = radius * np.sqrt(share * (2.0 - share))
     return np.divide(load, width * length, out=np.full_like(length, np.nan), where=length > 0.0)
@@ -53,10 +38,7 @@ def with_strengths(
 ) -> WindowEstimates:
     """Return estimates with σ* within the stresses of each window, and the strength at one stress for all.
 
-    Parameters
-    ----------
-    at_stress : float, optional
-        In Pa; the typical stress under this wheel if not given.
+    In Pa; the typical stress under this wheel if not given.
     """
     geometry, measured = windows.samples.geometry.wheel, windows.samples.channels
     # A comparison does without a channel that the model predicts.
@@ -84,13 +66,7 @@ def with_strengths(
 
 
 def strength_at(stress: Array, estimates: WindowEstimates) -> tuple[Array, Array]:
-    """Return c + σ tan φ and its standard error, Pa.
-
-    Parameters
-    ----------
-    stress : ndarray, shape (w,)
-        σ in Pa.
-    """
+    """Return c + σ tan φ and its standard error, Pa."""
     tan_phi = np.tan(estimates.phi)
     tan_se = estimates.phi_se * (1.0 + tan_phi**2)
     # An estimate without error has no correlation.

@@ -17,12 +17,12 @@ from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import diagnosis_criteria, quick_scores, several_soils
 from terrain_cli.diagnosis.quick_scores import missing_effects
 from terrain_cli.estimation import estimators
-from terrain_cli.estimation.estimate_request import EstimateRequest
+from terrain_cli.estimation.estimators import EstimateRequest
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Estimated, Idle, Lost, Shift, Step
 from terrain_cli.telemetry.long_logs import notes
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 from terrain_cli.windows import joined_inputs
 from terrain_cli.windows.joined_inputs import with_inputs
 

@@ -10,7 +10,7 @@ from terrain_cli.diagnosis import conclusion
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.change_trial import tried
 from terrain_cli.improvement.improvement_outcome import Stopped
-from terrain_cli.vocabulary.english import listed
+from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

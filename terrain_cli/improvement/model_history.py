@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.improvement.improvement_outcome import ChannelChange, Interval
 from terrain_cli.version import __version__
-from terrain_cli.vocabulary.english import listed
+from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -22,9 +22,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 ORDER = 14
 #: Nodes on each arc that give the forces to 1e-8 of themselves, by the longest way along an arc in
@@ -123,7 +122,11 @@ def forces(
 
 
 class _Rim:
-    """Stresses at the nodes, the forces they add up to, and how these change."""
+    """Stresses at the nodes, the forces they add up to, and how these change.
+
+    Arrays of forces begin with W, T, DP; those of nodes end with (arc, order, n), or (order, n) where
+    both arcs have the same.
+    """
 
     def __init__(self, contact: Contact, width: float, order: int) -> None:
         u, w = nodes(order)
@@ -157,151 +160,138 @@ class _Rim:
         np.copysign(mobilised, travel, out=mobilised)
         strength = contact.tan_phi * sigma
         strength += contact.cohesion
-        tau = strength * mobilised
 
-        weight = np.empty_like(half)
-        np.multiply(w, front, out=weight[0])
-        np.multiply(w, rear, out=weight[1])
-        w_cos, w_sin = weight * cos, weight * sin
-        both_cos, both_sin = w_cos[0] + w_cos[1], w_sin[0] + w_sin[1]
-        press = _sum(both_cos, sigma), _sum(both_sin, sigma)
-        shear = _sum(weight, tau), _sum(w_cos, tau), _sum(w_sin, tau)
-        self.values = width * np.array(
+        # σ cos θ, σ sin θ, τ, τ cos θ, τ sin θ.
+        stresses = np.empty((5, *half.shape))
+        np.multiply(sigma, cos, out=stresses[0])
+        np.multiply(sigma, sin, out=stresses[1])
+        tau = np.multiply(strength, mobilised, out=stresses[2])
+        np.multiply(tau, cos, out=stresses[3])
+        np.multiply(tau, sin, out=stresses[4])
+        ways = np.stack([w[:, 0], (w * u)[:, 0]])
+        self.sums = np.moveaxis(ways @ stresses, 2, 0)
+        self.lengths = np.stack([front, rear])
+        press, shear = self.sums[0, :2], self.sums[0, 2:]
+        #: Change of the forces as an arc gets longer, its nodes and their stresses kept.
+        self.of_length = width * np.array(
             [r * press[0] + R * shear[2], R * R * shear[0], R * shear[1] - r * press[1]]
         )
+        self.values = self.of_length[:, 0] * front + self.of_length[:, 1] * rear
         self.contact, self.width, self.u, self.w = contact, width, u, w
-        self.advance = advance
-        self.half, self.s1, self.c1, self.rise, self.run = half, s1, c1, rise, run
-        self.cos, self.sin, self.w_cos, self.w_sin, self.weight = cos, sin, w_cos, w_sin, weight
-        self.both_cos, self.both_sin, self.press, self.shear = both_cos, both_sin, press, shear
-        self.log_depth, self.sigma, self.travel, self.tau = log_depth, sigma, travel, tau
+        self.advance, self.half, self.s1, self.c1 = advance, half, s1, c1
+        self.rise, self.run, self.cos, self.sin = rise, run, cos, sin
+        self.log_depth, self.sigma, self.travel = log_depth, sigma, travel
         self.strength, self.fade, self.mobilised = strength, fade, mobilised
 
     @cached_property
-    def grips(self) -> tuple[Array, Array, Array]:
-        """What c + σ tan φ of a node adds to ∫ τ, ∫ τ cos θ and ∫ τ sin θ."""
-        parts = (w * self.mobilised for w in (self.weight, self.w_cos, self.w_sin))
-        plain, cos, sin = (part[0] + part[1] for part in parts)
-        return plain, cos, sin
-
-    @cached_property
-    def steep(self) -> Array:
-        """How τ changes with j, weighted."""
-        steep = self.strength * self.fade
-        steep *= self.weight
-        steep /= self.contact.shear_modulus
-        return np.asarray(steep)
-
-    @cached_property
-    def bend(self) -> Array:
-        """How j changes with the angle of a node."""
-        return np.asarray(self.advance * self.contact.radius * self.cos - self.contact.shear_radius)
-
-    @cached_property
-    def per_depth(self) -> Array:
-        """How σ changes with its depth in radii."""
-        return np.asarray(self.contact.sinkage_exponent * self.sigma / self.rise[0])
-
-    def of_shear(self, unit: Array | None = None) -> Array:
-        """Change of the forces with c + σ tan φ, shape (order, n); by 1 everywhere if not given."""
+    def per_strength(self) -> Array:
+        """How the forces change with c + σ tan φ of a node, shape (3, order, n)."""
         R = self.contact.shear_radius
-        plain, cos, sin = (part.sum(axis=0) if unit is None else _sum(part, unit) for part in self.grips)
-        return self.width * np.array([R * sin, R * R * plain, R * cos])
+        grip = self.mobilised * self.lengths[:, None]
+        change = np.stack([_both(grip * self.sin), R * _both(grip), _both(grip * self.cos)])
+        change *= self.width * R * self.w
+        return np.asarray(change)
 
-    def of_sigma(self, change: Array) -> Array:
-        """Change of the forces with σ, shape (order, n)."""
-        total = self.of_shear(self.contact.tan_phi * change)
-        total[0] += self.width * self.contact.radius * _sum(self.both_cos, change)
-        total[2] -= self.width * self.contact.radius * _sum(self.both_sin, change)
-        return total
+    @cached_property
+    def per_pressure(self) -> Array:
+        """How the forces change with σ of a node, shape (3, order, n)."""
+        change = self.contact.tan_phi * self.per_strength
+        share = self.width * self.contact.radius * self.w
+        change[0] += share * _both(self.lengths[:, None] * self.cos)
+        change[2] -= share * _both(self.lengths[:, None] * self.sin)
+        return np.asarray(change)
 
-    def of_travel(self, change: Array) -> Array:
-        """Change of the forces with j, shape (2, order, n)."""
-        part, R = self.steep * change, self.contact.shear_radius
-        return self.width * np.array(
-            [R * _sum(part, self.sin), R * R * part.sum(axis=(0, 1)), R * _sum(part, self.cos)]
-        )
+    @cached_property
+    def per_travel(self) -> Array:
+        """How the forces change with j of a node, shape (3, 2, order, n)."""
+        R = self.contact.shear_radius
+        steep = self.strength * self.fade
+        steep *= self.lengths[:, None] * (self.width * R / self.contact.shear_modulus)
+        steep *= self.w
+        return np.stack([steep * self.sin, steep * R, steep * self.cos])
 
-    def of_turning(self, arc: int, angle: Array) -> Array:
-        """Change of the forces as the nodes of an arc turn, their stresses kept."""
+    @cached_property
+    def with_pressure(self) -> Array:
+        """Change of the forces with the logarithm of σ everywhere."""
+        return _sum(self.per_pressure, self.sigma)
+
+    @cached_property
+    def with_run(self) -> Array:
+        """Change of the forces as j grows by the way that a node has run."""
+        return _sum(self.per_travel, self.run)
+
+    @cached_property
+    def deepened(self) -> Array:
+        """How the forces change as a node gets deeper, in radii, shape (3, order, n)."""
+        return np.asarray(self.per_pressure * (self.contact.sinkage_exponent * self.sigma / self.rise[0]))
+
+    @cached_property
+    def turned(self) -> Array:
+        """Change of the forces as the nodes of an arc turn: all by 1, or each by its u.
+
+        Shape (2, 3, 2, n).
+        """
         r, R = self.contact.radius, self.contact.shear_radius
-        sin, cos = self.w_sin[arc] * angle, self.w_cos[arc] * angle
-        load = R * _sum(cos, self.tau[arc]) - r * _sum(sin, self.sigma)
-        pull = -R * _sum(sin, self.tau[arc]) - r * _sum(cos, self.sigma)
-        return self.width * np.array([load, np.zeros_like(load), pull])
-
-    def of_length(self, arc: int) -> Array:
-        """Change of the forces as an arc gets longer, its nodes and their stresses kept."""
-        r, R = self.contact.radius, self.contact.shear_radius
-        cos, sin, tau = self.w * self.cos[arc], self.w * self.sin[arc], self.tau[arc]
-        return self.width * np.array(
-            [
-                r * _sum(cos, self.sigma) + R * _sum(sin, tau),
-                R * R * (self.w * tau).sum(axis=0),
-                R * _sum(cos, tau) - r * _sum(sin, self.sigma),
-            ]
-        )
+        ways = np.stack([np.ones(len(self.u)), self.u[:, 0]])
+        bend = self.advance * r * self.cos - R
+        change = np.moveaxis(ways @ (self.per_travel * bend), 2, 0)
+        share = self.width * self.lengths
+        change[:, 0] += share * (R * self.sums[:, 3] - r * self.sums[:, 1])
+        change[:, 2] -= share * (R * self.sums[:, 4] + r * self.sums[:, 0])
+        # The pressure behind θm is that in front of it, so that only those nodes change it.
+        change[:, :, 0] -= np.moveaxis(ways @ (self.deepened * self.sin[0]), 1, 0)
+        return np.asarray(change)
 
     def by_entry_angle(self) -> Array:
-        u, contact = self.u, self.contact
-        start = contact.shear_radius - self.advance * contact.radius * self.c1
-        travel = np.stack([start + (1.0 - u) * self.bend[0], np.broadcast_to(start, self.bend[1].shape)])
-        return (
-            self.of_sigma(self.per_depth * (self.s1 - (1.0 - u) * self.sin[0]))
-            + self.of_travel(travel)
-            + self.of_turning(0, 1.0 - u)
-            + self.of_length(0)
-        )
+        start = self.contact.shear_radius - self.advance * self.contact.radius * self.c1
+        moved = self.s1 * self.deepened.sum(axis=1) + start * self.per_travel.sum(axis=(1, 2))
+        return np.asarray(moved + self.turned[0, :, 0] - self.turned[1, :, 0] + self.of_length[:, 0])
 
     def by_max_stress_angle(self) -> Array:
-        turning = self.of_turning(0, self.u) + self.of_turning(1, self.u)
-        return (
-            self.of_sigma(-self.per_depth * self.u * self.sin[0])
-            + self.of_travel(self.u * self.bend)
-            + turning
-            - self.of_length(0)
-            + self.of_length(1)
-        )
+        return np.asarray(self.turned[1].sum(axis=1) + self.of_length[:, 1] - self.of_length[:, 0])
 
     def by_exit_angle(self) -> Array:
-        travel = np.zeros_like(self.bend)
-        np.multiply(1.0 - self.u, self.bend[1], out=travel[1])
-        return self.of_travel(travel) + self.of_turning(1, 1.0 - self.u) - self.of_length(1)
+        return np.asarray(self.turned[0, :, 1] - self.turned[1, :, 1] - self.of_length[:, 1])
 
     def by_slip(self) -> Array:
         steep = np.where(self.contact.slip < 0.0, self.advance**2, 1.0)
-        return self.of_travel(steep * self.contact.radius * self.run)
+        return np.asarray(steep * self.contact.radius * self.with_run)
 
     def by_cohesion(self) -> Array:
-        return self.of_shear()
+        return np.asarray(self.per_strength.sum(axis=1))
 
     def by_tan_phi(self) -> Array:
-        return self.of_shear(self.sigma)
+        return _sum(self.per_strength, self.sigma)
 
     def by_shear_modulus(self) -> Array:
-        return self.of_travel(-self.travel / self.contact.shear_modulus)
+        return _sum(self.per_travel, self.travel) / -self.contact.shear_modulus
 
     def by_stiffness(self) -> Array:
-        return self.of_sigma(self.sigma / self.contact.stiffness)
+        return np.asarray(self.with_pressure / self.contact.stiffness)
 
     def by_sinkage_exponent(self) -> Array:
-        return self.of_sigma(self.sigma * self.log_depth)
+        return _sum(self.per_pressure, self.sigma * self.log_depth)
 
     def by_radius(self) -> Array:
         contact = self.contact
-        total = self.of_sigma(contact.sinkage_exponent * self.sigma / contact.radius)
-        total += self.of_travel(-self.advance * self.run)
-        total[0] += self.width * self.press[0]
-        total[2] -= self.width * self.press[1]
-        return total
+        total = contact.sinkage_exponent / contact.radius * self.with_pressure - self.advance * self.with_run
+        press = self.width * (self.sums[0, :2] * self.lengths).sum(axis=1)
+        total[0] += press[0]
+        total[2] -= press[1]
+        return np.asarray(total)
 
     def by_shear_radius(self) -> Array:
-        plain, cos, sin = self.shear
+        plain, cos, sin = (self.sums[0, 2:] * self.lengths).sum(axis=1)
         own = np.array([sin, 2.0 * self.contact.shear_radius * plain, cos])
-        return self.of_travel(2.0 * self.half) + self.width * own
+        return _sum(self.per_travel, 2.0 * self.half) + self.width * own
 
 
-def _sum(a: Array, b: Array) -> Array:
-    """Sum a product over the nodes without writing it down."""
-    subscripts = "aqn,aqn->n" if a.ndim == 3 else "qn,qn->n"
-    return np.asarray(np.einsum(subscripts, a, b), dtype=float)
+def _both(a: Array) -> Array:
+    """Add the two arcs."""
+    return np.asarray(a[0] + a[1])
+
+
+def _sum(change: Array, by: Array) -> Array:
+    """Sum over the nodes what changes the forces, without writing the product down."""
+    subscripts = "faqn,aqn->fn" if by.ndim == 3 else "fqn,qn->fn"
+    return np.asarray(np.einsum(subscripts, change, by), dtype=float)

@@ -16,9 +16,8 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Mask
 
-    Array = NDArray[np.float64]
 
 #: Derivatives by each argument, from the arguments and the result.
 _ONE: dict[np.ufunc, Callable[[Any, Any], Any]] = {
@@ -95,11 +94,9 @@ class Dual(NDArrayOperatorsMixin):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the value."""
         return self.value.shape
 
     def __getitem__(self, key: Any) -> Dual:
-        """Return some of the entries."""
         return Dual(
             self.value[key],
             {name: np.broadcast_to(slope, self.value.shape)[key] for name, slope in self.slopes.items()},
@@ -175,9 +172,7 @@ _CLOSE = 1e-12
 _LAST = 1e-6
 
 
-def carrying(
-    carried: Callable[[Dual], Any], load: Array, start: Array, deepest: float
-) -> tuple[Array, NDArray[np.bool_]]:
+def carrying(carried: Callable[[Dual], Any], load: Array, start: Array, deepest: float) -> tuple[Array, Mask]:
     """Find the sinkage at which a soil carries a load.
 
     Newton's steps on the logarithms, of which load and sinkage nearly are a line, kept within a

@@ -1,4 +1,4 @@
-"""The class `Effect`: the parameters and laws by which a physical effect changes the model."""
+"""What an effect is: its parameters, what is known of them beforehand, and its laws."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from numpy.typing import ArrayLike
 
 #: Where an effect enters: what the soil is, the stress under the rim, the shape of the contact, a
 #: force on the wheel, or what a sensor shows of it.
@@ -49,6 +51,43 @@ Law = Callable[[Quantities], Any]
 _CERTAIN = 3.0
 #: Distance from a bound, in typical sizes, that is none.
 _NEAR = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of a parameter before any data: normal, or log-normal for k and keq."""
+
+    # mean, sd: mean and standard deviation in the parameter's own unit, of the log-normal distribution itself
+    # where it is one
+    mean: float
+    sd: float
+
+    @classmethod
+    def factor(cls, median: float, factor: float) -> Prior:
+        """Return the log-normal prior "`median`, within a factor of `factor`" (one standard deviation)."""
+        import numpy as np
+
+        spread = float(np.log(factor))
+        mean = median * float(np.exp(0.5 * spread**2))
+        return cls(mean, mean * float(np.sqrt(np.expm1(spread**2))))
+
+    @classmethod
+    def of(cls, values: ArrayLike, *, positive: bool = False) -> Prior:
+        """Return the prior with the mean and the variance of values, or of their logarithms if positive."""
+        import numpy as np
+
+        values = np.asarray(values, dtype=float)
+        if positive:
+            logs = np.log(values)
+            return cls.factor(float(np.exp(logs.mean())), float(np.exp(logs.std())))
+        return cls(float(values.mean()), float(values.std()))
+
+    def of_logarithm(self) -> tuple[float, float]:
+        """Return mean and standard deviation of the logarithm of a log-normal parameter."""
+        import numpy as np
+
+        spread = float(np.sqrt(np.log1p((self.sd / self.mean) ** 2)))
+        return float(np.log(self.mean)) - 0.5 * spread**2, spread
 
 
 @dataclass(frozen=True, slots=True)

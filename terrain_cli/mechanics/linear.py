@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array
+
 
 #: Samples at a time: their intermediate results stay in the processor's cache, which is worth a factor of 3.
 _BLOCK = 16_384

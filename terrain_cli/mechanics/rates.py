@@ -1,19 +1,40 @@
-"""Rates of change of channels, and the angle that the wheel has turned, for the effects that need them."""
+"""What follows from the order of samples in time: rates of channels, and the angle of the grousers.
+
+Every stretch of a log begins at an unknown angle of the wheel, so that over several of them the ripple of
+one amplitude would cancel. The phase is read off the channel that ripples most. To be told a phase by the
+very samples that are then fitted by it would find a ripple in any noise: each stretch is cut in three, and
+each part is told by the next one, the last by the first. Three are the fewest with which the differences
+between parts are unrelated where there is no ripple, two by two, so that nothing adds up.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from collections.abc import Sequence
 
-    Array = NDArray[np.float64]
+    from numpy.typing import ArrayLike
+
+    from terrain_cli.vocabulary.arrays import Array, Index
+
 
 #: Neighbours on either side among which is chosen, and samples that are enough to choose by.
 _REACHES = (2, 4, 8, 16, 32)
 _TELLING = 20_000
+#: Parts of a stretch.
+_PARTS = 3
+#: Samples and turns from grouser to grouser that tell a phase.
+_FEWEST, _TURNS = 12, 1.5
+#: Least noise of a channel, as a share of its size.
+_ROUNDING = 1e-9
+#: Share of its samples that a channel has to have.
+_KNOWN = 0.5
+#: Times its power in noise at which a ripple stands out: below, there is nothing to align.
+_STANDS_OUT = 4.0
 
 
 def rate(time: ArrayLike, stretch: ArrayLike, values: ArrayLike, *, reach: int | None = None) -> Array:
@@ -47,7 +68,7 @@ def rate(time: ArrayLike, stretch: ArrayLike, values: ArrayLike, *, reach: int |
         return np.asarray(np.where(spread > 0.0, (count * stv - st * sv) / spread, np.nan))
 
 
-def _sums(time: Array, stretch: NDArray[np.intp], values: Array, reach: int) -> Array:
+def _sums(time: Array, stretch: Index, values: Array, reach: int) -> Array:
     """Return number of neighbours and Σ t, Σ v, Σ t², Σ t v about each sample, so that nothing cancels."""
     n = len(time)
     sums = np.zeros((5, n))
@@ -85,3 +106,83 @@ def wheel_angle(time: ArrayLike, stretch: ArrayLike, angular_velocity: ArrayLike
     first = np.flatnonzero(np.concatenate([[True], ~follows]))
     lengths = np.diff(np.append(first, len(time)))
     return np.asarray(total - np.repeat(total[first], lengths))
+
+
+class _Ripple(NamedTuple):
+    """Phase of the ripple of each channel in one part, and its power over that of noise."""
+
+    phase: Array
+    power: Array
+
+
+def aligned(
+    angle: Array, stretch: Index, grousers: int, shown: Sequence[Array], beside: Sequence[Array]
+) -> Array:
+    """Count the angle of the wheel in every stretch from where a grouser is at the crest of the ripple.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n,)
+        In rad, from the beginning of each stretch.
+    stretch : ndarray of int, shape (n,)
+        Rising.
+    grousers : int
+        Their number round the wheel, Ng.
+    shown : sequence of ndarray, shape (n,)
+        Channels that may ripple.
+    beside : sequence of ndarray, shape (n,)
+        What these follow besides, a straight line within each part: time, load, slip.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        In rad. As it was where there is one stretch alone, whose phase the ripple's sine and cosine
+        are; where none ripples; and in stretches that are too short to tell.
+    """
+    cuts = np.flatnonzero(np.diff(stretch)) + 1
+    if not len(cuts) or not grousers:
+        return angle
+    shown = [column for column in shown if np.isfinite(column).mean() > _KNOWN]
+    if not shown:
+        return angle
+    psi, table, columns = grousers * angle, np.stack(shown, axis=1), np.stack(beside, axis=1)
+    found: list[tuple[list[slice], list[_Ripple]]] = []
+    for first, end in pairwise([0, *cuts.tolist(), len(angle)]):
+        bounds = np.linspace(first, end, _PARTS + 1).astype(int).tolist()
+        parts = [slice(i, j) for i, j in pairwise(bounds)]
+        ripples = [_ripple(psi[part], table[part], columns[part]) for part in parts]
+        known = [one for one in ripples if one is not None]
+        if len(known) == _PARTS:
+            found.append((parts, known))
+    if not found:
+        return angle
+    power = np.mean([one.power for _, known in found for one in known], axis=0)
+    # Which channel, and whether any, is chosen by how much they ripple: that says nothing of phases.
+    channel = int(np.argmax(power))
+    if power[channel] < _STANDS_OUT:
+        return angle
+    result = angle.copy()
+    for parts, known in found:
+        for part, teller in zip(parts, [*known[1:], known[0]], strict=True):
+            result[part] -= teller.phase[channel] / grousers
+    return result
+
+
+def _ripple(psi: Array, shown: Array, beside: Array) -> _Ripple | None:
+    """Fit a ripple to each channel of a part; None where it is too short."""
+    known = np.isfinite(shown).all(axis=1) & np.isfinite(beside).all(axis=1) & np.isfinite(psi)
+    psi, shown, beside = psi[known], shown[known], beside[known]
+    count = len(psi)
+    if count < _FEWEST or np.ptp(psi) < 2.0 * np.pi * _TURNS:
+        return None
+    beside = beside - beside.mean(axis=0)
+    size = np.abs(beside).max(axis=0)
+    lines = beside / np.where(size > 0.0, size, 1.0)
+    design = np.column_stack([np.cos(psi), np.sin(psi), np.ones(count), lines])
+    fit = np.linalg.lstsq(design, shown, rcond=None)[0]
+    noise = ((shown - design @ fit) ** 2).sum(axis=0) / (count - design.shape[1])
+    cosine, sine = fit[:2]
+    # A channel that never changes is not noise-free but without a ripple.
+    noise = np.maximum(noise, (_ROUNDING * np.abs(shown).max(axis=0)) ** 2 + np.finfo(float).tiny)
+    power = (cosine**2 + sine**2) * count / (4.0 * noise)
+    return _Ripple(np.arctan2(sine, cosine), power)

@@ -12,11 +12,10 @@ from terrain_cli.mechanics.wheel_model import Model, predict
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.mechanics.wheel_model import WheelGeometry
-
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array
 
 
 class Stresses(NamedTuple):

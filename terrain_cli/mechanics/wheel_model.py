@@ -15,18 +15,18 @@ from terrain_cli.mechanics import contact, dual, rim_forces
 from terrain_cli.mechanics.contact import ORDER, order_for
 from terrain_cli.mechanics.dual import Dual, chain, seed, slopes, value
 from terrain_cli.mechanics.effect import KINDS
-from terrain_cli.processes.memory import keep_freed
+from terrain_cli.processes import keep_freed
 from terrain_cli.vocabulary.choices import BASES, Base
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.mechanics.effect import Effect, Parameter
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 Given = Literal["sinkage", "load"]
 
@@ -86,7 +86,6 @@ class Model:
 
     @property
     def soil(self) -> tuple[str, ...]:
-        """Names of the soil's parameters."""
         return SOIL[self.base]
 
     @cached_property
@@ -109,12 +108,23 @@ class Model:
         From the ground to the sensor, whatever the order in which they were added; a measured slip
         or load is followed back from the sensor to the ground.
         """
-        acting = [effect for effect in self.effects if quantity in effect.laws]
-        return sorted(acting, key=lambda e: KINDS.index(e.kind), reverse=quantity in _MEASURED)
+        return self._acting.get(quantity, [])
+
+    @cached_property
+    def _acting(self) -> dict[str, list[Effect]]:
+        quantities = dict.fromkeys(quantity for effect in self.effects for quantity in effect.laws)
+        return {
+            name: sorted(
+                (effect for effect in self.effects if name in effect.laws),
+                key=lambda e: KINDS.index(e.kind),
+                reverse=name in _MEASURED,
+            )
+            for name in quantities
+        }
 
     def changes(self, quantity: str) -> bool:
         """Whether an effect changes a quantity."""
-        return any(quantity in effect.laws for effect in self.effects)
+        return quantity in self._acting
 
 
 @dataclass(frozen=True)
@@ -246,7 +256,6 @@ class _Block:
         return q[quantity]
 
     def run(self, given: Given) -> Prediction:
-        """Predict."""
         q = _Missing(self.start)
         self.law("slip", q)
         if "load" in q:
@@ -310,8 +319,13 @@ class _Block:
                 q, self.wheel.width, self.law, order=order
             )
             return load
+        # Most have the shape already, and to ask costs less than to broadcast.
+        numbers = {name: np.asarray(value(q[name])) for name in contact.NAMES}
         plain = contact.Contact(
-            **{name: np.broadcast_to(value(q[name]), self.shape) for name in contact.NAMES}
+            **{
+                name: x if x.shape == self.shape else np.broadcast_to(x, self.shape)
+                for name, x in numbers.items()
+            }
         )
         by = [name for name in contact.NAMES if slopes(q[name])]
         totals, partial = contact.forces(plain, self.wheel.width, by=by, order=order)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from terrain_cli.mechanics.prior import Prior
+from terrain_cli.mechanics.effect import Prior
 from terrain_cli.models.model_change import (
     ASSUMPTIONS,
     MODULUS,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from terrain_cli.errors import ConfigurationError, UsageError, nearest
-from terrain_cli.mechanics.prior import Prior
+from terrain_cli.mechanics.effect import Prior
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models.model_file import find_effect, is_path
 from terrain_cli.vocabulary.choices import K_FACTOR

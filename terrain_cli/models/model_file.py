@@ -10,9 +10,9 @@ from formats.errors import FormatError
 from terrain_cli import effects
 from terrain_cli.effects.laws import effect_file
 from terrain_cli.errors import ConfigurationError, TerrainError, nearest
-from terrain_cli.mechanics.prior import Prior
+from terrain_cli.mechanics.effect import Prior
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.toml import strict
+from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.choices import BASES, EFFECT_SCALES, PRIOR_SHARES, SOIL_BOUNDS
 
 if TYPE_CHECKING:
@@ -92,13 +92,13 @@ def resolve(name: str) -> ModelFile:
 def load(path: str | Path) -> ModelFile:
     """Read a model file and the effects it names."""
     path = Path(path)
-    text = strict.read_text(path)
-    content = strict.parse(text, path)
+    text = toml_files.read_text(path)
+    content = toml_files.parse(text, path)
     if content.get("format") != FORMAT:
         said = f"format is {content['format']!r}" if "format" in content else "format is missing"
         raise ConfigurationError(f"{path}: {said}", hint=f'this version reads format = "{FORMAT}"')
     content = _FILE(content, f"{path}: ")
-    strict.require(content, str(path), "base")
+    toml_files.require(content, str(path), "base")
     named = tuple(content.get("effects", ()))
     model = _model(content["base"], named, path.parent, f"{path}: ")
     fixed = {
@@ -166,9 +166,9 @@ def flat(table: Any, place: str) -> Iterator[tuple[str, Any, str]]:
 
     Of ``{"slip-sinkage.n1": 0.4}`` or ``{"slip-sinkage": {"n1": 0.4}}``: qualified name, value and place.
     """
-    for name, value, where in strict.each(table, place):
+    for name, value, where in toml_files.each(table, place):
         if isinstance(value, dict) and not {"mean", "sd"} & value.keys():
-            for inner, number, inside in strict.each(value, where):
+            for inner, number, inside in toml_files.each(value, where):
                 yield f"{name}.{inner}", number, inside
         else:
             yield name, value, where
@@ -198,7 +198,7 @@ def _within(model: Model, name: str, value: Any, place: str, what: str, low: flo
     unit = own.unit if own else SOIL_UNITS[name]
     in_unit = "" if unit == "1" else f" in {unit}"
     what = f"{what}{in_unit} from {low / factor:g} to {high / factor:g}"
-    checked: float = strict.number(what, low / factor, high / factor)(value, place)
+    checked: float = toml_files.number(what, low / factor, high / factor)(value, place)
     return checked * factor
 
 
@@ -213,7 +213,7 @@ def _known(name: Any, known: Sequence[str], place: str) -> None:
 def _prior(model: Model, name: str, value: Any, place: str) -> Prior:
     _known(name, (*model.soil, *model.parameters), place)
     values = _PRIOR(value, place)
-    strict.require(values, place, "mean", "sd")
+    toml_files.require(values, place, "mean", "sd")
     low, high = _bounds(model, name)
     least, most = (share * (high - low) for share in PRIOR_SHARES)
     return Prior(
@@ -222,15 +222,15 @@ def _prior(model: Model, name: str, value: Any, place: str) -> Prior:
     )
 
 
-_PRIOR = strict.table({"mean": strict.number("a number"), "sd": strict.number("a number")})
-_FILE = strict.table(
+_PRIOR = toml_files.table({"mean": toml_files.number("a number"), "sd": toml_files.number("a number")})
+_FILE = toml_files.table(
     {
-        "format": strict.text,
-        "base": strict.choice(*BASES),
-        "effects": strict.several(strict.text),
-        "shared": strict.several(strict.text),
-        "fixed": strict.tables(lambda value, _: value),
-        "priors": strict.tables(lambda value, _: value),
-        "history": strict.several(strict.tables(lambda value, _: value)),
+        "format": toml_files.text,
+        "base": toml_files.choice(*BASES),
+        "effects": toml_files.several(toml_files.text),
+        "shared": toml_files.several(toml_files.text),
+        "fixed": toml_files.tables(lambda value, _: value),
+        "priors": toml_files.tables(lambda value, _: value),
+        "history": toml_files.several(toml_files.tables(lambda value, _: value)),
     }
 )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import formats
 from terrain_cli.models.model_file import FORMAT, SOIL_UNITS, ModelFile, flat
-from terrain_cli.toml import toml_text
+from terrain_cli.vocabulary import toml_files
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,13 +37,13 @@ def new(file: ModelFile) -> str:
     soil = ", ".join(f"{name} ({SOIL_UNITS[name]})" for name in file.model.soil)
     lines = [
         "# A model of wheel and soil for terrain-est.",
-        f"format = {toml_text.value(FORMAT)}",
-        f'base = {toml_text.value(file.model.base)}   # "wong-reece" or "linear"',
+        f"format = {toml_files.value(FORMAT)}",
+        f'base = {toml_files.value(file.model.base)}   # "wong-reece" or "linear"',
         "# Ids of the catalogue (terrain-est effects list), or paths of effect files, beside this file.",
-        f"effects = {toml_text.value(file.effects)}",
+        f"effects = {toml_files.value(file.effects)}",
     ]
     if file.shared:
-        lines += ["# One value for all windows of a wheel.", f"shared = {toml_text.value(file.shared)}"]
+        lines += ["# One value for all windows of a wheel.", f"shared = {toml_files.value(file.shared)}"]
     lines += [
         "",
         "# Parameters held at a value; the others are estimated, those of the soil window by window.",
@@ -119,7 +119,7 @@ def _item(value: Any) -> Item:
     """Return a value as it stands in a new file."""
     import tomlkit
 
-    return tomlkit.value(toml_text.value(value))
+    return tomlkit.value(toml_files.value(value))
 
 
 def _last(container: Container, *, deep: bool = False) -> Item | None:
@@ -152,9 +152,9 @@ def _tables(file: ModelFile) -> dict[str, dict[str, Any]]:
 
 
 def _pairs(entries: Mapping[str, Any], before: tuple[str, ...]) -> list[str]:
-    start = "".join(f"{toml_text.key(name)}." for name in before)
+    start = "".join(f"{toml_files.key(name)}." for name in before)
     return [
-        f"{start}{toml_text.key(name)} = {toml_text.value(value)}"
+        f"{start}{toml_files.key(name)} = {toml_files.value(value)}"
         for name, value in entries.items()
         if value is not None
     ]

@@ -1,23 +1,33 @@
-"""A change of a model as JSON, and as tables for a person."""
+"""A change of a model in a sentence, as tables for a person, and as JSON."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING, Any
 
+from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import conclusion
+from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
-from terrain_cli.presentation import change_sentences, conclusion_text
+from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary import quantities
-from terrain_cli.vocabulary.english import counted, listed
+from terrain_cli.vocabulary.quantities import counted, listed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.improvement.improvement_outcome import Estimated, Interval, Shift, Step, Stopped
+    from terrain_cli.improvement.improvement_outcome import (
+        Action,
+        ChannelChange,
+        Estimated,
+        Interval,
+        Shift,
+        Step,
+        Stopped,
+    )
 
 FORMAT = "terrain-est/model-change/1"
 LOOP_FORMAT = "terrain-est/model-loop/1"
@@ -25,25 +35,119 @@ LOOP_FORMAT = "terrain-est/model-loop/1"
 _MOST_ROWS = 12
 
 
+def verdict(step: Step) -> str:
+    """Say what held-out data say of a change, and what became of it."""
+    what = listed(step.changed)
+    if step.action == "remove":
+        return f"{what} {_is(step)} removed{', though it pays' if step.costs else ''}: {found(step)}"
+    if step.pays and step.confirmation is not None:
+        proof = step.confirmation
+        where = f"{listed(list(proof.sources))}, which did not choose it"
+        if proof.pays:
+            return f"{what} {_is(step)} added: {found(step)}; confirmed on {where}: {found(proof)}"
+        kept = "added all the same, as --keep asks" if step.kept else "not added"
+        return f"{what} {_is(step)} {kept}: {found(step)}, but not confirmed on {where}: {found(proof)}"
+    if step.pays:
+        done = "added" if step.kept else "worth adding"
+        return f"{what} {_is(step)} {done}: {found(step)}"
+    kept = "added all the same, as --keep asks" if step.kept else "not added"
+    if step.better:
+        return f"{what} {_is(step)} {kept}: {found(step)}"
+    uncertain = " significantly" if step.evidence.overall.value < criteria.PLAIN else ""
+    partly = " on the whole" if step.fell else uncertain
+    return f"the held-out error did not fall{partly}: {what} {_is(step)} {kept} ({found(step)})"
+
+
+def untested_sentence(action: Action, changed: Sequence[str]) -> str:
+    done = {"add": "added", "remove": "removed"}[action]
+    are = "is" if len(changed) == 1 else "are"
+    return f"{listed(changed)} {are} {done}, without a test: no --data was given"
+
+
+def tried(step: Step) -> str:
+    name = listed(step.changed)
+    if step.action == "add":
+        return f"{'+' if step.kept else 'not'} {name}: {found(step)}"
+    return f"{'−' if step.kept else 'keeps'} {name}, tried without it: {found(step)}"
+
+
+def doubt(step: Step) -> str:
+    """Say what the data do not tell from an effect that the loop keeps, and what would."""
+    what = f"these data do not tell it from {listed(step.rivals)}"
+    if step.next_drive is None:
+        return what
+    power = f" (power {step.next_drive.power:.0%})" if step.next_drive.settings else ""
+    return f"{what}: {step.next_drive.manoeuvre}{power}"
+
+
+def found(step: Step) -> str:
+    """Say what became of the held-out error, without a name."""
+    if not step.testable:
+        n = step.evidence.blocks
+        return f"only {counted(n, 'independent stretch', 'es')} of data: nothing can be told from chance"
+    if step.evidence.lost > comparison_criteria.UNPREDICTED:
+        return f"{step.evidence.lost:.0%} of the samples cannot be predicted any more"
+    moved: list[str] = []
+    for verb, channels in (("fell", step.fell), ("rose", step.rose)):
+        if channels:
+            error = "the held-out error " if not moved else ""
+            moved.append(f"{error}{verb} in {listed([_moved_error(one) for one in channels])}")
+    value, low, high = step.evidence.overall
+    ratio = f"× {value:.2f} ({low:.2f} to {high:.2f})"
+    if not moved:
+        return (
+            f"the held-out error fell over all channels, {ratio}, though in none alone significantly"
+            if step.better
+            else f"in no channel did it change significantly and by more than {criteria.LEAST_CHANGE:.0%}"
+        )
+    text = ", and ".join(moved)
+    if not step.there:
+        joined = "but" if step.fell else "and"
+        return f"{text}, {joined} its parameters may as well be null (p {step.absent:.2g})"
+    if step.imitates:
+        values = listed(
+            [f"{p.name} = {quantities.number(p.value)} ± {quantities.number(p.se)}" for p in step.imitates]
+        )
+        return f"{text}, but only with {values}, which is physically impossible; another effect is missing"
+    if step.action == "add" and step.fell and not step.pays and not step.rose:
+        text += f", but over all channels that may be chance: {ratio}"
+    return text
+
+
+def reason(step: Step) -> str:
+    """Say why an effect is added, for the history of the model."""
+    proof = step.confirmation
+    if proof is None:
+        return found(step) if step.pays else f"--keep; {found(step)}"
+    told = "confirmed" if proof.pays else "--keep; not confirmed"
+    return f"{found(step)}; {told} on {listed(list(proof.sources))}: {found(proof)}"
+
+
+def _moved_error(one: ChannelChange) -> str:
+    what = quantities.quantity(one.name, one.unit)
+    before, after = (quantities.number(v.value * what.factor) for v in (one.before, one.after))
+    return f"{what.words} from {before} to {after} {what.unit}"
+
+
+def _is(step: Step) -> str:
+    return "is" if len(step.changed) == 1 else "are"
+
+
 def document(step: Step, asked: Asked | None = None) -> dict[str, Any]:
     """Return a change as it is written to JSON; `asked` is of the model file, for the next command."""
-    return {**_change(step), "conclusion": conclusion_text.document(_concluded(step, asked))}
+    return {**_change(step), "conclusion": comparison_text.conclusion_document(_concluded(step, asked))}
 
 
 def _change(step: Step) -> dict[str, Any]:
-    """Return what a change did to the errors.
+    """Return what a change did to the errors, with the keys of docs/model.md.
 
-    Returns
-    -------
-    dict
-        Ready for JSON; null where not known. SI units, but parameters in those of the model file. The
-        keys are those of docs/model.md.
+    Parameters are in the units of the model file.
     """
     return {
         "format": FORMAT,
         "action": step.action,
         "changed": list(step.changed),
-        "sentence": change_sentences.verdict(step),
+        "sentence": verdict(step),
         "tested": True,
         "pays": step.pays if step.action == "add" else not step.costs,
         "kept": step.kept,
@@ -77,17 +181,11 @@ def _concluded(step: Step, asked: Asked | None) -> conclusion.Conclusion:
     """Conclude what is known of the model as it is after the decision."""
     now = step.second if step.kept else step.first
     refused = step.changed if step.action == "add" and not step.kept else ()
-    return conclusion_text.of(conclusion.of_comparison(now, refused), now, asked)
+    return comparison_text.conclusion_of(conclusion.of_comparison(now, refused), now, asked)
 
 
 def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
-    """Return a change that was made without data as it is written to JSON.
-
-    Parameters
-    ----------
-    entry : dict
-        From `model_history.untested`.
-    """
+    """Return a change that was made without data, from `model_history.untested`, as it is written to JSON."""
     return {
         "format": FORMAT,
         "action": entry["action"],
@@ -111,12 +209,12 @@ def loop(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -> dic
             "effects": [effect.id for effect in end.file.model.effects],
         },
         "steps": [_change(step) for step in steps],
-        "conclusion": conclusion_text.document(_at_end(end, asked)),
+        "conclusion": comparison_text.conclusion_document(_at_end(end, asked)),
     }
 
 
 def _at_end(end: Stopped, asked: Asked | None) -> conclusion.Conclusion:
-    return conclusion_text.of(end.evidence, end.comparison, asked)
+    return comparison_text.conclusion_of(end.evidence, end.comparison, asked)
 
 
 def _failures(comparison: Comparison) -> list[dict[str, Any]]:
@@ -151,7 +249,7 @@ def _shift(one: Shift) -> dict[str, Any]:
 
 def text(step: Step, asked: Asked | None = None) -> str:
     """Write a change for a person: the verdict, then what it rests on, then what follows from it."""
-    lines = [change_sentences.verdict(step), "", *_errors(step), ""]
+    lines = [verdict(step), "", *_errors(step), ""]
     if step.confirmation is not None:
         lines += [f"on {listed(list(step.confirmation.sources))}:", *_errors(step.confirmation), ""]
     if step.parameters:
@@ -178,7 +276,7 @@ def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -
     lines = [f"{end.because}; {model if kept else 'the model is as it was'}"]
     # One that was dropped later is in doubt no more.
     doubted = [step for step in kept if step.rivals and {*step.changed} <= {*effects}]
-    lines += [f"kept {listed(step.changed)}; {change_sentences.doubt(step)}" for step in doubted]
+    lines += [f"kept {listed(step.changed)}; {doubt(step)}" for step in doubted]
     if kept:
         first, last = kept[0], kept[-1]
         after = {one.name: one.after for one in last.channels}

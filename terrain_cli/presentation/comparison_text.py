@@ -1,4 +1,4 @@
-"""A comparison as JSON, and as tables for a person."""
+"""A comparison, and what a verb says at its end, as JSON and for a person."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from terrain_cli.comparison import segment_soils
 from terrain_cli.diagnosis import conclusion
-from terrain_cli.presentation import conclusion_text
+from terrain_cli.diagnosis.conclusion import Asked, conclude, looked
 from terrain_cli.presentation.terminal import aligned, in_line
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted, known, short
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,12 +23,38 @@ if TYPE_CHECKING:
         Finding,
         WheelComparison,
     )
-    from terrain_cli.diagnosis.conclusion import Asked
+    from terrain_cli.diagnosis.conclusion import Conclusion, Evidence
     from terrain_cli.estimation import WindowEstimates
 
 FORMAT = "terrain-est/comparison/1"
 #: Segments that a finding names, and a person reads.
 _WORST = 3
+
+
+def conclusion_of(evidence: Evidence, comparison: Comparison, asked: Asked | None = None) -> Conclusion:
+    """Conclude what evidence says; of the files and the model of a comparison if no more is known."""
+    return conclude(evidence, asked or _asked(comparison))
+
+
+def looked_at(found: Conclusion, comparison: Comparison, asked: Asked | None = None) -> str:
+    """Return the command that looks further where a conclusion has none: the soil of a model that fits."""
+    return looked("estimate" if found.state == "fits" else "diagnose", asked or _asked(comparison))
+
+
+def conclusion_document(conclusion: Conclusion) -> dict[str, Any]:
+    return {
+        "state": conclusion.state,
+        "sentence": conclusion.sentence,
+        "command": conclusion.command or None,
+        "record": list(conclusion.record),
+        "drive": conclusion.drive or None,
+    }
+
+
+def _asked(comparison: Comparison) -> Asked:
+    sources = [one for wheel in comparison.wheels for one in wheel.source.split(", ")]
+    model = "model.toml" if comparison.model["effects"] else comparison.model["base"]
+    return Asked(inputs=tuple(dict.fromkeys(sources)), model=model)
 
 
 def document(
@@ -37,31 +63,11 @@ def document(
     differences: Sequence[Difference] = (),
     asked: Sequence[Asked] = (),
 ) -> dict[str, Any]:
-    """Return a comparison as it is written to JSON.
-
-    Parameters
-    ----------
-    second : Comparison, optional
-        Of another model on the same data: under the key "against", with "differences".
-    differences : sequence of Difference
-        From `comparison.against`.
-    asked : sequence of Asked
-        Of each model, for the next command.
-
-    Returns
-    -------
-    dict
-        Ready for JSON; null where not known. SI units.
-    """
+    """Return a comparison as it is written to JSON, a `second` model under the key "against"."""
     result = {
         "format": FORMAT,
         "model": comparison.model,
-        "data": {
-            "sources": list(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
-            "samples": sum(len(wheel.windows.rows) for wheel in comparison.wheels),
-            "segments": sum(len(wheel.segments) for wheel in comparison.wheels),
-            "blocks": comparison.blocks,
-        },
+        "data": data_document(comparison),
         **_outcome(comparison, asked[0] if asked else None),
     }
     if second is not None:
@@ -70,9 +76,19 @@ def document(
     return result
 
 
+def data_document(comparison: Comparison) -> dict[str, Any]:
+    """Say of how much data a comparison is."""
+    return {
+        "sources": list(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
+        "samples": sum(len(wheel.windows.rows) for wheel in comparison.wheels),
+        "segments": sum(len(wheel.segments) for wheel in comparison.wheels),
+        "blocks": comparison.blocks,
+    }
+
+
 def _outcome(comparison: Comparison, asked: Asked | None) -> dict[str, Any]:
     return {
-        "conclusion": conclusion_text.document(concluded(comparison, asked)),
+        "conclusion": conclusion_document(concluded(comparison, asked)),
         "channels": {name: _errors(errors) for name, errors in comparison.channels.items()},
         "failures": [_finding(finding) for finding in comparison.failures],
         "parameters": [_parameters(wheel) for wheel in comparison.wheels if wheel.fit.shared],
@@ -89,12 +105,12 @@ def _errors(errors: ChannelErrors) -> dict[str, Any]:
     return {
         "unit": errors.unit,
         "samples": errors.n,
-        "rmse": _known(errors.rmse),
-        "bias": _known(errors.bias),
-        "nrmse": _known(errors.nrmse),
-        "noise": _known(errors.noise),
-        "heldout_rmse": _known(errors.heldout_rmse),
-        "heldout_interval": [_known(errors.heldout_low), _known(errors.heldout_high)],
+        "rmse": known(errors.rmse),
+        "bias": known(errors.bias),
+        "nrmse": known(errors.nrmse),
+        "noise": known(errors.noise),
+        "heldout_rmse": known(errors.heldout_rmse),
+        "heldout_interval": [known(errors.heldout_low), known(errors.heldout_high)],
     }
 
 
@@ -104,11 +120,11 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "driver": finding.driver or None,
         "shape": finding.shape,
         "p_value": finding.p_value,
-        "share": _known(finding.share),
-        "amplitude": _known(finding.amplitude),
-        "seen": _known(finding.seen),
+        "share": known(finding.share),
+        "amplitude": known(finding.amplitude),
+        "seen": known(finding.seen),
         "unit": finding.unit,
-        "at": None if finding.at is None else _known(finding.at),
+        "at": None if finding.at is None else known(finding.at),
         "sentence": finding.sentence,
         "alternatives": list(finding.alternatives),
         "worst_segments": [
@@ -119,16 +135,16 @@ def _finding(finding: Finding) -> dict[str, Any]:
 
 
 def _parameters(wheel: WheelComparison) -> dict[str, Any]:
-    known = wheel.fit.model.parameters
-    factor = {name: known[name].factor if name in known else 1.0 for name in wheel.fit.shared}
+    own = wheel.fit.model.parameters
+    factor = {name: own[name].factor if name in own else 1.0 for name in wheel.fit.shared}
     return {
         "source": wheel.source,
         "wheel": wheel.wheel,
         **{
             name: {
-                "value": _known(value / factor[name]),
-                "se": _known(wheel.fit.shared_errors[name] / factor[name]),
-                "unit": known[name].unit if name in known else "",
+                "value": known(value / factor[name]),
+                "se": known(wheel.fit.shared_errors[name] / factor[name]),
+                "unit": own[name].unit if name in own else "",
             }
             for name, value in wheel.fit.shared.items()
         },
@@ -145,10 +161,10 @@ def _segments(wheel: WheelComparison, soils: WindowEstimates) -> Iterator[dict[s
             "segment": j + 1,
             "samples": int(bounds[j + 1] - bounds[j]),
             "status": str(soils.status[j]),
-            "c_kPa": _known(soils.c[j] / 1e3),
-            "c_se_kPa": _known(soils.c_se[j] / 1e3),
-            "phi_deg": _known(math.degrees(soils.phi[j])),
-            "phi_se_deg": _known(math.degrees(soils.phi_se[j])),
+            "c_kPa": known(soils.c[j] / 1e3),
+            "c_se_kPa": known(soils.c_se[j] / 1e3),
+            "phi_deg": known(math.degrees(soils.phi[j])),
+            "phi_se_deg": known(math.degrees(soils.phi_se[j])),
             **{
                 name: _of_segment(series.measured[part] - series.predicted[part])
                 for name, series in wheel.series.items()
@@ -171,22 +187,17 @@ def _difference(one: Difference) -> dict[str, Any]:
         "source": source,
         "wheel": wheel,
         "segment": segment,
-        "first": _known(one.first),
-        "second": _known(one.second),
-        "difference": _known(one.difference),
-        "interval": [_known(one.low), _known(one.high)],
-        "se": _known(one.se),
+        "first": known(one.first),
+        "second": known(one.second),
+        "difference": known(one.difference),
+        "interval": [known(one.low), known(one.high)],
+        "se": known(one.se),
         "moved": bool(one.moved),
     }
 
 
-def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def concluded(comparison: Comparison, asked: Asked | None = None) -> conclusion.Conclusion:
-    """Conclude what a comparison says of its model."""
-    return conclusion_text.of(conclusion.of_comparison(comparison), comparison, asked)
+    return conclusion_of(conclusion.of_comparison(comparison), comparison, asked)
 
 
 def named(comparison: Comparison) -> str:
@@ -216,10 +227,10 @@ def _text_of_one(comparison: Comparison, asked: Asked | None) -> str:
         [
             name.replace("_", " "),
             errors.unit,
-            *(_short(value) for value in (errors.rmse, errors.bias, errors.noise)),
+            *(short(value) for value in (errors.rmse, errors.bias, errors.noise)),
             f"{errors.nrmse:.1%}" if math.isfinite(errors.nrmse) else "–",
-            _short(errors.heldout_rmse),
-            f"{_short(errors.heldout_low)} … {_short(errors.heldout_high)}",
+            short(errors.heldout_rmse),
+            f"{short(errors.heldout_low)} … {short(errors.heldout_high)}",
         ]
         for name, errors in comparison.channels.items()
     ]
@@ -259,13 +270,7 @@ def _told(finding: Finding, comparison: Comparison) -> str:
 
 
 def _text_of_two(first: Comparison, second: Comparison, differences: Sequence[Difference]) -> str:
-    """Write two models side by side for a person.
-
-    Returns
-    -------
-    str
-        Held-out errors of both, and what moved by more than three standard errors, marked by ``*``.
-    """
+    """Write held-out errors of two models; ``*`` marks what moved by over three standard errors."""
     lines = [f"A  {named(first)}", f"B  {named(second)}", ""]
     head = ["held-out rmse", "unit", "A", "B", "B − A", "95 %", ""]
     errors = [one for one in differences if one.where is None]
@@ -273,10 +278,10 @@ def _text_of_two(first: Comparison, second: Comparison, differences: Sequence[Di
         [
             one.name.replace("_", " "),
             one.unit,
-            _short(one.first),
-            _short(one.second),
-            f"{_short(one.difference)} ± {_short(one.se)}",
-            f"{_short(one.low)} … {_short(one.high)}",
+            short(one.first),
+            short(one.second),
+            f"{short(one.difference)} ± {short(one.se)}",
+            f"{short(one.low)} … {short(one.high)}",
             "*" if one.moved else "",
         ]
         for one in errors
@@ -299,7 +304,3 @@ def _text_of_two(first: Comparison, second: Comparison, differences: Sequence[Di
             f"no c or φ of {counted(len(soil) // 2, 'segment')} moved by more than three standard errors"
         )
     return "\n".join(lines)
-
-
-def _short(value: float) -> str:
-    return f"{value:.3g}" if math.isfinite(value) else "–"

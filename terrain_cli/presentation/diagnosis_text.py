@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.verdict import sizes_text
-from terrain_cli.presentation import conclusion_text
+from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
+from terrain_cli.vocabulary.quantities import known, short
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -25,31 +26,19 @@ _EARLY = 5
 
 
 def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> dict[str, Any]:
-    """Return a diagnosis as it is written to JSON; `draft` is the file of its law, if that was written.
-
-    Returns
-    -------
-    dict
-        Ready for JSON; null where not known. SI units, but for the parameters of effects, whose
-        unit stands beside them.
-    """
+    """Return a diagnosis as it is written to JSON; `draft` is the file of its law, if that was written."""
     comparison = diagnosis.comparison
     alarm, unknown = diagnosis.alarm, diagnosis.unknown
     return {
         "format": FORMAT,
         "model": comparison.model,
-        "data": {
-            "sources": list(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
-            "samples": sum(len(wheel.windows.rows) for wheel in comparison.wheels),
-            "segments": sum(len(wheel.segments) for wheel in comparison.wheels),
-            "blocks": comparison.blocks,
-        },
+        "data": comparison_text.data_document(comparison),
         "channels": {
             name: {
                 "unit": errors.unit,
-                "rmse": _known(errors.rmse),
-                "heldout_rmse": _known(errors.heldout_rmse),
-                "noise": _known(errors.noise),
+                "rmse": known(errors.rmse),
+                "heldout_rmse": known(errors.heldout_rmse),
+                "noise": known(errors.noise),
             }
             for name, errors in comparison.channels.items()
         },
@@ -57,8 +46,8 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
             "raised": alarm.raised,
             "p_value": alarm.p_value,
             "level": alarm.level,
-            "gain": _known(alarm.gain),
-            "gain_se": _known(alarm.gain_se),
+            "gain": known(alarm.gain),
+            "gain_se": known(alarm.gain_se),
         },
         "verdict": diagnosis.verdict,
         "effect": diagnosis.effect,
@@ -82,38 +71,34 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
         "not_testable": [{"effect": one.effect, "because": one.because} for one in diagnosis.not_testable],
         "warnings": list(diagnosis.warnings),
         "sentence": diagnosis.sentence,
-        "conclusion": conclusion_text.document(_concluded(diagnosis, asked, draft)),
+        "conclusion": comparison_text.conclusion_document(_concluded(diagnosis, asked, draft)),
     }
 
 
 def _concluded(diagnosis: Diagnosis, asked: Asked | None, draft: str) -> conclusion.Conclusion:
     evidence = conclusion.of_diagnosis(diagnosis, draft)
-    return conclusion_text.of(evidence, diagnosis.comparison, asked)
+    return comparison_text.conclusion_of(evidence, diagnosis.comparison, asked)
 
 
 def _candidate(one: Candidate, channels: Iterable[str]) -> dict[str, Any]:
     return {
         "effect": one.effect,
         "title": one.title,
-        "score": _known(one.score),
+        "score": known(one.score),
         "p_value": one.p_value,
-        "explained": _known(one.explained),
-        "surviving": _known(one.surviving),
-        "heldout_rmse": {name: _known(one.heldout.get(name, math.nan)) for name in channels},
-        "heldout_loss": _known(one.loss),
-        "heldout_loss_se": _known(one.loss_se),
+        "explained": known(one.explained),
+        "surviving": known(one.surviving),
+        "heldout_rmse": {name: known(one.heldout.get(name, math.nan)) for name in channels},
+        "heldout_loss": known(one.loss),
+        "heldout_loss_se": known(one.loss_se),
         "refitted": one.refitted,
         "in_family": one.in_family,
         "doubt": one.doubt or None,
         "parameters": {
-            name: {"value": _known(size.value), "se": _known(size.se), "unit": size.unit}
+            name: {"value": known(size.value), "se": known(size.se), "unit": size.unit}
             for name, size in one.sizes.items()
         },
     }
-
-
-def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> str:
@@ -160,20 +145,16 @@ def _table(diagnosis: Diagnosis, shown: list[Candidate]) -> list[str]:
     head += [f"{name.replace('_', ' ')} [{unit}]" for name, unit in zip(channels, units, strict=True)]
     head += ["parameters"]
     base = ["(as it is)", "", ""]
-    base += [_short(errors.heldout_rmse) for errors in diagnosis.comparison.channels.values()] + [""]
+    base += [short(errors.heldout_rmse) for errors in diagnosis.comparison.channels.values()] + [""]
     rows = [
         [
             f"{'* ' if one.in_family else '  '}{one.effect}",
             f"{one.explained:.0%}" if math.isfinite(one.explained) else "–",
             f"{one.surviving:.0%}",
-            *(_short(one.heldout.get(name, math.nan)) for name in channels),
+            *(short(one.heldout.get(name, math.nan)) for name in channels),
             f"{sizes_text(one)} ({one.doubt})" if one.doubt else sizes_text(one),
         ]
         for one in shown
     ]
     table = [head, ["  " + base[0], *base[1:]], *rows]
     return ["held-out error with each (* = cannot be told from the best):", *aligned(table)]
-
-
-def _short(value: float) -> str:
-    return f"{value:.3g}" if math.isfinite(value) else "–"

@@ -29,13 +29,7 @@ _KINDS = {
 
 
 def document(effect: Effect) -> dict[str, Any]:
-    """Describe an effect for JSON.
-
-    Returns
-    -------
-    dict
-        The keys are those of docs/effects.md.
-    """
+    """Describe an effect for JSON, with the keys of docs/effects.md."""
     return {
         "id": effect.id,
         "title": effect.title,
@@ -74,7 +68,6 @@ def _in_unit(value: float, parameter: Parameter) -> float | None:
 
 
 def checked(file: str, understood: Understood) -> dict[str, Any]:
-    """Describe for JSON what was understood of a file."""
     return {
         "file": file,
         "ok": True,
@@ -101,7 +94,6 @@ def overview(effects: Iterable[Effect]) -> str:
 
 
 def text(effect: Effect) -> str:
-    """Tell a person all about an effect."""
     lines = [f"{effect.id}: {effect.title}", *_summary(effect), "", *_parameters(effect)]
     if effect.explanation:
         lines += ["", textwrap.fill(effect.explanation, _WIDTH)]

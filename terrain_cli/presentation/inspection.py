@@ -16,12 +16,12 @@ from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.rover.vehicle import FILE_NAME
 from terrain_cli.telemetry import bags
 from terrain_cli.telemetry.alignment import seconds
-from terrain_cli.telemetry.plan import derivable_channels, rover_advice, topic_discovery
+from terrain_cli.telemetry.plan import rover_advice, topic_discovery
 from terrain_cli.telemetry.plan.mapping import is_table
 from terrain_cli.telemetry.raw_channels import read_raw
 from terrain_cli.telemetry.raw_columns import read_topics, stamps
 from terrain_cli.vocabulary.channels import CHANNELS
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry import Plan
     from terrain_cli.telemetry.wheel_samples import Raw
+    from terrain_cli.vocabulary.arrays import Array
 
 FORMAT = "terrain-est/inspection/1"
 #: Positions need more digits than measurements.
@@ -49,28 +50,10 @@ _WIDTH = 100
 def inspect(
     path: str, rover: Rover, *, wheels: Collection[str] = (), salvage: bool = False
 ) -> dict[str, Any]:
-    """Look into one input.
+    """Look into one input, with `salvage` into what is left of a damaged one; ready for JSON.
 
-    Parameters
-    ----------
-    wheels : collection of str
-        Only these; all if empty.
-    salvage : bool
-        Look into what is left of a damaged one, and tell how much that is.
-
-    Returns
-    -------
-    dict
-        Ready for JSON: the streams (topic, type, records, rate, largest gap, fields), and for each
-        wheel its channels (from what, in which unit, range, how many are missing), what could be
-        any of several, what is missing, and how many samples can be used; last the lines of
-        rover.toml that would supply what is missing. Where that cannot be told, the streams and the
-        problem: its text, hint and exit code.
-
-    Raises
-    ------
-    formats.errors.FormatError
-        The file cannot be opened.
+    Where the channels cannot be told, it holds the streams and the problem. FormatError if it cannot be
+    opened.
     """
     source = formats.open_source(path, salvage=salvage)
     document: dict[str, Any] = {
@@ -95,36 +78,23 @@ def inspect(
 
 
 class Holdings(NamedTuple):
-    """What a log holds, and of each wheel what is missing.
-
-    Parameters
-    ----------
-    tables : dict or None
-        The columns of the topics that were read; none of a table.
-    """
+    """What a log holds, and of each wheel what is missing."""
 
     layout: Plan
+    # The columns of the topics that were read; none of a table
     tables: Mapping[str, dict[str, Column]] | None
     raws: list[Raw]
-    lacks: dict[str, list[derivable_channels.Lack]]
+    lacks: dict[str, list[rover_advice.Lack]]
 
 
 def holdings(source: Source, rover: Rover, wheels: Collection[str] = ()) -> Holdings:
-    """Find the channels of every wheel of a log.
-
-    Raises
-    ------
-    formats.errors.FormatError, InputError, ConfigurationError
-        As for `telemetry.read`, except where something is missing.
-    """
+    """Find the channels of every wheel of a log; what is missing is no error."""
     layout = telemetry.plan(source, rover)
     tables = None if is_table(source) else read_topics(source, bags.fields(layout, CHANNELS))
     raws = read_raw(layout, rover, CHANNELS, wheels=wheels, topics=tables)
     clock = layout.no_time
     doubts = (
-        [derivable_channels.Lack("time", str(clock), lines=tuple(clock.hint.splitlines()[1:]))]
-        if clock
-        else []
+        [rover_advice.Lack("time", str(clock), lines=tuple(clock.hint.splitlines()[1:]))] if clock else []
     )
     lacks = {raw.wheel: [*doubts, *telemetry.lacking(raw, rover)] for raw in raws}
     return Holdings(layout, tables, raws, lacks)
@@ -162,7 +132,7 @@ def _stream(stream: Stream, clock: NDArray[np.datetime64] | None) -> dict[str, A
     return entry
 
 
-def _rate(time: NDArray[np.float64]) -> dict[str, Any]:
+def _rate(time: Array) -> dict[str, Any]:
     steps = np.diff(np.sort(time[np.isfinite(time)]))
     if len(steps) == 0 or steps.sum() == 0.0:
         return {}
@@ -175,9 +145,9 @@ def _rate(time: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _wheel(
-    source: Source, layout: Plan, raw: Raw, rover: Rover, lacks: Sequence[derivable_channels.Lack]
+    source: Source, layout: Plan, raw: Raw, rover: Rover, lacks: Sequence[rover_advice.Lack]
 ) -> dict[str, Any]:
-    derived, _ = derivable_channels.routes(raw.channels, telemetry.wheel_of(raw, rover), rover)
+    derived, _ = rover_advice.routes(raw.channels, telemetry.wheel_of(raw, rover), rover)
     entry: dict[str, Any] = {"wheel": raw.wheel, "samples": len(raw)}
     if raw.time is not None:
         known = raw.time[np.isfinite(raw.time)]
@@ -229,15 +199,7 @@ def channel(raw: Raw, name: str) -> dict[str, Any]:
 
 
 def text(document: dict[str, Any], *, verbose: bool = False) -> str:
-    """Write an inspection for a person.
-
-    Parameters
-    ----------
-    document : dict
-        From `inspect`.
-    verbose : bool
-        Also list every field of the messages that come with ROS.
-    """
+    """Write an inspection for a person; `verbose` lists every field of the messages that come with ROS."""
     starts = [wheel["start_s"] for wheel in document["wheels"] if wheel.get("start_s", 0.0) > _EPOCH]
     began = f", from {_moment(min(starts))}" if starts else ""
     lines = [f"{document['source']}: {FILE_KINDS[document['kind']].title}{_size(document)}{began}"]
@@ -355,13 +317,7 @@ def _channel_rows(wheel: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def spread(name: str, entry: dict[str, Any]) -> str:
-    """Write how far a channel reaches.
-
-    Parameters
-    ----------
-    entry : dict
-        From `channel`.
-    """
+    """Write how far a channel reaches, from its entry (`channel`)."""
     if "range" not in entry:
         return ", ".join(entry.get("values", []))
     if name == "time" and entry["range"][0] > _EPOCH:

@@ -10,7 +10,7 @@ from terrain_cli.presentation.terminal import in_line
 from terrain_cli.rover import Rover
 from terrain_cli.telemetry.plan import rover_advice, topic_discovery
 from terrain_cli.telemetry.plan.mapping import is_table
-from terrain_cli.toml import toml_text
+from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 
 if TYPE_CHECKING:
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
     from formats import Source
     from terrain_cli.presentation.inspection import Holdings
-    from terrain_cli.telemetry.channel_sources import Feed
-    from terrain_cli.telemetry.wheel_samples import Raw
+    from terrain_cli.telemetry.wheel_samples import Feed, Raw
 
 _TOP = """\
 # rover.toml for {name}, drafted from what the log holds.
@@ -50,30 +49,17 @@ _EFFORT = "effort may be the torque at the wheel, or the current of a [motor]; k
 
 
 class RoverDraft(NamedTuple):
-    """A rover file to be completed.
+    """A rover file to be completed."""
 
-    Parameters
-    ----------
-    text : str
-        TOML.
-    left : tuple of str
-        What is still to be filled in.
-    """
-
-    text: str
-    left: tuple[str, ...]
+    text: str  # TOML
+    left: tuple[str, ...]  # What is still to be filled in
 
 
 def draft(source: Source) -> RoverDraft:
     """Write the rover file of a log, as far as the log tells.
 
-    Every field that is read as a channel has its line. A line is a comment where only the user can tell
-    what is meant.
-
-    Raises
-    ------
-    formats.errors.FormatError
-        The file cannot be read.
+    Every field that is read as a channel has its line. A line is a comment where only the user can tell what
+    is meant.
     """
     left = ["radius", "width", "shear_modulus"]
     name = "the standard input" if source.path == "-" else in_line(source.path)
@@ -105,10 +91,10 @@ def _tables(found: Holdings) -> dict[str, list[str]]:
     layout, raws = found.layout, found.raws
     tables: dict[str, list[str]] = {_SHARED: []}
     if column := layout.labels.get(""):
-        tables[_SHARED].append(f"wheel = {{ column = {toml_text.value(column)} }}")
+        tables[_SHARED].append(f"wheel = {{ column = {toml_files.value(column)} }}")
     own_lines = _OWN.format(why=_IN_TURNS if _turns(found) else _FOR_LOADS).splitlines()
     for raw in raws:
-        key = toml_text.key(raw.wheel)
+        key = toml_files.key(raw.wheel)
         if len(raws) > 1:
             tables |= {f"[wheels.{key}]": own_lines, f"[wheels.{key}.channels]": []}
         for name in filter(raw.feeds.__contains__, CHANNELS):
@@ -160,7 +146,7 @@ def _line(found: Holdings, raw: Raw, feed: Feed) -> str:
         place = ", ".join(part for part in place.split(", ") if not part.startswith("field = "))
     keys = [place]
     if feed.unit and known and feed.unit.symbol != "1":
-        keys.append(f"unit = {toml_text.value(feed.unit.symbol)}")
+        keys.append(f"unit = {toml_files.value(feed.unit.symbol)}")
     if feed.unit and not known:
         remarks.append(f"no unit is stated: taken as {feed.unit.symbol}")
     remarks.append("" if feed.note == "converted" else feed.note)

@@ -1,4 +1,4 @@
-"""The table of segments: one row per window, in the columns that users rely on."""
+"""The table of segments in the columns that users rely on, and of their joint posteriors."""
 
 from __future__ import annotations
 
@@ -16,44 +16,21 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.estimation.joint_grid import JointGrid, JointPosterior
     from terrain_cli.telemetry.wheel_samples import Samples
+    from terrain_cli.vocabulary.arrays import Array, Index
     from terrain_cli.windows.cut_windows import Windows
 
-    Array = NDArray[np.float64]
     Table = dict[str, Any]
 
 #: In this order; scripts and GIS projects are built on it.
 COLUMNS = (
-    *(
-        "source",
-        "wheel",
-        "segment",
-        "terrain",
-        "t_start_s",
-        "t_end_s",
-        "distance_m",
-        "n_samples",
-        "n_rejected",
-    ),
-    *(
-        "method",
-        "status",
-        "c_kPa",
-        "c_se_kPa",
-        "phi_deg",
-        "phi_se_deg",
-        "corr_c_phi",
-        "c_ls_kPa",
-        "phi_ls_deg",
-    ),
-    *("c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number", "k_mm", "sigma_star_kPa", "strength_kPa"),
-    *(
-        "strength_se_kPa",
-        "stress_kPa",
-        "strength_at_stress_kPa",
-        "strength_at_stress_se_kPa",
-        "torque_rmse_Nm",
-    ),
+    *("source", "wheel", "segment", "terrain", "t_start_s", "t_end_s", "distance_m"),
+    *("n_samples", "n_rejected", "method", "status"),
+    *("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", "corr_c_phi", "c_ls_kPa", "phi_ls_deg"),
+    *("c_ridge_kPa", "phi_ridge_deg", "delta", "condition_number", "k_mm"),
+    *("sigma_star_kPa", "strength_kPa", "strength_se_kPa"),
+    *("stress_kPa", "strength_at_stress_kPa", "strength_at_stress_se_kPa", "torque_rmse_Nm"),
     *("x_m", "y_m", "longitude_deg", "latitude_deg", "WKT"),
 )
 #: Of a table of samples: channel → column.
@@ -70,16 +47,15 @@ _SAMPLE_COLUMNS = {
 }
 #: Vertices of a segment's line at the most: enough to see its course on a map.
 VERTICES = 64
+#: Rows of c and φ, and rows of two parameters.
+GRID, PARAMETER = "grid", "parameter"
+_NUMBERS_OF_GRID = ("c_kPa", "phi_deg", "pivot_kPa", "strength_kPa", "log_posterior", "probability")
+_POSTERIOR_TEXTS = ("parameter", "unit", "other")
+_NUMBERS = ("value", "se", "prior", "prior_sd", "covariance", "correlation")
 
 
 def table(windows: Windows, estimates: WindowEstimates) -> Table:
-    """Return the rows of one wheel.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        The columns of the contract, in their order; NaN, None or "" where not known.
-    """
+    """Return the rows of one wheel in the columns of the contract; NaN, None or "" where not known."""
     samples, rows, bounds = windows.samples, windows.rows, windows.bounds
     n = len(windows)
     first, last = rows[bounds[:-1]], rows[bounds[1:] - 1]
@@ -146,7 +122,7 @@ def _terrain(windows: Windows) -> list[str]:
     return result
 
 
-def _rejected(windows: Windows) -> NDArray[np.intp]:
+def _rejected(windows: Windows) -> Index:
     """Count the samples set aside, each with the window before it (the first also those ahead of it).
 
     So that used and rejected samples of all windows add up to the samples read.
@@ -161,13 +137,7 @@ def _rejected(windows: Windows) -> NDArray[np.intp]:
 
 
 def coordinates(samples: Samples) -> tuple[Array, Array] | None:
-    """Return where the samples lie on a map.
-
-    Returns
-    -------
-    (ndarray, ndarray) or None
-        Longitude and latitude in degrees where they are known, else x and y of the site frame in m.
-    """
+    """Return longitude and latitude in degrees where they are known, else x and y of the site frame in m."""
     for pair in (("longitude", "latitude"), ("x", "y")):
         if all(name in samples.channels and np.isfinite(samples.channels[name]).any() for name in pair):
             return samples.channels[pair[0]], samples.channels[pair[1]]
@@ -189,35 +159,14 @@ def _tracks(windows: Windows) -> list[str]:
 def reference_system(table: Table, crs: str | None) -> str | None:
     """Return the reference system of a table's geometry.
 
-    Parameters
-    ----------
-    table : dict
-        From `table` or `join`.
-    crs : str or None
-        The one asked for.
-
-    Returns
-    -------
-    str or None
-        None for a site frame, which stays one whatever is asked for: its x and y are no longitudes.
-        WGS 84 for longitudes of which nothing else is said.
+    None for a site frame, which stays one whatever is asked for: its x and y are no longitudes. WGS 84 for
+    longitudes of which nothing else is said.
     """
     return (crs or "EPSG:4326") if np.isfinite(table["longitude_deg"]).any() else None
 
 
 def wkt(points: Array) -> str:
-    """Write a track as well-known text.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 2)
-
-    Returns
-    -------
-    str
-        A LINESTRING through at most `VERTICES` of the points, a POINT if the track does not move,
-        empty without points.
-    """
+    """Write a track, shape (n, 2), as a LINESTRING of at most `VERTICES`, or a POINT if it does not move."""
     if len(points) > VERTICES:
         points = points[np.round(np.linspace(0, len(points) - 1, VERTICES)).astype(int)]
     if len(points) > 1:
@@ -231,16 +180,8 @@ def wkt(points: Array) -> str:
 def join(tables: Sequence[Table]) -> Table:
     """Put the rows of several wheels and inputs under one another.
 
-    Parameters
-    ----------
-    tables : sequence of dict
-        With the same columns.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        One reference system holds for all geometry: where some have longitudes and latitudes, tracks
-        in x and y of a site frame are left out.
+    One reference system holds for all geometry: where some have longitudes and latitudes, tracks in x and y
+    of a site frame are left out.
     """
     if len(tables) == 1:
         # The rows of a long log with short windows take gigabytes.
@@ -261,13 +202,7 @@ def join(tables: Sequence[Table]) -> Table:
 
 
 def rejects(samples: Samples) -> Table:
-    """Return the samples set aside, with the reason of each.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        source, wheel, sample (counted from 1 within the wheel), time_s, reason, and the channels.
-    """
+    """Return the samples set aside, counted from 1 within the wheel, with the reason of each."""
     codes = samples.set_aside.codes
     rows = np.flatnonzero(codes >= 0)
     known = samples.channels
@@ -285,14 +220,7 @@ def rejects(samples: Samples) -> Table:
 
 
 def samples(windows: Windows) -> Table:
-    """Return the samples of every window, as points.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        source, wheel, segment, sample (counted from 1 within the wheel), time_s, what was measured, where,
-        and WKT: a POINT in the system of the segments' tracks.
-    """
+    """Return the samples of every window as points, in the system of the segments' tracks."""
     of, rows = windows.samples, windows.rows
     nothing = np.full(len(rows), np.nan)
     place = coordinates(of)
@@ -315,14 +243,7 @@ def samples(windows: Windows) -> Table:
 
 
 def trace(windows: Windows) -> Table:
-    """Return the recursive estimate sample by sample.
-
-    Returns
-    -------
-    dict of str to list or ndarray
-        source, wheel, segment, time_s, c and φ with their standard errors and correlation after
-        each sample in which the wheel does not skid; NaN until two samples have been seen.
-    """
+    """Return the recursive estimate after each sample of a wheel that does not skid, NaN until the second."""
     windows = windows.on_line()
     samples, rows = windows.samples, windows.rows
     steps = assumed.trace(windows)
@@ -336,4 +257,81 @@ def trace(windows: Windows) -> Table:
         "phi_deg": np.degrees(steps.phi),
         "phi_se_deg": np.degrees(steps.phi_se),
         "corr_c_phi": steps.corr,
+    }
+
+
+def posterior_table(windows: Windows, estimates: WindowEstimates, joint: Sequence[JointPosterior]) -> Table:
+    """Return the joint posteriors of one wheel: rows of the kind "grid", then of the kind "parameter".
+
+    `log_posterior` is 0 where it is greatest, `probability` that of the cell; NaN or "" where a row has none.
+    """
+    parts = [_rows(one) for one in joint]
+    length = [len(part["kind"]) for part in parts]
+    repeated = list(zip(joint, length, strict=True))
+    along: Table = {
+        "source": [windows.samples.source] * sum(length),
+        "wheel": [windows.samples.wheel] * sum(length),
+        "segment": np.repeat([one.window + 1 for one in joint], length).astype(np.intp),
+        "method": [str(estimates.method[one.window]) for one, n in repeated for _ in range(n)],
+        "status": [str(estimates.status[one.window]) for one, n in repeated for _ in range(n)],
+    }
+    texts = {name: [text for part in parts for text in part[name]] for name in ("kind", *_POSTERIOR_TEXTS)}
+    numbers = {
+        name: np.concatenate([np.zeros(0), *(part[name] for part in parts)])
+        for name in (*_NUMBERS_OF_GRID, *_NUMBERS)
+    }
+    names = (
+        "kind",
+        *along,
+        *_NUMBERS_OF_GRID,
+        "parameter",
+        "unit",
+        *_NUMBERS[:4],
+        "other",
+        *_NUMBERS[4:],
+    )
+    every = along | texts | numbers
+    return {name: every[name] for name in names}
+
+
+def _rows(one: JointPosterior) -> Table:
+    """Return the rows of one window: its grid, if it has one, then its parameters."""
+    upper, lower = _of_grid(one.grid) if one.grid else {}, _of_parameters(one)
+    a, b = len(upper.get("c_kPa", ())), len(lower["value"])
+    rows: Table = {"kind": [GRID] * a + [PARAMETER] * b}
+    for name in _POSTERIOR_TEXTS:
+        rows[name] = [""] * a + lower[name]
+    for name in (*_NUMBERS_OF_GRID, *_NUMBERS):
+        rows[name] = np.concatenate(
+            [upper.get(name, np.full(a, np.nan)), lower.get(name, np.full(b, np.nan))]
+        )
+    return rows
+
+
+def _of_grid(grid: JointGrid) -> Table:
+    columns = {
+        "c_kPa": grid.cohesion / 1e3,
+        "phi_deg": np.degrees(np.arctan(grid.tan_phi))[:, None],
+        "pivot_kPa": np.array([[grid.pivot / 1e3]]),
+        "strength_kPa": grid.strength[None, :] / 1e3,
+        "log_posterior": grid.log_density,
+        "probability": grid.probability,
+    }
+    return {name: np.broadcast_to(column, grid.log_density.shape).ravel() for name, column in columns.items()}
+
+
+def _of_parameters(one: JointPosterior) -> Table:
+    p, error = len(one.names), np.sqrt(np.diagonal(one.covariance))
+    product = np.outer(error, error)
+    correlation = np.divide(one.covariance, product, out=np.full_like(product, np.nan), where=product > 0.0)
+    return {
+        "parameter": [name for name in one.names for _ in range(p)],
+        "unit": [unit for unit in one.units for _ in range(p)],
+        "other": list(one.names) * p,
+        "value": np.repeat(one.values, p),
+        "se": np.repeat(error, p),
+        "prior": np.repeat(one.prior[:, 0], p),
+        "prior_sd": np.repeat(one.prior[:, 1], p),
+        "covariance": one.covariance.ravel(),
+        "correlation": correlation.ravel(),
     }

@@ -8,15 +8,14 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.presentation.terminal import aligned
-from terrain_cli.vocabulary.english import counted
+from terrain_cli.vocabulary.quantities import counted, known
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.presentation.segment_table import Table
+    from terrain_cli.vocabulary.arrays import Array, Index
 
 FORMAT = "terrain-est/summary/1"
 #: Of a table, what `document` looks at.
@@ -26,26 +25,10 @@ COLUMNS = ("terrain", "wheel", "distance_m", "n_samples", "n_rejected")
 def document(
     table: Table, estimates: WindowEstimates, accounts: Sequence[dict[str, Any]], settings: dict[str, Any]
 ) -> dict[str, Any]:
-    """Summarise the segments of one or more inputs.
+    """Summarise the segments of one or more inputs, of whose table `COLUMNS` are enough.
 
-    Parameters
-    ----------
-    table : dict
-        From `segment_table.join`; `COLUMNS` are enough.
-    estimates : WindowEstimates
-        Behind its rows.
-    accounts : sequence of dict
-        From `one_log.run`, one for each input.
-    settings : dict
-        What was asked for.
-
-    Returns
-    -------
-    dict
-        Ready for JSON; null where not known. ``terrains`` has one entry for each terrain and wheel
-        with the number of windows by status, for c and φ the mean and the spread (standard
-        deviation) over the windows that tell them apart, and the estimate pooled over all windows
-        with its standard errors.
+    Means and spreads are over the windows that tell c from φ; `pooled` is over all windows of a terrain and
+    wheel.
     """
     return {
         "format": FORMAT,
@@ -56,29 +39,13 @@ def document(
 
 
 def terrains(table: Table, estimates: WindowEstimates) -> list[dict[str, Any]]:
-    """Summarise segments by terrain and wheel.
-
-    Parameters
-    ----------
-    table : dict
-        From `segment_table.join`.
-    estimates : WindowEstimates
-        Behind its rows.
-
-    Returns
-    -------
-    list of dict
-        As in `document`.
-    """
     groups: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(table["terrain"], table["wheel"], strict=True)):
         groups.setdefault(key, []).append(row)
     return [_group(*key, table, estimates, np.array(rows)) for key, rows in sorted(groups.items())]
 
 
-def _group(
-    terrain: str, wheel: str, table: Table, estimates: WindowEstimates, rows: NDArray[np.intp]
-) -> dict[str, Any]:
+def _group(terrain: str, wheel: str, table: Table, estimates: WindowEstimates, rows: Index) -> dict[str, Any]:
     found = estimates.status[rows]
     status = found.tolist()
     distance = table["distance_m"][rows]
@@ -104,24 +71,24 @@ def _group(
         "keq_kPa_per_m_n": _mean_and_spread(estimates.stiffness[long] / 1e3),
         "pooled": {
             "windows": pooled.windows,
-            "c_kPa": _shown(pooled.c / 1e3),
-            "c_se_kPa": _shown(pooled.c_se / 1e3),
+            "c_kPa": known(pooled.c / 1e3),
+            "c_se_kPa": known(pooled.c_se / 1e3),
             "phi_deg": _degrees(pooled.phi),
             "phi_se_deg": _degrees(pooled.phi_se),
-            "corr_c_phi": _shown(pooled.corr),
-            "sigma_star_kPa": _shown(pooled.sigma_star / 1e3),
-            "strength_kPa": _shown(pooled.strength / 1e3),
-            "strength_se_kPa": _shown(pooled.strength_se / 1e3),
-            "stress_kPa": _shown(stress / 1e3),
-            "strength_at_stress_kPa": _shown(mapped / 1e3),
-            "strength_at_stress_se_kPa": _shown(mapped_se / 1e3),
-            "strength_between_kPa": _shown(pooled.strength_between / 1e3),
+            "corr_c_phi": known(pooled.corr),
+            "sigma_star_kPa": known(pooled.sigma_star / 1e3),
+            "strength_kPa": known(pooled.strength / 1e3),
+            "strength_se_kPa": known(pooled.strength_se / 1e3),
+            "stress_kPa": known(stress / 1e3),
+            "strength_at_stress_kPa": known(mapped / 1e3),
+            "strength_at_stress_se_kPa": known(mapped_se / 1e3),
+            "strength_between_kPa": known(pooled.strength_between / 1e3),
             "phi_between_deg": _degrees(pooled.phi_between),
         },
     }
 
 
-def _mean_and_spread(values: NDArray[np.float64]) -> dict[str, float | None]:
+def _mean_and_spread(values: Array) -> dict[str, float | None]:
     values = values[np.isfinite(values)]
     return {
         "mean": float(values.mean()) if len(values) else None,
@@ -129,31 +96,14 @@ def _mean_and_spread(values: NDArray[np.float64]) -> dict[str, float | None]:
     }
 
 
-def _shown(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
 def _degrees(angle: float) -> float | None:
-    return _shown(float(np.degrees(angle)))
+    return known(float(np.degrees(angle)))
 
 
 def text(summary: dict[str, Any], table: Table, *, verbose: bool = False) -> str:
-    """Write a summary for a person.
+    """Write a summary for a person; `verbose` says where each channel comes from.
 
-    Parameters
-    ----------
-    summary : dict
-        From `document`.
-    table : dict
-        The segments it summarises.
-    verbose : bool
-        Also say where each channel comes from.
-
-    Returns
-    -------
-    str
-        Several lines. Soils that nobody named are listed segment by segment: what is pooled over
-        them belongs to none.
+    Soils that nobody named are listed segment by segment: what is pooled over them belongs to none.
     """
     lines = []
     for entry in summary["inputs"]:
@@ -251,11 +201,11 @@ def _segment_rows(table: Table) -> list[tuple[str, ...]]:
                 row["wheel"],
                 str(row["segment"]),
                 str(row["n_samples"]),
-                _metres(_shown(row["distance_m"])),
+                _metres(known(row["distance_m"])),
                 row["status"],
-                _plus_minus(_shown(row["c_kPa"]), _shown(row["c_se_kPa"]), 2),
-                _plus_minus(_shown(row["phi_deg"]), _shown(row["phi_se_deg"]), 1),
-                _strength(*(_shown(row[name]) for name in _MAPPED)),
+                _plus_minus(known(row["c_kPa"]), known(row["c_se_kPa"]), 2),
+                _plus_minus(known(row["phi_deg"]), known(row["phi_se_deg"]), 1),
+                _strength(*(known(row[name]) for name in _MAPPED)),
             )
         )
     return rows

@@ -1,8 +1,9 @@
-"""Safe output to the terminal: control characters are escaped, and its faults stop no work."""
+"""Safe output: control characters are escaped, faults of the terminal stop no work, and JSON has no NaN."""
 
 from __future__ import annotations
 
 import io
+import json
 import os
 import re
 import sys
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
 #: What moves the cursor, changes colours, turns the direction of writing or ends a line: C0, DEL, C1, the
 #: marks for bidirectional text and for lines, and halves of characters, which no file of text can hold.
@@ -47,13 +48,6 @@ def in_lines(value: Any) -> Any:
 
 
 def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
-    """Set rows in columns.
-
-    Parameters
-    ----------
-    indent : str
-        Before each line.
-    """
     cells = [[in_line(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return [
@@ -63,13 +57,7 @@ def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
 
 
 def say(text: str = "", *, nl: bool = True) -> None:
-    """Write what people read to the standard output.
-
-    Parameters
-    ----------
-    nl : bool
-        End the line.
-    """
+    """Write what people read to the standard output."""
     click.echo(escaped(text), nl=nl)
 
 
@@ -131,3 +119,8 @@ def prepared() -> Iterator[None]:
 def _discard(descriptor: int) -> None:
     """Let all that is still written there go nowhere."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
+
+
+def as_json(document: Mapping[str, Any]) -> str:
+    """Write a document of a result; it holds None, never NaN, where something is not known."""
+    return json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False)

@@ -17,14 +17,13 @@ from terrain_cli.rover.vehicle import (
     Vehicle,
     Wheel,
 )
-from terrain_cli.toml import strict
-from terrain_cli.toml.strict import choice, flag, number, require, table, tables, text, vector
-from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, unit_hint
 from terrain_cli.vocabulary.choices import BASES, K_FACTOR, METHODS, SEGMENTS, SOIL_BOUNDS
+from terrain_cli.vocabulary.toml_files import choice, flag, number, require, table, tables, text, vector
 
 if TYPE_CHECKING:
-    from terrain_cli.toml.strict import Rule
+    from terrain_cli.vocabulary.toml_files import Rule
     from terrain_cli.vocabulary.units import Unit
 
 #: Fields whose unit no message type tells: effort is N, N m or A, data is anything.
@@ -47,7 +46,7 @@ def load(path: str | Path | None) -> Rover:
     if path is None:
         return Rover()
     path = Path(path)
-    content = strict.parse(strict.read_text(path), path)
+    content = toml_files.parse(toml_files.read_text(path), path)
     return _rover(path, _FILE(content, f"{path}: "))
 
 
@@ -60,7 +59,7 @@ def of_text(text: str) -> Rover:
         As for `load`.
     """
     path = Path(FILE_NAME)
-    return replace(_rover(path, _FILE(strict.parse(text, path), f"{path}: ")), path=None)
+    return replace(_rover(path, _FILE(toml_files.parse(text, path), f"{path}: ")), path=None)
 
 
 def _rover(path: Path, content: dict[str, Any]) -> Rover:

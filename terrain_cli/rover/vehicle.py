@@ -133,7 +133,6 @@ class Rover:
 
     @property
     def label(self) -> str:
-        """The file as messages name it."""
         return str(self.path) if self.path else FILE_NAME
 
     def wheel(self, name: str = "") -> Wheel:

@@ -1,18 +1,24 @@
-"""A log too long for the memory, worked through in parts (reaches).
+"""A log too long for the memory, worked through in parts (reaches), in a second process if there may be one.
 
-A window needs the samples of no other, and a change of soil shows in the samples about it. So the
-windows of a reach are final, save the last ones, whose samples begin the next reach.
+A window needs the samples of no other, and a change of soil shows in the samples about it. So the windows of
+a reach are final, save the last ones, whose samples begin the next reach. Reading with all that is derived
+takes about as long as windows and estimates: a second process halves the time.
 """
 
 from __future__ import annotations
 
+import os
+import pickle
+import signal
 from collections import Counter
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from terrain_cli import estimation
+from terrain_cli.errors import TerrainError
 from terrain_cli.estimation import estimators
 from terrain_cli.presentation import segment_table
 from terrain_cli.telemetry.long_logs import joined
@@ -20,7 +26,10 @@ from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.windows import cut_windows
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
+    from multiprocessing.connection import Connection
+
+    from numpy.typing import NDArray
 
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.models import ModelFile
@@ -37,7 +46,11 @@ LONGEST = 1 << 20
 #: Channels that windows, estimates and the table are made of.
 _KEPT = {*NEEDED, "x", "y", "longitude", "latitude"}
 #: Samples set aside behind each usable one, among its drivers.
-_BEHIND = "@behind"
+BEHIND = "@behind"
+#: Parts that may wait for the other process: as many as make a reach, and one that is being read. What
+#: is longer than this many bytes goes through the pipe.
+_SLOTS, _ROOM = 5, 12 << 20
+_ALIGNED = 64
 
 
 def hindrance(settings: Settings, file: ModelFile | None) -> str | None:
@@ -73,6 +86,19 @@ def work(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
     return wheels
 
 
+def with_behind(part: Samples, usable: NDArray[np.intp]) -> tuple[Samples, int]:
+    """Return the usable samples of a part, and how many are set aside ahead of the first.
+
+    Those set aside behind each are counted among its drivers.
+    """
+    if len(usable) == len(part):
+        return replace(part, drivers={**part.drivers, BEHIND: np.zeros(len(part))}), 0
+    behind = np.diff(np.append(usable, len(part))) - 1.0
+    used = part.taken(usable)
+    ahead = int(usable[0]) if len(usable) else len(part)
+    return replace(used, drivers={**used.drivers, BEHIND: behind}), ahead
+
+
 class LongWheel:
     """The windows of one wheel so far, and the samples that are not yet in one."""
 
@@ -101,19 +127,14 @@ class LongWheel:
         self._rows += len(part)
         self._used += len(usable)
         self._reasons.update(part.reasons())
-        if len(usable) < len(part):
-            ahead = int(usable[0]) if len(usable) else len(part)
-            if self._pending:
-                self._pending[-1].drivers[_BEHIND][-1] += ahead
-            else:
-                self._before += ahead
+        used, ahead = with_behind(part, usable)
+        if self._pending:
+            self._pending[-1].drivers[BEHIND][-1] += ahead
+        else:
+            self._before += ahead
         if not len(usable):
             return
-        if len(usable) == len(part):
-            used, behind = part, np.zeros(len(part))
-        else:
-            used, behind = part.taken(usable), np.diff(np.append(usable, len(part))) - 1.0
-        self._pending.append(replace(used, drivers={_BEHIND: behind}))
+        self._pending.append(used)
         self._waiting += len(usable)
         # A long window that is carried on is not searched again for every few samples.
         if self._waiting >= self._carried + max(REACH, self._carried):
@@ -167,7 +188,7 @@ class LongWheel:
         if len(cut):
             self._stress = float(fitted.estimates.stress[0])
         table = segment_table.table(cut, fitted.estimates)
-        behind = np.add.reduceat(cut.samples.drivers[_BEHIND], cut.bounds[:-1]).astype(np.intp)
+        behind = np.add.reduceat(cut.samples.drivers[BEHIND], cut.bounds[:-1]).astype(np.intp)
         behind[0] += self._before
         self._before = 0
         table["n_rejected"] = behind
@@ -185,7 +206,6 @@ class LongWheel:
 
     @property
     def estimates(self) -> WindowEstimates:
-        """Behind the rows."""
         self._estimates = [estimation.join(self._estimates)]
         return self._estimates[0]
 
@@ -212,3 +232,149 @@ class LongWheel:
             "remarks": remarks,
             "model": None,
         }
+
+
+def cores() -> int:
+    """Return how many processors this process may use, where the system says so."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def work_beside(parts: Iterable[Samples], settings: Settings) -> dict[str, LongWheel]:
+    """Do what `long_log.work` does in another process; in this one where no other can be started.
+
+    The samples are read here. Raises what the other process raised, or TerrainError if it was killed.
+    """
+    try:
+        other = _Beside(settings)
+    except OSError:
+        return work(parts, settings)
+    with other:
+        for part in parts:
+            other.take(part)
+        return other.end()
+
+
+class _Beside:
+    """The other process; OSError if it cannot be started."""
+
+    def __init__(self, settings: Settings) -> None:
+        # Short logs need none of it.
+        from multiprocessing import get_context
+
+        # A fork would copy the locks of the threads that read.
+        context = get_context("spawn")
+        self._shared = context.RawArray("B", _SLOTS * _ROOM)
+        self._room = np.frombuffer(self._shared, dtype=np.uint8).reshape(_SLOTS, _ROOM)
+        self._link, theirs = context.Pipe()
+        self._sent = self._done = 0
+        self._process = context.Process(
+            target=_work_there, args=(theirs, self._shared, settings), daemon=True
+        )
+        if hasattr(signal, "pthread_sigmask"):
+            from multiprocessing import resource_tracker
+
+            # Python 3.11 lets signals in again as it starts this one with the first process.
+            resource_tracker.ensure_running()
+        with _uninterrupted(), theirs:
+            self._process.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._link.close()
+        self._process.kill()
+        self._process.join()
+
+    def take(self, part: Samples) -> None:
+        """Hand a part over; wait while too many are not yet fetched."""
+        if self._sent - self._done == _SLOTS:
+            self._hear()
+            self._done += 1
+        slot = self._sent % _SLOTS
+        buffers: list[pickle.PickleBuffer] = []
+        head = pickle.dumps(part, protocol=5, buffer_callback=buffers.append)
+        pieces = [np.frombuffer(buffer.raw(), dtype=np.uint8) for buffer in buffers]
+        sizes = [len(piece) for piece in pieces]
+        places = _places(sizes)
+        if places[-1] > _ROOM:
+            head, places, pieces = pickle.dumps(part, protocol=5), [0], []
+        for place, piece in zip(places, pieces, strict=False):
+            self._room[slot, place : place + len(piece)] = piece
+        self._tell((slot, sizes if pieces else [], head))
+        self._sent += 1
+
+    def end(self) -> dict[str, LongWheel]:
+        """Return the wheels by their names, once all of their windows are made."""
+        self._tell(None)
+        while self._done < self._sent:
+            self._hear()
+            self._done += 1
+        wheels: dict[str, LongWheel] = self._hear()
+        return wheels
+
+    def _tell(self, message: object) -> None:
+        try:
+            self._link.send(message)
+        except OSError:
+            # It has died, and perhaps said of what.
+            while True:
+                self._hear()
+
+    def _hear(self) -> Any:
+        try:
+            reply = self._link.recv()
+        except (EOFError, OSError):
+            raise TerrainError(
+                "the process that makes windows and estimates was killed; out of memory?",
+                hint="free some memory, and run again",
+            ) from None
+        if isinstance(reply, Exception):
+            raise reply
+        return reply
+
+
+def _places(sizes: list[int]) -> list[int]:
+    """Return where pieces of these sizes begin in a slot, and where the last one ends."""
+    places = [0]
+    for size in sizes:
+        places.append(-(-(places[-1] + size) // _ALIGNED) * _ALIGNED)
+    return places
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Start a process that Ctrl-C does not reach: who started it answers."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _work_there(link: Connection, shared: Any, settings: Settings) -> None:
+    """Work through what comes, and send the wheels when all has come: the life of the other process."""
+    # Where who started this process has gone, there is nobody to tell.
+    with suppress(EOFError, OSError):
+        try:
+            reply: object = work(_received(link, shared), settings)
+        except (EOFError, OSError):
+            raise
+        except Exception as error:  # noqa: BLE001 - it is raised there
+            reply = error
+        link.send(reply)
+
+
+def _received(link: Connection, shared: Any) -> Iterator[Samples]:
+    room = np.frombuffer(shared, dtype=np.uint8).reshape(_SLOTS, -1)
+    for slot, sizes, head in iter(link.recv, None):
+        places = _places(sizes)
+        # A copy, so that the next part can come while windows still hold this one.
+        own = room[slot, : places[-1]].copy().data
+        buffers = [own[place : place + size] for place, size in zip(places, sizes, strict=False)]
+        part: Samples = pickle.loads(head, buffers=buffers)  # noqa: S301 - of our own parent
+        link.send(None)
+        yield part

@@ -9,7 +9,7 @@ import formats
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError
 from terrain_cli.estimation import estimators
-from terrain_cli.presentation import posterior_table, segment_table
+from terrain_cli.presentation import segment_table
 from terrain_cli.run import long_log
 from terrain_cli.telemetry.derive.unit_doubts import Doubt
 from terrain_cli.telemetry.plan.mapping import is_table
@@ -113,13 +113,13 @@ def run(
         if settings.method == "recursive":
             outcome.trace.append(segment_table.trace(cut))
         if settings.joint:
-            outcome.posterior.append(posterior_table.table(cut, fitted.estimates, fitted.joint))
+            outcome.posterior.append(segment_table.posterior_table(cut, fitted.estimates, fitted.joint))
         if settings.samples:
             outcome.samples.append(segment_table.samples(cut))
     if tables:
         outcome.table = segment_table.join(tables)
     else:
-        outcome.error = _nothing_usable(source.path, outcome.account["wheels"])
+        outcome.error = nothing_usable(source.path, outcome.account["wheels"])
     return outcome
 
 
@@ -145,10 +145,10 @@ def _in_reaches(
             progress(f"{count:,} samples", count / rows if rows else 0.0)
             yield long_log.lean(part)
 
-    work = long_log.work
+    work_beside = long_log.work
     if beside:
-        from terrain_cli.run.second_process import work
-    wheels = work(lean(), settings)
+        from terrain_cli.run.long_log import work_beside
+    wheels = work_beside(lean(), settings)
     done = [wheels[name] for name in sorted(wheels)]
     if not any(len(wheel) for wheel in done):
         where = f" where {settings.where}" if settings.where else ""
@@ -163,7 +163,7 @@ def _in_reaches(
         outcome.table = segment_table.join(tables)
         outcome.estimates = [wheel.estimates for wheel in done if wheel.table is not None]
     else:
-        outcome.error = _nothing_usable(source.path, outcome.account["wheels"])
+        outcome.error = nothing_usable(source.path, outcome.account["wheels"])
     return outcome
 
 
@@ -187,7 +187,7 @@ def _account(samples: Samples) -> dict[str, Any]:
     }
 
 
-def _nothing_usable(path: str, wheels: Sequence[dict[str, Any]]) -> InputError:
+def nothing_usable(path: str, wheels: Sequence[dict[str, Any]]) -> InputError:
     """Say why no sample can be used: the frequent reasons of the wheel that has most samples."""
     fullest = max(wheels, key=lambda wheel: int(wheel["samples"]))
     reasons = dict(fullest["set_aside"])

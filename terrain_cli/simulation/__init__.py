@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from terrain_cli.simulation.described_drive import drive
+from terrain_cli.simulation.described_drive import draw, drive
 from terrain_cli.simulation.drive_file import COMMAND_LINE, read
-from terrain_cli.simulation.hidden_effect import draw
 from terrain_cli.simulation.simulated_log import SimulatedLog, simulate, table, truth_table
 
 __all__ = ["COMMAND_LINE", "SimulatedLog", "draw", "drive", "read", "simulate", "table", "truth_table"]

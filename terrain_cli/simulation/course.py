@@ -16,11 +16,9 @@ from terrain_cli.telemetry.derived_channels import STANDING
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.simulation.scenario import Place, Scenario
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
 
 #: In m: no rover comes back to the millimetre.
 _SAME_SPOT = 0.01
@@ -47,7 +45,7 @@ class Ride:
     # shape (n,): load and slip as the soil feels them, the velocity of the wheel centre, and what is of the
     # body
     smooth: dict[str, Array]
-    soil: NDArray[np.intp]  # shape (n,): index into the soils of the scenario
+    soil: Index  # shape (n,): index into the soils of the scenario
     pass_number: Array  # shape (n,)
 
     def at(self, time: Array) -> dict[str, Array]:
@@ -103,7 +101,7 @@ def body_ride(course: Course) -> Ride:
     return Ride(Place(""), course.time, course.body, nothing.astype(int), nothing)
 
 
-def standing(velocity: Array, radius: float) -> NDArray[np.bool_]:
+def standing(velocity: Array, radius: float) -> Mask:
     """Tell where a wheel of some radius stands (m/s, m), as slow as readers of a log take for that."""
     return np.abs(velocity) <= STANDING * radius
 
@@ -125,7 +123,7 @@ def _integral(rate: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _soils(scenario: Scenario, course: Course, place: Place) -> NDArray[np.intp]:
+def _soils(scenario: Scenario, course: Course, place: Place) -> Index:
     """Return the soil at each time: equal shares of the track that the body covers."""
     travel = course.body["travel"]
     low, high = float(travel.min()), float(travel.max())

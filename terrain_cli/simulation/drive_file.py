@@ -12,11 +12,20 @@ from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.wheel_model import WheelGeometry
 from terrain_cli.simulation import perfect_sensors
 from terrain_cli.simulation.profiles import profile_rule
-from terrain_cli.simulation.scenario import START, DrivePart, Scenario, places
+from terrain_cli.simulation.scenario import (
+    START,
+    Chosen,
+    DrivePart,
+    Scenario,
+    choose,
+    effects_rule,
+    find,
+    places,
+    settle,
+    soils_rule,
+)
 from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, sensors_rule
-from terrain_cli.simulation.simulated_effects import Chosen, choose, effects_rule, settle
-from terrain_cli.simulation.simulated_soils import find, soils_rule
-from terrain_cli.toml import strict
+from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.choices import BASES
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 
@@ -81,10 +90,10 @@ DURATION = 60.0
 
 #: s; the fine time base of a longer drive would fill the memory.
 _LONGEST = 36_000.0
-_SECONDS = strict.number("a duration in s, from 1 s to 10 h", 1.0, _LONGEST)
-_RATE = strict.number("a rate in Hz, from 0.01 to 1000", 0.01, 1000.0)
-_SIZE = strict.number("a positive length in m, at most 5", strict.ABOVE_ZERO, 5.0)
-_WHOLE = strict.number("a whole number, at least 0", 0, whole=True)
+_SECONDS = toml_files.number("a duration in s, from 1 s to 10 h", 1.0, _LONGEST)
+_RATE = toml_files.number("a rate in Hz, from 0.01 to 1000", 0.01, 1000.0)
+_SIZE = toml_files.number("a positive length in m, at most 5", toml_files.ABOVE_ZERO, 5.0)
+_WHOLE = toml_files.number("a whole number, at least 0", 0, whole=True)
 _PROFILES = {
     "slip": profile_rule("a slip, from -0.9 to 0.95", -0.9, 0.95),
     "load": profile_rule("a share of the mean load, from 0.01 to 10", 0.01, 10.0),
@@ -95,44 +104,46 @@ _PROFILES = {
     "yaw_rate": profile_rule("a rate in rad/s, from -1 to 1", -1.0, 1.0),
     "motor_temperature": profile_rule("a temperature in °C, from -150 to 250", -150.0, 250.0),
 }
-_PART = strict.table({"drive": strict.choice(*PRESETS), "duration": _SECONDS, **_PROFILES})
+_PART = toml_files.table({"drive": toml_files.choice(*PRESETS), "duration": _SECONDS, **_PROFILES})
 
 
 def _texts(value: Any, place: str) -> list[str]:
-    texts: list[str] = strict.several(strict.text)([value] if isinstance(value, str) else value, place)
+    texts: list[str] = toml_files.several(toml_files.text)(
+        [value] if isinstance(value, str) else value, place
+    )
     if not texts:
         raise ConfigurationError(f"{place}: names nothing")
     return texts
 
 
-_DRIVE = strict.several(strict.choice(*PRESETS))
-_FILE = strict.table(
+_DRIVE = toml_files.several(toml_files.choice(*PRESETS))
+_FILE = toml_files.table(
     {
         "drive": lambda value, place: _DRIVE(_texts(value, place), place),
-        "part": strict.several(_PART),
+        "part": toml_files.several(_PART),
         "duration": _SECONDS,
         "soil": _texts,
         "soils": soils_rule,
-        "wheel": strict.table(
+        "wheel": toml_files.table(
             {
                 "radius": _SIZE,
                 "width": _SIZE,
                 "grouser_count": _WHOLE,
-                "grouser_height": strict.number("a length in m from 0 to 1", 0.0, 1.0),
+                "grouser_height": toml_files.number("a length in m from 0 to 1", 0.0, 1.0),
             }
         ),
-        "wheels": strict.number("a number of wheels, from 1 to 20", 1, 20, whole=True),
-        "load": strict.number("a load in N, from 0.1 to 1e5", 0.1, 1e5),
-        "speed": strict.number("a speed in m/s, from 0.001 to 10", 0.001, 10.0),
-        "gravity": strict.number("a positive number of m/s²", strict.ABOVE_ZERO),
+        "wheels": toml_files.number("a number of wheels, from 1 to 20", 1, 20, whole=True),
+        "load": toml_files.number("a load in N, from 0.1 to 1e5", 0.1, 1e5),
+        "speed": toml_files.number("a speed in m/s, from 0.001 to 10", 0.001, 10.0),
+        "gravity": toml_files.number("a positive number of m/s²", toml_files.ABOVE_ZERO),
         "rate": _RATE,
-        "rates": strict.table(dict.fromkeys(CHANNELS_WRITTEN, _RATE)),
-        "model": strict.text,
+        "rates": toml_files.table(dict.fromkeys(CHANNELS_WRITTEN, _RATE)),
+        "model": toml_files.text,
         "effects": effects_rule,
         "noise": sensors_rule,
         "seed": _WHOLE,
-        "start": strict.number("a time in s since 1970, from 1 to 4e9", 1.0, 4e9),
-        "drawbar_pull": strict.flag,
+        "start": toml_files.number("a time in s since 1970, from 1 to 4e9", 1.0, 4e9),
+        "drawbar_pull": toml_files.flag,
     }
 )
 #: Of the two, the last one said counts.
@@ -155,7 +166,7 @@ def read(
     content: dict[str, Any] = {"seed": seed}
     places_of: dict[str, str] = {}
     for source, place in (
-        (strict.parse(strict.read_text(path), path) if path else {}, str(path)),
+        (toml_files.parse(toml_files.read_text(path), path) if path else {}, str(path)),
         (dict(options), label),
     ):
         checked = _FILE(source, f"{place}: ")

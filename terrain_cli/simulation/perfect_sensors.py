@@ -24,13 +24,11 @@ from terrain_cli.vocabulary.channels import CHANNELS
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from numpy.typing import NDArray
-
     from terrain_cli.mechanics.wheel_model import Prediction
     from terrain_cli.simulation.course import Ride
     from terrain_cli.simulation.scenario import Scenario
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 _RATE = "_rate"
 _RATE_ROUNDS = 3
@@ -137,7 +135,7 @@ class Physics:
             "true_slip": np.where(still, np.nan, travelling["true_slip"]),
         }
 
-    def _values(self, soil: NDArray[np.intp]) -> dict[str, Array]:
+    def _values(self, soil: Index) -> dict[str, Array]:
         rows = [s.values(self.scenario.geometry.width) for s in self.scenario.soils]
         soils = {name: np.array([row[name] for row in rows])[soil] for name in rows[0]}
         return soils | {name: np.asarray(number) for name, number in self.effect_values.items()}

@@ -15,14 +15,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError
-from terrain_cli.toml import strict
+from terrain_cli.vocabulary import toml_files
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array
+    from terrain_cli.vocabulary.toml_files import Rule
 
-    from terrain_cli.toml.strict import Rule
-
-    Array = NDArray[np.float64]
 
 #: Times between the points of a course in s.
 STEP = 0.01
@@ -60,26 +58,26 @@ def constant(value: float) -> Profile:
 
 def profile_rule(what: str, low: float, high: float) -> Rule:
     """Return the rule for a `Profile` with values within bounds, which `what` says in words."""
-    number = strict.number(what, low, high)
-    swing = strict.table(
+    number = toml_files.number(what, low, high)
+    swing = toml_files.table(
         {
             "mean": number,
-            "swing": strict.number("a number, at least 0", 0.0),
-            "period": strict.number("a positive number of seconds", strict.ABOVE_ZERO),
+            "swing": toml_files.number("a number, at least 0", 0.0),
+            "period": toml_files.number("a positive number of seconds", toml_files.ABOVE_ZERO),
         }
     )
-    steps = strict.table({"steps": strict.several(number)})
+    steps = toml_files.table({"steps": toml_files.several(number)})
 
     def rule(value: Any, place: str) -> Profile:
         if isinstance(value, list) and value:
-            return Profile("ramps", tuple(strict.several(number)(value, place)))
+            return Profile("ramps", tuple(toml_files.several(number)(value, place)))
         if isinstance(value, dict) and "steps" in value:
             values = steps(value, place)["steps"]
-            strict.require(dict.fromkeys(["steps"] * bool(values)), place, "steps")
+            toml_files.require(dict.fromkeys(["steps"] * bool(values)), place, "steps")
             return Profile("steps", tuple(values))
         if isinstance(value, dict):
             given = swing(value, place)
-            strict.require(given, place, "mean", "swing", "period")
+            toml_files.require(given, place, "mean", "swing", "period")
             if not low <= given["mean"] - given["swing"] <= given["mean"] + given["swing"] <= high:
                 raise ConfigurationError(f"{place}: swings beyond what it can be: each value is {what}")
             return Profile("swing", (given["mean"], given["swing"], given["period"]))

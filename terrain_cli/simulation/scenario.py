@@ -1,29 +1,249 @@
-"""A drive, the wheels and soils, the physics and the sensors; and the rover.toml that fits its log."""
+"""What is simulated: the wheel, the soils along the drive, their effects, and the sensors."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from terrain_cli.errors import ConfigurationError, TerrainError, nearest
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
-from terrain_cli.toml import toml_text
+from terrain_cli.vocabulary import toml_files
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    import numpy as np
+
+    from terrain_cli.mechanics.effect import Effect, Parameter
     from terrain_cli.simulation.profiles import Profile
     from terrain_cli.simulation.sensors import Sensor
-    from terrain_cli.simulation.simulated_effects import Chosen
-    from terrain_cli.simulation.simulated_soils import Soil
     from terrain_cli.vocabulary.choices import Base
 
-
+WONG = "Wong, Theory of Ground Vehicles, table of terrain values"
+_LUNAR = "Wong, Terramechanics and Off-Road Vehicle Engineering, 2nd ed., 2010"
+#: Where the values of parameters lie that are not just one typical size above their null.
+PLAUSIBLE = {
+    # Wong and Reece 1967: 0.18 in loose sand, 0.43 in compact sand; Ding et al. 2011: c2 0.09 to 0.32.
+    "max-stress-angle.c1": (0.18, 0.43),
+    "max-stress-angle.c2": (0.1, 0.32),
+    # Harmonic and planetary gears at part load.
+    "gear-efficiency.eta": (0.6, 0.9),
+    # Load cells of a rover in the field read 0.95 to 0.99 of the load.
+    "load-bias.gain": (0.9, 0.98),
+    "sensor-lag.torque_lag": (0.05, 0.4),
+    "sensor-lag.drawbar_pull_lag": (0.05, 0.4),
+    "sensor-lag.sinkage_lag": (0.05, 0.4),
+    # What not every rover or soil has besides.
+    "slip-sinkage.n2": (0.0, 0.0),
+    "load-transfer.slope_ratio": (0.0, 0.0),
+}
 #: 2026-01-01 00:00:00 UTC, in s since 1970: every drive starts then, so that files do not depend on the day.
 START = 1_767_225_600.0
 #: Between rows of wheels, and between left and right, in m.
 _WHEELBASE, _TRACK = 0.40, 0.60
 _ROWS = {1: ("front",), 2: ("front", "rear"), 3: ("front", "middle", "rear")}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Soil:
+    """What a soil is to a rigid wheel."""
+
+    name: str
+    cohesion: float  # c in Pa
+    tan_phi: float  # Tangent of the internal friction angle φ
+    shear_modulus: float  # k of Janosi and Hanamoto in m
+    sinkage_exponent: float  # n of Bekker
+    # cohesive_modulus, frictional_modulus: kc in Pa/m^(n−1) and kφ in Pa/m^n, of Bekker
+    cohesive_modulus: float
+    frictional_modulus: float
+    reference: str = ""  # Where the values are from
+
+    @property
+    def friction_angle(self) -> float:
+        """φ in rad."""
+        return math.atan(self.tan_phi)
+
+    def values(self, width: float) -> dict[str, float]:
+        """Return the parameters of the model in SI units; the stiffness is kc/b + kφ, b the wheel's width."""
+        return {
+            "cohesion": self.cohesion,
+            "tan_phi": self.tan_phi,
+            "shear_modulus": self.shear_modulus,
+            "stiffness": self.cohesive_modulus / width + self.frictional_modulus,
+            "sinkage_exponent": self.sinkage_exponent,
+        }
+
+
+def _published(
+    name: str, n: float, kc: float, kphi: float, c: float, phi: float, reference: str = WONG
+) -> Soil:
+    # Wong gives k of 10 to 25 mm for sands and less than that for clays; 18 mm serves all, since a
+    # rover file has room for one.
+    return Soil(
+        name=name,
+        cohesion=c * 1e3,
+        tan_phi=math.tan(math.radians(phi)),
+        shear_modulus=0.018,
+        sinkage_exponent=n,
+        cohesive_modulus=kc * 1e3,
+        frictional_modulus=kphi * 1e3,
+        reference=reference,
+    )
+
+
+#: By name. Arguments: n, kc in kN/m^(n+1), kφ in kN/m^(n+2), c in kPa, φ in degrees.
+SOILS: dict[str, Soil] = {
+    soil.name: soil
+    for soil in (
+        _published("dry-sand", 1.1, 0.99, 1528.43, 1.04, 28.0),
+        _published("lete-sand", 0.79, 102.0, 5301.0, 1.3, 31.1),
+        _published("sandy-loam", 0.7, 5.27, 1515.04, 1.72, 29.0),
+        _published("upland-sandy-loam", 1.1, 74.6, 2080.0, 3.3, 33.7),
+        _published("rubicon-sandy-loam", 0.66, 6.9, 752.0, 3.7, 29.8),
+        _published("clayey-loam", 0.73, 41.6, 2471.0, 6.1, 26.6),
+        _published("clayey-soil", 0.5, 13.19, 692.15, 4.14, 13.0),
+        _published("wet-clayey-soil", 0.7, 16.03, 1262.53, 2.07, 10.0),
+        _published("snow", 1.6, 4.37, 196.72, 1.03, 19.7),
+        _published("lunar-soil", 1.0, 1.4, 820.0, 0.17, 35.0, _LUNAR),
+    )
+}
+
+_POSITIVE = "a positive number"
+_SOIL = toml_files.table(
+    {
+        "cohesion": toml_files.number("a cohesion in Pa, at least 0", 0.0),
+        "tan_phi": toml_files.number("a tangent of φ, from 0 to 2", 0.0, 2.0),
+        "phi_deg": toml_files.number("an angle in degrees, from 0 to 60", 0.0, 60.0),
+        "shear_modulus": toml_files.number("a positive length in m, at most 1", toml_files.ABOVE_ZERO, 1.0),
+        "sinkage_exponent": toml_files.number("a number from 0.1 to 3", 0.1, 3.0),
+        "stiffness": toml_files.number(_POSITIVE, toml_files.ABOVE_ZERO),
+        "cohesive_modulus": toml_files.number("a number, at least 0", 0.0),
+        "frictional_modulus": toml_files.number(_POSITIVE, toml_files.ABOVE_ZERO),
+    }
+)
+
+
+def soils_rule(value: Any, place: str) -> dict[str, Soil]:
+    """Read the tables [soils.NAME] of a user."""
+    return {name: _own(name, inner, where) for name, inner, where in toml_files.each(value, place)}
+
+
+def _own(name: str, value: Any, place: str) -> Soil:
+    given = _SOIL(value, place)
+    toml_files.require(given, place, "cohesion", "shear_modulus", "sinkage_exponent")
+    if ("tan_phi" in given) == ("phi_deg" in given):
+        raise ConfigurationError(f"{place}: give one of tan_phi and phi_deg")
+    bekker = {"cohesive_modulus", "frictional_modulus"} & given.keys()
+    if ("stiffness" in given) == bool(bekker):
+        raise ConfigurationError(f"{place}: give stiffness, or cohesive_modulus and frictional_modulus")
+    if bekker:
+        toml_files.require(given, place, "cohesive_modulus", "frictional_modulus")
+    return Soil(
+        name=name,
+        cohesion=given["cohesion"],
+        tan_phi=given["tan_phi"] if "tan_phi" in given else math.tan(math.radians(given["phi_deg"])),
+        shear_modulus=given["shear_modulus"],
+        sinkage_exponent=given["sinkage_exponent"],
+        cohesive_modulus=given.get("cohesive_modulus", 0.0),
+        frictional_modulus=given.get("frictional_modulus", given.get("stiffness", 0.0)),
+    )
+
+
+def find(name: str, own: Mapping[str, Soil], place: str) -> Soil:
+    """Find a soil by its name; those of the user stand above the published ones."""
+    known = {**SOILS, **own}
+    if name not in known:
+        raise ConfigurationError(
+            f"{place}: no soil {name!r}{nearest(name, known)}", hint=f"known are {', '.join(known)}"
+        )
+    return known[name]
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """An effect of a drive."""
+
+    effect: Effect
+    values: Mapping[str, float] = field(default_factory=dict)  # Every parameter by its short name, SI
+    hidden: bool = False  # Drawn at random, and told only in the truth
+
+    def qualified(self) -> dict[str, float]:
+        """Return the values by the names that the model has for them."""
+        return {self.effect.qualified(p): self.values[p.name] for p in self.effect.parameters}
+
+
+def effects_rule(value: Any, place: str) -> dict[str, dict[str, float]]:
+    """Read the table [effects]: id or file → its parameters; names are not looked up here."""
+    result: dict[str, dict[str, float]] = toml_files.tables(toml_files.tables(toml_files.number("a number")))(
+        value, place
+    )
+    return result
+
+
+def choose(name: str, given: Mapping[str, float], place: str) -> Chosen:
+    """Find an effect by id or path; parameters that are not given have their typical size."""
+    from terrain_cli import models
+
+    try:
+        effect = models.find_effect(name)
+    except TerrainError as error:
+        raise ConfigurationError(f"{place}: {error}", hint=error.hint) from None
+    return settle(effect, given, place)
+
+
+def settle(effect: Effect, given: Mapping[str, float], place: str) -> Chosen:
+    """Give every parameter of an effect a value, by short name; those not given their typical size."""
+    known = {p.name: p for p in effect.parameters}
+    for parameter, value in given.items():
+        if parameter not in known:
+            raise ConfigurationError(
+                f"{place}: effect {effect.id} has no parameter {parameter!r}{nearest(parameter, known)}",
+                hint=f"it has {', '.join(known)}",
+            )
+        bounds = known[parameter]
+        if not bounds.lower <= value <= bounds.upper:
+            raise ConfigurationError(
+                f"{place}: {parameter} of {effect.id} must be from {bounds.lower:g} to {bounds.upper:g} "
+                f"{bounds.unit if bounds.unit != '1' else ''}".rstrip()
+                + f", not {value:g}"
+            )
+    return Chosen(effect, {n: given.get(n, typical(p, effect.qualified(p))) for n, p in known.items()})
+
+
+def typical(parameter: Parameter, name: str = "") -> float:
+    """Return a value that is not given: in the middle of `PLAUSIBLE`, else one typical size from the null."""
+    if name in PLAUSIBLE:
+        return 0.5 * sum(PLAUSIBLE[name])
+    return parameter.null if parameter.shape else _away(parameter, 1.0)
+
+
+def drawn(effect: Effect, rng: np.random.Generator) -> dict[str, float]:
+    """Draw the size of an effect, as it may occur, by short names of its parameters."""
+    values = {}
+    for parameter in effect.parameters:
+        size, side = float(rng.uniform(0.6, 1.6)), float(rng.choice([-1.0, 1.0]))
+        below, above = parameter.null - parameter.lower, parameter.upper - parameter.null
+        if (name := effect.qualified(parameter)) in PLAUSIBLE:
+            low, high = PLAUSIBLE[name]
+            values[parameter.name] = low + (high - low) * (size - 0.6)
+        elif parameter.shape:
+            values[parameter.name] = _away(parameter, 0.5 * side * (size - 0.6))
+        else:
+            # What may be off either way has bounds that are as far on either side.
+            either = effect.kind == "sensor" and math.isclose(below, above)
+            values[parameter.name] = _away(parameter, size * side if either else size)
+    return values
+
+
+def _away(parameter: Parameter, sizes: float) -> float:
+    """Return a value some typical sizes from the null, on the other side where this one is out of bounds."""
+    step = sizes * parameter.scale
+    for value in (parameter.null + step, parameter.null - step):
+        if parameter.lower <= value <= parameter.upper:
+            return value
+    return parameter.upper if step > 0.0 else parameter.lower
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +299,6 @@ class Scenario:
 
     @property
     def duration(self) -> float:
-        """Length of the drive in s."""
         return sum(part.duration for part in self.parts)
 
     @property
@@ -124,22 +343,22 @@ def rover_text(scenario: Scenario) -> str:
         "# Tables name their columns as channels: the entries with a topic are for bags.",
         "",
         "[wheel]",
-        f"radius = {toml_text.value(wheel.radius)}  # m",
-        f"width = {toml_text.value(wheel.width)}  # m",
+        f"radius = {toml_files.value(wheel.radius)}  # m",
+        f"width = {toml_files.value(wheel.width)}  # m",
     ]
     if wheel.grouser_count:
         lines.append(f"grouser_count = {wheel.grouser_count}")
-        lines.append(f"grouser_height = {toml_text.value(wheel.grouser_height)}  # m")
-    shear_modulus = toml_text.value(scenario.soils[0].shear_modulus)
+        lines.append(f"grouser_height = {toml_files.value(wheel.grouser_height)}  # m")
+    shear_modulus = toml_files.value(scenario.soils[0].shear_modulus)
     lines += ["", "[soil]", f"shear_modulus = {shear_modulus}  # m, of {scenario.soils[0].name}"]
     for place in scenario.wheels:
-        lines += ["", f"[wheels.{toml_text.key(place.name)}]"]
+        lines += ["", f"[wheels.{toml_files.key(place.name)}]"]
         if len(scenario.wheels) > 1:
-            lines.append(f"position = {toml_text.value([place.x, place.y, 0.0])}  # m")
+            lines.append(f"position = {toml_files.value([place.x, place.y, 0.0])}  # m")
         entry = {"topic": JOINTS, "field": "effort", "name": joint(place.name), "unit": "N m"}
         lines += [
-            f"[wheels.{toml_text.key(place.name)}.channels]",
+            f"[wheels.{toml_files.key(place.name)}.channels]",
             "# A JointState does not say whether its effort is a torque or a current.",
-            f"torque = {toml_text.value(entry)}",
+            f"torque = {toml_files.value(entry)}",
         ]
     return "\n".join(lines) + "\n"

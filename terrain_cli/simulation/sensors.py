@@ -12,16 +12,13 @@ import numpy as np
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation.profiles import generator
-from terrain_cli.toml import strict
-from terrain_cli.vocabulary import units
+from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, unit_hint
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Mask
+    from terrain_cli.vocabulary.toml_files import Rule
 
-    from terrain_cli.toml.strict import Rule
-
-    Array = NDArray[np.float64]
 
 #: Channels that a drive has, in the order of the table.
 CHANNELS_WRITTEN = (
@@ -95,7 +92,7 @@ class Sensor:
             total[self._lost(n, _interval(time), generator(seed, f"{key} dropouts"))] = np.nan
         return total
 
-    def _lost(self, n: int, interval: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    def _lost(self, n: int, interval: float, rng: np.random.Generator) -> Mask:
         """Draw which samples are lost: a chain of two states whose long-run share is the one asked for."""
         length = max(self.dropout_length / interval, 1.0)
         draws = rng.random(n)
@@ -150,7 +147,7 @@ def clock(rate: float, duration: float) -> Array:
 
 def amount_rule(channel: str) -> Rule:
     """Return the rule for an amount: ``0.02`` in the channel's unit, ``"1 mm"`` or ``"3%"``."""
-    number = strict.number(f"an amount in {CHANNELS[channel].unit.symbol}, at least 0", 0.0)  # type: ignore[union-attr]
+    number = toml_files.number(f"an amount in {CHANNELS[channel].unit.symbol}, at least 0", 0.0)  # type: ignore[union-attr]
 
     def rule(value: Any, place: str) -> SensorAmount:
         if not isinstance(value, str):
@@ -187,14 +184,14 @@ def share_rule(value: Any, place: str) -> float:
     if isinstance(value, str):
         size, text = _parts(value, place)
         value = size / 100.0 if text == "%" else size if not text else value
-    share: float = strict.number('a share such as 0.02 or "2%", below 1', 0.0, 1.0 - 1e-9)(value, place)
+    share: float = toml_files.number('a share such as 0.02 or "2%", below 1', 0.0, 1.0 - 1e-9)(value, place)
     return share
 
 
 def sensor_rule(channel: str) -> Rule:
     """Return the rule for the sensor of a channel: an amount of white noise, or a table."""
     amount = amount_rule(channel)
-    seconds = strict.number("a positive number of seconds", strict.ABOVE_ZERO)
+    seconds = toml_files.number("a positive number of seconds", toml_files.ABOVE_ZERO)
 
     def quantum(value: Any, place: str) -> float:
         step: SensorAmount = amount(value, place)
@@ -202,7 +199,7 @@ def sensor_rule(channel: str) -> Rule:
             raise ConfigurationError(f"{place}: a step is no share of the value")
         return step.absolute
 
-    table = strict.table(
+    table = toml_files.table(
         {
             "white": amount,
             "correlated": amount,
@@ -224,7 +221,7 @@ def sensor_rule(channel: str) -> Rule:
     return rule
 
 
-_SENSORS = strict.table({name: sensor_rule(name) for name in NOISY})
+_SENSORS = toml_files.table({name: sensor_rule(name) for name in NOISY})
 
 
 def sensors_rule(value: Any, place: str) -> dict[str, Sensor]:

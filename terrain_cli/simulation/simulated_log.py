@@ -13,12 +13,10 @@ from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, OF_BODY, SLIP, Sens
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from terrain_cli.simulation.course import Ride
     from terrain_cli.simulation.scenario import Scenario
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Channels that the message of a bag holds together, and how often it is sent: parts of the rate.
 TOGETHER: dict[str, tuple[tuple[str, ...], float]] = {
@@ -118,7 +116,7 @@ def _measure(
 
 
 def _with_wrong_slip(
-    scenario: Scenario, wheel: str, time: Array, truth: Mapping[str, Array], rows: NDArray[np.intp]
+    scenario: Scenario, wheel: str, time: Array, truth: Mapping[str, Array], rows: Index
 ) -> Array:
     """Return the wheel speeds from which a wrong slip follows."""
     slip, velocity, omega = (truth[name][rows] for name in ("slip", "velocity", "angular_velocity"))
@@ -187,7 +185,7 @@ SOIL_COLUMNS = {
 }
 
 
-def _order(parts: list[tuple[str, Array, dict[str, Array]]]) -> NDArray[np.intp]:
+def _order(parts: list[tuple[str, Array, dict[str, Array]]]) -> Index:
     return np.argsort(np.concatenate([time for _, time, _ in parts]), kind="stable")
 
 

@@ -9,16 +9,15 @@ import numpy as np
 
 import formats
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry import raw_columns, tables
-from terrain_cli.telemetry.channel_sources import Plan
+from terrain_cli.telemetry import raw_channels, raw_columns
 from terrain_cli.telemetry.derive import effect_inputs
 from terrain_cli.telemetry.derive.assembly import assemble, wheel_of
-from terrain_cli.telemetry.derive.conditions import Condition
-from terrain_cli.telemetry.long_logs import Excerpt, Request, in_parts
-from terrain_cli.telemetry.plan import derivable_channels, rover_advice
+from terrain_cli.telemetry.derive.usable_samples import Condition
+from terrain_cli.telemetry.long_logs import Excerpt, PartReader, Request, in_parts
+from terrain_cli.telemetry.plan import rover_advice
 from terrain_cli.telemetry.plan.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
-from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Raw, Samples
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Plan, Raw, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED
 
@@ -36,6 +35,7 @@ __all__ = [
     "Samples",
     "assemble",
     "lacking",
+    "part_reader",
     "plan",
     "read",
     "read_parts",
@@ -107,6 +107,24 @@ def read_parts(
     return result
 
 
+def part_reader(
+    source: Source,
+    rover: Rover,
+    *,
+    wheels: Collection[str] = (),
+    where: Condition | None = None,
+    effects: Sequence[Effect] | None = None,
+) -> PartReader:
+    """Return what makes samples of the rows of a table as they arrive; InputError without a clock."""
+    request = _request(source, rover, wheels, where, effects)
+    if not any(feed.channel == "time" for feed in request.layout.every_feed):
+        raise InputError(
+            f"{source.label}: no column is the time of a row, without which nothing can be followed",
+            hint="name one in its header (time, or stamp_ns), or in rover.toml under [channels]",
+        )
+    return PartReader(request, partial(_check, request, compared=False), evident=False)
+
+
 def _request(
     source: Source,
     rover: Rover,
@@ -117,12 +135,11 @@ def _request(
     compared: bool = False,
     kept: Collection[str] = (),
 ) -> Request:
-    """Decide what is to be read."""
     layout = plan(source, rover)
     if layout.no_time:
         raise layout.no_time
     extras, names = _condition_columns(layout, where) if where else ([], set())
-    wanted = {*derivable_channels.SOURCES, *names}
+    wanted = {*rover_advice.SOURCES, *names}
     if effects is not None:
         channels, further = effect_inputs.read(effects)
         wanted |= {"drawbar_pull", *channels}
@@ -146,7 +163,7 @@ def _begun(request: Request, rows: int | None) -> tuple[list[Batch] | None, Iter
     """Begin to read a table of which not more than some rows may be held; nothing of a bag."""
     if rows is None or not is_table(request.layout.source):
         return None, None
-    names = tables.fields(request.layout, request.channels, request.extras)
+    names = raw_channels.fields(request.layout, request.channels, request.extras)
     return raw_columns.begin(request.layout.source, names, rows)
 
 
@@ -179,7 +196,6 @@ def _nothing(request: Request) -> InputError:
 
 
 def _check(request: Request, raws: Sequence[Raw], *, compared: bool) -> None:
-    """Refuse wheels of which something is missing."""
     layout, rover, effects = request.layout, request.rover, request.effects or ()
     lacks = {raw.wheel: lacking(raw, rover) for raw in raws}
     if compared:
@@ -214,16 +230,14 @@ def _condition_columns(layout: Plan, where: Condition) -> tuple[list[str], set[s
     return sorted(columns), where.names - columns
 
 
-def lacking(raw: Raw, rover: Rover) -> list[derivable_channels.Lack]:
+def lacking(raw: Raw, rover: Rover) -> list[rover_advice.Lack]:
     """Say what is missing for an estimate under one wheel: channels, then what rover.toml does not say."""
     wheel = wheel_of(raw, rover)
-    return derivable_channels.routes(raw.channels, wheel, rover)[1] + derivable_channels.settings(
-        wheel, rover
-    )
+    return rover_advice.routes(raw.channels, wheel, rover)[1] + rover_advice.settings(wheel, rover)
 
 
 def _cannot_give(
-    layout: Plan, lacks: dict[str, list[derivable_channels.Lack]], rover: Rover
+    layout: Plan, lacks: dict[str, list[rover_advice.Lack]], rover: Rover
 ) -> InputError | ConfigurationError:
     """Say all that is missing, and the lines of rover.toml that would supply it."""
     reasons: dict[str, list[str]] = {}
@@ -249,7 +263,7 @@ def _cannot_give(
 
 
 def _model_cannot_be_fitted(
-    layout: Plan, lacks: dict[str, list[derivable_channels.Lack]], rover: Rover
+    layout: Plan, lacks: dict[str, list[rover_advice.Lack]], rover: Rover
 ) -> InputError | ConfigurationError:
     """Say which effect needs what, and how to supply it."""
     missing = [lack for several in lacks.values() for lack in several]

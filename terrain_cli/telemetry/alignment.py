@@ -12,7 +12,8 @@ from terrain_cli.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+
 
 #: Smallest default for the largest gap across which a channel is interpolated, in s.
 LEAST_GAP = 0.5
@@ -23,6 +24,8 @@ _RARE = 1e-6
 #: Times are whole microseconds; a gap as long as allowed is not longer.
 RESOLUTION = 1e-6
 _BEGINNING = 10_000
+#: Fewer times do not tell what a clock counts.
+FEW_TIMES = 3
 #: Clocks that differ by more than this, in s, are told apart (recordings played back, simulated time).
 CLOCK_TOLERANCE = 0.5
 
@@ -54,7 +57,7 @@ def stretch_gap(time: Array, max_gap: float | None = None) -> float:
         gaps = np.count_nonzero(steps > 1.5 * usual)
         share = (gaps - 2.0 * np.sqrt(gaps)) / max(len(steps), 1)
         lost = usual * np.log(_RARE) / np.log(share) if share > 0.0 else 0.0
-        return max(default_gap(known), float(lost))
+        return max(LEAST_GAP, GAP_INTERVALS * usual, float(lost))
     return max(max_gap, 1.5 * float(np.median(np.diff(known)))) if len(known) > 1 else max_gap
 
 
@@ -87,11 +90,11 @@ class Neighbours:
     """Where the times of a clock lie between the samples of a topic: the same for all its channels."""
 
     #: The sample at each time, or the next; shape (n,).
-    after: NDArray[np.intp]
+    after: Index
     #: How far the time is from the sample before to that; NaN where nothing may be interpolated; shape (n,).
     share: Array
     #: The sample is of this very time; shape (n,).
-    exact: NDArray[np.bool_]
+    exact: Mask
 
     def between(self, values: Array) -> Array:
         """Interpolate values of the samples, of which none is NaN."""
@@ -128,7 +131,7 @@ def seconds(stamps: NDArray[np.datetime64], origin: float) -> Array:
     return np.where(missing, np.nan, np.round(relative, 6))
 
 
-def origin_of(times: NDArray[np.float64]) -> float:
+def origin_of(times: Array) -> float:
     """Whole seconds to subtract from a clock so that its fractions keep their digits, or 0."""
     finite = np.isfinite(times)
     first = float(times[np.argmax(finite)]) if finite.any() else 0.0
@@ -147,7 +150,7 @@ def check_unit_of_time(
     # The beginning of a clock shows what it counts.
     time, speed = time[:_BEGINNING], None if speed is None else speed[:_BEGINNING]
     finite = time[np.isfinite(time)]
-    if len(finite) < 3:
+    if len(finite) < FEW_TIMES:
         return
     size = float(np.median(np.abs(finite)))
     step = float(np.median(np.abs(np.diff(finite))))
@@ -172,9 +175,7 @@ def check_unit_of_time(
         )
 
 
-def split_clock(
-    time: Array, least: int = 10
-) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
+def split_clock(time: Array, least: int = 10) -> tuple[Index, Mask, Mask]:
     """Find where a clock (s, NaN is passed over) restarts, steps back for a moment, or repeats itself.
 
     A step back after which it runs forward for `least` samples, without reaching the time before, is a

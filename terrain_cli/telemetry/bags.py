@@ -9,8 +9,7 @@ import numpy as np
 
 from formats import LOG_TIME, Labels
 from terrain_cli.telemetry import alignment, own_clocks, raw_columns
-from terrain_cli.telemetry.channel_sources import CLOCKS, match_name
-from terrain_cli.telemetry.wheel_samples import Raw
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Raw, match_name
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
 if TYPE_CHECKING:
@@ -19,9 +18,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from formats import Column
-    from terrain_cli.telemetry.channel_sources import Feed, Plan
+    from terrain_cli.telemetry.wheel_samples import Feed, Plan
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Headers whose clocks differ by more than this, in s, do not tell the same time: no message is so late.
 LATEST = 60.0
@@ -191,7 +190,7 @@ def _elements(feeds: Mapping[str, Feed], feed: Feed) -> list[str]:
     return [f for other in feeds.values() if other.topic == feed.topic for f in other.fields if "[" in f]
 
 
-def _in_order(topic: _Topic, wheel: str, elements: Collection[str]) -> NDArray[np.intp] | None:
+def _in_order(topic: _Topic, wheel: str, elements: Collection[str]) -> Index | None:
     """Return the messages of one wheel in the order of their times; None if they are all as they are."""
     rows = _rows(topic, wheel)
     if elements:
@@ -203,7 +202,7 @@ def _in_order(topic: _Topic, wheel: str, elements: Collection[str]) -> NDArray[n
     return rows[np.argsort(topic.time[rows], kind="stable")]
 
 
-def _rows(topic: _Topic, wheel: str) -> NDArray[np.intp]:
+def _rows(topic: _Topic, wheel: str) -> Index:
     """Return the messages of one wheel."""
     if topic.wheels is None:
         return np.arange(len(topic.time))

@@ -15,11 +15,11 @@ import numpy as np
 from terrain_cli.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.rover.vehicle import Motor, Vehicle
+    from terrain_cli.vocabulary.arrays import Array, Mask
 
-    Array = NDArray[np.float64]
 
 #: rad/s. Below it a wheel stands, whatever its encoder's last digit does.
 STANDING = 1e-3
@@ -54,19 +54,9 @@ def slip(angular_velocity: ArrayLike, velocity: ArrayLike, radius: float) -> Arr
 
 
 def velocity(angular_velocity: ArrayLike, slip: ArrayLike, radius: float) -> Array:
-    """Forward velocity of a wheel centre: V = (1 − i) rω driving, rω/(1 + i) skidding; `slip` solved for V.
+    """Forward velocity of a wheel: V = (1 − i) rω driving, rω/(1 + i) skidding; `slip` solved for V.
 
-    Parameters
-    ----------
-    angular_velocity, slip : array_like, shape (n,)
-        ω in rad/s, i.
-    radius : float
-        r in m.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In m/s; NaN where the slip is −1 or less, which no wheel that turns forward has.
+    NaN where the slip is −1 or less, which no wheel that turns forward has.
     """
     i = np.asarray(slip, dtype=float)
     share = np.where(i < 0.0, 1.0 / np.where(i > -1.0, 1.0 + i, np.nan), 1.0 - i)
@@ -115,38 +105,15 @@ def torque_from_current(
 
 
 def wheel_velocity(velocity: ArrayLike, yaw_rate: ArrayLike, lateral_position: float) -> Array:
-    """Forward velocity of a wheel centre on a turning body, V = v − y dψ/dt.
-
-    Parameters
-    ----------
-    velocity, yaw_rate : array_like, shape (n,)
-        v of the body's origin in m/s, dψ/dt in rad/s, positive to the left.
-    lateral_position : float
-        y of the wheel in m, positive to the left.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        V in m/s.
-    """
+    """Forward velocity of a wheel centre, V = v − y dψ/dt, on a body that turns, y > 0 on the left."""
     turning = lateral_position * np.asarray(yaw_rate, dtype=float)
     return np.asarray(np.asarray(velocity, dtype=float) - turning)
 
 
 def distance_from_velocity(time: ArrayLike, velocity: ArrayLike, *, max_gap: float = np.inf) -> Array:
-    """Distance travelled since the first sample, ∫ abs(V) dt by the trapezoidal rule.
+    """Distance travelled since the first sample, ∫ abs(V) dt by the trapezoidal rule, in m.
 
-    Parameters
-    ----------
-    time, velocity : array_like, shape (n,)
-        In s and m/s.
-    max_gap : float
-        Longest interval in s that counts as travelled.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In m. A sample without time or velocity is passed over.
+    A sample without time or velocity is passed over, and so is an interval longer than `max_gap` (s).
     """
     time, speed = np.asarray(time, dtype=float), np.abs(np.asarray(velocity, dtype=float))
     known = np.isfinite(time) & np.isfinite(speed)
@@ -161,24 +128,13 @@ def distance_from_velocity(time: ArrayLike, velocity: ArrayLike, *, max_gap: flo
 
 
 def distance_from_track(x: ArrayLike, y: ArrayLike) -> Array:
-    """Distance travelled since the first sample along the chords of a track.
-
-    Parameters
-    ----------
-    x, y : array_like, shape (n,)
-        In m.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In m. A sample without position is passed over.
-    """
+    """Distance travelled since the first sample along the chords of a track, in m; past NaN."""
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     known = np.isfinite(x) & np.isfinite(y)
     return _accumulate(np.hypot(np.diff(x[known]), np.diff(y[known])), known)
 
 
-def _accumulate(steps: Array, known: NDArray[np.bool_]) -> Array:
+def _accumulate(steps: Array, known: Mask) -> Array:
     """Sum the steps between known samples; the others stay where the last known one was."""
     distance = np.zeros(len(known))
     if known.all():
@@ -285,7 +241,7 @@ def _equations(vehicle: Vehicle, positions: Array) -> tuple[Array, Array]:
     return np.array(arms), np.array(heights)
 
 
-def _on_bogie(x: Array, side: NDArray[np.bool_], pivot: float) -> NDArray[np.bool_]:
+def _on_bogie(x: Array, side: Mask, pivot: float) -> Mask:
     """Tell the two of a side's three wheels that stand before and behind the pivot."""
     rear, middle, front = np.sort(x[side])
     if rear < pivot < middle:

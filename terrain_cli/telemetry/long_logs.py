@@ -10,8 +10,8 @@ import numpy as np
 
 from formats import Labels
 from formats.recovery import told
-from terrain_cli.processes.memory import keep_freed
-from terrain_cli.telemetry import alignment, own_clocks, raw_columns, tables
+from terrain_cli.processes import keep_freed
+from terrain_cli.telemetry import alignment, own_clocks, raw_channels, raw_columns
 from terrain_cli.telemetry.derive import plausibility, usable_samples
 from terrain_cli.telemetry.derive.assembly import assemble
 from terrain_cli.telemetry.derive.effect_inputs import ANGLE
@@ -22,17 +22,14 @@ from terrain_cli.telemetry.wheel_samples import Notice, joined_columns
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from formats import Batch, Column
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
-    from terrain_cli.telemetry.channel_sources import Plan
-    from terrain_cli.telemetry.derive.conditions import Condition
+    from terrain_cli.telemetry.derive.usable_samples import Condition
     from terrain_cli.telemetry.own_clocks import OwnClocks
-    from terrain_cli.telemetry.wheel_samples import Raw, Samples
+    from terrain_cli.telemetry.wheel_samples import Plan, Raw, Samples
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
 
 #: Rows that are read whole, of all inputs together, where only a share of them is compared.
 MOST_ROWS = 2_000_000
@@ -55,7 +52,7 @@ class Excerpt:
 
     def __init__(self, most: int, parts: Iterable[Samples]) -> None:
         self._most, self._step = most, 1
-        self._kept: dict[str, list[tuple[Samples, NDArray[np.intp]]]] = {}
+        self._kept: dict[str, list[tuple[Samples, Index]]] = {}
         self._seen: Counter[str] = Counter()
         self._rows: Counter[str] = Counter()
         for part in parts:
@@ -74,7 +71,7 @@ class Excerpt:
                 thinned = [(samples.taken(c), n[c]) for samples, n in pieces for c in [self._chosen(n)]]
                 self._kept[wheel] = [one for one in thinned if len(one[1])] or thinned[:1]
 
-    def _chosen(self, number: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def _chosen(self, number: Index) -> Mask:
         return np.asarray(number // PIECE % self._step == 0)
 
     def samples(self) -> list[Samples]:
@@ -95,7 +92,7 @@ class Excerpt:
 def joined(parts: Sequence[Samples]) -> Samples:
     """Join parts of one wheel, with the words of the first."""
 
-    def optional(values: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+    def optional(values: Sequence[Array | None]) -> Array | None:
         known = [value for value in values if value is not None]
         return np.concatenate(known) if known else None
 
@@ -158,50 +155,83 @@ def in_parts(
     wheel in turn. What a person should know stands in the first part of a wheel.
     """
     keep_freed()
-    layout, rover = request.layout, request.rover
-    source = layout.source
-    ends: dict[str, _End] = {}
-    seen: set[str] = set()
-    nameless = 0
-
-    def choose(labels: Labels | None) -> list[str]:
-        if labels is None:
-            return choose_wheels(layout, rover, None, request.wheels)
-        there = labels_there(labels)
-        seen.update(there)
-        return [name for name in there if name in request.wheels or not request.wheels]
-
+    reader = PartReader(request, check)
     for table, first, last in _tables(begin, rest):
+        yield from reader.parts(table, first, last)
+    reader.end()
+
+
+class PartReader:
+    """Makes samples of one part of a table after another."""
+
+    def __init__(self, request: Request, check: Callable[[list[Raw]], None], *, evident: bool = True) -> None:
+        self.request = request
+        #: Whether every part is evidence on the units; of small ones only those that are asked for.
+        self._evident = evident
+        self._check = check
+        self._ends: dict[str, _End] = {}
+        self._seen: set[str] = set()
+        self._nameless = 0
+
+    def parts(self, table: dict[str, Column], first: int, last: int) -> Iterator[Samples]:
+        """Yield the samples of the rows from first to last; the others are their neighbours."""
+        request, layout, rover = self.request, self.request.layout, self.request.rover
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)
-        raws = tables.wheels(layout, table, request.channels, [*request.extras, _ROW], choose)
-        nameless += tables.nameless(layout, table, slice(first, last))
-        check([raw for raw in raws if raw.wheel not in ends])
+        raws = raw_channels.wheels(layout, table, request.channels, [*request.extras, _ROW], self._choose)
+        self._nameless += raw_channels.nameless(layout, table, slice(first, last))
+        self._check([raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
             # The first part shows whether its columns have clocks of their own, or one was out for a while.
-            if raw.wheel not in ends:
-                ends[raw.wheel] = _End(clocks=own_clocks.find(raw))
-            end = ends[raw.wheel]
+            if raw.wheel not in self._ends:
+                self._ends[raw.wheel] = _End(clocks=own_clocks.find(raw))
+            end = self._ends[raw.wheel]
             end.bring(raw, first, last, rover.max_gap)
             end.count_on(raw)
             samples = assemble(
-                layout, raw, rover, request.where, request.effects, (*layout.extras, _ROW), checked=end.begun
+                layout,
+                raw,
+                rover,
+                request.where,
+                request.effects,
+                (*layout.extras, _ROW),
+                checked=end.begun if self._evident else end.clocked,
+                judged=self._evident,
             )
+            end.clocked |= len(raw) >= alignment.FEW_TIMES
             if not end.begun:
-                told = samples.remarks[len(source.remarks) :]
+                told = samples.remarks[len(layout.source.remarks) :]
                 end.remarks = [remark for remark in told if not isinstance(remark, Doubt)]
                 end.evidence = UnitEvidence(samples.geometry, raw.feeds)
             part = end.go_on(samples, first, last, rover.max_gap)
-            end.evidence.add(part)
+            if self._evident:
+                end.evidence.add(part)
             yield part
-    if "" in layout.labels:
-        every = Labels(np.arange(len(seen), dtype=np.int32), tuple(sorted(seen)))
-        choose_wheels(layout, rover, every, request.wheels)
-    for wheel, end in ends.items():
-        if end.clocks:
-            end.remarks.insert(0, end.clocks.told(wheel, end.samples, end.interpolated))
-        end.remarks[:0] = source.remarks
-        end.remarks += tables.passed_over(layout, nameless)
-        end.remarks += plausibility.found(layout, wheel, end.evidence)
+
+    def doubts(self, part: Samples) -> list[Doubt]:
+        """Take more evidence on the units of a wheel; return what is hardly true by all of it."""
+        evidence = self._ends[part.wheel].evidence
+        evidence.add(part)
+        return plausibility.found(self.request.layout, part.wheel, evidence)
+
+    def _choose(self, labels: Labels | None) -> list[str]:
+        if labels is None:
+            return choose_wheels(self.request.layout, self.request.rover, None, self.request.wheels)
+        there = labels_there(labels)
+        self._seen.update(there)
+        return [name for name in there if name in self.request.wheels or not self.request.wheels]
+
+    def end(self) -> None:
+        """Complete the remarks, once there are no more parts."""
+        layout, rover = self.request.layout, self.request.rover
+        if "" in layout.labels:
+            every = Labels(np.arange(len(self._seen), dtype=np.int32), tuple(sorted(self._seen)))
+            choose_wheels(layout, rover, every, self.request.wheels)
+        for wheel, end in self._ends.items():
+            if end.clocks:
+                end.remarks.insert(0, end.clocks.told(wheel, end.samples, end.interpolated))
+            end.remarks[:0] = layout.source.remarks
+            end.remarks += raw_channels.passed_over(layout, self._nameless)
+            end.remarks += plausibility.found(layout, wheel, end.evidence)
 
 
 def _tables(begin: list[Batch], rest: Iterable[Batch]) -> Iterator[tuple[dict[str, Column], int, int]]:
@@ -244,6 +274,8 @@ class _End:
     interpolated: int = 0
     origin: float | None = None
     begun: bool = False
+    #: Whether there were rows enough to tell what its clock counts.
+    clocked: bool = False
     used: bool = False
     stretch: int = 0
     distance: float = 0.0
@@ -296,7 +328,7 @@ class _End:
 
     def _stretches(
         self, samples: Samples, row: Array, i: int, j: int, last: int, max_gap: float | None
-    ) -> NDArray[np.intp]:
+    ) -> Index:
         """Count a gap in what is usable that began where the part does not see it."""
         stretch, time = samples.stretch[i:j], samples.time
         ground = usable_samples.on_ground(samples.set_aside)
@@ -315,7 +347,7 @@ class _End:
         self.used |= len(own) > 0
         return stretch
 
-    def _angle(self, angle: Array, i: int, j: int, stretch: NDArray[np.intp]) -> Array:
+    def _angle(self, angle: Array, i: int, j: int, stretch: Index) -> Array:
         """Count the angle of the wheel on through the stretch in which it was last known."""
         known = np.isfinite(angle)
         before = np.flatnonzero(known[:i])

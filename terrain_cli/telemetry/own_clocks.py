@@ -14,18 +14,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.telemetry import alignment
-from terrain_cli.telemetry.channel_sources import CLOCKS
-from terrain_cli.telemetry.wheel_samples import Notice
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Notice
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
 
-    from numpy.typing import NDArray
-
     from terrain_cli.telemetry.wheel_samples import Raw
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 #: What a sample is made of, and from what it is derived where it is not there itself.
 _MADE_OF = {
@@ -98,7 +94,7 @@ class OwnClocks:
                 interpolated |= ~there[name][rows] & ~np.isnan(raw.channels[name])
         return interpolated & there[self.slowest][rows]
 
-    def _rows(self, time: Array, there: Mask) -> NDArray[np.intp]:
+    def _rows(self, time: Array, there: Mask) -> Index:
         """Return the rows with a value of the slowest channel, and one for each that was lost."""
         own = np.flatnonzero(there)
         if not self.regular:

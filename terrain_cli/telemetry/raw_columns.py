@@ -8,7 +8,7 @@ import numpy as np
 
 from formats import LOG_TIME, STAMP, Labels
 from terrain_cli.errors import InputError
-from terrain_cli.processes.memory import most_held
+from terrain_cli.processes import most_held
 from terrain_cli.telemetry import alignment
 
 if TYPE_CHECKING:
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from formats import Batch, Column, Source
-
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 
 #: How soon after a clock's zero its first stamps come.
@@ -82,6 +81,9 @@ def as_numbers(column: Column) -> Array:
 
 def _measurable(values: Array) -> Array:
     size = np.abs(values)
+    # Nearly always there is nothing of the kind.
+    if not ((size > _LARGEST) | ((size < _SMALLEST) & (size > 0.0))).any():
+        return values
     large, small = (size > _LARGEST) & (size < np.inf), (size < _SMALLEST) & (size > 0.0)
     if large.any() or small.any():
         return np.where(large, np.copysign(_LARGEST, values), np.where(small, 0.0, values))
@@ -95,8 +97,7 @@ def _number(text: str) -> float:
         return float("nan")
 
 
-def take(column: Column, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Column:
-    """Take some rows of a column."""
+def take(column: Column, rows: Index | Mask | slice) -> Column:
     return column.take(rows) if isinstance(column, Labels) else column[rows]
 
 

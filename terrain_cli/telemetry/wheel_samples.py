@@ -1,28 +1,194 @@
-"""The samples of one wheel: every channel on the clock of its torque."""
+"""Where the channels of a wheel come from, and its samples: every channel on the clock of its torque.
+
+Names may mean one wheel: ``front-left``, ``/front_left/load`` and ``FrontLeftWheelJoint``.
+"""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
 
+from formats import Labels
 from terrain_cli.telemetry.raw_columns import take
 from terrain_cli.vocabulary.choices import K_FACTOR
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
-    from formats import Column, Labels
+    from formats import Column, Source
+    from terrain_cli.errors import InputError
     from terrain_cli.mechanics.wheel_model import WheelGeometry
     from terrain_cli.rover import SensorNoise
-    from terrain_cli.telemetry.channel_sources import Feed
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
+    from terrain_cli.vocabulary.units import Unit
 
+
+#: Whose samples the other channels are brought to: the first of these that is there.
+CLOCKS = ("torque", "motor_current", "drawbar_pull", "sinkage", "entry_angle", "load")
+#: Said of every wheel, so that they tell none apart.
+_GENERIC = re.compile(r"wheel|joint|motor|drive", re.IGNORECASE)
+#: Shorter texts occur inside others by chance.
+_LONG_ENOUGH = 4
 #: What the line y = c + x tan φ is computed from.
 NEEDED = ("load", "torque", "sinkage", "slip")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Feed:
+    """Where a channel comes from, and what turns it into SI."""
+
+    channel: str
+    #: Empty for a table.
+    topic: str = ""
+    #: What to read; none for a constant.
+    fields: tuple[str, ...] = ()
+    #: Unit of ``raw · scale + offset``; none for labels and counts.
+    unit: Unit | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    constant: float | str | None = None
+    combine: Callable[..., Array] | None = None
+    #: What a person should know: taken for granted, or converted.
+    note: str = ""
+    #: Of two feeds found without being asked for, the lower rank is used.
+    rank: int = 0
+    #: Of the origin of the body, not of each wheel.
+    of_body: bool = False
+    asked: bool = False
+    #: rover.toml or the header states its unit.
+    stated: bool = False
+
+    def si(self, raw: Sequence[Array]) -> Array:
+        """Return the channel in SI units from its raw fields, in the order of `fields`."""
+        # A field may hold anything; what is not finite is set aside later.
+        with np.errstate(invalid="ignore", over="ignore"):
+            values = self.combine(*raw) if self.combine else raw[0].astype(np.float64, copy=False)
+            if self.scale != 1.0 or self.offset != 0.0:
+                values = values * self.scale + self.offset
+            return self.unit.to_si(values) if self.unit else values
+
+    def values(self, n: int) -> Array:
+        """Repeat a constant, in SI units."""
+        return self.si([np.full(n, float(self.constant or 0.0))])
+
+    def labels(self, n: int) -> Labels:
+        """Repeat a constant label."""
+        return Labels(np.zeros(n, dtype=np.int32), (str(self.constant),))
+
+    @property
+    def place(self) -> str:
+        """The column, or the topic and its field; empty for a constant."""
+        # Of a quaternion what its fields belong to says enough.
+        several = self.fields[0].rpartition(".")[0] if self.topic and self.fields else " + ".join(self.fields)
+        names = self.fields if len(self.fields) < 2 else (several,)
+        return " ".join(filter(None, (self.topic, *names)))
+
+    def __str__(self) -> str:
+        """Say in words where the channel comes from."""
+        return _origin(self)
+
+    def _words(self) -> str:
+        text = self.place if self.constant is None else f"constant {self.constant}"
+        text += f" · {self.scale:g}" * (self.scale != 1.0) + f" {self.offset:+g}" * (self.offset != 0.0)
+        if self.unit and self.unit.symbol != "1":
+            text += f" in {self.unit.symbol}"
+        notes = "; ".join(filter(None, (self.note, "rover.toml" * self.asked)))
+        return f"{text} ({notes})" if notes else text
+
+
+@cache
+def _origin(feed: Feed) -> str:
+    """Remember the words: of a stream they are asked for with every row."""
+    return feed._words()  # noqa: SLF001 - the other half of it
+
+
+@dataclass(kw_only=True)
+class Plan:
+    """What will be read of one source."""
+
+    source: Source
+    #: Channels of every wheel.
+    shared: dict[str, Feed] = field(default_factory=dict)
+    #: Channels of one wheel only; they stand above the shared ones. In a table or topic with a column of
+    #: wheel labels, the wheels are found when it is read.
+    wheels: dict[str, dict[str, Feed]] = field(default_factory=dict)
+    #: topic → its column of wheel labels.
+    labels: dict[str, str] = field(default_factory=dict)
+    #: Further numeric columns of a table.
+    extras: tuple[str, ...] = ()
+    #: wheel ("" for any) → channel → feeds none of which may be preferred.
+    doubtful: dict[str, dict[str, list[Feed]]] = field(default_factory=dict)
+    #: Why the rows of a table without time can hardly be steady test points.
+    no_time: InputError | None = None
+
+    @property
+    def every_feed(self) -> list[Feed]:
+        """The shared ones first."""
+        return [feed for feeds in (self.shared, *self.wheels.values()) for feed in feeds.values()]
+
+    def feeds(self, wheel: str) -> dict[str, Feed]:
+        return self.shared | self.wheels.get(wheel, {})
+
+    def doubts(self, wheel: str) -> dict[str, list[Feed]]:
+        """Return the channels of one wheel that several feeds could give."""
+        doubts = self.doubtful.get("", {}) | self.doubtful.get(wheel, {})
+        return {channel: feeds for channel, feeds in doubts.items() if channel not in self.feeds(wheel)}
+
+
+@cache
+def words(name: str) -> frozenset[str]:
+    """Split a name such as "wheel_fl" or "RearLeftJoint" into the words that tell it from others."""
+    parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
+    special = re.findall(r"[^\W_]+", _GENERIC.sub("_", parted).casefold())
+    # A number belongs to what stands before it: rover1 is not wheel 1.
+    return frozenset(special or re.findall(r"[^\W_]+", parted.casefold()))
+
+
+@cache
+def _plain(name: str) -> str:
+    return re.sub(r"[\W_]+", "", name).casefold()
+
+
+def _contains(a: str, b: str) -> bool:
+    short, long = sorted((_plain(_GENERIC.sub("", name)) for name in (a, b)), key=len)
+    # "wheel1" is not in "wheel10".
+    return len(short) >= _LONG_ENOUGH and re.search(rf"{short}(?!\d)", long) is not None
+
+
+def _initials(a: str, b: str) -> bool:
+    long, short = sorted((words(a), words(b)), key=len, reverse=True)
+    return len(short) == 1 < len(long) and sorted(*short) == sorted(word[0] for word in long)
+
+
+_SAME: tuple[Callable[[str, str], bool], ...] = (
+    lambda a, b: _plain(a) == _plain(b),
+    lambda a, b: words(a) == words(b),
+    lambda a, b: words(a) < words(b),
+    lambda a, b: words(a) > words(b) > frozenset(),
+    _contains,
+    _initials,
+)
+
+
+def match_name(wanted: str, names: Iterable[str]) -> str | None:
+    """Find the one name that means the same wheel.
+
+    The one that is equal but for punctuation, else has the same words, more, fewer, is written within the
+    other, or has its initials: the first of these that fits any. None if it fits several, or nothing does.
+    """
+    names = [name for name in dict.fromkeys(names) if _plain(name)]
+    if not _plain(wanted):
+        return None
+    for same in _SAME:
+        found = [name for name in names if same(wanted, name)]
+        if found:
+            return found[0] if len(found) == 1 else None
+    return None
 
 
 class Notice(str):
@@ -75,9 +241,9 @@ class Raw:
     #: Whole seconds taken off the clock.
     origin: float
     #: In s; shape (n,).
-    time: NDArray[np.float64] | None
+    time: Array | None
     #: In SI units; shape (n,).
-    channels: dict[str, NDArray[np.float64]]
+    channels: dict[str, Array]
     labels: dict[str, Labels]
     #: Further columns that were asked for, as read; shape (n,).
     extras: dict[str, Column]
@@ -88,7 +254,7 @@ class Raw:
         columns = (*self.channels.values(), *self.labels.values(), *self.extras.values())
         return len(self.time) if self.time is not None else max(map(len, columns), default=0)
 
-    def select(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> None:
+    def select(self, rows: Index | Mask) -> None:
         """Keep some samples only."""
         self.time = None if self.time is None else self.time[rows]
         self.channels = {name: values[rows] for name, values in self.channels.items()}
@@ -98,74 +264,42 @@ class Raw:
 
 @dataclass(kw_only=True)
 class Samples:
-    """One wheel of one input.
+    """One wheel of one input."""
 
-    Parameters
-    ----------
-    source : str
-        The input, as the user named it.
-    origin : float
-        Whole seconds that were taken off the clock.
-    time : ndarray, shape (n,), or None
-        s since `origin`; None for a table of steady test points.
-    channels : dict of str to ndarray, shape (n,)
-        By the names of the contract, in SI units; NaN where not known.
-    labels : dict of str to Labels
-        "run" and "terrain", where the input has them.
-    stretch : ndarray of int, shape (n,)
-        Number of the continuous stretch: a new one begins with every run, gap or restart of the clock.
-    distance : ndarray, shape (n,), or None
-        Metres driven since the first sample; None where no channel tells.
-    set_aside : Labels
-        Why a sample is not used; code −1 for those that are.
-    origins : dict of str to str
-        Where each channel comes from, in words.
-    remarks : list of str
-        What a person should know about the input.
-    drivers : dict of str to ndarray, shape (n,)
-        What makes a difference to the effects of the model, by the names they have there.
-    noise : mapping of str to SensorNoise
-        What rover.toml says of the sensors, by channel.
-    drive : ndarray of int, shape (n,), or None
-        Where only pieces of a log were kept: number of the continuous stretch of the log that each
-        sample is of. `stretch` then tells the pieces apart.
-    total : int or None
-        Usable samples of the log, where only pieces of it were kept.
-    """
-
-    source: str
+    source: str  # The input, as the user named it
     wheel: str
     geometry: Geometry
-    origin: float
-    time: NDArray[np.float64] | None
-    channels: dict[str, NDArray[np.float64]]
-    labels: dict[str, Labels]
-    stretch: NDArray[np.intp]
-    distance: NDArray[np.float64] | None
-    set_aside: Labels
-    origins: dict[str, str] = field(default_factory=dict)
-    remarks: list[str] = field(default_factory=list)
-    drivers: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    origin: float  # Whole seconds that were taken off the clock
+    # Shape (n,), or None: s since `origin`; None for a table of steady test points
+    time: Array | None
+    # Shape (n,): by the names of the contract, in SI units; NaN where not known
+    channels: dict[str, Array]
+    labels: dict[str, Labels]  # "run" and "terrain", where the input has them
+    # Shape (n,): number of the continuous stretch: a new one begins with every run, gap or restart of the
+    # clock
+    stretch: Index
+    # Shape (n,), or None: metres driven since the first sample; None where no channel tells
+    distance: Array | None
+    set_aside: Labels  # Why a sample is not used; code −1 for those that are
+    origins: dict[str, str] = field(default_factory=dict)  # Where each channel comes from, in words
+    remarks: list[str] = field(default_factory=list)  # What a person should know about the input
+    # Shape (n,): what makes a difference to the effects of the model, by the names they have there
+    drivers: dict[str, Array] = field(default_factory=dict)
+    # What rover.toml says of the sensors, by channel
     noise: Mapping[str, SensorNoise] = field(default_factory=dict)
-    drive: NDArray[np.intp] | None = None
-    total: int | None = None
+    # Shape (n,), or None: where only pieces of a log were kept: number of the continuous stretch of the log
+    # that each sample is of. `stretch` then tells the pieces apart.
+    drive: Index | None = None
+    total: int | None = None  # Usable samples of the log, where only pieces of it were kept
 
     def __len__(self) -> int:
         return len(self.set_aside)
 
     @property
-    def usable(self) -> NDArray[np.intp]:
-        """Indices of the samples that are not set aside."""
+    def usable(self) -> Index:
         return np.flatnonzero(self.set_aside.codes < 0)
 
-    def taken(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Samples:
-        """Return some of the samples.
-
-        Parameters
-        ----------
-        rows : ndarray or slice
-            Indices, or a mask.
-        """
+    def taken(self, rows: Index | Mask | slice) -> Samples:
         return replace(
             self,
             time=None if self.time is None else self.time[rows],
@@ -179,13 +313,7 @@ class Samples:
         )
 
     def reasons(self) -> dict[str, int]:
-        """Count the samples set aside by reason.
-
-        Returns
-        -------
-        dict of str to int
-            Only reasons that occur, the most frequent first.
-        """
+        """Count the samples set aside by reason, the most frequent first."""
         codes = self.set_aside.codes
         counts = np.bincount(codes[codes >= 0], minlength=len(self.set_aside.names))
         return {
@@ -194,8 +322,8 @@ class Samples:
 
 
 def joined_columns(
-    parts: Sequence[Samples], of: Callable[[Samples], Mapping[str, NDArray[np.float64]]]
-) -> dict[str, NDArray[np.float64]]:
+    parts: Sequence[Samples], of: Callable[[Samples], Mapping[str, Array]]
+) -> dict[str, Array]:
     """Join the channels or drivers of some samples, NaN where one lacks a column."""
     names = dict.fromkeys(name for part in parts for name in of(part))
     return {

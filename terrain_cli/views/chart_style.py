@@ -1,8 +1,12 @@
-"""Colours, markers and line styles that print, and that colour-blind people tell apart."""
+"""What pictures share: colours that print and that colour-blind people tell apart, and their libraries."""
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Any, Final
+
+from terrain_cli import version
+from terrain_cli.errors import ConfigurationError
 
 #: Okabe & Ito 2008 without its yellow, which is too faint for lines on paper.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -39,3 +43,16 @@ SETTINGS: dict[str, Any] = {
     "savefig.dpi": 160.0,
     "lines.linewidth": 1.2,
 }
+#: Extra of the package → what it brings.
+LIBRARIES = {"plot": ("matplotlib",), "report": ("altair", "jinja2", "vl_convert")}
+
+
+def need(extra: str) -> None:
+    """Check, before the work, that what a picture ("plot") or a report needs is installed."""
+    missing = [name for name in LIBRARIES[extra] if find_spec(name) is None]
+    if missing:
+        what = {"plot": "pictures need", "report": "a report needs"}[extra]
+        raise ConfigurationError(
+            f"{what} {' and '.join(missing)}, which {'is' if len(missing) == 1 else 'are'} not installed",
+            hint=version.command_for(extra),
+        )

@@ -50,18 +50,7 @@ def remarks(ladder: Sequence[Rung]) -> list[str]:
 
 
 def top(known: Sequence[tuple[Rung, ChannelChange]]) -> float:
-    """Return where the axis of a channel's errors ends: a very wide interval would hide the values.
-
-    Parameters
-    ----------
-    known : sequence of (Rung, ChannelChange)
-        From `measured`.
-
-    Returns
-    -------
-    float
-        SI.
-    """
+    """Return where the axis of a channel's errors ends: a very wide interval would hide the values."""
     intervals = [interval for _, one in known for interval in (one.before, one.after)]
     values = [v.value for v in intervals if math.isfinite(v.value)] + [
         one.noise for _, one in known if math.isfinite(one.noise)

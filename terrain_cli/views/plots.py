@@ -15,7 +15,7 @@ import numpy as np
 import formats
 from formats.output.whole_files import explained
 from terrain_cli.errors import UsageError, nearest
-from terrain_cli.views import chart_style, optional_libraries
+from terrain_cli.views import chart_style
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -42,21 +42,7 @@ def write(
     *,
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[Path]:
-    """Draw every picture that the results allow, each as PNG and SVG.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Made if it is not there. Pictures of the same name in it are replaced.
-    progress : callable
-        Called with the name of each picture before it is drawn.
-
-    Raises
-    ------
-    ConfigurationError
-        The extra "plot" is not installed.
-    formats.errors.CannotWriteError
-    """
+    """Draw every picture that the results allow, each as PNG and SVG, in place of those of the same name."""
     from terrain_cli.comparison import Comparison
 
     pictures = _of_comparison(found) if isinstance(found, Comparison) else _of_outcomes(found)
@@ -64,42 +50,12 @@ def write(
 
 
 def write_ladder(ladder: Sequence[Rung], folder: str | Path) -> list[Path]:
-    """Draw the held-out error after each change of a model, as PNG and SVG.
-
-    Parameters
-    ----------
-    folder : str or Path
-        As for `write`.
-
-    Returns
-    -------
-    list of Path
-        Empty where nothing was tried on data.
-
-    Raises
-    ------
-    ConfigurationError
-        The extra "plot" is not installed.
-    formats.errors.CannotWriteError
-    """
+    """Draw the held-out error after each change of a model; nothing where nothing was tried on data."""
     return _write(_of_ladder(ladder), folder, lambda _: None)
 
 
 def draw(found: Comparison | Sequence[Rung], name: str) -> Figure:
-    """Draw one of the pictures that `write` or `write_ladder` writes.
-
-    Parameters
-    ----------
-    name : str
-        Of its file, without the ending.
-
-    Raises
-    ------
-    UsageError
-        There is no such picture of these results.
-    ConfigurationError
-        The extra "plot" is not installed.
-    """
+    """Draw one of the pictures that `write` or `write_ladder` writes, by its name without ending."""
     from terrain_cli.comparison import Comparison
 
     names = []
@@ -118,7 +74,7 @@ def draw(found: Comparison | Sequence[Rung], name: str) -> Figure:
 
 @contextmanager
 def _style() -> Iterator[None]:
-    optional_libraries.need("plot")
+    chart_style.need("plot")
     import matplotlib as mpl
 
     with mpl.rc_context(cast("Any", chart_style.SETTINGS)), warnings.catch_warnings():
@@ -128,7 +84,7 @@ def _style() -> Iterator[None]:
 
 
 def _write(drawings: Iterator[Drawing], folder: str | Path, progress: Callable[[str], None]) -> list[Path]:
-    optional_libraries.need("plot")
+    chart_style.need("plot")
     folder = Path(folder)
     with explained(str(folder)):
         folder.mkdir(parents=True, exist_ok=True)
@@ -155,21 +111,21 @@ def _of_ladder(ladder: Sequence[Rung]) -> Iterator[Drawing]:
 
 def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:
     from terrain_cli.presentation import segment_table
-    from terrain_cli.views import figures, sample_pairs, soil_table
+    from terrain_cli.views import figures, shown_samples, shown_segments
     from terrain_cli.vocabulary import quantities
 
-    shown = sample_pairs.channels(comparison)
+    shown = shown_samples.channels(comparison)
     yield "predicted-measured", partial(figures.predicted_measured, comparison)
     for name in shown:
         yield f"residual-{name.replace('_', '-')}", partial(figures.residuals, comparison, name)
-    table = soil_table.table(comparison)
+    table = shown_segments.soil_table(comparison)
     yield "strength", partial(figures.strength, table)
     for name in shown:
         what = quantities.quantity(name, comparison.channels[name].unit)
         label = f"rms misfit of {what.words}{what.in_unit}"
-        misfit = sample_pairs.misfit(comparison, name)
+        misfit = shown_samples.misfit(comparison, name)
         yield f"track-{name.replace('_', '-')}", partial(figures.track, table, {label: misfit})
-    moments = soil_table.moments(comparison)
+    moments = shown_segments.moments(comparison)
     yield "rim-stress", partial(figures.rim_stress, moments) if moments else lambda: None
     driven = [wheel.segments for wheel in comparison.wheels if wheel.segments.lined]
     yield from _convergence([segment_table.trace(_begun(windows)) for windows in driven[:MOST_TRACES]])

@@ -1,10 +1,14 @@
-"""Names, symbols and shown units of quantities, for axes and tables."""
+"""Quantities, numbers and words as people read them."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import TYPE_CHECKING, NamedTuple
 
 from terrain_cli.vocabulary.channels import CHANNELS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 #: SI unit → the unit shown, and the factor from one to the other.
 _SHOWN = {
@@ -20,6 +24,15 @@ _IN_MM = frozenset({"sinkage"})
 _DERIVED = frozenset({"wheel_angle"})
 #: The forces on a wheel, in the order in which they are shown.
 PREDICTED = ("torque", "drawbar_pull", "sinkage")
+
+
+def counted(number: int, noun: str, ending: str = "s") -> str:
+    return f"{number:,} {noun}{'' if number == 1 else ending}"
+
+
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """Join names: "a, b and c"."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 class Quantity(NamedTuple):
@@ -72,3 +85,13 @@ def plus_minus(value: float, error: float) -> str:
         return number(value)
     digits = max(0, 1 - int(f"{error:.1e}".partition("e")[2]))
     return f"{value:.{digits}f} ± {error:.{digits}f}".replace("-", "−")
+
+
+def short(value: float) -> str:
+    """Write a number of three digits, – where unknown."""
+    return f"{value:.3g}" if math.isfinite(value) else "–"
+
+
+def known(value: float) -> float | None:
+    """Return a number as JSON has it: null where unknown."""
+    return float(value) if math.isfinite(value) else None

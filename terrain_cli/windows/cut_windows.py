@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.telemetry.wheel_samples import Samples
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.vocabulary.choices import Segments
 
 #: Samples of an unbroken piece where windows are thinned, the fewest pieces of a window, and what is
@@ -35,32 +36,23 @@ MOST = 2_000_000
 class Measured(TypedDict):
     """What the estimators take, of the usable samples: shape (n,), SI units."""
 
-    load: NDArray[np.float64]
-    torque: NDArray[np.float64]
-    sinkage: NDArray[np.float64]
-    slip: NDArray[np.float64]
+    load: Array
+    torque: Array
+    sinkage: Array
+    slip: Array
 
 
 @dataclass(frozen=True)
 class Windows:
-    """The windows of one wheel.
-
-    Parameters
-    ----------
-    rows : ndarray of int, shape (n,)
-        The usable samples, as indices into `samples`.
-    bounds : ndarray of int, shape (windows + 1,)
-        Window j is ``rows[bounds[j]:bounds[j + 1]]``.
-    x, y : ndarray, shape (n,)
-        Coordinates in Pa of the line y = c + x tan φ of each usable sample; NaN without torque or
-        sinkage, and where the wheel skids, which no line covers.
-    """
+    """The windows of one wheel."""
 
     samples: Samples
-    rows: NDArray[np.intp]
-    bounds: NDArray[np.intp]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
+    rows: Index  # Shape (n,): the usable samples, as indices into `samples`
+    bounds: Index  # Shape (windows + 1,): window j is ``rows[bounds[j]:bounds[j + 1]]``
+    # x, y: shape (n,): coordinates in Pa of the line y = c + x tan φ of each usable sample; NaN without
+    # torque or sinkage, and where the wheel skids, which no line covers
+    x: Array
+    y: Array
 
     def __len__(self) -> int:
         return len(self.bounds) - 1
@@ -75,7 +67,7 @@ class Windows:
         return _measured(self.samples, self.rows)
 
     @property
-    def driving(self) -> NDArray[np.bool_]:
+    def driving(self) -> Mask:
         """Which of the usable samples are of a wheel that does not skid, shape (n,)."""
         return np.asarray(at_rows(self.samples.channels["slip"], self.rows) >= 0.0)
 
@@ -117,12 +109,12 @@ class Windows:
         )
 
 
-def at_rows(column: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+def at_rows(column: NDArray[Any], rows: Index) -> NDArray[Any]:
     """Return some values of a column: the column itself, not a copy, where these are all."""
     return column[which(rows, len(column))]
 
 
-def which(rows: NDArray[np.intp], n: int) -> NDArray[np.intp] | slice:
+def which(rows: Index, n: int) -> Index | slice:
     """Return an index of rows that makes no copy where these are all n, in their order."""
     return slice(None) if len(rows) == n and bool(np.all(rows[1:] > rows[:-1])) else rows
 
@@ -131,20 +123,18 @@ def _lined(samples: Samples) -> bool:
     return {"torque", "sinkage"} <= samples.channels.keys()
 
 
-def _measured(samples: Samples, rows: NDArray[np.intp]) -> Measured:
+def _measured(samples: Samples, rows: Index) -> Measured:
     index = which(rows, len(samples))
     load, torque, sinkage, slip = (samples.channels[name][index] for name in NEEDED)
     return Measured(load=load, torque=torque, sinkage=sinkage, slip=slip)
 
 
-def line(samples: Samples, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def line(samples: Samples, rows: Index) -> tuple[Array, Array]:
     """Return the coordinates x and y, in Pa, of samples on the soil's line."""
     return linear.line_coordinates(**_measured(samples, rows), **samples.geometry.line)
 
 
-def _coordinates(
-    samples: Samples, rows: NDArray[np.intp], driving: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _coordinates(samples: Samples, rows: Index, driving: Index) -> tuple[Array, Array]:
     """Return x and y of some rows, NaN of those that are not driving."""
     if len(driving) == len(rows):
         return line(samples, rows)
@@ -153,7 +143,7 @@ def _coordinates(
     return x, y
 
 
-def _unknown(rows: NDArray[np.intp]) -> NDArray[np.float64]:
+def _unknown(rows: Index) -> Array:
     return np.full((2, len(rows)), np.nan)
 
 
@@ -250,7 +240,7 @@ def cut(
     return Windows(samples, rows, bounds, x, y)
 
 
-def _followed(samples: Samples, index: NDArray[np.intp] | slice) -> list[NDArray[np.float64]]:
+def _followed(samples: Samples, index: Index | slice) -> list[Array]:
     """Return what the line of a soil may seem to follow where the model lacks an effect."""
     return [samples.channels[name][index] for name in FOLLOWED if name in samples.channels]
 
@@ -264,7 +254,7 @@ def check_number(source: str, count: int) -> None:
         )
 
 
-def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, NDArray[np.intp]] | None:
+def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, Index] | None:
     """Join the windows of each terrain to one; all of them where there are no terrain labels.
 
     Every `step`-th sample is taken, ordered by terrain, and it is told which usable sample each of them was.

@@ -1,4 +1,4 @@
-"""Inputs of one wheel joined to one log, so that what is the wheel's own is the same in all of them."""
+"""Windows with what effects need of their samples; those of the same wheel in several inputs joined."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from formats import Labels
-from terrain_cli.telemetry.derive import effect_inputs
+from terrain_cli.errors import InputError
+from terrain_cli.telemetry.derive import effect_inputs, usable_samples
 from terrain_cli.telemetry.raw_columns import join_labels
 from terrain_cli.telemetry.wheel_samples import joined_columns
 from terrain_cli.windows.cut_windows import Windows
@@ -16,16 +17,49 @@ from terrain_cli.windows.cut_windows import Windows
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.effects import Effect
     from terrain_cli.telemetry import Samples
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: s between the end of an input and the start of the next.
 _PAUSE = 1000.0
+
+
+def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
+    """Compute what effects use, where it is not there yet, of samples with every channel and further column.
+
+    Samples in which it is not known are set aside, as reading with the model does. InputError where an effect
+    needs what was not measured, or it is known in no sample.
+    """
+    samples = windows.samples
+    new = [effect for effect in effects if not samples.drivers.keys() >= {*effect.reads}]
+    if not new:
+        return windows
+    place = f"{samples.source}: wheel {samples.wheel}"
+    lacks = effect_inputs.not_read(samples, new)
+    if lacks:
+        raise InputError(
+            f"{place}: {'; '.join(dict.fromkeys(lack.because for lack in lacks))}",
+            hint="terrain-est inspect shows what each channel is read from",
+        )
+    found = effect_inputs.of_samples(samples, new)
+    reasons = samples.set_aside
+    for name, values in found.items():
+        reasons = usable_samples.also_aside(reasons, f"no {name}", ~np.isfinite(values))
+    kept = reasons.codes[windows.rows] < 0
+    needed = {name for effect in new for name in effect.needs if effect_inputs.sources(name)}
+    if not kept.any() or not found.keys() >= needed:
+        raise InputError(f"{place}: in no sample is all known that {', '.join(e.id for e in new)} needs")
+    before = np.concatenate([[0], np.cumsum(kept)])
+    return Windows(
+        replace(samples, drivers={**samples.drivers, **found}, set_aside=reasons),
+        windows.rows[kept],
+        # A window of which nothing is left is none.
+        np.unique(before[windows.bounds]),
+        windows.x[kept],
+        windows.y[kept],
+    )
 
 
 def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list[Windows]:

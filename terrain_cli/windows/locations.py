@@ -25,13 +25,11 @@ from terrain_cli.vocabulary.channels import identify, resolve
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from numpy.typing import NDArray
-
     from formats import Column
     from terrain_cli.telemetry import Samples
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.vocabulary.units import Unit
 
-    Array = NDArray[np.float64]
 
 #: The rover motion counter of a Mars mission, by the names that PLACES has.
 KEYS = ("site", "drive", "pose")
@@ -155,7 +153,7 @@ def _pairs(position: Mapping[str, Array]) -> dict[str, Array]:
     return result
 
 
-def _of_rover(columns: Mapping[str, Column], frame: str | None) -> NDArray[np.bool_] | slice:
+def _of_rover(columns: Mapping[str, Column], frame: str | None) -> Mask | slice:
     """Return the rows that are places of the rover: in PLACES others are origins of sites."""
     if frame is None:
         return slice(None)
@@ -201,7 +199,6 @@ class Placed(NamedTuple):
     ambiguous: int
 
     def __str__(self) -> str:
-        """Say it in words."""
         total = self.placed + self.missed + self.ambiguous
         text = f"{self.placed} of {total} samples placed by {self.by}"
         if self.missed:
@@ -248,9 +245,7 @@ def _nothing_common(samples: Samples, places: Places, counter: Collection[str]) 
     )
 
 
-def _by_key(
-    places: Places, counter: Mapping[str, Array], n: int
-) -> tuple[dict[str, Array], NDArray[np.bool_]]:
+def _by_key(places: Places, counter: Mapping[str, Array], n: int) -> tuple[dict[str, Array], Mask]:
     """Look up site, drive and pose; where a table has no such pose, its entry for the whole drive."""
     pair = ("site", "drive")
     every = np.ones(len(places.keys["site"]), dtype=bool)
@@ -274,9 +269,7 @@ def _by_key(
     return position, ambiguous
 
 
-def _match(
-    table: Array, asked: Array, position: Collection[Array]
-) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+def _match(table: Array, asked: Array, position: Collection[Array]) -> tuple[Index, Mask]:
     """Return the first row of a table for each key, −1 without one, and whether others contradict it."""
     # A counter stands still for many samples.
     new = np.concatenate(
@@ -300,9 +293,7 @@ def _match(
     return entry[stretch], (contradicted[of_asked] & (entry >= 0))[stretch]
 
 
-def _by_clock(
-    position: Mapping[str, Array], time: Array, clock: Array
-) -> tuple[dict[str, Array], NDArray[np.bool_]]:
+def _by_clock(position: Mapping[str, Array], time: Array, clock: Array) -> tuple[dict[str, Array], Mask]:
     """Interpolate between entries no further apart than `alignment.default_gap`, or `LONGEST_GAP`."""
     order = np.argsort(time, kind="stable")
     order = order[np.isfinite(time[order])]
@@ -328,7 +319,7 @@ def _by_clock(
     return result, doubtful
 
 
-def _beside(double: NDArray[np.bool_], time: Array, clock: Array) -> NDArray[np.bool_]:
+def _beside(double: Mask, time: Array, clock: Array) -> Mask:
     """Tell which times lie at, or next to, a time for which a table has two places."""
     if not double.any():
         return np.zeros(len(clock), dtype=bool)

@@ -66,7 +66,7 @@ def test_watch(tmp_path):
         "--jobs",
         "1",
     ]
-    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "TERRAIN_EST_METHOD": "least-squares"}
     manifest, table = tmp_path / "out/manifest.jsonl", tmp_path / "out/segments.parquet"
     with (
         subprocess.Popen(command, cwd=tmp_path, env=env, stderr=subprocess.PIPE, text=True) as process,

@@ -19,7 +19,7 @@ import missions
 import pytest
 from child_processes import TERRAIN_EST, children
 
-from terrain_cli.batch.durable_files import uninterrupted
+from terrain_cli.batch.manifest import uninterrupted
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent

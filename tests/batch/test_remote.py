@@ -14,7 +14,7 @@ import missions
 import pyarrow.parquet as pq
 import pytest
 
-from terrain_cli import installation
+from terrain_cli import version
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 KEYS = {
@@ -133,4 +133,4 @@ def test_a_store_that_nobody_knows(tmp_path):
     code, err = batch(tmp_path, "nonsense://rover/a.csv")
     assert code == 78
     assert err.startswith("terrain-est: nonsense://rover/a.csv: ")
-    assert installation.command_for("remote") in err
+    assert version.command_for("remote") in err

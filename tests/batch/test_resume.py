@@ -16,7 +16,7 @@ import pytest
 import terrain_cli
 from terrain_cli import models
 from terrain_cli.app import main
-from terrain_cli.batch import configuration
+from terrain_cli.batch import worker_tasks
 from terrain_cli.presentation import segment_table
 from terrain_cli.run import one_log
 from terrain_cli.run.settings import Settings
@@ -163,7 +163,7 @@ def test_what_decides_on_the_numbers_is_watched(batch, source, monkeypatch, chan
     elif change == "options":
         settings = replace(settings, method="ridge")
     elif change == "version":
-        monkeypatch.setattr(configuration, "__version__", "99.0")
+        monkeypatch.setattr(worker_tasks, "__version__", "99.0")
     elif change == "model":
         models.save(models.build("linear", ["effect.toml"], {"shear_modulus": 0.02}), Path("model.toml"))
     else:

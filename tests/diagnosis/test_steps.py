@@ -17,7 +17,7 @@ from terrain_cli.effects.laws import effect_file
 from terrain_cli.improvement.change_trial import tried
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile, added
-from terrain_cli.presentation import change_sentences
+from terrain_cli.presentation import change_text
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.windows import joined_inputs
 from terrain_cli.windows.cut_windows import cut
@@ -106,7 +106,7 @@ def test_friction_that_drives_the_wheel_is_not_named(torque, named):
     )
     assert step.better
     assert step.pays == (named is not None)
-    assert ("physically impossible" in change_sentences.verdict(step)) == (named is None)
+    assert ("physically impossible" in change_text.verdict(step)) == (named is None)
 
 
 def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out_all_the_same():

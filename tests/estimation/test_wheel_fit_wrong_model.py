@@ -27,7 +27,7 @@ from wheel_samples import free
 from terrain_cli.effects import find as effect_of
 from terrain_cli.estimation.line.window_estimates import STATUSES
 from terrain_cli.estimation.wheel_fit import DEFAULT, Noise, fit
-from terrain_cli.estimation.wheel_fit.bounds import truncate
+from terrain_cli.estimation.wheel_fit.gauss_newton import truncate
 from terrain_cli.estimation.wheel_fit.unknowns import Unknown
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 

@@ -17,7 +17,7 @@ from salvage_cases import opened, samples, write
 
 from formats import DamagedError, FormatError, content, limits, open_source
 from formats.rosbag.decoding.definition_texts import msg_text, plain_types
-from formats.rosbag.storage.unpacking import unpack, zstd
+from formats.rosbag.storage.raw_messages import unpack, zstd
 
 salvage = pytest.mark.parametrize("salvage", [True, False])
 BAR = "=" * 80

@@ -26,7 +26,7 @@ from formats.page_claims import check_pages
 from formats.rosbag import BagSource, bag_files, containers
 from formats.rosbag.decoding.decoder import Decoder, UndecodableError
 from formats.rosbag.decoding.definitions import FILLER, UnusableError, define
-from formats.rosbag.storage.unpacking import unpack, zstd
+from formats.rosbag.storage.raw_messages import unpack, zstd
 
 NOTHING = bytes(64 << 20)
 PACKERS = {"zstd": zstd.compress, "lz4": lz4.frame.compress, "bz2": bz2.compress}

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from profiles import examples
 
 from formats import DamagedError, FormatError, open_source
-from formats.rosbag.storage.unpacking import zstd
+from formats.rosbag.storage.raw_messages import zstd
 
 N = 200
 PACKERS = {"": bytes, "gz": gzip.compress, "bz2": bz2.compress, "zst": zstd.compress}

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from formats import FormatError, NotFoundError, expand, open_source
-from formats.input_paths import parts, takes
+from formats.source import parts, takes
 
 CSV = "time,torque\n0,1\n1,2\n"
 

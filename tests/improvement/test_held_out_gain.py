@@ -12,7 +12,7 @@ from terrain_cli.comparison.comparison_outcome import UNITS, Series
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Estimated, HeldOutEvidence, Interval, Step
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.presentation.change_sentences import verdict
+from terrain_cli.presentation.change_text import verdict
 
 N, BLOCKS = 400, 20
 BLOCK = np.repeat(np.arange(BLOCKS), N // BLOCKS)

@@ -14,7 +14,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 from terrain_cli.improvement import Stopped, model_history, until_quiet
 from terrain_cli.improvement.change_trial import fitted
 from terrain_cli.presentation import change_text
-from terrain_cli.toml import toml_text
+from terrain_cli.vocabulary import toml_files
 from terrain_cli.windows import cut_windows
 
 
@@ -110,7 +110,7 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
     for found in (whole, entry):
         assert found["rivals"] == list(kept.rivals)
         assert found["next_drive"]["pair"] == ["drivetrain-friction", "slip-sinkage"]
-    assert tomllib.loads(f"entry = {toml_text.value(entry)}")["entry"]["rivals"] == list(kept.rivals)
+    assert tomllib.loads(f"entry = {toml_files.value(entry)}")["entry"]["rivals"] == list(kept.rivals)
 
 
 def test_one_name_has_no_rivals(sinks):

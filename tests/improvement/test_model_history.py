@@ -8,7 +8,7 @@ import pytest
 
 from terrain_cli.improvement import model_history
 from terrain_cli.improvement.improvement_outcome import ChannelChange, Estimated, Interval
-from terrain_cli.toml import toml_text
+from terrain_cli.vocabulary import toml_files
 
 
 def test_wheels_are_averaged_by_what_each_knows():
@@ -60,6 +60,6 @@ def test_what_is_not_known_is_left_out_of_the_file():
         )
     )
     assert found["heldout_before"] is None
-    assert toml_text.value(found) == (
+    assert toml_files.value(found) == (
         '{ unit = "m", heldout_after = 0.002, heldout_after_interval = [0.001, 0.004] }'
     )

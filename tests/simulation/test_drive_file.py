@@ -10,10 +10,9 @@ import pytest
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation import read
 from terrain_cli.simulation.drive_file import PRESETS
-from terrain_cli.simulation.scenario import START
+from terrain_cli.simulation.scenario import SOILS, START
 from terrain_cli.simulation.sensors import Sensor
 from terrain_cli.simulation.simulated_log import channels
-from terrain_cli.simulation.simulated_soils import SOILS
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "simulate.md").read_text("utf-8")
 

@@ -15,8 +15,7 @@ from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.wheel_model import predict
 from terrain_cli.simulation import read, simulate
-from terrain_cli.simulation.simulated_effects import Chosen
-from terrain_cli.simulation.simulated_soils import SOILS
+from terrain_cli.simulation.scenario import SOILS, Chosen
 from terrain_cli.telemetry.derived_channels import slip as slip_of
 
 SHORT = {"duration": 20.0}

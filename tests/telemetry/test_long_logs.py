@@ -10,7 +10,7 @@ import formats
 from terrain_cli import telemetry
 from terrain_cli.effects import find
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import long_logs, raw_columns, tables
+from terrain_cli.telemetry import long_logs, raw_channels, raw_columns
 from terrain_cli.telemetry.long_logs import Excerpt, excerpted, joined
 from terrain_cli.telemetry.plan import mapping
 from terrain_cli.vocabulary.channels import CHANNELS
@@ -80,7 +80,7 @@ def in_parts(path, rover, *, wheels=(), effects=(), rows=None):
         where=None,
         effects=effects,
     )
-    names = tables.fields(layout, CHANNELS, layout.extras)
+    names = raw_channels.fields(layout, CHANNELS, layout.extras)
     batches = list(source.read("", names, 50))
     begin = batches[:3] if rows is None else [raw_columns.whole(batches[:rows])]
     return list(long_logs.in_parts(request, begin, iter(batches[rows or 3 :]), lambda _: None))

@@ -16,8 +16,8 @@ from terrain_cli import telemetry
 from terrain_cli.app import main
 from terrain_cli.errors import InputError
 from terrain_cli.simulation.drive_file import PRESETS
-from terrain_cli.simulation.simulated_soils import SOILS
-from terrain_cli.telemetry import long_logs, tables
+from terrain_cli.simulation.scenario import SOILS
+from terrain_cli.telemetry import long_logs, raw_channels
 from terrain_cli.telemetry.derive.unit_doubts import Doubt, ImplausibleError
 from terrain_cli.telemetry.plan import mapping
 from terrain_cli.vocabulary.channels import CHANNELS
@@ -371,7 +371,7 @@ def in_parts(path, rover):
         where=None,
         effects=None,
     )
-    batches = source.read("", tables.fields(layout, CHANNELS, layout.extras), 50)
+    batches = source.read("", raw_channels.fields(layout, CHANNELS, layout.extras), 50)
     return list(long_logs.in_parts(request, [next(batches)], batches, lambda _: None))
 
 

@@ -8,12 +8,141 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from formats import Labels
+from terrain_cli.errors import UsageError
+from terrain_cli.telemetry import Condition
 from terrain_cli.telemetry.derive import usable_samples
 
-NAN, INF = float("nan"), float("inf")
+NAN = float("nan")
+TABLE = {
+    "slip": np.array([0.1, 0.5, NAN, 0.9]),
+    "slip_angle_deg": np.array([0.0, 15.0, 0.0, 0.0]),
+    "terrain": Labels(np.array([0, 1, 0, -1], dtype=np.int32), ("sand", "rock")),
+    "trial": Labels(np.array([0, 1, 1, 0], dtype=np.int32), ("1", "2")),
+    "load [kN]": np.array([0.1, 0.2, 0.3, 0.4]),
+    "when": np.array(["2026-11-21T08:00", "2026-11-21T09:00", "NaT", "2026-11-22"], "datetime64[ns]"),
+}
+NAN_OF_USABLE_SAMPLES, INF = float("nan"), float("inf")
 RADIUS, WIDTH = 0.125, 0.1
 GOOD = {"load": 80.0, "torque": 3.0, "sinkage": 0.01, "slip": 0.3, "angular_velocity": 1.0, "velocity": 0.1}
 GOOD["drawbar_pull"] = 5.0
+
+
+def holds(text):
+    condition = Condition(text)
+    return condition.holds({name: TABLE[name] for name in condition.names}).astype(int).tolist()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("slip_angle_deg == 0", [1, 0, 1, 1]),
+        ("slip > 0.1", [0, 1, 0, 1]),
+        ("0.1 < slip <= 0.5", [0, 1, 0, 0]),
+        ("slip != 0.5", [1, 0, 0, 1]),
+        ("slip < slip_angle_deg", [0, 1, 0, 0]),
+        ("-1 < slip", [1, 1, 0, 1]),
+        ("not slip > 0.1", [1, 0, 0, 0]),
+        ("not (slip > 0.1 and terrain == 'rock')", [1, 0, 1, 1]),
+        ("slip > 0.4 or slip_angle_deg == 0", [1, 1, 1, 1]),
+        ("slip > 0.4 or terrain == 'sand'", [1, 1, 1, 1]),
+        ("1 < 2 and slip > 0.4", [0, 1, 0, 1]),
+        ("terrain == 'sand'", [1, 0, 1, 0]),
+        ("terrain != 'rock'", [1, 0, 1, 1]),
+        ('terrain == ""', [0, 0, 0, 1]),
+        ("trial == 2", [0, 1, 1, 0]),
+        ("trial == '2'", [0, 1, 1, 0]),
+        ("2.0 == trial", [0, 1, 1, 0]),
+        ("`load [kN]` > 0.15 and `load [kN]` < 0.35", [0, 1, 1, 0]),
+        ("when >= '2026-11-21T09:00:00Z'", [0, 1, 0, 1]),
+        ("when < '2026-11-21T10:00:00+02:00'", [0, 0, 0, 0]),
+        ("not when < '2026-11-22'", [0, 0, 0, 1]),
+    ],
+)
+def test_what_holds(text, expected):
+    assert holds(text) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "slip",
+        "slip = 0",
+        "slip ==",
+        "1 < 2",
+        "'a' == 'a'",
+        "slip > 0; slip < 1",
+        "slip + 1 > 0",
+        "abs(slip) > 0",
+        "slip.real > 0",
+        "slip[0] > 0",
+        "slip in (1, 2)",
+        "slip is None",
+        "slip == None",
+        "[x for x in slip]",
+        "(lambda: 1)() == slip",
+        "__import__('os').system('true') == slip",
+        "`` == 1",
+        "slip > 0 and " * 200 + "slip > 0",
+        "(" * 300 + "slip > 0" + ")" * 300,
+        "slip > \0",
+    ],
+)
+def test_anything_else_is_refused(text):
+    with pytest.raises(UsageError, match="--where: cannot read") as error:
+        Condition(text)
+    assert "slip_angle_deg == 0" in error.value.hint
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "slip == 'sand'",
+        "terrain == slip",
+        "terrain < 'sand'",
+        "trial < 2",
+        "when > 3",
+        "when > 'noon'",
+        "1 == 'a' == slip",
+    ],
+)
+def test_what_cannot_be_compared_is_refused(text):
+    condition = Condition(text)
+    with pytest.raises(UsageError, match="--where"):
+        condition.holds({name: TABLE[name] for name in condition.names})
+
+
+def test_the_names_a_condition_reads():
+    assert Condition("not (slip > 0 and `load [kN]` == trial)").names == {"slip", "load [kN]", "trial"}
+
+
+terms = st.sampled_from(["slip", "slip_angle_deg", "0.5", "-3", "0"])
+comparisons = st.tuples(st.just("slip"), st.sampled_from(["==", "!=", "<", "<=", ">", ">="]), terms).map(
+    " ".join
+)
+conditions = st.recursive(
+    comparisons,
+    lambda inner: st.one_of(
+        st.tuples(inner, st.sampled_from(["and", "or"]), inner).map(lambda t: f"({' '.join(t)})"),
+        inner.map(lambda text: f"not ({text})"),
+    ),
+    max_leaves=6,
+)
+numbers = st.sampled_from([-3.0, 0.0, 0.5, 1.0])
+
+
+@given(conditions, st.lists(st.tuples(numbers, numbers), min_size=1, max_size=8))
+def test_where_nothing_is_missing_it_is_what_python_makes_of_it(text, rows):
+    columns = {name: np.array([row[j] for row in rows]) for j, name in enumerate(["slip", "slip_angle_deg"])}
+    expected = [bool(eval(text, {}, {"slip": a, "slip_angle_deg": b})) for a, b in rows]  # noqa: S307 - made above
+    assert Condition(text).holds(columns).tolist() == expected
+
+
+@given(conditions)
+def test_a_missing_number_satisfies_neither_a_condition_nor_its_opposite(text):
+    columns = {"slip": np.array([NAN]), "slip_angle_deg": np.array([NAN])}
+    assert not Condition(text).holds(columns).any()
+    assert not Condition(f"not ({text})").holds(columns).any()
 
 
 def channels(n=3, **changes):
@@ -32,18 +161,18 @@ def reasons(columns, time=None):
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"load": NAN}, "no load"),
-        ({"torque": NAN}, "no torque"),
-        ({"sinkage": NAN}, "no sinkage"),
-        ({"slip": NAN}, "no slip"),
+        ({"load": NAN_OF_USABLE_SAMPLES}, "no load"),
+        ({"torque": NAN_OF_USABLE_SAMPLES}, "no torque"),
+        ({"sinkage": NAN_OF_USABLE_SAMPLES}, "no sinkage"),
+        ({"slip": NAN_OF_USABLE_SAMPLES}, "no slip"),
         ({"load": INF}, "load is infinite"),
         ({"torque": -INF}, "torque is infinite"),
         ({"slip": INF}, "slip is infinite"),
         # ω infinite makes a slip of 1, which would look like a wheel that spins.
         ({"angular_velocity": INF, "slip": 1.0}, "angular_velocity is infinite"),
         ({"velocity": INF, "slip": -1.0}, "velocity is infinite"),
-        ({"angular_velocity": 0.0, "slip": NAN}, "wheel stands (ω = 0, slip undefined)"),
-        ({"angular_velocity": 1e-3, "slip": NAN}, "wheel stands (ω = 0, slip undefined)"),
+        ({"angular_velocity": 0.0, "slip": NAN_OF_USABLE_SAMPLES}, "wheel stands (ω = 0, slip undefined)"),
+        ({"angular_velocity": 1e-3, "slip": NAN_OF_USABLE_SAMPLES}, "wheel stands (ω = 0, slip undefined)"),
         ({"slip": -0.01}, "wheel skids (slip < 0)"),
         ({"slip": -1.01}, "wheel turns against its course (slip < -1)"),
         # The ground goes on under a wheel that skids, if nothing else is wrong.
@@ -82,22 +211,25 @@ def test_the_whole_model_covers_a_wheel_that_skids(slip, reason):
 
 
 def test_the_first_reason_counts():
-    assert reasons(channels(load=NAN, torque=NAN, sinkage=-1.0))[1] == "no load"
+    assert (
+        reasons(channels(load=NAN_OF_USABLE_SAMPLES, torque=NAN_OF_USABLE_SAMPLES, sinkage=-1.0))[1]
+        == "no load"
+    )
 
 
 def test_times():
-    time = np.array([0.0, NAN, 0.1, 0.1, 0.05, 0.2])
+    time = np.array([0.0, NAN_OF_USABLE_SAMPLES, 0.1, 0.1, 0.05, 0.2])
     expected = [None, "no time", None, "time repeated", "time runs backwards", None]
     assert reasons(channels(6), time) == expected
 
 
 def test_without_wheel_speed_a_missing_slip_is_just_missing():
-    columns = channels(slip=NAN)
+    columns = channels(slip=NAN_OF_USABLE_SAMPLES)
     del columns["angular_velocity"]
     assert reasons(columns)[1] == "no slip"
 
 
-values = st.sampled_from([NAN, INF, -INF, -1.0, 0.0, 1e-4, 0.01, 0.5, 1.0, 2.0, 80.0])
+values = st.sampled_from([NAN_OF_USABLE_SAMPLES, INF, -INF, -1.0, 0.0, 1e-4, 0.01, 0.5, 1.0, 2.0, 80.0])
 
 
 @given(st.lists(st.fixed_dictionaries(dict.fromkeys(GOOD, values)), min_size=1, max_size=12))
@@ -159,7 +291,7 @@ def test_a_time_that_is_wrong_is_no_gap():
     time[30] = 0.0
     stretch = usable_samples.stretches(time, judged(60, astray=[30]), max_gap=0.5)
     assert stretch.max() == 0
-    time[30] = NAN
+    time[30] = NAN_OF_USABLE_SAMPLES
     assert usable_samples.stretches(time, judged(60, lost=[30]), max_gap=0.5).max() == 0
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from terrain_cli import installation
+from terrain_cli import version
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_data" / "run.csv"
@@ -67,7 +67,7 @@ def test_says_what_to_install(short, tmp_path):
     assert (done.returncode, done.stdout) == (78, "")
     assert done.stderr.splitlines() == [
         "terrain-est: a report needs altair, which is not installed",
-        f"  {installation.command_for('report')}",
+        f"  {version.command_for('report')}",
     ]
 
 

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from simulator.run import simulate
 
 from terrain_cli.presentation import segment_table
-from terrain_cli.views import chart_style, figures, sample_pairs, soil_table
+from terrain_cli.views import chart_style, figures, shown_samples, shown_segments
 
 pytestmark = pytest.mark.filterwarnings("ignore:Glyph .* missing from:UserWarning")
 
@@ -93,7 +93,7 @@ def test_residual_of_many_samples(many):
 
 
 def test_strength(comparison):
-    figure = figures.strength(soil_table.table(comparison))
+    figure = figures.strength(shown_segments.soil_table(comparison))
     drawn(figure)
     assert labels(figure) == {
         ("cohesion c (kPa)", "friction angle φ (°)"),
@@ -104,7 +104,7 @@ def test_strength(comparison):
 
 
 def test_a_region_wider_than_the_axes_is_told_of(comparison):
-    table = soil_table.table(comparison)
+    table = shown_segments.soil_table(comparison)
     rows = len(table["status"])
     for name, error in (("c_se_kPa", 0.1), ("phi_se_deg", 1.0), ("corr_c_phi", 0.0)):
         table[name] = np.full(rows, error)
@@ -116,8 +116,8 @@ def test_a_region_wider_than_the_axes_is_told_of(comparison):
 
 
 def test_track(comparison):
-    misfit = sample_pairs.misfit(comparison, "torque")
-    table = soil_table.table(comparison)
+    misfit = shown_samples.misfit(comparison, "torque")
+    table = shown_segments.soil_table(comparison)
     figure = figures.track(table, {"rms misfit of torque (N m)": misfit})
     drawn(figure)
     said = texts(figure)
@@ -136,17 +136,17 @@ def test_misfit_of_a_segment_is_the_rms_of_its_residual(comparison):
     here = slice(*wheel.windows.bounds[2:4])
     series = wheel.series["sinkage"]
     expected = 1e3 * np.sqrt(np.mean((series.measured[here] - series.predicted[here]) ** 2))
-    assert sample_pairs.misfit(comparison, "sinkage")[n + 2] == pytest.approx(expected)
+    assert shown_samples.misfit(comparison, "sinkage")[n + 2] == pytest.approx(expected)
 
 
 def test_no_track_without_places(comparison):
-    table = {**soil_table.table(comparison)}
+    table = {**shown_segments.soil_table(comparison)}
     table["WKT"] = [""] * len(table["WKT"])
     assert figures.track(table, {}) is None
 
 
 def test_track_of_places_that_do_not_move(comparison):
-    table = {**soil_table.table(comparison)}
+    table = {**shown_segments.soil_table(comparison)}
     table["WKT"] = [f"POINT ({j} 0.0)" for j in range(len(table["WKT"]))]
     drawn(figures.track(table, {}))
 
@@ -217,7 +217,7 @@ def test_one_segment_or_too_many_are_not_drawn_over_one_another(comparison):
 
 
 def test_rim_stress(comparison):
-    figure = figures.rim_stress(soil_table.moments(comparison))
+    figure = figures.rim_stress(shown_segments.moments(comparison))
     drawn(figure)
     assert labels(figure) == {("angle from the vertical θ (°), forward positive", "stress (kPa)")}
     angle, normal = figure.axes[0].lines[1].get_xydata().T
@@ -229,10 +229,10 @@ def test_rim_stress(comparison):
 def test_rim_stress_names_the_log_of_several(comparison):
     wheel = comparison.wheels[0]
     two = replace(comparison, wheels=[replace(wheel, source=f"{soil}.csv") for soil in ("sand", "clay")])
-    figure = figures.rim_stress(soil_table.moments(two))
+    figure = figures.rim_stress(shown_segments.moments(two))
     drawn(figure)
     assert [axes.get_title("left").splitlines()[0] for axes in figure.axes] == ["sand.csv", "clay.csv"]
-    assert "run.csv" not in texts(figures.rim_stress(soil_table.moments(comparison)))
+    assert "run.csv" not in texts(figures.rim_stress(shown_segments.moments(comparison)))
 
 
 @pytest.mark.parametrize("name", ["$x^2$ <script> {} %s \\alpha", "a\nb 速度"])
@@ -243,13 +243,13 @@ def test_names_from_files_are_drawn_as_they_are(run, name):
     figure = figures.residuals(odd, "torque")
     drawn(figure)
     assert name in [axes.get_xlabel() for axes in figure.axes]
-    table = {**soil_table.table(odd)}
+    table = {**shown_segments.soil_table(odd)}
     table["terrain"] = [name, *table["terrain"][1:]]
     drawn(figures.strength(table))
 
 
 def test_estimates_without_errors(comparison):
-    table = {**soil_table.table(comparison)}
+    table = {**shown_segments.soil_table(comparison)}
     nothing = np.full(len(table["segment"]), np.nan)
     for names in (
         ("c_se_kPa", "phi_se_deg", "corr_c_phi"),
@@ -268,6 +268,6 @@ def test_channel_that_is_measured_on_one_wheel_only(run):
     wheel.series["torque"] = replace(series, measured=np.full(len(series.measured), np.nan))
     drawn(figures.predicted_measured(partial))
     drawn(figures.residuals(partial, "drawbar_pull"))
-    misfit = sample_pairs.misfit(partial, "torque")
+    misfit = shown_samples.misfit(partial, "torque")
     assert np.isfinite(misfit[: len(partial.wheels[0].windows)]).all()
     assert np.isnan(misfit[len(partial.wheels[0].windows) :]).all()

@@ -14,13 +14,13 @@ from matplotlib import image
 from matplotlib.figure import Figure
 
 from formats import CannotWriteError
-from terrain_cli import installation
+from terrain_cli import version
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.estimation.estimators import estimate_lines
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.presentation import segment_table
 from terrain_cli.run.one_log import Outcome
-from terrain_cli.views import plots, soil_table
+from terrain_cli.views import plots, shown_segments
 
 EXPECTED = {
     "predicted-measured": ("measured torque T (N m)", "predicted sinkage z (mm)"),
@@ -116,7 +116,7 @@ def test_names_of_wheels_make_no_paths(comparison, tmp_path):
 
 def test_linear_base_has_no_rim(comparison):
     linear = replace(comparison, wheels=[replace(w, model=Model("linear")) for w in comparison.wheels])
-    assert soil_table.moments(linear) == []
+    assert shown_segments.moments(linear) == []
 
 
 def test_full_disk_leaves_the_old_picture(comparison, tmp_path, monkeypatch):
@@ -151,7 +151,7 @@ def test_missing_extra_says_what_to_install(comparison, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(ConfigurationError, match="matplotlib") as error:
         plots.write(comparison, tmp_path / "none")
-    assert error.value.hint == installation.command_for("plot")
+    assert error.value.hint == version.command_for("plot")
     assert not (tmp_path / "none").exists()
 
 

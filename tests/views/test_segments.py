@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from terrain_cli.views import segment_groups
+from terrain_cli.views import shown_segments
 
 
 def table(**columns):
@@ -21,19 +21,19 @@ def table(**columns):
 
 
 def test_names_say_no_more_than_is_needed():
-    assert segment_groups.names(table(segment=np.array([1, 2]))) == ["1", "2"]
-    assert segment_groups.names(table(wheel=["a", "b"])) == ["a 1", "b 2"]
-    assert segment_groups.names(table(source=["x", "y"], wheel=["a", "b"])) == ["x a 1", "y b 2"]
+    assert shown_segments.names(table(segment=np.array([1, 2]))) == ["1", "2"]
+    assert shown_segments.names(table(wheel=["a", "b"])) == ["a 1", "b 2"]
+    assert shown_segments.names(table(source=["x", "y"], wheel=["a", "b"])) == ["x a 1", "y b 2"]
 
 
 def test_groups_are_terrains_else_wheels_else_all():
-    assert segment_groups.groups(table(terrain=["sand", ""]), 7) == ["sand", "not labelled"]
-    assert segment_groups.groups(table(wheel=["a", "b"]), 7) == ["a", "b"]
-    assert segment_groups.groups(table(wheel=["a", "b", "c"]), 2) == ["all segments"] * 3
+    assert shown_segments.groups(table(terrain=["sand", ""]), 7) == ["sand", "not labelled"]
+    assert shown_segments.groups(table(wheel=["a", "b"]), 7) == ["a", "b"]
+    assert shown_segments.groups(table(wheel=["a", "b", "c"]), 2) == ["all segments"] * 3
 
 
 def test_paths_are_read_as_they_were_written():
-    lines, dot, nowhere = segment_groups.paths(
+    lines, dot, nowhere = shown_segments.paths(
         table(WKT=["LINESTRING (1.5 -2.0, 3.0 4e-05)", "POINT (7.0 8.0)", ""])
     )
     np.testing.assert_array_equal(lines, [[1.5, -2.0], [3.0, 4e-5]])
@@ -43,7 +43,7 @@ def test_paths_are_read_as_they_were_written():
 
 def test_ellipse_holds_95_per_cent():
     one = table(c_kPa=[1.0], c_se_kPa=[0.5], phi_deg=[30.0], phi_se_deg=[3.0], corr_c_phi=[-0.8])
-    outline = segment_groups.ellipse(one, 0, 400)
+    outline = shown_segments.ellipse(one, 0, 400)
     covariance = np.array([[0.25, -1.2], [-1.2, 9.0]])
     away = outline - [1.0, 30.0]
     distance = np.einsum("ni,ij,nj->n", away, np.linalg.inv(covariance), away)
@@ -64,7 +64,7 @@ def test_strength_is_surest_at_the_pivot():
         corr_c_phi=[-10.0 * SLOPE_SE / np.hypot(0.2, 10.0 * SLOPE_SE)],
     )
     stress = np.array([0.0, 10.0, 20.0])
-    value, error = segment_groups.strength(one, 0, stress)
+    value, error = shown_segments.strength(one, 0, stress)
     np.testing.assert_allclose(value, 1.0 + stress * np.tan(np.radians(30.0)))
     assert error[1] == pytest.approx(0.2)
     assert error[0] == pytest.approx(error[2])
@@ -75,7 +75,7 @@ def test_strength_is_surest_at_the_pivot():
 
 def test_limits_show_what_is_sure_and_not_what_is_wild():
     n = 101
-    c, phi = segment_groups.estimate_limits(
+    c, phi = shown_segments.estimate_limits(
         table(
             c_kPa=np.append(np.ones(n - 1), 500.0),
             c_se_kPa=np.full(n, 0.1),
@@ -91,9 +91,9 @@ def test_limits_show_what_is_sure_and_not_what_is_wild():
 
 def test_map_of_longitudes_is_stretched_by_latitude():
     one = table(longitude_deg=[1.0])
-    *_, stretch = segment_groups.frame(one, np.array([[1.0, 60.0], [1.1, 60.0]]))
+    *_, stretch = shown_segments.frame(one, np.array([[1.0, 60.0], [1.1, 60.0]]))
     assert stretch == pytest.approx(2.0)
-    across, up, stretch = segment_groups.frame(table(x=[1.0]), np.array([[0.0, 0.0], [9.0, 0.0]]))
+    across, up, stretch = shown_segments.frame(table(x=[1.0]), np.array([[0.0, 0.0], [9.0, 0.0]]))
     assert stretch == 1.0
     assert (up[1] - up[0]) >= (across[1] - across[0]) / 3.0 * 0.999
 
@@ -108,11 +108,11 @@ def test_regions_are_seen_whole_where_nothing_is_separated():
         "corr_c_phi": [-0.9],
         "status": ["not-separable"],
     }
-    (c_low, c_high), (phi_low, phi_high) = segment_groups.estimate_limits(table)
-    c, phi = segment_groups.ellipse(table, 0).T
+    (c_low, c_high), (phi_low, phi_high) = shown_segments.estimate_limits(table)
+    c, phi = shown_segments.ellipse(table, 0).T
     assert c_low < c.min() < c.max() < c_high
     assert phi_low < phi.min() < phi.max() < phi_high
     # Errors beyond all measure do not make the picture one line.
-    wide = segment_groups.estimate_limits({**table, "c_se_kPa": [1e9], "phi_se_deg": [1e9]})
+    wide = shown_segments.estimate_limits({**table, "c_se_kPa": [1e9], "phi_se_deg": [1e9]})
     assert wide[0][1] - wide[0][0] < 50.0
     assert wide[1][1] - wide[1][0] < 300.0

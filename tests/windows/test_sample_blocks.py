@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from profiles import examples
 
-from terrain_cli.windows.segmentation import sample_blocks, sensor_noise
+from terrain_cli.windows.segmentation import running_moments, sample_blocks
 from terrain_cli.windows.segmentation.running_moments import FINE, RunningMoments
 from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
 
@@ -95,16 +95,16 @@ def test_what_depends_on_changed_samples_is_measured_again(case, changed):
     x, y, step = np.tile(case[0], 12), np.tile(case[1], 12), case[2]
     samples, usual = ReplacedSamples(x, y), np.array([2.0, 1.0])
     out = np.full((sample_blocks.ROWS, -(-len(x) // step)), np.nan)
-    sensor_noise._measure(samples, step, usual, list(sample_blocks.slabs(len(x), step)), out)
+    running_moments._measure(samples, step, usual, list(sample_blocks.slabs(len(x), step)), out)
     place = np.unique(np.array(changed) % len(x))
     samples.replace(place, np.stack([x[place], y[place]]) + 500.0)
-    again, _ = sensor_noise._measure(
+    again, _ = running_moments._measure(
         samples, step, usual, list(sample_blocks.about(place, len(x), step)), out
     )
     x[place] += 500.0
     y[place] += 500.0
     expected = np.full(out.shape, np.nan)
-    wild, _ = sensor_noise._measure(
+    wild, _ = running_moments._measure(
         ReplacedSamples(x, y), step, usual, list(sample_blocks.slabs(len(x), step)), expected
     )
     np.testing.assert_allclose(out, expected, rtol=1e-9, atol=1e-9 * expected.max())
@@ -119,9 +119,9 @@ def test_what_is_long_is_measured_slab_by_slab(monkeypatch):
     x, y = 1e4 + 100.0 * rng.standard_normal(5000), 5e3 + 80.0 * rng.standard_normal(5000)
     x[::700] *= 3.0
     monkeypatch.setattr(sample_blocks, "_SLAB", 10_000)
-    whole = sensor_noise.tame(ReplacedSamples(x, y), 4)
+    whole = running_moments.tame(ReplacedSamples(x, y), 4)
     monkeypatch.setattr(sample_blocks, "_SLAB", 400)
-    for part, one in zip(sensor_noise.tame(ReplacedSamples(x, y), 4), whole, strict=True):
+    for part, one in zip(running_moments.tame(ReplacedSamples(x, y), 4), whole, strict=True):
         np.testing.assert_allclose(part, one, rtol=1e-9)
 
 
@@ -178,7 +178,7 @@ def test_no_wild_sample_is_overlooked(case):
     x, y, step = case
     before = x.copy(), y.copy()
     samples = ReplacedSamples(x, y)
-    sums, _ = sensor_noise.tame(samples, step)
+    sums, _ = running_moments.tame(samples, step)
     found = samples.between(0, len(x))
     np.testing.assert_array_equal(found, tame_by_hand(x, y, step))
     np.testing.assert_array_equal((x, y), before)

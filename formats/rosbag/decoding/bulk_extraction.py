@@ -236,7 +236,6 @@ class _Cursor:
     def _of_numbers(
         self, leaf: Leaf, request: FieldRequest, spot: _Spot, index: Places
     ) -> tuple[Values, bool]:
-        """Take one element from a list of numbers."""
         element = _Spot(spot.begin + index * int(CODES[leaf.base][1]))
         there = (np.asarray(index) >= 0) & (np.asarray(index) < spot.count)
         if there.all():

@@ -39,7 +39,6 @@ class FieldRequest:
     key: int | str | None = None
 
     def blank(self, rows: int) -> Values:
-        """Return a column in which nothing is there yet."""
         if self.kind == "text":
             return np.full(rows, None, dtype=object)
         return np.full(rows, np.nan) if self.kind == "number" else np.full(rows, NAT)

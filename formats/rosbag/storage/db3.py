@@ -70,7 +70,6 @@ class Db3File:
             raise
 
     def close(self) -> None:
-        """Close the file."""
         if self._database is not None:
             self._database.close()
             self._database = self._leaves = None

@@ -55,7 +55,6 @@ class McapFile(McapReader):
     entry = _ENTRY
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
-        """Read the messages of some connections; see `chunks.runs`."""
         if not self.chunks:
             yield from self._walked(wanted, size)
             return
@@ -167,7 +166,6 @@ class McapFile(McapReader):
         return of["time"].astype(np.int64), of["place"].astype(np.int64)
 
     def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
-        """Return starts and sizes of payloads; see `chunks.Layout`."""
         heads = parts_at(buffer, records, _HEAD.itemsize).view(_HEAD)
         right = (heads["code"] == _MESSAGE_CODE) & (heads["channel"] == connection) & (heads["time"] == times)
         if not right.all():

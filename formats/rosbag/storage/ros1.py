@@ -12,8 +12,7 @@ from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_uint32
 
 from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, opened, runs
-from formats.rosbag.storage.raw_messages import numbers_at, parts_at
-from formats.rosbag.storage.unpacking import unpack
+from formats.rosbag.storage.raw_messages import numbers_at, parts_at, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
@@ -102,7 +101,6 @@ class Ros1File(Reader):
         self.spans[connection] = min(start, first), max(end, last)
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
-        """Read the messages of some connections; see `chunks.runs`."""
         chunks = [
             Chunk(
                 position=chunk.datapos,
@@ -123,7 +121,6 @@ class Ros1File(Reader):
         return times, of["place"].astype(np.int64)
 
     def payloads(self, buffer: bytes, connection: int, times: Index, records: Index) -> tuple[Index, Index]:
-        """Return starts and sizes of payloads; see `chunks.Layout`."""
         lengths = numbers_at(buffer, records, "<u4").astype(np.int64)
         known = np.zeros(len(records), dtype=bool)
         ordered = np.sort(lengths)

@@ -15,7 +15,7 @@ from terrain_cli.effects.laws.grammar import LawError
 from terrain_cli.effects.laws.law_names import FILE, LONGEST_NAME, NAME_FORM
 from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.mechanics.effect import Effect, Kind, Parameter
-from terrain_cli.toml import strict, toml_text
+from terrain_cli.vocabulary import toml_files
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -77,13 +77,13 @@ def load(path: str | Path) -> Effect:
 
 def parse(text: str, name: str = "draft") -> Effect:
     """Read an effect that is in no file yet."""
-    return _Reader(name, text, FILE(strict.parse(text, name), f"{name}: ")).understood().effect
+    return _Reader(name, text, FILE(toml_files.parse(text, name), f"{name}: ")).understood().effect
 
 
 def read(path: str | Path) -> Understood:
     """Read an effect, and say what was understood of it."""
     raw = _text(str(path))
-    content = FILE(strict.parse(raw, path), f"{path}: ")
+    content = FILE(toml_files.parse(raw, path), f"{path}: ")
     return _Reader(str(path), raw, content).understood()
 
 
@@ -162,13 +162,13 @@ class _Reader:
 
     def check_keys(self) -> None:
         content = self.content
-        strict.require(content, self.path, "id", "title")
+        toml_files.require(content, self.path, "id", "title")
         if "laws" in content:
             for key in ("law", "changes"):
                 if key in content:
                     raise self.fail(f"give {key} or [laws], not both")
         else:
-            strict.require(content, self.path, "changes", "law")
+            toml_files.require(content, self.path, "changes", "law")
         if not content.get("laws", True):
             raise self.fail("[laws] is empty", 'such as torque = "torque + friction"')
         if not content.get("parameters"):
@@ -212,7 +212,7 @@ class _Reader:
             if law_names.is_column(name) and not {name, name.removesuffix("_rate")} & self.columns.keys():
                 self.warnings.append(
                     f"{name} is no channel: it is taken for a further column of plain numbers, as it "
-                    f'stands in the data; [columns] {toml_text.key(name)} = "…" would give its unit'
+                    f'stands in the data; [columns] {toml_files.key(name)} = "…" would give its unit'
                 )
 
     def read_parameters(self) -> tuple[tuple[Parameter, ...], dict[str, Dimension]]:
@@ -224,7 +224,7 @@ class _Reader:
             taken = law_names.refused_parameter(name) or "one of the needs" * (name in self.needs)
             if taken:
                 raise self.fail(f"{place}: {name} is {taken}", "give the parameter another name")
-            strict.require(values, f"{self.path}: {place}", "unit", "null", "scale")
+            toml_files.require(values, f"{self.path}: {place}", "unit", "null", "scale")
             try:
                 scale = dimensions.parse(values["unit"])
             except ConfigurationError as error:

@@ -11,7 +11,7 @@ from terrain_cli.effects.laws.expression import FUNCTIONS
 from terrain_cli.effects.laws.grammar import RESERVED
 from terrain_cli.errors import ConfigurationError, nearest
 from terrain_cli.mechanics.effect import KINDS, QUANTITIES
-from terrain_cli.toml import strict
+from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ NAME_FORM = f"letters a to z, digits and _, beginning with a letter, up to {LONG
 
 
 def _id(value: Any, place: str) -> Any:
-    if len(strict.text(value, place)) > LONGEST_NAME or not _ID.fullmatch(value):
+    if len(toml_files.text(value, place)) > LONGEST_NAME or not _ID.fullmatch(value):
         raise ConfigurationError(
             f"{place}: {value[:LONGEST_NAME]!r} is no id",
             hint=f"lower-case words joined by hyphens, up to {LONGEST_NAME} characters, such as cable-drag",
@@ -36,18 +36,18 @@ def _id(value: Any, place: str) -> Any:
 
 def _line(value: Any, place: str) -> Any:
     """Accept a text of one line: it stands in tables."""
-    if not strict.text(value, place).isprintable():
+    if not toml_files.text(value, place).isprintable():
         raise ConfigurationError(f"{place}: must be one line of text")
     return value
 
 
 def _unit_text(value: Any, place: str) -> Any:
     """Accept any text here; a unit may be empty."""
-    return value if isinstance(value, str) else strict.text(value, place)
+    return value if isinstance(value, str) else toml_files.text(value, place)
 
 
 def _several_needs(value: Any, place: str) -> Any:
-    names = strict.several(_line)(value, place)
+    names = toml_files.several(_line)(value, place)
     if len(names) > _MOST_NEEDS:
         raise ConfigurationError(f"{place}: more than {_MOST_NEEDS}")
     for name in names:
@@ -58,43 +58,43 @@ def _several_needs(value: Any, place: str) -> Any:
 
 def _bound(value: Any, place: str) -> Any:
     """Accept a number or an infinity."""
-    return value if value in (math.inf, -math.inf) else strict.number("a number")(value, place)
+    return value if value in (math.inf, -math.inf) else toml_files.number("a number")(value, place)
 
 
 def _parameters(value: Any, place: str) -> Any:
-    checked = strict.tables(_PARAMETER)(value, place)
+    checked = toml_files.tables(_PARAMETER)(value, place)
     if len(checked) > _MOST_PARAMETERS:
         raise ConfigurationError(f"{place}: more than {_MOST_PARAMETERS} parameters")
     return checked
 
 
 def _quantity(value: Any, place: str) -> Any:
-    return strict.choice(*QUANTITIES)(value, place)
+    return toml_files.choice(*QUANTITIES)(value, place)
 
 
-_PARAMETER = strict.table(
+_PARAMETER = toml_files.table(
     {
         "unit": _unit_text,
-        "null": strict.number("a number"),
-        "scale": strict.number("a positive number", strict.ABOVE_ZERO),
+        "null": toml_files.number("a number"),
+        "scale": toml_files.number("a positive number", toml_files.ABOVE_ZERO),
         "lower": _bound,
         "upper": _bound,
         "meaning": _line,
         "reference": _line,
     }
 )
-FILE = strict.table(
+FILE = toml_files.table(
     {
         "id": _id,
         "title": _line,
-        "kind": strict.choice(*KINDS),
+        "kind": toml_files.choice(*KINDS),
         "changes": _quantity,
-        "law": strict.text,
-        "laws": strict.table(dict.fromkeys(QUANTITIES, strict.text)),
+        "law": toml_files.text,
+        "laws": toml_files.table(dict.fromkeys(QUANTITIES, toml_files.text)),
         "needs": _several_needs,
-        "columns": strict.tables(_unit_text),
+        "columns": toml_files.tables(_unit_text),
         "parameters": _parameters,
-        "explanation": strict.text,
+        "explanation": toml_files.text,
         "shows": _line,
         "settled_by": _line,
         "reference": _line,

@@ -1,4 +1,4 @@
-"""Second moments of windows: all that least squares and its errors need.
+"""Second moments of windows, all that least squares and its errors need; and the line, equation [26].
 
 Window j is the samples bounds[j] to bounds[j + 1] − 1. A window's means are taken off before
 anything is multiplied: stresses of 10⁴ Pa that vary by 100 Pa would lose half their digits.
@@ -15,20 +15,19 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
 
-    Array = NDArray[np.float64]
-    Bounds = NDArray[np.intp]
     Key = tuple[int, int, int]
 
 #: Rows of a block of columns: the two stresses and the four channels they are made of.
 X, Y, LOAD, TORQUE, SINKAGE, SLIP = range(6)
+ROWS = 6
 CHANNELS = (LOAD, TORQUE, SINKAGE, SLIP)
 
 #: (lag, row, row) of the products that a line needs, ...
 LINE: tuple[Key, ...] = ((0, X, X), (0, X, Y), (0, Y, Y))
 #: ... and those that its uncertainty needs.
-_KEYS: tuple[Key, ...] = (
+KEYS: tuple[Key, ...] = (
     *LINE,
     *((lag, a, b) for lag in (1, 2) for a, b in ((X, X), (X, Y), (Y, Y))),
     *((0, channel, other) for channel in CHANNELS for other in (channel, X, Y)),
@@ -41,32 +40,24 @@ _LONG = 4096
 #: Samples of a window from which on BLAS is quicker, window by window, than all windows at once.
 _SHORT = 20
 #: A spread below this share of the mean is rounding.
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
 class WindowMoments:
-    """Means of windows and sums of products about the means.
+    """Means of windows and sums of products about the means."""
 
-    Parameters
-    ----------
-    count : ndarray, shape (w,)
-    mean : ndarray, shape (6, w)
-        Of x, y, load, torque, sinkage and slip.
-    products : dict of (lag, row, row) to ndarray, shape (w,)
-        Σ ½ (a(t) b(t − lag) + b(t) a(t − lag)) over the deviations a, b of two rows.
-    """
-
-    count: Array
-    mean: Array
+    count: Array  # Shape (w,)
+    mean: Array  # Shape (6, w): of x, y, load, torque, sinkage and slip
+    # Shape (w,): Σ ½ (a(t) b(t − lag) + b(t) a(t − lag)) over the deviations a, b of two rows
     products: dict[Key, Array]
 
     def __getitem__(self, key: Key) -> Array:
         return self.products[key]
 
-    def varies(self, row: int) -> NDArray[np.bool_]:
+    def varies(self, row: int) -> Mask:
         """Whether a row varies by more than rounding."""
-        return np.asarray(self[0, row, row] > self.count * (_ROUNDING * self.mean[row]) ** 2)
+        return np.asarray(self[0, row, row] > self.count * (ROUNDING * self.mean[row]) ** 2)
 
 
 def segment_sum(values: Array, bounds: Bounds) -> Array:
@@ -82,18 +73,9 @@ def segment_sum(values: Array, bounds: Bounds) -> Array:
 
 
 def window_products(weighted: Array, rows: Array, bounds: Bounds) -> Array:
-    """Sum the products of rows over the outputs and the samples of each window.
+    """Sum the products of rows, shape (…, outputs, p, n), over outputs and the samples of each window.
 
-    Parameters
-    ----------
-    weighted, rows : ndarray, shape (…, outputs, p, n)
-        The same but for a weight of each sample.
-    bounds : ndarray of int, shape (w + 1,)
-        From 0 to n.
-
-    Returns
-    -------
-    ndarray, shape (w, …, p, p)
+    `weighted` is the same but for a weight of each sample. Shape (w, …, p, p).
     """
     *_, size, n = rows.shape
     total = np.empty((len(bounds) - 1, *rows.shape[:-3], size, size))
@@ -109,19 +91,10 @@ def window_products(weighted: Array, rows: Array, bounds: Bounds) -> Array:
     return total
 
 
-def of_windows(
-    columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[Key] = _KEYS
-) -> WindowMoments:
-    """Moments of every window.
+def of_windows(columns: Sequence[Array] | Array, bounds: Bounds, keys: Sequence[Key] = KEYS) -> WindowMoments:
+    """Moments of every window, of the columns x, y, load, torque, sinkage and slip.
 
-    Parameters
-    ----------
-    columns : sequence of six ndarray, shape (n,)
-        x, y, load, torque, sinkage, slip.
-    bounds : ndarray of int, shape (w + 1,)
-        From 0 to n.
-    keys : sequence of (int, int, int)
-        Which products; with `LINE` the columns may be x and y alone.
+    `keys` are the products wanted; with `LINE` the columns may be x and y alone.
     """
     count = np.diff(bounds)
     if len(count) and len(columns[0]) >= _LONG * len(count):
@@ -172,13 +145,7 @@ def _of_equal_windows(columns: Array, bounds: Bounds, keys: Sequence[Key]) -> Wi
 
 
 def join(parts: Sequence[WindowMoments]) -> WindowMoments:
-    """Put the windows of several blocks behind one another.
-
-    Parameters
-    ----------
-    parts : sequence of WindowMoments
-        At least one, all with the same products.
-    """
+    """Put the windows of several blocks, all with the same products, behind one another."""
     return WindowMoments(
         np.concatenate([part.count for part in parts]),
         np.concatenate([part.mean for part in parts], axis=1),
@@ -187,18 +154,7 @@ def join(parts: Sequence[WindowMoments]) -> WindowMoments:
 
 
 def running(columns: Array) -> WindowMoments:
-    """Moments of the first 1, 2, …, n samples of one window.
-
-    Parameters
-    ----------
-    columns : ndarray, shape (6, n)
-        As for `of_windows`.
-
-    Returns
-    -------
-    WindowMoments
-        With n entries; the last is that of the whole window.
-    """
+    """Moments of the first 1, 2, …, n samples of one window, of the same columns, shape (6, n)."""
     size = columns.shape[1]
     count = np.arange(1.0, size + 1.0)
     origin = columns.mean(axis=1, keepdims=True)
@@ -206,7 +162,7 @@ def running(columns: Array) -> WindowMoments:
     total = np.cumsum(deviation, axis=1)
     mean = total / count
     products = {}
-    for (lag, a, b), product in _products(deviation, np.array([0, size]), _KEYS):
+    for (lag, a, b), product in _products(deviation, np.array([0, size]), KEYS):
         # The sums are about the final mean; move them to the mean so far.
         early, late = np.zeros_like(total), np.zeros_like(total)
         early[:, lag:] = total[:, : size - lag]
@@ -234,3 +190,33 @@ def _products(deviation: Array, bounds: Bounds, keys: Sequence[Key]) -> Iterator
             first = bounds[:-1] + step
             product[first[first < bounds[-1]]] = 0.0
         yield (lag, a, b), product
+
+
+@dataclass(frozen=True)
+class Line:
+    """Lines through the mean points of windows."""
+
+    tan_phi: Array  # Shape (w,): NaN where x does not vary
+    cohesion: Array  # Shape (w,): c in Pa
+    residual: Array  # Shape (w,): sum of the squared residuals, Pa²; about the mean where x does not vary
+    # Shape (w,): of the design [1, x] with both columns scaled to unit length (Belsley, Kuh & Welsch 1980):
+    # √((1 + m)/(1 − m)) with m = mean(x)/rms(x), about 2/(coefficient of variation of x)
+    condition_number: Array
+
+
+def fit_line(moments: WindowMoments) -> Line:
+    spread, mean_x = moments[0, X, X], moments.mean[X]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tan_phi = np.where(moments.varies(X), moments[0, X, Y] / spread, np.nan)
+        variance = spread / moments.count
+        rms = np.sqrt(mean_x**2 + variance)
+        # (1 + m)²/(1 − m²): 1 − m itself would cancel where x hardly varies.
+        condition = np.where(
+            moments.varies(X), (1.0 + np.abs(mean_x) / rms) * rms / np.sqrt(variance), np.inf
+        )
+    return Line(
+        tan_phi,
+        moments.mean[Y] - tan_phi * mean_x,
+        np.maximum(moments[0, Y, Y] - np.nan_to_num(tan_phi) * moments[0, X, Y], 0.0),
+        condition,
+    )

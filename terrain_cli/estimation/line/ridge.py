@@ -23,11 +23,9 @@ import numpy as np
 from terrain_cli.estimation.line.moments import X, Y, segment_sum
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from terrain_cli.estimation.line.moments import WindowMoments
+    from terrain_cli.vocabulary.arrays import Array, Bounds
 
-    from terrain_cli.estimation.line.moments import Bounds, WindowMoments
-
-    Array = NDArray[np.float64]
 
 #: Values of δ tried: two per decade.
 DELTAS = np.logspace(-8.0, 0.0, 17)
@@ -44,58 +42,26 @@ _SLIGHT = 1e-3
 
 @dataclass(frozen=True)
 class Ridge:
-    """Ridge estimates of windows.
+    """Ridge estimates of windows."""
 
-    Parameters
-    ----------
-    cohesion, tan_phi : ndarray, shape (w,)
-        c in Pa.
-    delta : ndarray, shape (w,)
-        The δ of `DELTAS` with the smallest error of prediction; the least of them if equal.
-    gain : ndarray, shape (2, 2, w)
-        Derivatives of (stress at the mean x, tan φ) by those of the least-squares line.
-    """
-
-    cohesion: Array
+    cohesion: Array  # cohesion, tan_phi: shape (w,): c in Pa
     tan_phi: Array
+    # Shape (w,): the δ of `DELTAS` with the smallest error of prediction; the least of them if equal
     delta: Array
+    # Shape (2, 2, w): derivatives of (stress at the mean x, tan φ) by those of the least-squares line
     gain: Array
 
 
 def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Ridge:
-    """Fit each window by ridge regression.
-
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        In Pa.
-    bounds : ndarray of int, shape (w + 1,)
-    moments : WindowMoments
-        Of these windows.
-    folds : int or None
-        As for `losses`.
-    """
+    """Fit each window by ridge regression; `folds` as for `losses`."""
     return choose(moments, losses(x, y, bounds, moments, folds=folds))
 
 
 def losses(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Array:
-    """Sum the squared errors of prediction of what is left out of each window.
+    """Sum the squared errors of prediction of what is left out of each window, by δ, shape (17, w).
 
-    Parameters
-    ----------
-    x, y : ndarray, shape (n,)
-        In Pa.
-    bounds : ndarray of int, shape (w + 1,)
-    moments : WindowMoments
-        Of these windows.
-    folds : int or None
-        Leave one of so many contiguous blocks out, at least 2; None leaves one sample out, by
-        the exact identity residual/(1 − leverage).
-
-    Returns
-    -------
-    ndarray, shape (17, w)
-        For each of `DELTAS`, in Pa².
+    One of so many contiguous blocks, at least 2; without `folds` one sample, by the exact identity
+    residual/(1 − leverage).
     """
     design = _scaled(moments)
     if folds is None:
@@ -104,13 +70,7 @@ def losses(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds:
 
 
 def choose(moments: WindowMoments, loss: Array) -> Ridge:
-    """Fit each window with the δ of which the error of prediction is least.
-
-    Parameters
-    ----------
-    loss : ndarray, shape (17, w)
-        From `losses`.
-    """
+    """Fit each window with the δ of which the error of prediction (`losses`) is least."""
     design = _scaled(moments)
     delta = DELTAS[np.argmin(loss, axis=0)]
     cohesion, slope, (cohesion_mean, cohesion_shared, slope_mean, slope_shared) = _solve(design, delta)

@@ -10,8 +10,7 @@ import numpy as np
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line import moments as moments_of
 from terrain_cli.estimation.line import ridge
-from terrain_cli.estimation.line.least_squares import fit_line
-from terrain_cli.estimation.line.moments import X, Y, of_windows, segment_sum
+from terrain_cli.estimation.line.moments import X, Y, fit_line, of_windows, segment_sum
 from terrain_cli.estimation.line.uncertainty import uncertainty
 from terrain_cli.mechanics import linear
 from terrain_cli.vocabulary.choices import FIT_SAMPLES, LARGEST_PHI, LineMethod
@@ -21,9 +20,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from terrain_cli.estimation.line.moments import Bounds
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 
-    Array = NDArray[np.float64]
     Text = NDArray[np.str_]
 
 #: Above this condition number `auto` takes ridge and the status is ill-conditioned: x varies by
@@ -57,95 +55,60 @@ _TOGETHER = 1024
 
 @dataclass(frozen=True, kw_only=True)
 class WindowEstimates:
-    """Estimates of windows: one entry per window in every array, NaN where not known.
+    """Estimates of windows: one entry per window in every array, NaN where not known."""
 
-    Parameters
-    ----------
-    n : ndarray of int
-        Samples.
-    method : ndarray of str
-        Of `c` and `phi`: "least-squares", "ridge" or "recursive"; "wong-reece" or "linear" where the
-        whole model was fitted.
-    status : ndarray of str
-        The first that applies of `STATUSES`: "out-of-range" (c < 0 or φ outside 0 to 60°), "at-bound" (a
-        parameter of the full model is at its bound), "prior-bound" (c or φ is not told by the data),
-        "model-misses" (by more than noise), "not-separable" (the samples and the channels' bounds
-        leave φ open by more than ± 6°, or its standard error is above 15°), "ill-conditioned"
-        (the condition number is above 100).
-    separable : ndarray of bool
-        Whether c and φ can be told apart, whatever else the status says.
-    c, c_se : ndarray
-        Cohesion and its standard error, Pa. Never clipped.
-    phi, phi_se : ndarray
-        Friction angle and its standard error, rad.
-    corr : ndarray
-        Correlation of the errors of c and φ.
-    c_ls, phi_ls, c_ridge, phi_ridge : ndarray
-        By both methods, Pa and rad.
-    delta : ndarray
-        δ of the ridge estimate.
-    condition_number : ndarray
-        Of the design [1, x], both columns scaled to unit length.
-    sigma_star : ndarray
-        Stress at which the strength is not correlated with φ, or the nearest under the wheel, Pa.
-    strength, strength_se : ndarray
-        c + σ* tan φ and its standard error, Pa.
-    stress, strength_at_stress, strength_at_stress_se : ndarray
-        One stress for all windows of a wheel, and the strength there with its standard error, Pa.
-    data_c, data_c_se, data_tan_phi, data_tan_phi_se, data_corr : ndarray
-        c in Pa and tan φ, also where the table leaves them empty, with the errors that each window
-        has of its own, from noise.
-    assumed_c_se, assumed_tan_phi_se, assumed_corr : ndarray
-        The errors that all windows have in common, from what is taken for true: k and the stresses of
-        the line (`assumed.deviations`), and the priors of the full model.
-    torque_rmse : ndarray
-        Of the torque that c and φ predict, N m.
-    phi_low, phi_high : ndarray
-        Bounds of φ for any noise in the four sensors, rad.
-    phi_bias : ndarray
-        The part of `phi_se` that comes from these bounds, rad; it does not average out over
-        windows.
-    shear_modulus, shear_modulus_se : ndarray
-        k and its standard error, m; of the line the k assumed, without one.
-    stiffness, stiffness_se, sinkage_exponent, sinkage_exponent_se : ndarray
-        keq in Pa/m^n and n with their standard errors; of the full model.
-    """
-
-    n: NDArray[np.intp]
+    n: Index  # Samples
+    # Of `c` and `phi`: "least-squares", "ridge" or "recursive"; "wong-reece" or "linear" where the whole
+    # model was fitted
     method: Text
+    # The first that applies of `STATUSES`: "out-of-range" (c < 0 or φ outside 0 to 60°), "at-bound" (a
+    # parameter of the full model is at its bound), "prior-bound" (c or φ is not told by the data), "model-
+    # misses" (by more than noise), "not-separable" (the samples and the channels' bounds leave φ open by more
+    # than ± 6°, or its standard error is above 15°), "ill-conditioned" (the condition number is above 100)
     status: Text
-    separable: NDArray[np.bool_]
-    c: Array
+    separable: Mask  # Whether c and φ can be told apart, whatever else the status says
+    c: Array  # c, c_se: cohesion and its standard error, Pa. Never clipped.
     c_se: Array
-    phi: Array
+    phi: Array  # phi, phi_se: friction angle and its standard error, rad
     phi_se: Array
-    corr: Array
-    c_ls: Array
+    corr: Array  # Correlation of the errors of c and φ
+    c_ls: Array  # c_ls, phi_ls, c_ridge, phi_ridge: by both methods, Pa and rad
     phi_ls: Array
     c_ridge: Array
     phi_ridge: Array
-    delta: Array
-    condition_number: Array
+    delta: Array  # δ of the ridge estimate
+    condition_number: Array  # Of the design [1, x], both columns scaled to unit length
+    # Stress at which the strength is not correlated with φ, or the nearest under the wheel, Pa
     sigma_star: Array
-    strength: Array
+    strength: Array  # strength, strength_se: c + σ* tan φ and its standard error, Pa
     strength_se: Array
+    # stress, strength_at_stress, strength_at_stress_se: one stress for all windows of a wheel, and the
+    # strength there with its standard error, Pa
     stress: Array
     strength_at_stress: Array
     strength_at_stress_se: Array
+    # data_c, data_c_se, data_tan_phi, data_tan_phi_se, data_corr: c in Pa and tan φ, also where the table
+    # leaves them empty, with the errors that each window has of its own, from noise
     data_c: Array
     data_c_se: Array
     data_tan_phi: Array
     data_tan_phi_se: Array
     data_corr: Array
+    # assumed_c_se, assumed_tan_phi_se, assumed_corr: the errors that all windows have in common, from what is
+    # taken for true: k and the stresses of the line (`assumed.deviations`), and the priors of the full model
     assumed_c_se: Array
     assumed_tan_phi_se: Array
     assumed_corr: Array
-    torque_rmse: Array
-    phi_low: Array
+    torque_rmse: Array  # Of the torque that c and φ predict, N m
+    phi_low: Array  # phi_low, phi_high: bounds of φ for any noise in the four sensors, rad
     phi_high: Array
+    # The part of `phi_se` that comes from these bounds, rad; it does not average out over windows
     phi_bias: Array
+    # shear_modulus, shear_modulus_se: k and its standard error, m; of the line the k assumed, without one
     shear_modulus: Array
     shear_modulus_se: Array
+    # stiffness, stiffness_se, sinkage_exponent, sinkage_exponent_se: keq in Pa/m^n and n with their standard
+    # errors; of the full model
     stiffness: Array
     stiffness_se: Array
     sinkage_exponent: Array
@@ -177,8 +140,8 @@ def estimate_windows(
     Both least squares and ridge are computed; `method` says which of them `c` and `phi` are.
     A window does not depend on the others.
 
-    Standard errors hold for correlated residuals (see `correlation`) and include the bias of
-    a line fitted to stresses computed from noisy channels (see `separability`), so that they
+    Standard errors hold for correlated residuals (see `uncertainty`) and include the bias of
+    a line fitted to stresses computed from noisy channels (see `uncertainty`), so that they
     do not go to zero with the number of samples. On simulated windows with 3 % of white noise
     in all four channels, a constant load is called anything but "not-separable" in less than
     1 % of the windows, and random variation of the load by ±15 % is called "not-separable" in
@@ -252,13 +215,6 @@ def estimate_windows(
 
 
 def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
-    """Put the windows of several calls behind one another.
-
-    Parameters
-    ----------
-    parts : sequence of WindowEstimates
-        At least one.
-    """
     if len(parts) == 1:
         return parts[0]
     return WindowEstimates(
@@ -267,16 +223,9 @@ def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
 
 
 def blocks(bounds: Bounds) -> Iterator[tuple[int, int]]:
-    """Part windows into runs that fit into the processor's cache.
+    """Part windows into runs, first to last − 1, that fit into the processor's cache.
 
-    Parameters
-    ----------
-    bounds : ndarray of int, shape (w + 1,)
-
-    Yields
-    ------
-    first, last : int
-        Windows first to last − 1, of about `_BLOCK` samples; one empty run if there are no windows.
+    They are of about `_BLOCK` samples; one empty run if there are no windows.
     """
     first, windows = 0, len(bounds) - 1
     while True:

@@ -6,15 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.estimation.line.correlation import samples_per_independent
 from terrain_cli.estimation.line.moments import segment_sum
+from terrain_cli.estimation.line.uncertainty import samples_per_independent
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Mask
 
-    from terrain_cli.estimation.line.moments import Bounds
-
-    Array = NDArray[np.float64]
 
 #: Standard deviations beyond chance at which a scatter is larger, or a sample remembers the last one.
 _PLAIN, _MEMORY = 3.0, 2.0
@@ -28,25 +25,12 @@ MISSED = 20.0
 SLOW = 1.0 / 3.0
 
 
-def excess(residual: Array, seen: NDArray[np.bool_], bounds: Bounds, dof: Array) -> Array:
-    """Return the variance of whitened residuals, the largest of the channels'.
+def excess(residual: Array, seen: Mask, bounds: Bounds, dof: Array) -> Array:
+    """Return the variance of whitened residuals, the largest of the channels', 1 or more, shape (w,).
 
-    It is not known on which of them an estimate hangs. What may be chance is not counted, and a
-    variance below 1 is no reason to trust a window more than its sensors.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (outputs, n)
-        Of variance 1 in truth.
-    seen : ndarray of bool, shape (outputs, n)
-    bounds : ndarray of int, shape (w + 1,)
-    dof : ndarray, shape (w,)
-        Degrees of freedom of all outputs together.
-
-    Returns
-    -------
-    ndarray, shape (w,)
-        1 or more.
+    It is not known on which of them an estimate hangs. What may be chance is not counted, and a variance
+    below 1 is no reason to trust a window more than its sensors. Residuals are of shape (outputs, n); `dof`
+    are the degrees of freedom of all outputs together.
     """
     number = segment_sum(seen.astype(float), bounds)
     total = np.maximum(number.sum(axis=0), 1.0)
@@ -60,15 +44,7 @@ def excess(residual: Array, seen: NDArray[np.bool_], bounds: Bounds, dof: Array)
 def slow_share(residuals: Array, bounds: Bounds) -> Array:
     """Return the share of the scatter that goes on from one sample to the next, the largest of the channels'.
 
-    Parameters
-    ----------
-    residuals : ndarray, shape (outputs, n)
-        0 where there is none.
-    bounds : ndarray of int, shape (w + 1,)
-
-    Returns
-    -------
-    ndarray, shape (w,)
+    Residuals are of shape (outputs, n), 0 where there is none; shares of shape (w,).
     """
     product = residuals[:, 1:] * residuals[:, :-1]
     inside = bounds[1:-1]
@@ -80,28 +56,15 @@ def slow_share(residuals: Array, bounds: Bounds) -> Array:
 
 
 def memory(rows: Array, bounds: Bounds, *, taken: Array | float = 0.0, together: bool = False) -> Array:
-    """Return how many samples make an independent one.
+    """Return how many samples make an independent one, 1 or more, shape (r, w), or (r, 1) if `together`.
 
-    The autocorrelation is taken as that of a first-order process above white noise, from lags 1
-    and 2 (see `correlation`). What may be chance is not counted: two small correlations may feign a long
-    memory, which the means of n^⅔ samples then do not show. A fit leaves less of the sum of each
-    series, and of its autocorrelation, than there was; that is put back.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (r, n)
-        Series of mean zero, such as the parts of a score.
-    bounds : ndarray of int, shape (w + 1,)
-    taken : ndarray, shape (r, w) or (r, 1), or float
-        What a fit took of a series' sum of squares, were it white, in terms of the variance of a sample: 1
-        of the residuals about a mean.
-    together : bool
-        The windows are pieces of one series with one autocorrelation.
-
-    Returns
-    -------
-    ndarray, shape (r, w), or (r, 1) if `together`
-        1 or more.
+    The autocorrelation is taken as that of a first-order process above white noise, from lags 1 and 2 (see
+    `uncertainty`). What may be chance is not counted: two small correlations may feign a long memory, which
+    the means of n^⅔ samples then do not show. A fit leaves less of the sum of each series, and of its
+    autocorrelation, than there was; that is put back: `taken` of a series' sum of squares, were it white, in
+    terms of the variance of a sample (1 of the residuals about a mean). `rows`, shape (r, n), are series of
+    mean zero, such as the parts of a score; `together` says that the windows are pieces of one series with
+    one autocorrelation.
     """
     sums = []
     for lag in (0, 1, 2):

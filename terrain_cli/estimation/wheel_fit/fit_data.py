@@ -1,78 +1,100 @@
-"""The samples of a fit: which channels are taken as given, and which the model has to explain."""
+"""The samples of a fit: what is given, what the model has to explain, and the noise of each channel."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.errors import InputError
+from terrain_cli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    from terrain_cli.estimation.line.moments import Bounds
     from terrain_cli.mechanics.wheel_model import Given, Model
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 
-    Array = NDArray[np.float64]
 
+#: Channels whose noise counts.
+CHANNELS = ("load", "torque", "sinkage", "slip", "drawbar_pull")
 #: The balance of the load that the soil carries and the one on it: always zero in truth.
 BALANCE = "balance"
 #: Samples worked on at a time: few enough for their derivatives to fit into memory that is used again.
 _BLOCK = 16_384
 
 
-@dataclass(frozen=True, kw_only=True)
-class FitData:
-    """Samples of some windows.
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of independent errors: the root of (relative · value)² + absolute².
 
-    Parameters
-    ----------
-    channels : dict of str to ndarray, shape (n,)
-        All finite where the model reads them.
-    inputs : tuple of str
-        Channels from which the model predicts; their noise passes through it.
-    outputs : tuple of str
-        What it predicts: channels, or `BALANCE`.
-    measured, seen : ndarray, shape (outputs, n)
-        Values of the outputs, and where there are any.
-    bounds : ndarray of int, shape (w + 1,)
-    windows : ndarray of int, shape (w,)
-        Which windows of the whole they are.
-    excess : ndarray, shape (w,)
-        By how much larger the variances of all noise are taken to be than the sensors' own: 1 unless
-        the model misses a window by more than noise.
+    Raises
+    ------
+    UsageError
+        Unknown channel, or a negative deviation.
     """
 
-    channels: dict[str, Array]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    measured: Array
-    seen: NDArray[np.bool_]
-    bounds: Bounds
-    windows: NDArray[np.intp]
+    # Channel → share of the value. A channel not named here nor in `absolute` is exact.
+    relative: Mapping[str, float] = field(default_factory=dict)
+    absolute: Mapping[str, float] = field(default_factory=dict)  # Channel → in the channel's SI unit
+
+    def __post_init__(self) -> None:
+        for name, deviation in (*self.relative.items(), *self.absolute.items()):
+            if name not in CHANNELS:
+                raise UsageError(
+                    f"no noise is known of a channel {name!r}", hint=f"one of {', '.join(CHANNELS)}"
+                )
+            if not 0.0 <= deviation < np.inf:
+                raise UsageError(f"noise of {name}: {deviation!r} is no standard deviation")
+
+    @classmethod
+    def equal(cls, relative: float) -> Noise:
+        """Return the same relative noise in every channel."""
+        return cls(dict.fromkeys(CHANNELS, relative))
+
+    def variance(self, channel: str, value: Array) -> Array:
+        """Variance of a channel's error at its true values, in the SI unit squared."""
+        share, constant = self.relative.get(channel, 0.0), self.absolute.get(channel, 0.0)
+        return (share * value) ** 2 + constant**2
+
+    def scaled(self, factor: float) -> Noise:
+        """Return the same noise, larger or smaller in all channels."""
+        return Noise(
+            {name: factor * deviation for name, deviation in self.relative.items()},
+            {name: factor * deviation for name, deviation in self.absolute.items()},
+        )
+
+
+def level(column: Array) -> float:
+    """Return the root mean square of the known values of a channel; 1 where there are none."""
+    known = column[np.isfinite(column)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitData:
+    """Samples of some windows."""
+
+    channels: dict[str, Array]  # Shape (n,): all finite where the model reads them
+    inputs: tuple[str, ...]  # Channels from which the model predicts; their noise passes through it
+    outputs: tuple[str, ...]  # What it predicts: channels, or `BALANCE`
+    measured: Array  # measured, seen: shape (outputs, n): values of the outputs, and where there are any
+    seen: Mask
+    bounds: Bounds  # Shape (w + 1,)
+    windows: Index  # Shape (w,): which windows of the whole they are
+    # Shape (w,): by how much larger the variances of all noise are taken to be than the sensors' own: 1
+    # unless the model misses a window by more than noise
     excess: Array
 
     @property
-    def count(self) -> NDArray[np.intp]:
+    def count(self) -> Index:
         """Samples of each window."""
         return np.diff(self.bounds)
 
-    def take(self, rows: NDArray[np.intp], count: NDArray[np.intp], windows: NDArray[np.intp]) -> FitData:
-        """Return some of the samples.
-
-        Parameters
-        ----------
-        rows : ndarray of int
-            Ordered by window.
-        count : ndarray of int, shape (w,)
-            Samples of each window that stays.
-        windows : ndarray of int, shape (w,)
-            These windows, counted within this data.
-        """
+    def take(self, rows: Index, count: Index, windows: Index) -> FitData:
+        """Return some of the samples, ordered by window: so many of each of these windows."""
         return FitData(
             channels={name: column[rows] for name, column in self.channels.items()},
             inputs=self.inputs,
@@ -84,41 +106,18 @@ class FitData:
             excess=self.excess[windows],
         )
 
-    def rows_of(self, windows: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return the samples of some windows.
-
-        Parameters
-        ----------
-        windows : ndarray of int
-            Counted within this data.
-        """
+    def rows_of(self, windows: Index) -> Index:
+        """Return the samples of some windows, counted within this data."""
         count = self.count[windows]
         ends = np.cumsum(count)
         return np.arange(ends[-1] if len(ends) else 0) + np.repeat(self.bounds[windows] - ends + count, count)
 
-    def only(self, windows: NDArray[np.intp]) -> FitData:
-        """Return the samples of some windows.
-
-        Parameters
-        ----------
-        windows : ndarray of int
-            Counted within this data.
-        """
+    def only(self, windows: Index) -> FitData:
+        """Return the data of some windows, counted within this data."""
         return self.take(self.rows_of(windows), self.count[windows], windows)
 
-    def thin(self, most: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Choose evenly spread samples of every window.
-
-        Parameters
-        ----------
-        most : int
-            Of each window.
-
-        Returns
-        -------
-        count : ndarray of int, shape (w,)
-            Chosen of each window.
-        """
+    def thin(self, most: int) -> tuple[Index, Index]:
+        """Choose evenly spread samples of every window, so many at most; return rows and numbers."""
         count = np.minimum(self.count, most)
         ends = np.cumsum(count)
         place = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - count, count)
@@ -130,19 +129,8 @@ class FitData:
         rows, count = self.thin(most)
         return self.take(rows, count, np.arange(len(count)))
 
-    def blocks(self, size: int = _BLOCK) -> Iterator[NDArray[np.intp]]:
-        """Yield runs of whole windows.
-
-        Parameters
-        ----------
-        size : int
-            Samples at the most, save in a window that has more.
-
-        Yields
-        ------
-        ndarray of int
-            Windows, counted within this data.
-        """
+    def blocks(self, size: int = _BLOCK) -> Iterator[Index]:
+        """Yield runs of whole windows, of so many samples at most, save in a window with more."""
         first, last, windows = 0, 0, len(self.windows)
         while last < windows:
             last = int(np.searchsorted(self.bounds, self.bounds[first] + size, side="right")) - 1
@@ -153,27 +141,11 @@ class FitData:
 
 def collect(
     model: Model, channels: Mapping[str, ArrayLike], bounds: ArrayLike, given: Given
-) -> tuple[FitData, NDArray[np.intp]]:
-    """Sort channels into what is given and what is predicted, and leave out samples that tell nothing.
+) -> tuple[FitData, Index]:
+    """Sort channels into what is given and what is predicted; return the rows that tell something too.
 
-    Parameters
-    ----------
-    channels : mapping of str to array_like, shape (n,)
-        SI units; NaN where not measured.
-    bounds : array_like of int, shape (w + 1,)
-    given : {"sinkage", "load"}
-
-    Returns
-    -------
-    rows : ndarray of int
-        The samples kept.
-
-    Raises
-    ------
-    InputError
-        A channel is missing.
-    ValueError
-        Arrays of different length, or bounds that do not go from 0 to n.
+    NaN is not measured. InputError: a channel is missing. ValueError: arrays of different length, or bounds
+    that do not go from 0 to n.
     """
     columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}
     bounds = np.asarray(bounds, dtype=np.intp)
@@ -223,7 +195,6 @@ def collect(
 def _parts(
     model: Model, columns: Mapping[str, Array], given: Given
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return inputs and outputs."""
     must: tuple[str, ...]
     explained: tuple[str, ...]
     if model.base == "linear":

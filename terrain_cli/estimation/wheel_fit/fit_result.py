@@ -1,9 +1,9 @@
-"""The result of a fit of the wheel–soil model, and the status of each window."""
+"""The result of a fit of the wheel–soil model, the status of each window, and its row of the table."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -18,12 +18,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.estimation.joint_grid import JointGrid
-    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
+    from terrain_cli.estimation.line.window_estimates import WindowEstimates
+    from terrain_cli.estimation.wheel_fit.fit_data import Noise
     from terrain_cli.estimation.wheel_fit.posterior import Posterior
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
     from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
 
 #: A parameter that would be open by more than this many of its prior's standard deviations, had
 #: all priors been ten times as wide, is known from the priors rather than from the data.
@@ -34,100 +35,81 @@ _AT_BOUND = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit:
-    """Parameters of windows, with what must be known to trust them; SI units, tan φ as a number.
+class Parameters:
+    """What a fit says of the parameters of windows."""
 
-    Values ± 1.96 standard errors are 95 % intervals.
-
-    Parameters
-    ----------
-    n : ndarray of int, shape (w,)
-        Samples used.
-    values, errors : dict of str to ndarray, shape (w,)
-        Every parameter of the soil and its standard error: 0 where it is fixed, the same in all
-        windows where it is shared, NaN in windows without samples. Of k and keq the median.
-    shared, shared_errors : dict of str to float
-        Parameters with one value for all windows: those of the effects that are sought, and those
-        of the soil that were asked for.
-    names : tuple of str
-        Parameters sought: each window's own, then the shared ones.
-    covariance : ndarray, shape (w, p, p)
-        Of these, in their own units; shared ones and their influence on the others included.
-    by_priors : ndarray, shape (w, p, p)
-        The part of `covariance` that comes from priors which are off: the same in all windows of one soil.
-    shared_covariance : ndarray, shape (q, q)
-    sigma_star, strength, strength_se : ndarray, shape (w,)
-        Stress at which the strength c + σ* tan φ is not correlated with tan φ, or 0 where that is
-        negative, that strength and its standard error, Pa. NaN where c or φ is fixed.
-    undetermined : dict of str to ndarray of bool, shape (w,)
-        For each parameter sought, whether the data leave it open: had all priors been ten times as
-        wide, its standard error would exceed that of its prior as it is; or it ran to its bound.
-        A shared one is so in all windows or in none.
-    priors : dict of str to (float, float)
-        Mean and standard deviation of each parameter of a window's own, of k and keq those of the
-        logarithm.
-    told : dict of str to ndarray of bool, shape (w,)
-        For each parameter of a window's own, whether the data say anything of it: its standard error
-        is well below that of its prior.
-    bounded : dict of str to ndarray of bool, shape (w,)
-        For each parameter of a window's own, whether the data would take it beyond what soils have: φ
-        beyond 0 to 60°. Value and error are then those of the soils
-        that remain (a normal distribution cut off at the bound).
-    phi_open : ndarray, shape (w,)
-        Standard error of φ had there been no prior on it, rad, from what noise cannot have feigned.
-    noise_from : {"given", "residuals"}
-        Where the noise comes from: what the caller said, or the residuals (`noise_likelihood`).
-    chi2, dof : ndarray, shape (w,)
-        Sum of squares of the residuals in terms of the noise, and their degrees of freedom.
-    inflation : ndarray, shape (w,)
-        By how much the errors' variances were raised, as residuals are larger than the noise or
-        correlated in time. What may be chance is not counted.
-    excess : ndarray, shape (w,)
-        By how much larger the variances of the noise were taken to be than the sensors' own, as the
-        model misses a window by so much that otherwise its errors were larger than those of the
-        priors; 1 elsewhere.
-    residuals, prediction : dict of str to ndarray, shape (n,)
-        Of "load" (the load on the wheel less the one carried), "torque", "drawbar_pull" and
-        "sinkage", where measured: measured less predicted, and predicted, from the measured
-        channels. NaN in samples not used.
-    rmse : dict of str to ndarray, shape (w,)
-    slow : ndarray, shape (w,)
-        Share of the residuals' scatter that goes on from one sample to the next (`excess_scatter`).
-    converged : ndarray of bool, shape (w,)
-    grids : dict of int to JointGrid
-        Joint posterior of c and φ, of the windows of which it was asked for.
-    """
-
-    model: Model
-    n: NDArray[np.intp]
+    # values, errors: shape (w,): every parameter of the soil and its standard error: 0 where it is fixed, the
+    # same in all windows where it is shared, NaN in windows without samples. Of k and keq the median.
     values: dict[str, Array]
     errors: dict[str, Array]
+    # shared, shared_errors: parameters with one value for all windows: those of the effects that are sought,
+    # and those of the soil that were asked for
     shared: dict[str, float]
     shared_errors: dict[str, float]
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Parameters sought: each window's own, then the shared ones
+    # Shape (w, p, p): of these, in their own units; shared ones and their influence on the others included
     covariance: Array
+    # Shape (w, p, p): the part of `covariance` that comes from priors which are off: the same in all windows
+    # of one soil
     by_priors: Array
-    shared_covariance: Array
+    shared_covariance: Array  # Shape (q, q)
+    # sigma_star, strength, strength_se: shape (w,): stress at which the strength c + σ* tan φ is not
+    # correlated with tan φ, or 0 where that is negative, that strength and its standard error, Pa. NaN where
+    # c or φ is fixed.
     sigma_star: Array
     strength: Array
     strength_se: Array
-    undetermined: dict[str, NDArray[np.bool_]]
+    # Shape (w,): for each parameter sought, whether the data leave it open: had all priors been ten times as
+    # wide, its standard error would exceed that of its prior as it is; or it ran to its bound. A shared one
+    # is so in all windows or in none.
+    undetermined: dict[str, Mask]
+    # Mean and standard deviation of each parameter of a window's own, of k and keq those of the logarithm
     priors: dict[str, tuple[float, float]]
-    told: dict[str, NDArray[np.bool_]]
-    bounded: dict[str, NDArray[np.bool_]]
+    # Shape (w,): for each parameter of a window's own, whether the data say anything of it: its standard
+    # error is well below that of its prior
+    told: dict[str, Mask]
+    # Shape (w,): for each parameter of a window's own, whether the data would take it beyond what soils have:
+    # φ beyond 0 to 60°. Value and error are then those of the soils that remain (a normal distribution cut
+    # off at the bound).
+    bounded: dict[str, Mask]
+    # Shape (w,): standard error of φ had there been no prior on it, rad, from what noise cannot have feigned
     phi_open: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit(Parameters):
+    """Parameters of windows, with what must be known to trust them; SI units, tan φ as a number.
+
+    Values ± 1.96 standard errors are 95 % intervals.
+    """
+
+    model: Model
+    n: Index  # Shape (w,): samples used
     noise: Noise
+    # Where the noise comes from: what the caller said, or the residuals (`learnt_noise`)
     noise_from: Literal["given", "residuals"]
+    # chi2, dof: shape (w,): sum of squares of the residuals in terms of the noise, and their degrees of
+    # freedom
     chi2: Array
     dof: Array
+    # Shape (w,): by how much the errors' variances were raised, as residuals are larger than the noise or
+    # correlated in time. What may be chance is not counted.
     inflation: Array
+    # Shape (w,): by how much larger the variances of the noise were taken to be than the sensors' own, as the
+    # model misses a window by so much that otherwise its errors were larger than those of the priors; 1
+    # elsewhere
     excess: Array
+    # residuals, prediction: shape (n,): of "load" (the load on the wheel less the one carried), "torque",
+    # "drawbar_pull" and "sinkage", where measured: measured less predicted, and predicted, from the measured
+    # channels. NaN in samples not used.
     residuals: dict[str, Array]
     prediction: dict[str, Array]
-    rmse: dict[str, Array]
+    rmse: dict[str, Array]  # Shape (w,)
+    # Shape (w,): share of the residuals' scatter that goes on from one sample to the next (`excess_scatter`)
     slow: Array
-    converged: NDArray[np.bool_]
+    converged: Mask  # Shape (w,)
     min_samples: int
+    # Joint posterior of c and φ, of the windows of which it was asked for
     grids: dict[int, JointGrid] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -140,22 +122,10 @@ class Fit:
 
     @property
     def phi_se(self) -> Array:
-        """Standard error of the friction angle, rad."""
         return np.asarray(self.errors["tan_phi"] / (1.0 + self.values["tan_phi"] ** 2))
 
     def correlation(self, a: str, b: str) -> Array:
-        """Correlation of the errors of two parameters.
-
-        Parameters
-        ----------
-        a, b : str
-            Of `names`, or fixed.
-
-        Returns
-        -------
-        ndarray, shape (w,)
-            NaN where one of them is fixed.
-        """
+        """Correlation of the errors of two parameters, NaN where one of them is fixed."""
         cov, var_a, var_b = (between(self.names, self.covariance, x, y) for x, y in ((a, b), (a, a), (b, b)))
         bottom = np.sqrt(var_a * var_b)
         ratio = np.divide(cov, bottom, out=np.full_like(cov, np.nan), where=bottom > 0.0)
@@ -169,19 +139,19 @@ class Fit:
             return np.asarray(np.sqrt((1.0 + r) / (1.0 - r)))
 
     @property
-    def separable(self) -> NDArray[np.bool_]:
+    def separable(self) -> Mask:
         """Whether the data, without a prior on φ, tell c from φ: φ is then open by no more than ± 6°."""
         widest = np.fmax(self.phi_open, self.phi_se)
         return np.asarray((widest <= LARGEST_PHI_OPEN) & self.converged & self._told)
 
     @property
-    def missed(self) -> NDArray[np.bool_]:
+    def missed(self) -> Mask:
         """Whether what the model leaves lasts for many samples of noise, and is not small beside it."""
         large = (self.slow > SLOW) | (self.chi2 * (1.0 - SLOW) > self.dof)
         return np.asarray((self.excess > 1.0) | ((self.inflation > MISSED) & large))
 
     @property
-    def _told(self) -> NDArray[np.bool_]:
+    def _told(self) -> Mask:
         told = [self.told[name] for name in ("cohesion", "tan_phi") if name in self.told]
         return np.asarray(np.all([np.ones(len(self), dtype=bool), *told], axis=0))
 
@@ -205,46 +175,13 @@ class Fit:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Parameters:
-    """The part of `Fit` that is about parameters: fields of the same names."""
-
-    values: dict[str, Array]
-    errors: dict[str, Array]
-    shared: dict[str, float]
-    shared_errors: dict[str, float]
-    names: tuple[str, ...]
-    covariance: Array
-    by_priors: Array
-    shared_covariance: Array
-    sigma_star: Array
-    strength: Array
-    strength_se: Array
-    undetermined: dict[str, NDArray[np.bool_]]
-    priors: dict[str, tuple[float, float]]
-    told: dict[str, NDArray[np.bool_]]
-    bounded: dict[str, NDArray[np.bool_]]
-    phi_open: Array
-
-
 def parameters(
-    soil: Sequence[str], sought: Unknowns, found: Posterior, known: NDArray[np.bool_], spread: float
+    soil: Sequence[str], sought: Unknowns, found: Posterior, known: Mask, spread: float
 ) -> Parameters:
-    """Turn unknowns into parameters in their own units.
+    """Turn unknowns into parameters in their own units, as `Fit` has them.
 
-    Parameters
-    ----------
-    soil : sequence of str
-        Names of the soil's parameters.
-    known : ndarray of bool, shape (w,)
-        Windows with samples.
-    spread : float
-        Factor on all standard errors, for noise that is itself estimated.
-
-    Returns
-    -------
-    Parameters :
-        What `Fit` says of them.
+    `known` are the windows with samples; `spread` is a factor on all standard errors, for noise that is
+    itself estimated.
     """
     windows = len(found.t)
     unknowns, q = (*sought.local, *sought.shared), len(sought.shared)
@@ -326,13 +263,50 @@ def _open(names: tuple[str, ...], sure: Array, tan_phi: Array, unknowns: Sequenc
 
 
 def between(names: tuple[str, ...], covariance: Array, a: str, b: str) -> Array:
-    """Return the covariance of two parameters in each window; 0 where one of them is not sought.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Of the rows of `covariance`, shape (w, p, p).
-    """
+    """Return the covariance of two of the names in each window; 0 where one of them is not sought."""
     if a not in names or b not in names:
         return np.zeros(len(covariance))
     return covariance[:, names.index(a), names.index(b)]
+
+
+def _parted(fit: Fit) -> dict[str, Any]:
+    """Return c and tan φ with the errors from noise, and those from priors."""
+    found: dict[str, Any] = {"data_c": fit.values["cohesion"], "data_tan_phi": fit.values["tan_phi"]}
+    for part, covariance in (("data", fit.covariance - fit.by_priors), ("assumed", fit.by_priors)):
+        var_c, cov, var_t = (
+            between(fit.names, covariance, a, b)
+            for a, b in (("cohesion", "cohesion"), ("cohesion", "tan_phi"), ("tan_phi", "tan_phi"))
+        )
+        c, t = (np.sqrt(np.maximum(variance, 0.0)) for variance in (var_c, var_t))
+        both = c * t
+        corr = np.clip(np.divide(cov, both, out=np.zeros_like(both), where=both > 0.0), -1.0, 1.0)
+        found |= {f"{part}_c_se": c, f"{part}_tan_phi_se": t, f"{part}_corr": corr}
+    return found
+
+
+def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
+    """Put a fit in the place of the linear estimates of the same windows.
+
+    Those keep their columns of least squares and ridge, and the bounds of φ.
+    """
+    if len(fit) != len(linear):
+        raise ValueError(f"a fit of {len(fit)} windows and estimates of {len(linear)}")
+    nothing = np.full(len(fit), np.nan)
+    return replace(
+        linear,
+        method=np.full(len(fit), fit.model.base),
+        status=fit.status,
+        separable=fit.separable,
+        **_parted(fit),
+        c=fit.values["cohesion"],
+        c_se=fit.errors["cohesion"],
+        phi=fit.phi,
+        phi_se=fit.phi_se,
+        corr=fit.correlation("cohesion", "tan_phi"),
+        sigma_star=fit.sigma_star,
+        strength=fit.strength,
+        strength_se=fit.strength_se,
+        torque_rmse=fit.rmse.get("torque", nothing),
+        # Errors of the channels are in `phi_se`, and average out over windows.
+        phi_bias=np.zeros(len(fit)),
+    )

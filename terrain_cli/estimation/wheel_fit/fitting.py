@@ -1,50 +1,100 @@
-"""The steps of a fit: noise, search, errors."""
+"""The steps of a fit: noise, search, wild samples, errors.
+
+Wild samples are too far from the fit for noise: spikes, dropped digits, the edge of another soil. A few
+lead a fit by least squares astray however many samples there are. They are found by a
+robust fit (Huber's weights), and left out of the final one (Rousseeuw & Leroy 1987, sections 1.2 and
+4.4). Samples of noise alone stay, so that nothing is lost on clean data.
+"""
 
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from terrain_cli.errors import UsageError
-from terrain_cli.estimation.line.correlation import student
 from terrain_cli.estimation.line.moments import segment_sum
-from terrain_cli.estimation.wheel_fit import starts, valley
-from terrain_cli.estimation.wheel_fit.channel_noise import Noise
+from terrain_cli.estimation.line.uncertainty import student
+from terrain_cli.estimation.wheel_fit import damped_search, valley
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
-from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, collect
+from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
 from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, limits, solve
+from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
 from terrain_cli.estimation.wheel_fit.linearised import Problem
-from terrain_cli.estimation.wheel_fit.noise_differences import ScaledDifferences
-from terrain_cli.estimation.wheel_fit.noise_likelihood import LikelyNoise
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
-from terrain_cli.estimation.wheel_fit.strayed_windows import mend
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
-from terrain_cli.estimation.wheel_fit.wild_samples import wild_samples
-from terrain_cli.estimation.wheel_fit.window_search import enough_nodes, search, settled_search
+from terrain_cli.estimation.wheel_fit.window_search import enough_nodes, mend, search, settled_search
 from terrain_cli.mechanics.dual import value
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.mechanics.prior import Prior
+    from terrain_cli.estimation.wheel_fit.gauss_newton import State
+    from terrain_cli.estimation.wheel_fit.linearised import Equations
+    from terrain_cli.mechanics.effect import Prior
     from terrain_cli.mechanics.wheel_model import Given, Model, WheelGeometry
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
 
+#: Samples of pure noise that are left out of a whole log, on average. Judged.
+_BY_CHANCE = 0.01
+#: Share of a window's samples above which it is the model that misses, and not they. Judged.
+_MOST = 0.1
+#: Passes in which the true values of the inputs come to rest.
+_PASSES = 3
 #: Samples of a window that tell what leads its fit astray, and what other noise does to it.
 _ENOUGH = 200
 #: Samples of a window that tell noise from soil.
 _EACH = 30
 #: Samples fitted at a time, where windows share nothing.
 _GROUP = 100_000
+
+
+def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> Mask:
+    """Tell which of all samples are too far from a robust fit, of these or of some of them.
+
+    `problem` has the noise of the sensors.
+    """
+    limits = _squares(data.measured.shape[0], _BY_CHANCE / max(data.measured.shape[1], 1))
+    far = np.flatnonzero(_squared(problem, data, found, order, 1) > limits[data.seen.sum(axis=0)])
+    wild = np.zeros(data.measured.shape[1], dtype=bool)
+    if len(far):
+        # True values of the inputs that come to rest take a residual down, not up.
+        part = data.take(far, np.diff(np.searchsorted(far, data.bounds)), np.arange(len(data.windows)))
+        squared = _squared(problem, part, found, order, _PASSES)
+        wild[far] = squared > limits[part.seen.sum(axis=0)]
+    share = segment_sum(wild.astype(float), data.bounds) / np.maximum(data.count, 1)
+    return np.asarray(wild & np.repeat(share <= _MOST, data.count))
+
+
+def _squared(problem: Problem, data: FitData, found: State, order: int | None, passes: int) -> Array:
+    """Return the sum of squares of each sample's residuals after some passes, shape (n,)."""
+    squared = np.zeros(data.measured.shape[1])
+
+    def keep(block: Index, _: FitData, equations: Equations) -> None:
+        rows = slice(data.bounds[block[0]], data.bounds[block[-1] + 1])
+        squared[rows] = np.einsum("an,an->n", equations.residual, equations.residual)
+
+    latent = np.array([data.channels[name] for name in data.inputs])
+    for _ in range(passes):
+        accumulate(problem, data, found.t, found.common, latent, order=order, each=keep)
+    return squared
+
+
+def _squares(most: int, probability: float) -> Array:
+    """Return what χ² of 0 to so many degrees of freedom exceeds that rarely (Wilson & Hilferty 1931)."""
+    free = np.arange(1, most + 1)
+    part = 2.0 / (9.0 * free)
+    normal = NormalDist().inv_cdf(1.0 - probability)
+    return np.concatenate([[np.inf], free * (1.0 - part + normal * np.sqrt(part)) ** 3])
 
 
 def fit(
@@ -84,9 +134,9 @@ def fit(
     local : collection of str
         But for these, which differ from window to window.
     noise : Noise, optional
-        Learnt from the data if not given (`noise_likelihood`).
+        Learnt from the data if not given (`learnt_noise`).
     by_differences : bool
-        Learn only its white part (`noise_differences`).
+        Learn only its white part (`learnt_noise`).
     robust : bool
         Give samples far from the fit less weight (Huber 1964), at the cost of 5 % of efficiency.
     given : {"sinkage", "load"}
@@ -189,7 +239,7 @@ def _all(
     *,
     correlated: bool,
     tempered: bool,
-) -> tuple[Posterior, NDArray[np.bool_]]:
+) -> tuple[Posterior, Mask]:
     """Fit all windows: together where they share something, else in groups that bound the memory."""
     groups = [np.arange(len(data.windows))] if problem.unknowns.shared else list(data.blocks(_GROUP))
     parts, converged = [], []
@@ -209,9 +259,7 @@ def _all(
     return Posterior(**together), np.concatenate(converged)
 
 
-def _without_wild(
-    problem: Problem, data: FitData, rows: NDArray[np.intp]
-) -> tuple[FitData, NDArray[np.intp]]:
+def _without_wild(problem: Problem, data: FitData, rows: Index) -> tuple[FitData, Index]:
     """Return the samples that are not too far from a robust fit for noise."""
     order = enough_nodes(problem.noise, data)
     some = data.thinned(_ENOUGH)
@@ -257,17 +305,7 @@ def _learn(
     data: FitData,
     learner: LikelyNoise | ScaledDifferences,
 ) -> tuple[Problem, float, bool]:
-    """Learn the noise of the sensors.
-
-    Returns
-    -------
-    Problem
-        With that noise.
-    float
-        Degrees of freedom that told it.
-    bool
-        Whether the search found its end in every window.
-    """
+    """Learn the noise of the sensors; return it with its degrees of freedom, and whether all settled."""
     problem = replace(problem, noise=learner.noise)
     filled = np.flatnonzero(data.count > 0)
     if len(filled) == 0:
@@ -276,8 +314,8 @@ def _learn(
     sample = data.only(filled[np.unique(np.linspace(0, len(filled) - 1, most // _EACH).astype(int))])
     sample = sample.thinned(most // len(sample.windows))
     local = len(problem.unknowns.local)
-    state, dof = initial(sample, *starts.centre(problem, sample)), 1.0
-    if next(starts.of_shapes(problem, state.common), None) is not None:
+    state, dof = initial(sample, *damped_search.centre(problem, sample)), 1.0
+    if next(damped_search.of_shapes(problem, state.common), None) is not None:
         state = search(problem, sample, enough_nodes(problem.noise, sample))
     for _ in range(learner.rounds):
         order = enough_nodes(problem.noise, sample)
@@ -300,7 +338,7 @@ def _learn(
 
 
 def _residuals(
-    problem: Problem, data: FitData, t: Array, common: Array, rows: NDArray[np.intp], n: int
+    problem: Problem, data: FitData, t: Array, common: Array, rows: Index, n: int
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array], Array]:
     """Return residuals, predictions, root mean squares and slow shares at the measured channels."""
     prediction = problem.predict(data, t, common, by=False, order=enough_nodes(problem.noise, data))

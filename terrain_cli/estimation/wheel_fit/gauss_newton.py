@@ -1,11 +1,17 @@
-"""The most probable unknowns: Gauss–Newton steps of all windows at once.
+"""The most probable unknowns: Gauss–Newton steps of all windows at once; and what lies beyond bounds.
 
 Unknowns of a window meet those of another only through the shared ones, so that no matrix ever spans
 two windows (`normal_equations`).
+
+About a bound the posterior is taken as normal, with its peak as far outside as the next step of
+the search would lead, and cut off: the mean and the deviation of what remains stand for the
+unknown, and the others move along as they are correlated with it (Johnson, Kotz & Balakrishnan
+1994, section 13.10.1).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,15 +23,12 @@ from terrain_cli.estimation.wheel_fit.normal_equations import arrow, posterior_c
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
     from terrain_cli.estimation.wheel_fit.normal_equations import Eliminated
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 ITERATIONS = 40
 #: A step this small, in posterior standard deviations, is the last one.
@@ -34,77 +37,56 @@ TOLERANCE = 0.1
 _PATIENCE, _SHORTEST = 5, 0.1
 #: What holds an unknown at its bound.
 _STIFF = 1e12
+#: At its bound is what is no further from it, in prior standard deviations.
+_NEAR = 1e-9
+#: Deviations by which a peak is taken to be outside at the most: the model is not normal that far.
+_FARTHEST = 5.0
 
 
-@dataclass
+@dataclass(kw_only=True)
 class State:
-    """Where the search stands.
+    """Where the search stands."""
 
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-        Unknowns of each window, and shared ones.
-    latent : ndarray, shape (inputs, n)
-        True values of the inputs.
-    converged : ndarray of bool, shape (w,)
-    merit : ndarray, shape (w,)
-        Sum of squares of residuals and of local unknowns.
-    """
-
-    t: Array
+    t: Array  # t, common: shape (w, p) and (q,): unknowns of each window, and shared ones
     common: Array
-    latent: Array
-    converged: Mask
-    merit: Array
+    latent: Array  # Shape (inputs, n): true values of the inputs
+    converged: Mask  # Shape (w,)
+    merit: Array  # Shape (w,): sum of squares of residuals and of local unknowns
+    lost: Mask  # Shape (w,): where quick steps got lost, so that they are not tried again
 
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations of windows, without the priors.
+    """Normal equations of windows, without the priors."""
 
-    Parameters
-    ----------
-    information : ndarray, shape (w, p + q, p + q)
-    score : ndarray, shape (w, p + q)
-    misfit : ndarray, shape (w,)
-    """
-
-    information: Array
-    score: Array
-    misfit: Array
+    information: Array  # Shape (w, p + q, p + q)
+    score: Array  # Shape (w, p + q)
+    misfit: Array  # Shape (w,)
 
 
 def initial(data: FitData, t: Array, common: Array) -> State:
-    """Begin a search with the measured values for the true ones.
-
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-    """
-    windows = len(t)
+    """Begin at t, shape (w, p), and common, shape (q,), with the measured values for the true ones."""
+    converged, lost = np.zeros((2, len(t)), dtype=bool)
     latent = np.array([data.channels[name] for name in data.inputs])
-    return State(t.copy(), common.copy(), latent, np.zeros(windows, dtype=bool), np.full(windows, np.inf))
+    return State(
+        t=t.copy(),
+        common=common.copy(),
+        latent=latent,
+        converged=converged,
+        merit=np.full(len(t), np.inf),
+        lost=lost,
+    )
 
 
 def solve(
     problem: Problem, data: FitData, start: State, *, order: int | None, iterations: int = ITERATIONS
 ) -> State:
-    """Find the most probable unknowns.
-
-    Parameters
-    ----------
-    start : State
-        Changed in place.
-    order : int or None
-        Nodes on each arc.
-    iterations : int
-        At the most.
-    """
+    """Find the most probable unknowns; `start` is changed in place, `order` is nodes on each arc."""
     sought, state = problem.unknowns, start
     windows, shared = len(data.windows), len(sought.shared) > 0
     # Where a search with fewer nodes has ended one short step is enough to tell.
     settled = state.converged.copy()
-    state.converged[:] = data.count == 0
+    state.converged[:] = (data.count == 0) | state.lost
     state.merit[:] = np.inf
     share, before, last = np.ones(windows), np.full(windows, np.inf), np.zeros_like(state.t)
     active, part = np.flatnonzero(~state.converged), data
@@ -149,17 +131,11 @@ def accumulate(
     latent: Array,
     *,
     order: int | None,
-    each: Callable[[NDArray[np.intp], FitData, Equations], None] | None = None,
+    each: Callable[[Index, FitData, Equations], None] | None = None,
 ) -> Normal:
-    """Linearise all windows, block by block, and move the true values of the inputs along.
+    """Linearise all windows, block by block, and move the true values of the inputs along, in place.
 
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-    latent : ndarray, shape (inputs, n)
-        Changed in place.
-    each : callable, optional
-        Called with the windows of each block, their data and equations.
+    `each` is called with the windows of each block, their data and equations.
     """
     size = t.shape[1] + len(common)
     windows = len(t)
@@ -178,10 +154,7 @@ def accumulate(
 def eliminate(normal: Normal, local: int, *, prior: float = 1.0) -> tuple[Array, Array, Array]:
     """Eliminate the first unknowns of each window; return A⁻¹, G and S of `normal_equations`.
 
-    Parameters
-    ----------
-    prior : float
-        Information of each prior; less than 1 for what would be known with wider ones.
+    The information of each prior is less than 1 for what would be known with wider ones.
     """
     found, shared = _arrow(normal, local, prior)
     return found.own, found.gain, shared - found.taken()
@@ -193,16 +166,7 @@ def _arrow(normal: Normal, local: int, prior: float = 1.0) -> tuple[Eliminated, 
 
 
 def square_root(matrix: Array) -> Array:
-    """Return factors L with L Lᵀ the covariance matrices, triangular where rounding leaves them definite.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (…, p, p)
-
-    Returns
-    -------
-    ndarray, shape (…, p, p)
-    """
+    """Return factors L with L Lᵀ the covariance matrices, triangular where rounding leaves them definite."""
     try:
         return np.asarray(np.linalg.cholesky(matrix), dtype=float)
     except np.linalg.LinAlgError:
@@ -213,19 +177,9 @@ def square_root(matrix: Array) -> Array:
 
 
 def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[Array, Array, Array]:
-    """Return a step towards the most probable unknowns, within their bounds.
+    """Return a step towards the most probable unknowns within their bounds, own and shared, and its length.
 
-    Parameters
-    ----------
-    normal : Normal
-        At the unknowns that follow.
-    t, common : ndarray, shape (w, p) and (q,)
-
-    Returns
-    -------
-    step, shift : ndarray, shape (w, p) and (q,)
-    length : ndarray, shape (w,)
-        Squared, in posterior standard deviations.
+    The length is squared, in posterior standard deviations; `normal` is at these unknowns.
     """
     local = t.shape[1]
     step, shift = _unbounded(normal, t, common)
@@ -269,11 +223,52 @@ def _unbounded(normal: Normal, t: Array, common: Array) -> tuple[Array, Array]:
 
 
 def limits(sought: tuple[Unknown, ...]) -> tuple[Array, Array, Array]:
-    """Return lower and upper bounds and largest steps.
-
-    Returns
-    -------
-    lower, upper, step : ndarray, shape (p,)
-    """
+    """Return lower and upper bounds and largest steps, each of shape (p,)."""
     table = np.array([[u.lower, u.upper, u.step] for u in sought]).reshape(-1, 3)
     return table[:, 0], table[:, 1], table[:, 2]
+
+
+def overshoot(normal: Normal, local: tuple[Unknown, ...], t: Array) -> Array:
+    """Return how far beyond their bounds the next step would take the windows' own unknowns, shape (w, p).
+
+    0 or more where an unknown is at its bound, else −1.
+    """
+    low, high, _ = limits(local)
+    at_low, at_high = t <= low + _NEAR, t >= high - _NEAR
+    if not (at_low | at_high).any():
+        return np.full(t.shape, -1.0)
+    own, _, _ = eliminate(normal, t.shape[1])
+    step = np.einsum("wab,wb->wa", own, normal.score[:, : t.shape[1]] - t)
+    outward = np.where(at_low, -step, step)
+    return np.where(at_low | at_high, np.maximum(outward, 0.0), -1.0)
+
+
+def truncate(t: Array, own: Array, beyond: Array, local: tuple[Unknown, ...]) -> tuple[Array, Array]:
+    """Cut the distribution of the windows' unknowns (covariance `own`) off at bounds they are at."""
+    low, high, _ = limits(local)
+    t, own = t.copy(), own.copy()
+    for w in np.flatnonzero((beyond >= 0.0).any(axis=1)):
+        for j in np.argsort(-beyond[w]):
+            # An unknown that moved along with another may be beyond its bound now.
+            outside = max(low[j] - t[w, j], t[w, j] - high[j], beyond[w, j])
+            variance = own[w, j, j]
+            # Rounding leaves nothing of a variance that is all but none, and there is nothing to cut off.
+            if outside < 0.0 or variance <= 0.0:
+                continue
+            deviation = math.sqrt(variance)
+            mean, share = _half(min(outside / deviation, _FARTHEST))
+            lower = t[w, j] - low[j] < high[j] - t[w, j]
+            to = low[j] + mean * deviation if lower else high[j] - mean * deviation
+            along = own[w, :, j] / variance
+            t[w] += along * (to - t[w, j])
+            own[w] -= np.outer(along, along) * variance * (1.0 - share)
+            # What is left of a variance that goes along all the way may be rounded below none.
+            np.fill_diagonal(own[w], np.maximum(np.diagonal(own[w]), 0.0))
+    return np.clip(t, low, high), own
+
+
+def _half(outside: float) -> tuple[float, float]:
+    """Return mean and variance of what a standard normal distribution has beyond `outside`, from there on."""
+    density = math.exp(-0.5 * outside**2) / math.sqrt(2.0 * math.pi)
+    rate = density / (0.5 * math.erfc(outside / math.sqrt(2.0)))
+    return rate - outside, 1.0 - rate * (rate - outside)

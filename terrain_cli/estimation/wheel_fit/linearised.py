@@ -24,14 +24,11 @@ from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.wheel_model import predict
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
     from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
     from terrain_cli.mechanics.wheel_model import Given, Model, Prediction, WheelGeometry
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Part of an output's size that its error has at least: keeps S positive where noise is said to be none.
 _LEAST = 1e-8
@@ -50,12 +47,7 @@ _QUIET = np.errstate(over="ignore", invalid="ignore")
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """What is fitted, save the samples.
-
-    Parameters
-    ----------
-    given : {"sinkage", "load"}
-    """
+    """What is fitted, save the samples."""
 
     model: Model
     wheel: WheelGeometry
@@ -74,19 +66,10 @@ class Problem:
         order: int | None,
         latent: Array | None = None,
     ) -> Prediction:
-        """Predict all samples of some windows.
+        """Predict all samples of some windows, at t, shape (w, p), and common, shape (q,).
 
-        Parameters
-        ----------
-        t : ndarray, shape (w, p)
-            Local unknowns of the windows of `data`.
-        common : ndarray, shape (q,)
-        by : bool
-            Differentiate by the unknowns, and by the inputs that are not exact.
-        order : int or None
-            Nodes on each arc.
-        latent : ndarray, shape (inputs, n), optional
-            True values of the inputs; the measured ones by default.
+        `by`: differentiate by the unknowns, and by the inputs that are not exact; `latent`: true values of
+        the inputs, by default the measured ones, shape (inputs, n).
         """
         channels = data.channels
         if latent is not None:
@@ -108,36 +91,18 @@ class Problem:
 
 @dataclass(frozen=True, kw_only=True)
 class Equations:
-    """Whitened equations of some samples.
+    """Whitened equations of some samples."""
 
-    Parameters
-    ----------
-    residual : ndarray, shape (outputs, n)
-        Each of variance 1 in truth; 0 where an output is not seen.
-    design : ndarray, shape (outputs, p + q, n)
-        Its derivatives by the unknowns, with the sign turned.
-    inward : ndarray, shape (outputs, inputs, n)
-        Its derivatives by the inputs, per standard deviation of the input's noise, with the sign turned.
-    spread : ndarray, shape (inputs, n)
-        Those standard deviations.
-    weight : ndarray, shape (n,)
-        Of a sample; 1 unless the fit is robust.
-    factor : ndarray, shape (outputs, outputs, n)
-        Lower Cholesky factor of S.
-    own : ndarray, shape (outputs, n)
-        Variances of the outputs' own noise: the diagonal of R.
-    size : ndarray, shape (n,)
-        Root mean square of a residual by its weight on clean data.
-    """
-
-    residual: Array
-    design: Array
+    residual: Array  # Shape (outputs, n): each of variance 1 in truth; 0 where an output is not seen
+    design: Array  # Shape (outputs, p + q, n): its derivatives by the unknowns, with the sign turned
+    # Shape (outputs, inputs, n): its derivatives by the inputs, per standard deviation of the input's noise,
+    # with the sign turned
     inward: Array
-    spread: Array
-    weight: Array
-    factor: Array
-    own: Array
-    size: Array
+    spread: Array  # Shape (inputs, n): those standard deviations
+    weight: Array  # Shape (n,): of a sample; 1 unless the fit is robust
+    factor: Array  # Shape (outputs, outputs, n): lower Cholesky factor of S
+    own: Array  # Shape (outputs, n): variances of the outputs' own noise: the diagonal of R
+    size: Array  # Shape (n,): root mean square of a residual by its weight on clean data
 
     @property
     def bounded(self) -> Array:
@@ -145,22 +110,12 @@ class Equations:
         return self.residual * (self.weight / self.size)
 
     def unwhitened(self) -> Array:
-        """Return the design in the units of the outputs.
-
-        Returns
-        -------
-        ndarray, shape (outputs, p + q, n)
-        """
+        """Return the design in the units of the outputs, shape (outputs, p + q, n)."""
         return np.asarray(np.einsum("abn,bpn->apn", self.factor, self.design))
 
     @_QUIET
     def latent(self, data: FitData) -> Array:
-        """Return the true values of the inputs that go best with the residuals.
-
-        Returns
-        -------
-        ndarray, shape (inputs, n)
-        """
+        """Return the true values of the inputs that go best with the residuals, shape (inputs, n)."""
         most = _FARTHEST / np.sqrt(np.repeat(data.excess, data.count))
         offset = np.clip(np.einsum("akn,an->kn", self.inward, self.residual), -most, most)
         measured = np.array([data.channels[name] for name in data.inputs])
@@ -173,20 +128,11 @@ class Equations:
             )
         return np.asarray(moved)
 
-    def normal(self, bounds: NDArray[np.intp]) -> tuple[Array, Array, Array]:
-        """Sum up windows.
+    def normal(self, bounds: Index) -> tuple[Array, Array, Array]:
+        """Return information, score and misfit of each window.
 
-        Parameters
-        ----------
-        bounds : ndarray of int, shape (w + 1,)
-
-        Returns
-        -------
-        information : ndarray, shape (w, p + q, p + q)
-        score : ndarray, shape (w, p + q)
-        misfit : ndarray, shape (w,)
-            Sum of squares of the residuals; of the weighted ones, in terms of what clean data
-            would give, where the fit is robust.
+        The misfit is the sum of squares of the residuals; of the weighted ones, in terms of what clean data
+        would give, where the fit is robust.
         """
         weighted = self.design * self.weight
         information = window_products(weighted, self.design, bounds)
@@ -199,17 +145,7 @@ class Equations:
 def equations(
     problem: Problem, data: FitData, t: Array, common: Array, latent: Array, *, order: int | None = None
 ) -> Equations:
-    """Linearise the model about a guess.
-
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-        Local and shared unknowns.
-    latent : ndarray, shape (inputs, n)
-        True values of the inputs.
-    order : int, optional
-        Nodes on each arc.
-    """
+    """Linearise the model about a guess of the unknowns and of the true values of the inputs."""
     sought = problem.unknowns
     prediction = problem.predict(data, t, common, by=True, order=order, latent=latent)
     size, n = len(sought.local) + len(sought.shared), latent.shape[1]
@@ -293,18 +229,7 @@ def _cholesky(inward: Array, own: Array) -> Array:
 
 
 def solve_lower(factor: Array, table: Array) -> Array:
-    """Multiply by the inverse of a lower triangular matrix of each sample, in place.
-
-    Parameters
-    ----------
-    factor : ndarray, shape (outputs, outputs, n)
-    table : ndarray, shape (outputs, columns, n)
-
-    Returns
-    -------
-    ndarray
-        `table`.
-    """
+    """Multiply a table (outputs, columns, n) by the inverse of a lower triangle of each sample, in place."""
     for a in range(len(table)):
         for b in range(a):
             table[a] -= factor[a, b] * table[b]

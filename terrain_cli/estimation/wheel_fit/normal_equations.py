@@ -24,10 +24,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: How far rounding may take a variance above that of the prior, as a share.
 _ROUNDING = 1e-6
@@ -37,21 +35,11 @@ _RANK = 1e-9
 
 @dataclass(frozen=True)
 class Eliminated:
-    """Windows whose own unknowns are eliminated.
+    """Windows whose own unknowns are eliminated."""
 
-    Parameters
-    ----------
-    own : ndarray, shape (w, p, p)
-        A⁻¹: covariance of the windows' own unknowns with the shared ones held.
-    cross : ndarray, shape (w, p, q)
-        B.
-    gain : ndarray, shape (w, p, q)
-        G: change of the windows' own unknowns with the shared ones.
-    """
-
-    own: Array
-    cross: Array
-    gain: Array
+    own: Array  # Shape (w, p, p): A⁻¹: covariance of the windows' own unknowns with the shared ones held
+    cross: Array  # Shape (w, p, q): B
+    gain: Array  # Shape (w, p, q): G: change of the windows' own unknowns with the shared ones
 
     def taken(self, windows: Index | slice = slice(None)) -> Array:
         """Return what the windows' own unknowns take off the information on the shared ones: −Σ Bᵀ G."""
@@ -85,16 +73,10 @@ def eliminate(own: Array, cross: Array, invert: Callable[[Array], Array] | None 
 def arrow(
     information: Array, local: int, prior: Array, invert: Callable[[Array], Array] | None = None
 ) -> tuple[Eliminated, Array]:
-    """Eliminate the first unknowns of each window; return that, and Σ C.
+    """Eliminate the first `local` unknowns of each window; return that, and Σ C.
 
-    Parameters
-    ----------
-    information : ndarray, shape (w, p + q, p + q)
-        JᵀJ.
-    local : int
-        p.
-    prior : ndarray, shape (p + q, p + q)
-        What is known beforehand of one window's own unknowns and of the shared ones.
+    `information` is JᵀJ, shape (w, p + q, p + q); `prior` what is known beforehand of one window's own
+    unknowns and of the shared ones.
     """
     own = information[:, :local, :local] + prior[:local, :local]
     shared = information[:, local:, local:].sum(axis=0) + prior[local:, local:]
@@ -120,18 +102,8 @@ def leave_out(
 ) -> Array:
     """Return how the unknowns of each cell, the samples of a window in one fold, move without that fold.
 
-    A shared unknown that would go beyond its bounds stops there, and the others make do with that.
-
-    Parameters
-    ----------
-    information, score : ndarray, shape (cells, p + q, p + q) and (cells, p + q)
-    window, fold : ndarray of int, shape (cells,)
-    reach : tuple of ndarray, shape (q,), optional
-        How far the shared ones may move, down and up.
-
-    Returns
-    -------
-    ndarray, shape (cells, p + q)
+    A shared unknown that would go beyond its bounds stops there (`reach`: how far they may move, down and
+    up), and the others make do with that. Information and score are of each cell.
     """
     windows = int(window.max()) + 1
     whole, pull = np.zeros((windows, *prior.shape)), np.zeros((windows, len(prior)))
@@ -174,17 +146,9 @@ def _within(left: Array, right: Array, limits: tuple[Array, Array]) -> Array:
 
 
 def products(one: Array, other: Array, cell: Index, cells: int) -> Array:
-    """Sum oneᵀ other over the samples of each cell: a window, a block, or both.
+    """Sum oneᵀ other over the samples of each cell (a window, a block, or both), shape (cells, a, b).
 
-    Parameters
-    ----------
-    one, other : ndarray, shape (n, k, a) and (n, k, b)
-        The design twice makes JᵀJ, the design and the residuals Jᵀr.
-    cell : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (cells, a, b)
+    They are of shape (n, k, a) and (n, k, b): the design twice makes JᵀJ, the design and the residuals Jᵀr.
     """
     total = np.zeros((cells, one.shape[2], other.shape[2]))
     order = np.argsort(cell, kind="stable")
@@ -208,7 +172,6 @@ def explained(information: Array, score: Array) -> Array:
 
 
 def inverse(matrix: Array) -> Array:
-    """Invert matrices, shape (…, p, p)."""
     try:
         return np.asarray(np.linalg.inv(matrix), dtype=float)
     except np.linalg.LinAlgError:
@@ -220,10 +183,6 @@ def no_wider(covariances: Array, means: Array) -> tuple[Array, Array]:
     """Return normal distributions that are along no axis wider than the prior, whose variance is 1.
 
     Where the data are worth so little for their misfit, the mean goes back to that of the prior.
-
-    Parameters
-    ----------
-    covariances, means : ndarray, shape (w, p, p) and (w, p)
     """
     size, axes = np.linalg.eigh(0.5 * (covariances + np.swapaxes(covariances, 1, 2)))
     # Nearly exact data leave rounding of either sign.

@@ -21,9 +21,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.estimation.line.correlation import student
 from terrain_cli.estimation.line.moments import segment_sum
-from terrain_cli.estimation.wheel_fit.bounds import overshoot, truncate
+from terrain_cli.estimation.line.uncertainty import student
 from terrain_cli.estimation.wheel_fit.excess_scatter import excess, memory
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
 from terrain_cli.estimation.wheel_fit.gauss_newton import (
@@ -32,7 +31,9 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     eliminate,
     limits,
     newton,
+    overshoot,
     square_root,
+    truncate,
 )
 from terrain_cli.estimation.wheel_fit.linearised import Equations, equations, solve_lower
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse, posterior_covariance
@@ -40,14 +41,11 @@ from terrain_cli.estimation.wheel_fit.normal_equations import covariance, invers
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.gauss_newton import State
     from terrain_cli.estimation.wheel_fit.linearised import Problem
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Samples of each window, and nodes on each arc, for the corrections. To the mean of a shared
 #: unknown every window adds in the same direction: more samples, lest their errors add up too.
@@ -67,59 +65,34 @@ _WIDE, _NOTHING = 0.01, 1e-9
 
 @dataclass(frozen=True, kw_only=True)
 class Posterior:
-    """What is known of the unknowns, in prior standard deviations from their prior means.
+    """What is known of the unknowns, in prior standard deviations from their prior means."""
 
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, p) and (q,)
-        Means.
-    own : ndarray, shape (w, p, p)
-        Covariance of each window's own unknowns with the shared ones held.
-    shared : ndarray, shape (q, q)
-        Covariance of the shared unknowns.
-    gain : ndarray, shape (w, p, q)
-        Change of the windows' own unknowns with the shared ones.
-    sure, wide : ndarray, shape (w, p + q)
-        Standard deviations from information that noise cannot have made, under the priors as they
-        are and under ones ten times as wide.
-    misfit, dof : ndarray, shape (w,)
-        Weighted sum of squares of the residuals in terms of the sensors' noise, and their degrees of
-        freedom.
-    inflation : ndarray, shape (w,)
-        How much larger the long-run variance of the residuals is than the noise says.
-    excess : ndarray, shape (w,)
-        As in `FitData`.
-    at_bound : ndarray of bool, shape (w, p)
-        Which of a window's own unknowns the data would take beyond their bounds.
-    """
-
-    t: Array
+    t: Array  # t, common: shape (w, p) and (q,): means
     common: Array
-    own: Array
-    shared: Array
-    gain: Array
+    own: Array  # Shape (w, p, p): covariance of each window's own unknowns with the shared ones held
+    shared: Array  # Shape (q, q): covariance of the shared unknowns
+    gain: Array  # Shape (w, p, q): change of the windows' own unknowns with the shared ones
+    # sure, wide: shape (w, p + q): standard deviations from information that noise cannot have made, under
+    # the priors as they are and under ones ten times as wide
     sure: Array
     wide: Array
+    # misfit, dof: shape (w,): weighted sum of squares of the residuals in terms of the sensors' noise, and
+    # their degrees of freedom
     misfit: Array
     dof: Array
+    # Shape (w,): how much larger the long-run variance of the residuals is than the noise says
     inflation: Array
-    excess: Array
-    at_bound: NDArray[np.bool_]
+    excess: Array  # Shape (w,): as in `FitData`
+    # Shape (w, p): which of a window's own unknowns the data would take beyond their bounds
+    at_bound: Mask
 
 
 def posterior(
     problem: Problem, data: FitData, state: State, *, order: int | None, correlated: bool
 ) -> Posterior:
-    """Return means and covariances from the most probable unknowns.
+    """Return means and covariances from the most probable unknowns (`gauss_newton`).
 
-    Parameters
-    ----------
-    state : State
-        From `gauss_newton`; its true values of the inputs become those that go with the means.
-    order : int or None
-        Nodes on each arc.
-    correlated : bool
-        Whether samples follow each other in time.
+    The true values of the inputs of `state` become those that go with the means.
     """
     local = state.t.shape[1]
     few = _Few(problem, data, state)

@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, UsageError
-from terrain_cli.mechanics.prior import Prior
+from terrain_cli.mechanics.effect import Prior
 from terrain_cli.vocabulary.choices import SOIL_BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Sought by their logarithm.
 POSITIVE = frozenset({"shear_modulus", "stiffness"})
@@ -51,34 +51,19 @@ _STEPS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unknown:
-    """One parameter that is sought.
-
-    Parameters
-    ----------
-    logarithm : bool
-        Whether it is sought by its logarithm.
-    mean, sd : float
-        Of the prior, in the unit sought.
-    lower, upper, step : float
-        Range and largest step of one iteration, in prior standard deviations from `mean`.
-    """
+    """One parameter that is sought."""
 
     name: str
-    logarithm: bool
-    mean: float
+    logarithm: bool  # Whether it is sought by its logarithm
+    mean: float  # mean, sd: of the prior, in the unit sought
     sd: float
+    # lower, upper, step: range and largest step of one iteration, in prior standard deviations from `mean`
     lower: float
     upper: float
     step: float
 
     def value(self, t: Array) -> Array:
-        """Return the parameter in its own unit.
-
-        Parameters
-        ----------
-        t : ndarray
-            In prior standard deviations from the prior mean.
-        """
+        """Return the parameter in its own unit, from prior standard deviations off the prior mean."""
         sought = self.mean + self.sd * t
         return np.exp(sought) if self.logarithm else sought
 
@@ -89,39 +74,14 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """All parameters of a fit.
+    """All parameters of a fit."""
 
-    Parameters
-    ----------
-    local, shared : tuple of Unknown
-        One value for each window, one value for all windows.
-    fixed : dict of str to ndarray
-        Held: one value, or one for each window.
-    """
-
-    local: tuple[Unknown, ...]
+    local: tuple[Unknown, ...]  # local, shared: one value for each window, one value for all windows
     shared: tuple[Unknown, ...]
-    fixed: dict[str, Array]
+    fixed: dict[str, Array]  # Held: one value, or one for each window
 
-    def values(
-        self, t: Array, common: Array, count: NDArray[np.intp], windows: NDArray[np.intp]
-    ) -> dict[str, Array]:
-        """Return every parameter of the model as the model takes it.
-
-        Parameters
-        ----------
-        t : ndarray, shape (w, p)
-            Local unknowns of some windows.
-        common : ndarray, shape (q,)
-        count : ndarray of int, shape (w,)
-            Samples of these windows.
-        windows : ndarray of int, shape (w,)
-            Which windows they are.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (n,) or ()
-        """
+    def values(self, t: Array, common: Array, count: Index, windows: Index) -> dict[str, Array]:
+        """Return every parameter as the model takes it: one value, or one for each sample."""
         values = {
             name: value if value.ndim == 0 else np.repeat(value[windows], count)
             for name, value in self.fixed.items()
@@ -142,22 +102,11 @@ def unknowns(
     local: Collection[str] = (),
     windows: int,
 ) -> Unknowns:
-    """Sort the parameters of a model into those sought and those held.
+    """Sort the parameters of a model into those sought and those held (`fixed`).
 
-    Parameters
-    ----------
-    fixed : mapping of str to float or array_like, shape (w,)
-    shared : collection of str
-        Parameters of the soil with one value for all windows; those of effects have.
-    local : collection of str
-        But for these, which have one for each.
-
-    Raises
-    ------
-    ConfigurationError
-        A name that the model does not have, or a prior without width.
-    UsageError
-        A fixed value that is not finite or of the wrong number.
+    Parameters of the soil that are `shared`, and those of effects but for `local` ones, have one value for
+    all windows. ConfigurationError: no such name, or a prior without width; UsageError: a fixed value that is
+    none.
     """
     known = (*model.soil, *model.parameters)
     for name in (*fixed, *priors, *shared, *local):

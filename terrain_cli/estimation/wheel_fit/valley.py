@@ -23,15 +23,13 @@ from terrain_cli.mechanics.dual import value
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation.joint_grid import Frame, JointGrid, Shape
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.fit_result import Parameters
     from terrain_cli.estimation.wheel_fit.linearised import Problem
     from terrain_cli.estimation.wheel_fit.posterior import Posterior
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Samples of a window that are asked, points along each side at which, and steps of each search. Twice of
 #: each, or two degrees more, change the deviations over the grids of sample_data by less than 0.5 %; by 2 %
@@ -59,12 +57,7 @@ def grids(
 ) -> dict[int, JointGrid]:
     """Lay a grid about c and φ of some windows; none where one of them is fixed.
 
-    Parameters
-    ----------
-    found, about : Posterior, Parameters
-        The estimate, in the units sought and in its own.
-    order : int or None
-        Nodes on each arc.
+    The estimate is `found` in the units sought, `about` in its own.
     """
     if not {*_PAIR} <= {*about.names}:
         return {}

@@ -1,4 +1,10 @@
-"""The search for the unknowns of windows: where it begins, and what is done where it gets lost."""
+"""The search for the unknowns of windows, and what is done where it ends at an impossible soil.
+
+Such windows are sought again, downhill from several beginnings. Where the model misses one by so much that
+it ends at a soil that nobody knows (or, if asked for, that its errors would be larger than those of the
+priors alone), the noise of that window is taken to be as large as its residuals in the long run: the
+priors then weigh as much as they know more, and what the data cannot tell stays within what soils are.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +14,35 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum
-from terrain_cli.estimation.wheel_fit import starts
+from terrain_cli.estimation.wheel_fit import damped_search
 from terrain_cli.estimation.wheel_fit.damped_search import descend
+from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
-from terrain_cli.estimation.wheel_fit.gauss_newton import initial, solve
-from terrain_cli.estimation.wheel_fit.strayed_windows import put
+from terrain_cli.estimation.wheel_fit.gauss_newton import State, accumulate, eliminate, initial, limits, solve
+from terrain_cli.estimation.wheel_fit.normal_equations import covariance
+from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
+from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from collections.abc import Sequence
 
-    from terrain_cli.estimation.wheel_fit.channel_noise import Noise
-    from terrain_cli.estimation.wheel_fit.fit_data import FitData
-    from terrain_cli.estimation.wheel_fit.gauss_newton import State
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
     from terrain_cli.estimation.wheel_fit.linearised import Problem
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-    Array = NDArray[np.float64]
 
+#: Samples of each window, and steps, that tell which beginning is best.
+_TRIED, _ROUGHLY = 12, 6
+#: Mean square of the residuals, in terms of the noise, from which on another beginning may lead lower.
+_HOPELESS = 100.0
+#: Standard deviation, in that of the prior, from which on the prior alone knows more.
+_USELESS = 1.01
+#: Prior standard deviations from the prior mean beyond which no soil is known: c above 22 kPa, k sixteen
+#: times that of rover.toml. Judged.
+_FAR = 4.0
+#: Times that the noise of a window is raised, the first ones together with all that shares something
+#: with it, and by how much at least: in the end no more is known than beforehand.
+_ROUNDS, _TOGETHER, _RAISED = 10, 2, 5.0
 #: Nodes on each arc that are enough where the noise is above `_FINE`: forces right to 1e-4.
 _COARSE, _FINE = 6, 1e-3
 #: Samples of each window, and iterations, that bring the search near.
@@ -31,6 +50,169 @@ _SOME, _ROUGH = 5, 3
 #: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
 #: windows above which it is the model, not the search, that fails.
 _BAD, _FEW_BAD = 6.0, 0.2
+
+
+def mend(
+    problem: Problem,
+    data: FitData,
+    state: State,
+    found: Posterior,
+    *,
+    order: int | None,
+    correlated: bool,
+    tempered: bool,
+) -> Posterior:
+    """Fit those windows anew in which the search went astray; of windows that share something all, or none.
+
+    `state` is changed in place. If `tempered`, raise the noise of all windows of which the priors alone would
+    know more.
+    """
+    unknowns = problem.unknowns
+    missed = found.misfit > _HOPELESS * np.maximum(found.dof, 1.0)
+    lost = (data.count > 0) & (~state.converged | found.at_bound.any(axis=1) | missed)
+    if lost.any():
+        at = np.flatnonzero(lost | bool(unknowns.shared))
+        part = data.only(at)
+        ends = _best(problem, part, state.t[at], state.common, order)
+        put(state, ends, at, data.rows_of(at))
+        found = _put(found, posterior(problem, part, ends, order=order, correlated=correlated), at)
+    # What is shared follows from all windows, and few times suffice for that.
+    for _ in range(_TOGETHER if unknowns.shared else 0):
+        wide = _useless(found, tempered=tempered)
+        if not wide.any():
+            break
+        _raise(data, found, wide)
+        ends = _downhill(problem, data, state, order)
+        put(state, ends, np.arange(len(lost)), np.arange(state.latent.shape[1]))
+        found = posterior(problem, data, state, order=order, correlated=correlated)
+    alone = replace(problem, unknowns=_held(unknowns, state))
+    _temper(problem, alone, data, state, found, order, tempered=tempered)
+    return found
+
+
+def _temper(
+    problem: Problem,
+    alone: Problem,
+    data: FitData,
+    state: State,
+    found: Posterior,
+    order: int | None,
+    *,
+    tempered: bool,
+) -> None:
+    """Raise the noise of windows until their errors are no larger than those of the priors, in place."""
+    for _ in range(_ROUNDS):
+        wide = _useless(found, tempered=tempered)
+        if not wide.any():
+            return
+        _raise(data, found, wide)
+        _alone(problem, alone, data, state, found, np.flatnonzero(wide), order)
+
+
+def _raise(data: FitData, found: Posterior, wide: Mask) -> None:
+    data.excess[wide] = np.maximum(found.inflation, _RAISED * data.excess)[wide]
+
+
+def _useless(found: Posterior, *, tempered: bool) -> Mask:
+    """Tell where the model misses, and ends at no known soil or, if asked for, knows less than the priors."""
+    missed = found.inflation > MISSED
+    if not tempered:
+        return np.asarray(np.any(np.abs(found.t) > _FAR, axis=1) & missed)
+    whole = covariance(found.own, found.gain, found.shared)
+    variance = np.einsum("waa->wa", whole)[:, : found.t.shape[1]]
+    return np.asarray(np.any(~(variance <= _USELESS**2), axis=1) & missed)
+
+
+def _held(unknowns: Unknowns, state: State) -> Unknowns:
+    """Return the windows' own unknowns alone, with what they share held where it is."""
+    shared = zip(unknowns.shared, state.common, strict=True)
+    held = {u.name: np.asarray(u.value(np.asarray(number)), dtype=float) for u, number in shared}
+    return Unknowns(unknowns.local, (), {**unknowns.fixed, **held})
+
+
+def _best(problem: Problem, data: FitData, t: Array, common: Array, order: int | None) -> State:
+    """Go down from where the search ended or from another beginning, whichever leads lowest."""
+    rows, count = data.thin(_TRIED)
+    some = data.take(rows, count, np.arange(len(count)))
+    centre, nothing = damped_search.centre(problem, some)
+    begun = [(t, common), (centre, nothing)]
+    begun += [(other, nothing) for other in damped_search.others(problem, some, nothing)]
+    rough = [descend(problem, some, *one, order=order, iterations=_ROUGHLY) for one in begun]
+    best = _lowest(rough, some, problem)
+    return descend(problem, data, best.t, best.common, order=order)
+
+
+def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:
+    """Return the lowest of several ends: of each window, or of all where they share something."""
+    if problem.unknowns.shared:
+        return min(ends, key=lambda end: float(end.merit.sum() + np.sum(end.common**2)))
+    best = ends[0]
+    for end in ends[1:]:
+        at = np.flatnonzero(end.merit < best.merit)
+        put(best, _some(end, at, data.rows_of(at)), at, data.rows_of(at))
+    return best
+
+
+def _downhill(problem: Problem, data: FitData, state: State, order: int | None) -> State:
+    """Go down anew from where the search ended, and from the prior means."""
+    low, high, _ = limits(problem.unknowns.local)
+    common = state.common if problem.unknowns.shared else np.zeros(0)
+    begun = [(np.clip(state.t, low, high), common), damped_search.centre(problem, data)]
+    return _lowest([descend(problem, data, *one, order=order) for one in begun], data, problem)
+
+
+def _alone(
+    problem: Problem,
+    alone: Problem,
+    data: FitData,
+    state: State,
+    found: Posterior,
+    at: Index,
+    order: int | None,
+) -> None:
+    """Fit some windows anew one by one, as their noise or their bounds have changed; in place."""
+    part, local = data.only(at), state.t.shape[1]
+    ends = _downhill(alone, part, _some(state, at, data.rows_of(at)), order)
+    put(state, ends, at, data.rows_of(at))
+    # Their noise is that of their long run already.
+    _put(found, posterior(alone, part, ends, order=order, correlated=False), at)
+    if len(state.common):
+        normal = accumulate(problem, part, ends.t, state.common, ends.latent.copy(), order=order)
+        found.gain[at] = np.where(found.at_bound[at, :, None], 0.0, eliminate(normal, local)[1])
+
+
+def _some(state: State, at: Index, rows: Index) -> State:
+    return State(
+        t=state.t[at],
+        common=state.common,
+        latent=state.latent[:, rows],
+        converged=state.converged[at],
+        merit=state.merit[at],
+        lost=state.lost[at],
+    )
+
+
+def put(state: State, other: State, at: Index, rows: Index) -> None:
+    """Put some windows, and their rows, in the place of the same ones of another search, in place."""
+    state.t[at], state.merit[at], state.converged[at] = other.t, other.merit, other.converged
+    state.latent[:, rows] = other.latent
+    if len(other.common):
+        state.common[:] = other.common
+
+
+def _put(found: Posterior, other: Posterior, at: Index) -> Posterior:
+    """Put some windows in the place of the same ones of another posterior."""
+    for name in ("t", "own", "misfit", "dof", "inflation", "excess", "at_bound"):
+        getattr(found, name)[at] = getattr(other, name)
+    local = found.t.shape[1]
+    for name in ("sure", "wide"):
+        getattr(found, name)[at, :local] = getattr(other, name)[:, :local]
+    if not len(other.common):
+        return found
+    for name in ("sure", "wide"):
+        getattr(found, name)[at, local:] = getattr(other, name)[:, local:]
+    found.gain[at] = other.gain
+    return replace(found, common=other.common, shared=other.shared)
 
 
 def enough_nodes(noise: Noise, data: FitData) -> int | None:
@@ -47,8 +229,8 @@ def enough_nodes(noise: Noise, data: FitData) -> int | None:
 
 def search(problem: Problem, data: FitData, order: int | None) -> State:
     """Find the most probable unknowns, from several beginnings where one does not suffice."""
-    t, common = starts.centre(problem, data)
-    begun = [common, *starts.of_shapes(problem, common)]
+    t, common = damped_search.centre(problem, data)
+    begun = [common, *damped_search.of_shapes(problem, common)]
     if len(begun) > 1:
         ends = [_towards(problem, data, t, one, order) for one in begun]
         return min(ends, key=lambda end: float(end.merit.sum() + np.sum(end.common**2)))
@@ -77,7 +259,7 @@ def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, ord
         return state
     again = data.only(bad)
     rows = data.rows_of(bad)
-    for other in starts.others(problem, again, common):
+    for other in damped_search.others(problem, again, common):
         tried = solve(problem, again, initial(again, other, common), order=order)
         better = tried.converged & ((tried.merit < state.merit[bad] - 0.1) | ~state.converged[bad])
         at = bad[better]
@@ -93,12 +275,15 @@ def settled_search(problem: Problem, data: FitData, begun: State, order: int | N
     Residuals of a search that is lost say nothing of the noise, and differ with the last digit.
     """
     state = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())
-    state = solve(problem, data, state, order=order)
-    lost = np.flatnonzero(~state.converged)
+    together = len(problem.unknowns.shared) > 0
+    if not (together and begun.lost.any()):
+        state = solve(problem, data, state, order=order)
+        state.lost = begun.lost | ~state.converged
+    lost = np.flatnonzero(state.lost)
     if len(lost) == 0:
         return state
-    if problem.unknowns.shared:
-        return descend(problem, data, begun.t, begun.common, order=order)
+    if together:
+        return replace(descend(problem, data, begun.t, begun.common, order=order), lost=state.lost)
     ends = descend(problem, data.only(lost), begun.t[lost], begun.common, order=order)
     put(state, ends, lost, data.rows_of(lost))
     return state

@@ -7,27 +7,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.telemetry import alignment, derived_channels
-from terrain_cli.telemetry.channel_sources import match_name
 from terrain_cli.telemetry.derive import effect_inputs, plausibility, usable_samples
 from terrain_cli.telemetry.derive.unit_doubts import UnitEvidence
-from terrain_cli.telemetry.plan import derivable_channels
+from terrain_cli.telemetry.plan import rover_advice
 from terrain_cli.telemetry.raw_columns import as_numbers
-from terrain_cli.telemetry.wheel_samples import Geometry, Raw, Samples
+from terrain_cli.telemetry.wheel_samples import Geometry, Raw, Samples, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from numpy.typing import NDArray
-
     from formats import Source
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover, Wheel
-    from terrain_cli.telemetry.channel_sources import Plan
-    from terrain_cli.telemetry.derive.conditions import Condition
-
-    Array = NDArray[np.float64]
+    from terrain_cli.telemetry.derive.usable_samples import Condition
+    from terrain_cli.telemetry.wheel_samples import Plan
+    from terrain_cli.vocabulary.arrays import Array
 
 
 def wheel_of(raw: Raw, rover: Rover) -> Wheel:
@@ -44,12 +40,13 @@ def assemble(
     columns: Collection[str] = (),
     *,
     checked: bool = False,
+    judged: bool = True,
 ) -> Samples:
     """Derive what was not recorded, and judge every sample of a wheel.
 
     The raw channels are consumed: they become those of the result. Nothing may be `lacking`. `columns` are
     further numeric ones that are kept, where they were read; `checked` says that it is a later part of a log,
-    whose units were looked at.
+    whose units were looked at, and without `judged` they are only so far as a clock goes.
     """
     source, wheel = layout.source, wheel_of(raw, rover)
     radius, width = rover.geometry(wheel)
@@ -64,7 +61,7 @@ def assemble(
     )
     if not checked:
         _check_clock(source, raw, radius)
-    origins = derivable_channels.complete(raw, wheel, rover)
+    origins = rover_advice.complete(raw, wheel, rover)
     if where is not None:
         _keep(raw, where)
     reasons, restarts = usable_samples.set_aside(
@@ -98,7 +95,7 @@ def assemble(
         drivers={**further, **drivers},
         noise=rover.noise,
     )
-    if not checked:
+    if judged and not checked:
         evidence = UnitEvidence(geometry, raw.feeds)
         evidence.add(samples)
         samples.remarks += plausibility.found(layout, raw.wheel, evidence)

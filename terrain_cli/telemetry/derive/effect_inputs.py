@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.mechanics import grouser_phase, rates
-from terrain_cli.telemetry.plan.derivable_channels import Lack
+from terrain_cli.mechanics import rates
+from terrain_cli.telemetry.plan.rover_advice import Lack
 from terrain_cli.telemetry.raw_columns import as_numbers
 from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.vocabulary.channels import CHANNELS
@@ -15,13 +15,11 @@ from terrain_cli.vocabulary.channels import CHANNELS
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Wheel
     from terrain_cli.telemetry.wheel_samples import Geometry, Raw, Samples
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Constants of a wheel, which rover.toml gives.
 CONSTANTS = ("wheel_radius", "width", "grouser_height", "grouser_count", "gravity")
@@ -37,7 +35,7 @@ def sources(name: str) -> tuple[str, ...]:
     """Return the channels and columns, "time" among them, that a need is computed from.
 
     It is a channel, a further column, the rate of either (``torque_rate``), the angle through which the wheel
-    has turned (``wheel_angle``, see `grouser_phase`), or a constant of the wheel.
+    has turned (``wheel_angle``, see `rates`), or a constant of the wheel.
     """
     if name in CHANNELS:
         return (name,)
@@ -93,7 +91,7 @@ def _there(raw: Raw) -> set[str]:
 
 
 def drivers(
-    raw: Raw, wheel: Wheel, rows: NDArray[np.intp], stretch: NDArray[np.intp], effects: Iterable[Effect]
+    raw: Raw, wheel: Wheel, rows: Index, stretch: Index, effects: Iterable[Effect]
 ) -> dict[str, Array]:
     """Compute what makes a difference to the effects of a model; nothing of what they need may be `lacking`.
 
@@ -116,8 +114,8 @@ def of_samples(samples: Samples, effects: Iterable[Effect]) -> dict[str, Array]:
 def _computed(
     known: dict[str, Array],
     time: Array | None,
-    rows: NDArray[np.intp],
-    stretch: NDArray[np.intp],
+    rows: Index,
+    stretch: Index,
     grousers: int,
     effects: Iterable[Effect],
 ) -> dict[str, Array]:
@@ -140,7 +138,7 @@ def _computed(
         if name == ANGLE:
             values = rates.wheel_angle(columns[1], own, values)
             shown, beside = ([known[c][rows] for c in some if c in known] for some in (_RIPPLING, _BESIDE))
-            values = grouser_phase.aligned(values, own, grousers, shown, beside)
+            values = rates.aligned(values, own, grousers, shown, beside)
         elif len(columns) > 1:
             values = rates.rate(columns[1], own, values)
         if name in needed or np.isfinite(values).any():

@@ -11,19 +11,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.telemetry.derive import unit_doubts
-from terrain_cli.telemetry.derive.channel_changes import ROUNDED, pull, stuck
-from terrain_cli.telemetry.derive.unit_doubts import ALIKE, Doubt, Mend, Suspicion, Weight
+from terrain_cli.telemetry.derive.unit_doubts import (
+    ALIKE,
+    ROUNDED,
+    Doubt,
+    Mend,
+    Suspicion,
+    Weight,
+    pull,
+    stuck,
+)
 from terrain_cli.telemetry.derive.usable_samples import MOST_PRESSURE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
-    from terrain_cli.telemetry.channel_sources import Plan
     from terrain_cli.telemetry.derive.unit_doubts import UnitEvidence
+    from terrain_cli.telemetry.wheel_samples import Plan
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Ranges: 1.5 kPa and more, under 1.5 kPa of load on r · b. A rover of 1 kg on the Moon has 0.8; Pa.
 LEAST_PRESSURE = 200.0

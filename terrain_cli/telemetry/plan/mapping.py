@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry.channel_sources import CLOCKS, Feed, Plan, match_name
 from terrain_cli.telemetry.plan import table_clock, topic_discovery
 from terrain_cli.telemetry.raw_columns import as_numbers
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, identify, resolve, stated_unit, time_pairs, unit_hint
 

@@ -10,17 +10,16 @@ import numpy as np
 
 from formats import Labels
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry.channel_sources import Feed
 from terrain_cli.telemetry.raw_columns import as_labels, as_numbers, take
-from terrain_cli.telemetry.wheel_samples import Notice
-from terrain_cli.toml import toml_text
+from terrain_cli.telemetry.wheel_samples import Feed, Notice
+from terrain_cli.vocabulary import toml_files
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit, time_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Generator, Mapping, Sequence
 
     from formats import Batch, Column, Source
-    from terrain_cli.telemetry.channel_sources import Plan
+    from terrain_cli.telemetry.wheel_samples import Plan
     from terrain_cli.vocabulary.channels import TimeName
 
 #: Rows that are looked at.
@@ -209,4 +208,4 @@ def _entry(header: str, column: Column) -> str:
         return f"# {header!r} holds texts: write them as seconds, or in ISO 8601 as 2026-11-21T08:00:00Z"
     unit = stated_unit(header, "time")
     more = "" if column.dtype.kind == "M" else f', unit = "{unit.symbol if unit else "…"}"'
-    return f"time = {{ column = {toml_text.value(header)}{more} }}"
+    return f"time = {{ column = {toml_files.value(header)}{more} }}"

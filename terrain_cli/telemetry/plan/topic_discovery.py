@@ -14,20 +14,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.telemetry.channel_sources import Feed, match_name
+from terrain_cli.telemetry.wheel_samples import Feed, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, identify
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from formats import Field, Stream
-    from terrain_cli.telemetry.channel_sources import Plan
+    from terrain_cli.telemetry.wheel_samples import Plan
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.vocabulary.channels import Match
 
-    Array = NDArray[np.float64]
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _STANDARD = re.compile(
@@ -157,7 +155,6 @@ def _find_joints(stream: Stream) -> list[TopicCandidate]:
 
 
 def joint_speed(topic: str, joint: str) -> TopicCandidate:
-    """Return the speed of a joint in a JointState."""
     feed = Feed(
         channel="angular_velocity",
         topic=topic,

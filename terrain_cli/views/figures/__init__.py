@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from terrain_cli.views.figures.agreement import predicted_measured, residuals
-from terrain_cli.views.figures.ladder_figure import errors
+from terrain_cli.views.figures.model_figures import errors, predicted_measured, residuals
 from terrain_cli.views.figures.recursion import convergence, convergence_of_all
-from terrain_cli.views.figures.soil_strength import rim_stress, strength
-from terrain_cli.views.figures.track import track
-from terrain_cli.views.figures.valleys import valleys
+from terrain_cli.views.figures.soil_figures import rim_stress, strength, track, valleys
 
 __all__ = [
     "convergence",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from terrain_cli.views import binning, segment_groups
+from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS
 from terrain_cli.views.figures.picture import Picture
 
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array, Index
+
 
 #: More samples than this are thinned: a line of them is as wide as a page has dots.
 MOST_SAMPLES = 3_000
@@ -46,7 +47,7 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
     upper, lower = figure.subplots(2, 1, sharex=True)
     number = np.asarray(trace["segment"])
     starts = _starts(number)
-    shown = binning.some(len(number), MOST_SAMPLES)
+    shown = shown_samples.some(len(number), MOST_SAMPLES)
     # A thinned line would else bridge two segments.
     shown = np.union1d(shown, starts)
     for axes, quantity, colour in zip((upper, lower), _QUANTITIES, COLOURS, strict=False):
@@ -84,7 +85,7 @@ def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
     for axes, quantity in zip((upper, lower), _QUANTITIES, strict=True):
         for j, (part, name) in enumerate(zip(parts, _names(parts), strict=True)):
             value = part[quantity.value]
-            shown = binning.some(len(value), MOST_SAMPLES)
+            shown = shown_samples.some(len(value), MOST_SAMPLES)
             axes.plot(shown + 1, value[shown], color=COLOURS[j], linestyle=LINES[j], label=name)
         last = np.array([part[quantity.value][-1] for part in parts])
         reach = 1.96 * np.nan_to_num([part[quantity.error][-1] for part in parts])
@@ -93,7 +94,7 @@ def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
             axes.errorbar(beside[j], last[j], reach[j], **style)
         # A soil that is hardly told is no reason to press the others flat.
         reach = np.minimum(reach, 3.0 * np.median(reach))
-        low, high = binning.limits(last - reach, last + reach, np.zeros(1), margin=0.05)
+        low, high = shown_samples.limits(last - reach, last + reach, np.zeros(1), margin=0.05)
         axes.set_ylim(max(low, quantity.widest[0]), min(high, quantity.widest[1]))
         axes.axvline(longest, color=FAINT, linewidth=0.8)
         axes.set_ylabel(quantity.label)
@@ -113,7 +114,6 @@ def _segments(trace: Mapping[str, Any]) -> list[dict[str, NDArray[Any]]]:
 
 
 def _names(parts: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Name segments by what tells them apart."""
     rows = [
         (str(part["source"][0]), str(part["wheel"][0]), f"segment {part['segment'][0]}") for part in parts
     ]
@@ -121,7 +121,7 @@ def _names(parts: Sequence[Mapping[str, Any]]) -> list[str]:
     return [" ".join(text for text, told in zip(row, differs, strict=True) if told) for row in rows]
 
 
-def _limits(axes: Axes, number: Any, starts: NDArray[np.intp], *, name_them: bool) -> None:
+def _limits(axes: Axes, number: Any, starts: Index, *, name_them: bool) -> None:
     ends = np.append(starts[1:], len(number))
     for start, end in zip(starts, ends, strict=True):
         if start:
@@ -137,9 +137,7 @@ def _limits(axes: Axes, number: Any, starts: NDArray[np.intp], *, name_them: boo
             )
 
 
-def _focus(
-    axes: Axes, value: Array, error: Array, starts: NDArray[np.intp], widest: tuple[float, float]
-) -> None:
+def _focus(axes: Axes, value: Array, error: Array, starts: Index, widest: tuple[float, float]) -> None:
     """Show where the segments end up; what their first samples say lies far beyond."""
     ends = np.append(starts[1:], len(value)) - 1
     last, spread = value[ends], np.nan_to_num(error[ends])
@@ -149,10 +147,9 @@ def _focus(
     last, spread = last[known], spread[known]
     room = 2.5 * spread + 0.25 * np.abs(np.median(last))
     reach = np.minimum(room, 3.0 * np.median(room))
-    low, high = segment_groups.usual(np.concatenate([last - reach, last + reach]))
+    low, high = shown_segments.usual(np.concatenate([last - reach, last + reach]))
     axes.set_ylim(max(low, widest[0]), min(high, widest[1]))
 
 
-def _starts(number: NDArray[Any]) -> NDArray[np.intp]:
-    """Return the first sample of each segment."""
+def _starts(number: NDArray[Any]) -> Index:
     return np.flatnonzero(np.diff(number, prepend=number[0] - 1)) if len(number) else np.empty(0, int)

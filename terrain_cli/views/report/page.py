@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import formats
 from terrain_cli.version import __version__
-from terrain_cli.views import optional_libraries
+from terrain_cli.views import chart_style
 from terrain_cli.views.report.page_parts import Chart
 
 if TYPE_CHECKING:
@@ -28,26 +28,11 @@ def write(
     asked: Asked | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Write the report of a comparison.
+    """Write the report of a comparison; `further` sections follow, if there is something in them.
 
-    Parameters
-    ----------
-    path : str or Path
-        Of the page. It is there whole, or as it was before.
-    further : sequence of Section
-        Shown after what the comparison says, if there is something in them.
-    asked : Asked, optional
-        What was asked of which files: the next command repeats it.
-    progress : callable
-        Called with the name of each step before it begins.
-
-    Raises
-    ------
-    ConfigurationError
-        The extra "report" is not installed.
-    formats.errors.CannotWriteError
+    The next command repeats what was asked of which files.
     """
-    optional_libraries.need("report")
+    chart_style.need("report")
     text = page(comparison, further=further, asked=asked, progress=progress)
     with formats.replacing(str(path)) as temporary:
         Path(temporary).write_text(text, encoding="utf-8")
@@ -60,7 +45,6 @@ def page(
     asked: Asked | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
-    """Return the page as text."""
     from jinja2 import Environment, StrictUndefined
 
     from terrain_cli.views.report import sections

@@ -11,74 +11,37 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under a caption; all text is taken as it is, none as HTML.
-
-    Parameters
-    ----------
-    head : sequence of str
-        Headings of the columns.
-    rows : sequence of sequence of str
-        The first cell names the row.
-    figures : collection of int
-        Columns of numbers, which are set flush right.
-    note : str
-        What was left out, or how to read it.
-    """
+    """Rows under a caption; all text is taken as it is, none as HTML."""
 
     caption: str
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    figures: frozenset[int] = frozenset()
-    note: str = ""
+    head: Sequence[str]  # Headings of the columns
+    rows: Sequence[Sequence[str]]  # The first cell names the row
+    figures: frozenset[int] = frozenset()  # Columns of numbers, which are set flush right
+    note: str = ""  # What was left out, or how to read it
 
 
 @dataclass(frozen=True)
 class Chart:
-    """A picture.
-
-    Parameters
-    ----------
-    alt : str
-        What it shows, for those who do not see it.
-    spec : mapping
-        Of Vega-Lite.
-    wide : bool
-        Two in a row on a wide screen, instead of three.
-    """
+    """A picture."""
 
     title: str
-    alt: str
-    spec: Mapping[str, Any]
-    wide: bool = False
+    alt: str  # What it shows, for those who do not see it
+    spec: Mapping[str, Any]  # Of Vega-Lite
+    wide: bool = False  # Two in a row on a wide screen, instead of three
 
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A part of the page with a heading, left out where it has neither text nor parts.
+    """A part of the page with a heading, left out where it has neither text nor parts."""
 
-    Parameters
-    ----------
-    id : str
-        For links; letters and hyphens.
-    text : sequence of str
-        Paragraphs.
-    points : sequence of str
-        Items of a list, after the paragraphs.
-    parts : sequence of Table or Chart
-        Charts that follow one another share a row where there is room.
-    lead : str
-        What is to be known first, before the paragraphs.
-    command : str
-        What to run next.
-    """
-
-    id: str
+    id: str  # For links; letters and hyphens
     title: str
-    text: Sequence[str] = ()
-    points: Sequence[str] = ()
+    text: Sequence[str] = ()  # Paragraphs
+    points: Sequence[str] = ()  # Items of a list, after the paragraphs
+    # Charts that follow one another share a row where there is room
     parts: Sequence[Table | Chart] = field(default_factory=tuple)
-    lead: str = ""
-    command: str = ""
+    lead: str = ""  # What is to be known first, before the paragraphs
+    command: str = ""  # What to run next
 
     @property
     def blocks(self) -> list[list[Table | Chart]]:

@@ -1,4 +1,8 @@
-"""Charts of samples: measured and predicted along the drive, and the misfit against its drivers."""
+"""The sheet on which charts are drawn, and the charts of samples.
+
+Each is a Vega-Lite specification and listens to the page's own control `#segment`, so that the
+keyboard reaches it and no script stands between.
+"""
 
 from __future__ import annotations
 
@@ -7,46 +11,102 @@ from typing import TYPE_CHECKING, Any
 import altair as alt
 import numpy as np
 
-from terrain_cli.views import binning
+from terrain_cli.views import shown_samples
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN
-from terrain_cli.views.report.chart_sheet import CHOSEN, Sheet, scale
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from terrain_cli.views.sample_pairs import Along, Pairs
+    from terrain_cli.views.shown_samples import Along, Pairs
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
-    Text = NDArray[np.str_]
     Spec = dict[str, Any]
+    Text = NDArray[np.str_]
 
+#: Marks the chosen segment in all charts at once: told apart from the groups and from the scale.
+CHOSEN = "#AA3377"
 #: Points drawn one by one beside a driver, of which there are many.
 MOST_BESIDE = 400
 #: Steps, in usual ones, that are a gap.
 _GAP = 8.0
 
 
+def rows(**columns: Sequence[Any] | NDArray[Any]) -> list[dict[str, Any]]:
+    """Turn columns into records: five digits, null where not known."""
+    lists = [_plain(column) for column in columns.values()]
+    return [dict(zip(columns, record, strict=True)) for record in zip(*lists, strict=True)]
+
+
+def _plain(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
+    values = np.asarray(column)
+    if values.dtype.kind != "f":
+        return list(values.tolist())
+    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
+
+
+class Sheet:
+    """A chart being drawn: its data, kept apart from its encodings, and the segment marked at first."""
+
+    def __init__(self, chosen: str | None = None) -> None:
+        self._datasets: dict[str, list[dict[str, Any]]] = {}
+        self._chosen = chosen
+
+    def chart(self, **columns: Sequence[Any] | NDArray[Any]) -> alt.Chart:
+        name = f"data-{len(self._datasets)}"
+        self._datasets[name] = rows(**columns)
+        # Altair would look at every value if it had them.
+        return alt.Chart(alt.NamedData(name=name))
+
+    def finished(self, layers: Sequence[alt.Chart], height: int, width: int | str = "container") -> Spec:
+        """Return the layers, from the lowest to the highest, as one specification; sizes are in pixels."""
+        chart = alt.layer(*layers)
+        if self._chosen is not None:
+            bind = alt.BindDirect(element="#segment", event="change")
+            chart = chart.add_params(alt.param(name="segment", value=self._chosen, bind=bind))
+        spec: Spec = (
+            chart.properties(width=width, height=height, background="transparent")
+            .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
+            .configure_view(stroke=None)
+            .configure_axis(
+                gridColor=FAINT,
+                gridOpacity=0.25,
+                labelColor=INK,
+                labelFontSize=11,
+                titleColor=INK,
+                titleFontSize=12,
+                titleFontWeight="normal",
+            )
+            .configure_legend(
+                labelColor=INK,
+                titleColor=INK,
+                titleFontWeight="normal",
+                labelFontSize=11,
+                titleFontSize=12,
+                labelLimit=180,
+                orient="bottom",
+                columns=3,
+            )
+            .to_dict()
+        )
+        # The schema's address is no use to a page that is not to look anything up.
+        spec.pop("$schema", None)
+        return {**spec, "datasets": self._datasets}
+
+
+def scale(low: float, high: float) -> alt.Scale:
+    """Return an axis that ends where it is told to."""
+    return alt.Scale(domain=[float(low), float(high)], nice=False, zero=False)
+
+
 def course(
     along: Array, axis: str, pairs: Pairs, label: str, keys: Text, chosen: str, *, driven: bool
 ) -> Spec:
-    """Draw measured and predicted values along the chosen segment.
+    """Draw measured and predicted values along the chosen segment, by time, slip or the number of the sample.
 
-    Parameters
-    ----------
-    along : ndarray, shape (n,)
-        Time; the slip of steady test points, or their number.
-    axis : str
-        Title of this axis.
-    pairs : Pairs
-        Of the same samples.
-    label : str
-        Of the channel, with its unit.
-    keys : ndarray of str, shape (segments,)
-        By which a segment is chosen.
-    chosen : str
-        Key of the segment marked at first.
-    driven : bool
-        Whether the samples were driven in the order of `along`: the prediction is a line then.
+    Where the samples were `driven` in that order, the prediction is a line. `keys`, of the segments, choose
+    one.
     """
     sheet = Sheet(chosen)
     # A line does not bridge what was not driven.
@@ -89,40 +149,24 @@ def course(
 def residual(
     along: Along, pooled: Pairs, label: str, noise: float, keys: Text, chosen: str, *, height: int = 210
 ) -> Spec:
-    """Draw the residual against a driver: its median, the band of 5 to 95 %, the noise, the chosen segment.
-
-    Parameters
-    ----------
-    along : Along
-        The driver.
-    pooled : Pairs
-        Of the same samples.
-    label : str
-        Of the channel, with its unit.
-    noise : float
-        Standard deviation, in the unit of the residual.
-    keys, chosen
-        As for `course`.
-    height : int
-        In pixels.
-    """
+    """Draw the residual against a driver: its median, the band of 5 to 95 %, the noise, the segment."""
     sheet = Sheet(chosen)
     values, axis = pooled.residual, along.quantity.label
     known = np.flatnonzero(np.isfinite(along.values))
-    kept = known[binning.some(len(known), MOST_BESIDE)]
-    low, high = binning.limits(np.percentile(values[known], [0.3, 50.0, 99.7]), np.zeros(1), margin=0.1)
+    kept = known[shown_samples.some(len(known), MOST_BESIDE)]
+    low, high = shown_samples.limits(np.percentile(values[known], [0.3, 50.0, 99.7]), np.zeros(1), margin=0.1)
     y = alt.Y("y:Q", title=f"measured − predicted {label}", scale=scale(low, high))
     if along.labels:
         x = alt.X("x:N", title=axis, sort=None, axis=alt.Axis(labelAngle=0, labelLimit=90))
     else:
-        x = alt.X("x:Q", title=axis, scale=scale(*binning.limits(along.values[known])))
+        x = alt.X("x:Q", title=axis, scale=scale(*shown_samples.limits(along.values[known])))
 
     def shown(driver: Array) -> Array | Text:
         return np.array(along.labels)[driver.astype(int)] if along.labels else driver
 
     points = sheet.chart(x=shown(along.values[kept]), y=values[kept], s=keys[pooled.segment[kept]])
     points = points.encode(x=x, y=y)
-    band = binning.band(along.values, values)
+    band = shown_samples.band(along.values, values)
     bins = sheet.chart(x=shown(band.centre), low=band.low, y=band.median, high=band.high).encode(
         x=x,
         tooltip=[

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.views import binning, sample_pairs, segment_groups, soil_table
-from terrain_cli.views.report import sample_charts, soil_charts, summary_section, timeline_charts
+from terrain_cli.views import shown_samples, shown_segments
+from terrain_cli.views.report import sample_charts, soil_charts, written_sections
 from terrain_cli.views.report.page_parts import Chart, Section, Table
 from terrain_cli.vocabulary import quantities
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.views.sample_pairs import Pairs
+    from terrain_cli.views.shown_samples import Pairs
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
     Choices = list[tuple[str, str]]
 
 #: Rows of the table of segments, and segments to choose from: the worst ones where there are more.
@@ -44,9 +44,9 @@ class _Content:
     table: Mapping[str, Any]
     misfits: Mapping[str, Array]
     #: The segments to choose from, as rows of the table.
-    kept: NDArray[np.intp]
+    kept: Index
     #: All of them, the worst first.
-    order: NDArray[np.intp]
+    order: Index
 
     @property
     def keys(self) -> NDArray[np.str_]:
@@ -73,20 +73,7 @@ class _Content:
 def of(
     comparison: Comparison, progress: Callable[[str], None], asked: Asked | None = None
 ) -> tuple[list[Section], Choices, str]:
-    """Return the sections of a comparison, and the segments to choose from.
-
-    Parameters
-    ----------
-    progress : callable
-        Called with the name of each section before it is made.
-
-    Returns
-    -------
-    choices : list of (str, str)
-        Key and label of each choice.
-    chosen : str
-        Key of the one marked at first.
-    """
+    """Return the sections of a comparison, key and label of each segment to choose, and the first key."""
     progress("segments")
     content = _content(comparison)
     worst = content.order[0]
@@ -110,17 +97,17 @@ def of(
 
 
 def _content(comparison: Comparison) -> _Content:
-    table = dict(soil_table.table(comparison))
+    table = dict(shown_segments.soil_table(comparison))
     # Long paths differ at their ends.
     table["name"] = [
-        f"…{name[1 - LONGEST :]}" if len(name) > LONGEST else name for name in segment_groups.names(table)
+        f"…{name[1 - LONGEST :]}" if len(name) > LONGEST else name for name in shown_segments.names(table)
     ]
     table["key"] = [
         f"{index}:{row}"
         for index, wheel in enumerate(comparison.wheels)
         for row in range(len(wheel.segments))
     ]
-    misfits = {name: sample_pairs.misfit(comparison, name) for name in sample_pairs.channels(comparison)}
+    misfits = {name: shown_samples.misfit(comparison, name) for name in shown_samples.channels(comparison)}
     # Of all channels, each in units of its rms error.
     total = np.zeros(len(table["name"]))
     for name, misfit in misfits.items():
@@ -132,7 +119,7 @@ def _content(comparison: Comparison) -> _Content:
 
 
 def _summary(content: _Content, asked: Asked | None) -> Section:
-    return summary_section.summary(content.comparison, list(map(str, content.table["status"])), asked)
+    return written_sections.summary(content.comparison, list(map(str, content.table["status"])), asked)
 
 
 def _soil(content: _Content) -> Section:
@@ -143,10 +130,10 @@ def _soil(content: _Content) -> Section:
             f"{title} of each segment from its beginning to its end; the table has the numbers.",
             spec,
         )
-        for title, spec in timeline_charts.of_soil(shown, content.chosen)
+        for title, spec in soil_charts.of_soil(shown, content.chosen)
     ]
     if any(shown["WKT"]):
-        maps = dict([segment_groups.mapped_strength(shown)])
+        maps = dict([shown_segments.mapped_strength(shown)])
         for name, what in content.units.items():
             maps[f"misfit of {what.words}{what.in_unit}"] = content.misfits[name][content.kept]
         parts += [
@@ -165,7 +152,7 @@ def _soil(content: _Content) -> Section:
                 soil_charts.estimates(shown, content.chosen),
             )
         )
-    if len(segment_groups.tested(shown)):
+    if len(shown_segments.tested(shown)):
         parts.append(
             Chart(
                 "Shear strength, marked at σ*",
@@ -198,7 +185,7 @@ def _segments(content: _Content) -> Table:
         )
         for row in kept
     ]
-    strength, _ = segment_groups.mapped_strength(table)
+    strength, _ = shown_segments.mapped_strength(table)
     head = (
         *("Segment", "Terrain", "Samples", "c (kPa)", "φ (°)", strength, "k (mm)"),
         *(f"misfit of {what.symbol}{what.in_unit}" for what in content.units.values()),
@@ -214,14 +201,14 @@ def _segments(content: _Content) -> Table:
 def _agreement(content: _Content) -> Section:
     comparison, keys = content.comparison, content.keys
     parts: list[Table | Chart] = []
-    for name in sample_pairs.channels(comparison):
+    for name in shown_samples.channels(comparison):
         errors = comparison.channels[name]
         what = quantities.quantity(name, errors.unit)
-        pooled = sample_pairs.pairs(comparison, name)
+        pooled = shown_samples.pairs(comparison, name)
         if not len(pooled.measured):
             continue
         if any("time" in wheel.drivers for wheel in comparison.wheels):
-            along = sample_pairs.driver(comparison, "time", pooled)
+            along = shown_samples.driver(comparison, "time", pooled)
             noise = errors.noise * what.factor
             chart = sample_charts.residual(along, pooled, what.label, noise, keys, content.chosen, height=320)
             title = f"Misfit of {what.words} along the drive"
@@ -239,13 +226,13 @@ def _agreement(content: _Content) -> Section:
     return Section(id="agreement", title="Measured and predicted", parts=parts)
 
 
-def _few_of_each(segment: NDArray[np.int32], kept: NDArray[np.intp]) -> NDArray[np.intp]:
+def _few_of_each(segment: NDArray[np.int32], kept: Index) -> Index:
     """Choose samples of the segments kept, about equally many of each."""
     most = max(MOST_SAMPLES // max(len(kept), 1), 20)
     order = np.argsort(segment, kind="stable")
     starts, ends = (np.searchsorted(segment[order], kept, side=side) for side in ("left", "right"))
     chosen = [
-        order[start:end][binning.some(int(end - start), most)]
+        order[start:end][shown_samples.some(int(end - start), most)]
         for start, end in zip(starts, ends, strict=True)
     ]
     return np.concatenate(chosen) if chosen else np.empty(0, dtype=np.intp)
@@ -259,7 +246,7 @@ def _along(comparison: Comparison, few: Pairs) -> tuple[Array, str, bool]:
     if any(wheel.samples.time is None for wheel in comparison.wheels):
         if any("slip" not in wheel.drivers for wheel in comparison.wheels):
             return few.row.astype(float) + 1.0, "sample", False
-        along = sample_pairs.driver(comparison, "slip", few)
+        along = shown_samples.driver(comparison, "slip", few)
         return along.values, along.quantity.label, False
     result = np.empty(len(few.row))
     for index, wheel in enumerate(comparison.wheels):
@@ -273,7 +260,7 @@ def _failures(content: _Content) -> Section:
     comparison = content.comparison
     rows = [
         (
-            summary_section.sentence(finding.sentence),
+            written_sections.sentence(finding.sentence),
             quantities.quantity(finding.channel, "").words,
             " or ".join(
                 quantities.quantity(name, "").words for name in (finding.driver, *finding.alternatives)
@@ -291,12 +278,12 @@ def _failures(content: _Content) -> Section:
     if rows:
         note = "p holds for all findings together. The share is of the misfit beyond noise."
         parts.append(Table("What the misfit follows", head, rows, frozenset({4, 5}), note))
-    for name in sample_pairs.channels(comparison):
+    for name in shown_samples.channels(comparison):
         errors = comparison.channels[name]
         what = quantities.quantity(name, errors.unit)
-        pooled = sample_pairs.pairs(comparison, name)
-        for driver in sample_pairs.drivers(comparison, name, pooled, MOST_DRIVERS):
-            along = sample_pairs.driver(comparison, driver, pooled)
+        pooled = shown_samples.pairs(comparison, name)
+        for driver in shown_samples.drivers(comparison, name, pooled, MOST_DRIVERS):
+            along = shown_samples.driver(comparison, driver, pooled)
             parts.append(
                 Chart(
                     f"Misfit of {what.words} against {along.quantity.words}",
@@ -319,9 +306,9 @@ def _failures(content: _Content) -> Section:
     return Section(id="failures", title="Where it fails", text=text, parts=parts)
 
 
-def _described(along: sample_pairs.Along, residual: Array, what: quantities.Quantity) -> str:
+def _described(along: shown_samples.Along, residual: Array, what: quantities.Quantity) -> str:
     driver = along.quantity
-    band = binning.band(along.values, residual)
+    band = shown_samples.band(along.values, residual)
     known = np.isfinite(band.median)
     if not known.any() or along.labels:
         return f"Misfit of {what.words} against {driver.words}."

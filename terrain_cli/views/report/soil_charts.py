@@ -1,4 +1,4 @@
-"""Charts of segments: maps, estimates of the soil, and its strength."""
+"""Charts of segments: along the drive, on maps, estimates of the soil, and its strength."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Any
 import altair as alt
 import numpy as np
 
-from terrain_cli.views import binning, segment_groups
+from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, SCALE
-from terrain_cli.views.report.chart_sheet import CHOSEN, Sheet, scale
+from terrain_cli.views.report.sample_charts import CHOSEN, Sheet, scale
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
     Spec = dict[str, Any]
 
 #: Told apart in print and without colour: one for each of `COLOURS`.
@@ -28,25 +27,23 @@ _MAP = 300
 _MOST_ELLIPSES = 60
 #: Points of all tracks on a map, and of all ellipses, that keep the page small.
 _MOST_VERTICES = 1_500
+_QUANTITIES = (
+    ("Cohesion c (kPa)", "c_kPa", "c_se_kPa"),
+    ("Friction angle φ (°)", "phi_deg", "phi_se_deg"),
+)
+#: Times the usual error, beyond which a band may leave the picture: it would flatten all that is known.
+_UNSURE = 4.0
 
 
 def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> Spec:
     """Draw the segments of the chosen one's wheel on a map, coloured by a value; the chosen one stands out.
 
-    Other wheels went nearly the same way, and would hide it.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        Columns of `results.COLUMNS`, "name", and "key", by which a segment is chosen: the number of
-        its wheel, a colon, and its own.
-    values : ndarray, shape (segments,)
-    label : str
-        Of the values, with their unit.
+    Other wheels went nearly the same way, and would hide it. The keys of the table are the number of a wheel,
+    a colon, and that of its segment.
     """
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
-    paths = segment_groups.paths(table)
+    paths = shown_segments.paths(table)
     most = max(_MOST_VERTICES // max(len(paths), 1), 3)
     paths = [
         path[np.unique(np.linspace(0, len(path) - 1, most).astype(int))] if len(path) else path
@@ -54,9 +51,9 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
     ]
     length = [len(path) for path in paths]
     every = np.concatenate(paths)
-    across, up, stretch = segment_groups.frame(table, every)
+    across, up, stretch = shown_segments.frame(table, every)
     number = np.repeat(np.arange(len(paths)), length)
-    titles = ("longitude (°)", "latitude (°)") if segment_groups.geographic(table) else ("x (m)", "y (m)")
+    titles = ("longitude (°)", "latitude (°)") if shown_segments.geographic(table) else ("x (m)", "y (m)")
     base = sheet.chart(
         x=every[:, 0],
         y=every[:, 1],
@@ -77,7 +74,7 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
     # The same for all wheels.
     ends = [float(known.min()), float(known.max())] if len(known) else [0.0, 1.0]
     if ends[0] == ends[1]:
-        ends = list(binning.limits(known))
+        ends = list(shown_samples.limits(known))
     colour = alt.Color(
         "v:Q",
         scale=alt.Scale(scheme=SCALE, domain=ends),
@@ -96,17 +93,11 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
 
 
 def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
-    """Draw c and φ of every segment with their ellipses.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        As for `track`.
-    """
+    """Draw c and φ of every segment with their ellipses."""
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
-    kinds = segment_groups.groups(table, len(COLOURS))
-    c, phi = segment_groups.estimate_limits(table)
+    kinds = shown_segments.groups(table, len(COLOURS))
+    c, phi = shown_segments.estimate_limits(table)
     x = alt.X("x:Q", title="cohesion c (kPa)", scale=scale(*c))
     y = alt.Y("y:Q", title="friction angle φ (°)", scale=scale(*phi))
     n = len(kinds)
@@ -138,7 +129,7 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
         ],
     )
     corners = min(max(_MOST_VERTICES // n, 13), 41)
-    outlines = [segment_groups.ellipse(table, row, corners) for row in range(n)]
+    outlines = [shown_segments.ellipse(table, row, corners) for row in range(n)]
     drawn = [j for j, one in enumerate(outlines) if np.isfinite(one).all()]
     layers: list[alt.Chart] = [points.mark_point(filled=True, size=45, clip=True).interactive(name="zoom")]
     if drawn:
@@ -161,23 +152,17 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
 
 
 def strength(table: Mapping[str, Any], chosen: str) -> Spec:
-    """Draw the strength line of every segment about its σ*.
-
-    Parameters
-    ----------
-    table : mapping of str to sequence
-        As for `track`.
-    """
+    """Draw the strength line of every segment about its σ*."""
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
-    kinds = segment_groups.groups(table, len(COLOURS))
+    kinds = shown_segments.groups(table, len(COLOURS))
     pivots = np.asarray(table["sigma_star_kPa"], dtype=float)
-    known = segment_groups.tested(table)
-    across, up = segment_groups.strength_limits(table)
+    known = shown_segments.tested(table)
+    across, up = shown_segments.strength_limits(table)
     # Far from σ* the drive has not tried the soil.
     steps = 5 if len(known) > _MOST_ELLIPSES else 9
     stress = pivots[known, None] * np.linspace(0.5, 1.5, steps)
-    lines = [segment_groups.strength(table, row, s) for row, s in zip(known, stress, strict=True)]
+    lines = [shown_segments.strength(table, row, s) for row, s in zip(known, stress, strict=True)]
     value = np.array([line[0] for line in lines]).reshape(-1)
     error = 1.96 * np.array([line[1] for line in lines]).reshape(-1)
     number = np.repeat(known, steps)
@@ -231,3 +216,75 @@ def _colour(kinds: Sequence[str]) -> alt.Color:
     return alt.Color(
         "kind:N", title=None, scale=alt.Scale(domain=_unique(kinds), range=_some(COLOURS, kinds))
     )
+
+
+def of_soil(table: Mapping[str, Any], chosen: str) -> list[tuple[str, Spec]]:
+    """Draw each quantity along the time of the drive, with its title; nothing without time."""
+    start, end = (np.asarray(table[name], dtype=float) for name in ("t_start_s", "t_end_s"))
+    if not np.isfinite(start).any():
+        return []
+    label, _ = shown_segments.mapped_strength(table)
+    strength = (
+        f"{label[:1].upper()}{label[1:]}",
+        "strength_at_stress_kPa",
+        "strength_at_stress_se_kPa",
+    )
+    return [
+        (title, _timeline(table, (start, end), title, (value, error), chosen))
+        for title, value, error in (strength, *_QUANTITIES)
+        if np.isfinite(np.asarray(table[value], dtype=float)).any()
+    ]
+
+
+def _timeline(
+    table: Mapping[str, Any],
+    times: tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]],
+    title: str,
+    names: tuple[str, str],
+    chosen: str,
+) -> Spec:
+    sheet = Sheet(chosen)
+    begin = np.nanmin(times[0])
+    value, error = (np.asarray(table[name], dtype=float) for name in names)
+    kinds = shown_segments.groups(table, len(COLOURS))
+    unique = list(dict.fromkeys(kinds))
+    base = sheet.chart(
+        x=times[0] - begin,
+        x2=times[1] - begin,
+        y=value,
+        e=error,
+        low=value - 1.96 * error,
+        high=value + 1.96 * error,
+        s=np.asarray(table["key"]),
+        name=np.asarray(table["name"]),
+        kind=kinds,
+        status=[str(status) for status in table["status"]],
+    ).encode(
+        x=alt.X("x:Q", title="time since the start (s)", scale=alt.Scale(zero=False, nice=False)),
+        x2="x2:Q",
+        tooltip=[
+            alt.Tooltip("name:N", title="segment"),
+            alt.Tooltip("y:Q", title=title),
+            alt.Tooltip("e:Q", title="± s.e."),
+            alt.Tooltip("status:N"),
+        ],
+    )
+    known = np.isfinite(value)
+    sure = known & np.isfinite(error)
+    if sure.any():
+        sure &= error <= np.median(error[sure]) * _UNSURE
+    ends = np.concatenate([value[known], (value - 1.96 * error)[sure], (value + 1.96 * error)[sure]])
+    scale = alt.Scale(domain=[float(np.nanmin(ends)), float(np.nanmax(ends))], zero=False)
+    y = alt.Y("y:Q", title=title, scale=scale)
+    colours = alt.Scale(domain=unique, range=list(COLOURS[: len(unique)]))
+    # One name for all is no legend.
+    legend = alt.Legend(title=None) if len(unique) > 1 else None
+    colour = alt.Color("kind:N", scale=colours, legend=legend)
+    # What is not ok is faint, as in the other pictures.
+    opacity = alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35))
+    band = base.mark_rect(opacity=0.16, clip=True).encode(
+        y=alt.Y("low:Q", title=title, scale=scale), y2="high:Q", color=colour
+    )
+    lines = base.mark_rule(strokeWidth=4, clip=True).encode(y=y, color=colour, opacity=opacity)
+    marked = base.mark_rule(strokeWidth=9, color=CHOSEN, clip=True).encode(y=y)
+    return sheet.finished([band, marked.transform_filter("datum.s == segment"), lines], 220)

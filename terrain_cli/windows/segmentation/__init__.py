@@ -1,7 +1,6 @@
 """Windows of homogeneous terrain along one wheel's drive."""
 
-from terrain_cli.windows.segmentation.change_points import PENALTY, TOLERANCE, change_points
-from terrain_cli.windows.segmentation.explained_cuts import needed
+from terrain_cli.windows.segmentation.change_points import PENALTY, TOLERANCE, change_points, needed
 from terrain_cli.windows.segmentation.plain_windows import fixed_windows, label_windows, whole_windows
 
 __all__ = [

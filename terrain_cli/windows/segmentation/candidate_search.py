@@ -9,16 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.windows.segmentation import line_costs
-from terrain_cli.windows.segmentation.running_moments import FINE, LONG
-from terrain_cli.windows.segmentation.sensor_noise import correlation_factor
+from terrain_cli.windows.segmentation.running_moments import FINE, LONG, correlation_factor
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.windows.segmentation.running_moments import RunningMoments
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Bounds are chosen exactly among up to so many places, ...
 EXACT = 64
@@ -52,7 +48,7 @@ class Limits:
     #: Metres up to each bound a window may have; shape (n + 1,).
     driven: Array | None = None
 
-    def met(self, first: Index, last: Index) -> NDArray[np.bool_]:
+    def met(self, first: Index, last: Index) -> Mask:
         """Return which of the windows [first, last) are long enough."""
         enough = np.asarray(last - first >= self.samples)
         if self.driven is not None:
@@ -90,7 +86,7 @@ class _Chunks:
             cost = line_costs.best_line(windows.reshape(line_costs.ROWS, -1))[1].reshape(len(kept), -1)
             self._cost[kept, some] = np.where(allowed[kept], cost, np.inf)
 
-    def optimum(self, penalty: float) -> NDArray[np.bool_]:
+    def optimum(self, penalty: float) -> Mask:
         """Tell which places have the least sum of costs and penalties (optimal partitioning)."""
         size, chunks = len(self._index) - 1, self._index.shape[1]
         least = np.zeros((size + 1, chunks))
@@ -110,7 +106,6 @@ class _Chunks:
         return chosen
 
     def chosen(self, penalty: float) -> _Places:
-        """Return the places chosen."""
         found = np.zeros(len(self._places.samples), dtype=bool)
         found[self._index[self.optimum(penalty)]] = True
         return _Places(self._places.samples[found], self._places.sums[:, found])
@@ -123,7 +118,7 @@ def _windows(size: int) -> tuple[Index, Index]:
     return a, b
 
 
-def _allowed(limits: Limits, samples: Index, n: int, a: Index, b: Index) -> NDArray[np.bool_]:
+def _allowed(limits: Limits, samples: Index, n: int, a: Index, b: Index) -> Mask:
     """Return which windows [a, b) of chunks are long enough, shape (windows, chunks)."""
     allowed = limits.met(samples[a], samples[b])
     # Windows go on beyond a seam, and a stretch too short for any window is one.
@@ -197,7 +192,7 @@ def _finer(moments: RunningMoments, edges: Index, block: Index) -> _Places:
     return _Places(samples[order], sums.take(order, axis=1))
 
 
-def _wanders(windows: Array, parts: Array, limit: float) -> NDArray[np.bool_]:
+def _wanders(windows: Array, parts: Array, limit: float) -> Mask:
     """Tell in which windows the residuals about one line do not stay about it.
 
     `windows`, shape (10, k), are moments, and `parts`, shape (5, m, k), the moments W to XY of the first

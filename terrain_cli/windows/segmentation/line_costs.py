@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
     Slopes = tuple[Array, Array]
 
 W, X, Y, XX, XY, YY, NOISE_XX, NOISE_XY, NOISE_YY, N = range(10)
@@ -100,7 +99,7 @@ def _best_line(moments: Array, slopes: Slopes | None) -> tuple[Array, Array]:
     if slopes is not None:
         low, high = np.clip(slopes[0], low, high), np.clip(slopes[1], low, high)
 
-    def misfit(t: Array, of: NDArray[np.intp] | slice = slice(None)) -> Array:
+    def misfit(t: Array, of: Index | slice = slice(None)) -> Array:
         return across(xx[of], xy[of], yy[of], t) / across(noise_xx[of], noise_xy[of], noise_yy[of], t)
 
     beyond = np.flatnonzero(~((slope > low) & (slope < high)))

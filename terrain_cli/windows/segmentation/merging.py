@@ -14,13 +14,10 @@ from terrain_cli.windows.segmentation.running_moments import FINE, LONG
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.windows.segmentation.candidate_search import Limits
     from terrain_cli.windows.segmentation.running_moments import RunningMoments
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Samples beside a bound in which a new soil shows.
 BESIDE = 60
@@ -172,7 +169,7 @@ class Refinement:
         self._settled = around[:, ~far] if not far.all() else self._settled
         return bounds
 
-    def _is_settled(self, a: Index, b: Index, c: Index) -> NDArray[np.bool_]:
+    def _is_settled(self, a: Index, b: Index, c: Index) -> Mask:
         """Return which bounds b are where they were found best, between neighbours that hardly moved."""
         at = np.minimum(np.searchsorted(self._settled[1], b), self._settled.shape[1] - 1)
         last_a, last_b, last_c = self._settled[:, at]
@@ -209,7 +206,6 @@ class Refinement:
     def _cheapest(
         self, cuts: Index, sums: Array, ends: tuple[Array, Array], inside: tuple[Index, ...]
     ) -> tuple[Index, Array]:
-        """Return the cuts of least misfit, and that."""
         costs = self._costs(cuts, sums, ends, inside)
         best = costs.argmin(axis=1)[:, None]
         return np.take_along_axis(cuts, best, axis=1)[:, 0], np.take_along_axis(costs, best, axis=1)[:, 0]

@@ -12,8 +12,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from terrain_cli.vocabulary.arrays import Array, Bounds
+
     Breaks = Sequence[int] | NDArray[np.integer]
-    Bounds = NDArray[np.intp]
 
 
 def whole_windows(n: int, *, breaks: Breaks = ()) -> Bounds:
@@ -77,7 +78,7 @@ def distinct(values: Bounds) -> Bounds:
     return rising[np.diff(rising, prepend=rising[:1] - 1) > 0]
 
 
-def checked_distance(distance: ArrayLike, n: int) -> NDArray[np.float64]:
+def checked_distance(distance: ArrayLike, n: int) -> Array:
     """Return the distance as floats; ValueError where it has not n values, or is not finite, or falls."""
     driven = np.asarray(distance, dtype=float)
     if driven.shape != (n,):

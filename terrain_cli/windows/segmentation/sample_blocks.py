@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
+    from terrain_cli.vocabulary.arrays import Array, Index
+
 
 #: Rows of what `summed` returns: sums of x, y, x², xy and y²;
 POWERS, SUMS, POWER_X, POWER_Y = slice(0, 5), slice(0, 2), 2, 4

@@ -1,0 +1,115 @@
+"""The bytes of a pipe, of the standard input, or of a file that grows, as they arrive."""
+
+from __future__ import annotations
+
+import os
+import select
+import stat
+import sys
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from formats.content import failure
+from formats.copies import readable
+from formats.errors import FormatError, NotFoundError
+from formats.table import STANDARD_INPUT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+#: Bytes taken at once, as many as a pipe of Linux holds: nothing waits long for what came with it.
+_BLOCK = 1 << 16
+#: What is still taken from a pipe once the process was asked to end: its writer may never stop.
+_LEFT = 1 << 20
+#: Seconds between two looks at a file, and between two empty blocks while nothing arrives.
+_LOOK = 0.1
+
+
+class ArrivingBytes:
+    """What arrives from one input, until it ends, until somebody asks, or until nothing more comes.
+
+    Nothing is read before it is asked for, so that a writer waits for whoever works on it.
+    """
+
+    def __init__(self, path: str, *, stop: int, idle: float | None = None) -> None:
+        """Open it; a descriptor `stop` that can be read asks to end, as do so many seconds without a byte."""
+        self.label = STANDARD_INPUT if path == "-" else path
+        self._path, self._stop, self._idle = path, stop, idle
+        #: Whether somebody asked to end.
+        self.stopped = False
+        #: Whether nothing came for too long.
+        self.idled = False
+
+    def __iter__(self) -> Iterator[bytes]:
+        """Yield blocks as they arrive, empty ones while nothing does."""
+        with self._opened() as descriptor:
+            grows = self._path != "-" and stat.S_ISREG(os.fstat(descriptor).st_mode)
+            last = time.monotonic()
+            while True:
+                block = self._next(descriptor, grows=grows)
+                if block:
+                    last = time.monotonic()
+                elif block is None:
+                    return
+                elif self.stopped:
+                    break
+                elif self._idle is not None and time.monotonic() - last >= self._idle:
+                    self.idled = True
+                    return
+                yield block
+            yield from self._left(descriptor, grows=grows)
+
+    def _next(self, descriptor: int, *, grows: bool) -> bytes | None:
+        """Wait for a block; empty where none came, None at the end."""
+        ready, _, _ = select.select(
+            [self._stop, *([] if grows else [descriptor])], [], [], 0 if grows else _LOOK
+        )
+        self.stopped = self._stop in ready
+        if self.stopped or not (grows or ready):
+            return b""
+        try:
+            block = os.read(descriptor, _BLOCK)
+        except BlockingIOError:
+            return b""
+        if block or not grows:
+            return block or None
+        if os.lseek(descriptor, 0, os.SEEK_CUR) > os.fstat(descriptor).st_size:
+            raise FormatError(self.label, "became shorter while it was followed", hint="follow the new file")
+        ready, _, _ = select.select([self._stop], [], [], _LOOK)
+        self.stopped = bool(ready)
+        return b""
+
+    def _left(self, descriptor: int, *, grows: bool) -> Iterator[bytes]:
+        """Yield what had arrived when somebody asked to end."""
+        size = 0
+        while size < _LEFT and (grows or select.select([descriptor], [], [], 0)[0]):
+            try:
+                block = os.read(descriptor, _BLOCK)
+            except BlockingIOError:
+                return
+            if not block:
+                return
+            size += len(block)
+            yield block
+
+    @contextmanager
+    def _opened(self) -> Iterator[int]:
+        if self._path == "-":
+            if sys.stdin is None:
+                raise NotFoundError(STANDARD_INPUT, "is closed")
+            yield sys.stdin.fileno()
+            return
+        try:
+            if stat.S_ISDIR(readable(self._path).st_mode):
+                raise FormatError(
+                    self.label, "is a folder", hint="follow one file; batch --watch takes folders"
+                )
+            # A pipe that nobody has opened yet would hold up the open itself.
+            descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            raise failure(self._path, error) from error
+        try:
+            yield descriptor
+        finally:
+            os.close(descriptor)

@@ -1,0 +1,313 @@
+"""`terrain-est model new|show|add|remove|history`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from terrain_cli.commands import comparison_options, model_changes, options, paths, suggestions
+from terrain_cli.commands.model_add import add
+from terrain_cli.commands.suggestions import Group
+from terrain_cli.presentation.terminal import aligned, say
+from terrain_cli.vocabulary.choices import BASES
+from terrain_cli.vocabulary.quantities import counted
+
+if TYPE_CHECKING:
+    from terrain_cli.models import ModelFile
+
+DESCRIPTION_FORMAT = "terrain-est/model-description/1"
+HISTORY_FORMAT = "terrain-est/model-history/1"
+
+
+@click.command(
+    "new",
+    cls=paths.Verb,
+    context_settings=options.CONTEXT,
+    short_help="Write a new model file.",
+    epilog="""\b
+Examples:
+  terrain-est model new model.toml
+  terrain-est model new model.toml --effect slip-sinkage --effect drivetrain-friction
+  terrain-est model new model.toml --effect cable-drag.toml --fix shear_modulus=0.018
+""",
+)
+@click.argument("file", type=paths.RESULT, metavar="FILE")
+@click.option(
+    "--base",
+    type=click.Choice(BASES),
+    default="wong-reece",
+    show_default=True,
+    help="The stresses under the rim: those of Wong and Reece, or the triangles of the linearised model.",
+)
+@click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    type=paths.EFFECT,
+    envvar="TERRAIN_EST_EFFECT",
+    metavar="EFFECT",
+    shell_complete=suggestions.effects,
+    help="An id of the catalogue, or the TOML file of an effect (repeatable).",
+)
+@click.option(
+    "--fix",
+    "fixed",
+    multiple=True,
+    envvar="TERRAIN_EST_FIX",
+    metavar="NAME=VALUE",
+    help="Hold a parameter at a value instead of estimating it, in the unit that `model show` lists "
+    "(repeatable).",
+)
+@click.option("--force", is_flag=True, help="Replace FILE if it is there.")
+def new(file: str, base: str, effects: tuple[str, ...], fixed: tuple[str, ...], force: bool) -> None:
+    """Write a model file: plain text, to be edited.
+
+    FILE must not exist, unless --force is given. Parameters are named as in the file: cohesion,
+    tan_phi, shear_modulus, stiffness, sinkage_exponent, and those of effects slip-sinkage.n1 and so on.
+    """
+    import formats
+    from terrain_cli import models
+    from terrain_cli.errors import UsageError
+
+    formats.check_free(file, replace=force)
+    folder = Path(file).parent
+    named = models.named_from(effects, folder)
+    values: dict[str, Any] = {}
+    for text in fixed:
+        name, equals, number = text.partition("=")
+        try:
+            values[name.strip()] = float(number)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise UsageError(f"--fix {text}: is not NAME=VALUE", hint="such as --fix shear_modulus=0.018")
+    models.save(models.build(base, named, values, folder), file)
+
+
+@click.command(
+    "show",
+    cls=paths.Verb,
+    context_settings=options.CONTEXT,
+    short_help="Say what a model file holds.",
+    epilog="""\b
+Examples:
+  terrain-est model show model.toml
+  terrain-est model show wong-reece --json
+""",
+)
+@click.argument("file", type=paths.MODEL, metavar="FILE")
+@options.as_json
+def show(file: str, as_json: bool) -> None:
+    """Say what a model is made of: its base, its effects, their parameters, and the channels it needs.
+
+    FILE is a model file, or the name of a base.
+    """
+    from terrain_cli import models
+
+    document = _description(file, models.resolve(file))
+    if as_json:
+        click.echo(json.dumps(document, ensure_ascii=False, indent=2, default=str))
+    else:
+        say("\n".join(_text(document)))
+
+
+def _description(name: str, file: ModelFile) -> dict[str, Any]:
+    return {
+        "format": DESCRIPTION_FORMAT,
+        "model": name,
+        "base": file.model.base,
+        "effects": [
+            {
+                "id": effect.id,
+                "title": effect.title,
+                "kind": effect.kind,
+                "formula": effect.formula,
+                "needs": list(effect.needs),
+                "any_of": list(effect.any_of),
+                "origin": effect.origin,
+            }
+            for effect in file.model.effects
+        ],
+        "parameters": {name: _parameter(name, unit, file) for name, unit in file.units.items()},
+        "needs": list(file.model.needs),
+        "uses": list(dict.fromkeys(name for effect in file.model.effects for name in effect.reads)),
+        "history": list(file.history),
+    }
+
+
+def _parameter(name: str, unit: str, file: ModelFile) -> dict[str, Any]:
+    from terrain_cli.models.model_file import SOIL_MEANINGS
+
+    own = file.model.parameters.get(name)
+    prior, factor = file.priors.get(name), file.factor(name)
+    return {
+        "unit": unit,
+        "meaning": own.meaning if own else SOIL_MEANINGS[name],
+        "held": file.fixed[name] / factor if name in file.fixed else None,
+        "prior": {"mean": prior.mean / factor, "sd": prior.sd / factor} if prior else None,
+        "per": "wheel" if own or name in file.shared else "window",
+        "null": own.null / factor if own else None,
+    }
+
+
+def _text(document: dict[str, Any]) -> list[str]:
+    lines = [f"{document['model']}: base {document['base']}"]
+    for effect in document["effects"]:
+        lines.append(f"  + {effect['id']} ({effect['kind']}): {effect['title']}")
+        lines += [f"      {effect['formula']}"] * bool(effect["formula"])
+    rows = [("parameter", "unit", "", "meaning")]
+    for name, entry in document["parameters"].items():
+        state = f"estimated for each {entry['per']}"
+        if entry["held"] is not None:
+            state = f"held at {entry['held']:g}"
+        elif entry["prior"]:
+            state += f", known as {entry['prior']['mean']:g} ± {entry['prior']['sd']:g}"
+        rows.append((name, entry["unit"], state, entry["meaning"]))
+    lines += aligned(rows, "  ")
+    if document["uses"]:
+        names = (name if name in document["needs"] else f"{name} (if there)" for name in document["uses"])
+        lines.append(f"channels that the effects use: {', '.join(names)}")
+    if document["history"]:
+        from terrain_cli.improvement.model_history import rungs
+
+        lines.append("history:")
+        lines += [
+            f"  {rung.number}. " + ": ".join(filter(None, [rung.label, rung.because]))
+            for rung in rungs(document["history"])
+        ]
+    return lines
+
+
+@click.command(
+    "history",
+    cls=paths.Verb,
+    context_settings=options.CONTEXT,
+    short_help="Show what each change did to the held-out error.",
+    epilog="""\b
+Examples:
+  terrain-est model history model.toml
+  terrain-est model history model.toml --json
+  terrain-est model history model.toml --plot pictures
+""",
+)
+@click.argument("file", type=paths.MODEL, metavar="FILE")
+@options.as_json
+@click.option(
+    "--plot",
+    type=paths.PICTURES,
+    metavar="DIR",
+    help="Write a picture of the errors into this folder, as PNG and SVG (extra: plot).",
+)
+@options.quiet
+def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
+    """Show the ladder of errors of a model FILE: every effect added or removed, and what that did.
+
+    Errors are rms errors on stretches of the data that were not fitted, with 95 % intervals, beside the
+    noise that no model could predict. A step may have been tried on other data than the one before.
+    """
+    from terrain_cli.commands import model_changes
+    from terrain_cli.improvement import model_history
+    from terrain_cli.views import ladder_table as views
+
+    if plot:
+        from terrain_cli.views import chart_style
+
+        chart_style.need("plot")
+    model = model_changes.load(file)
+    rungs = model_history.rungs(model.history)
+    if as_json:
+        content = {
+            "format": HISTORY_FORMAT,
+            "file": file,
+            "base": model.model.base,
+            "effects": [effect.id for effect in model.model.effects],
+            "steps": [dict(entry) for entry in model.history],
+        }
+        click.echo(json.dumps(content, ensure_ascii=False, indent=2, default=str))
+    else:
+        name = " + ".join([model.model.base, *(effect.id for effect in model.model.effects)])
+        say(f"{file}: {name}, after {counted(len(rungs), 'change')} on record")
+        if rungs:
+            head, rows = views.table(rungs)
+            say("\n".join(["", *aligned([head, *rows]), "", *views.remarks(rungs)]))
+    if plot:
+        from terrain_cli.views import plots
+
+        written = plots.write_ladder(rungs, plot)
+        if not quiet:
+            said = (
+                f"{len(written)} pictures in {plot}" if written else "no step was tried on data: no picture"
+            )
+            click.echo(said, err=True)
+
+
+@click.command(
+    "remove",
+    cls=model_changes.TakesInputs,
+    context_settings=options.CONTEXT,
+    short_help="Remove an effect, and see what it was worth.",
+    epilog="""\b
+Examples:
+  terrain-est model remove model.toml load-bias
+  terrain-est model remove model.toml load-bias --data day1/*.mcap
+""",
+)
+@click.argument("file", type=paths.CHANGED, metavar="FILE")
+@click.argument(
+    "effects",
+    nargs=-1,
+    required=True,
+    type=paths.EFFECT,
+    metavar="EFFECT…",
+    shell_complete=suggestions.effects,
+)
+@model_changes.with_options
+@click.pass_context
+def remove(context: click.Context, /, **_: Any) -> None:
+    """Remove each EFFECT from the model FILE, with all that FILE says of its parameters.
+
+    With --data the model is fitted with and without it, and both are compared on stretches of the data
+    that were not fitted. It is removed whatever comes out, as you have asked for it; if the held-out
+    error rises, this is said, and `terrain-est model add` brings it back. FILE remembers either.
+    """
+    from terrain_cli.improvement import model_history
+    from terrain_cli.presentation import change_text
+
+    before, changed = model_changes.change(context, "remove")
+    if not context.params["inputs"]:
+        model_changes.untested(context, "remove", changed)
+        return
+    step = replace(model_changes.tried(context, "remove", before, changed), kept=True)
+    because = f"asked for; {change_text.found(step)}"
+    model_changes.write(context.params["file"], changed.file, model_history.entry(step, because))
+    asked = comparison_options.repeated(context, context.params["file"])
+    model_changes.tell(context, change_text.text(step, asked), change_text.document(step, asked))
+
+
+@click.group(
+    "model",
+    cls=Group,
+    context_settings=options.CONTEXT,
+    epilog="""\b
+Examples:
+  terrain-est model new model.toml
+  terrain-est model add model.toml slip-sinkage --data day1/*.mcap
+  terrain-est model add model.toml --until-quiet --data run.bag
+  terrain-est model history model.toml
+""",
+)
+def command() -> None:
+    """Write model files, show them, and improve them step by step.
+
+    A model file names a base (wong-reece or linear) and the physical effects added to it, holds those
+    of their parameters that are not to be estimated, and remembers what each change did to the error
+    on data that were not fitted. `terrain-est estimate --model FILE` fits it.
+    """
+
+
+for verb in (new, show, add, remove, history):
+    command.add_command(verb)

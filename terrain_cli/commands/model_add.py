@@ -1,0 +1,253 @@
+"""`terrain-est model add FILE EFFECT… [--data INPUT…]`, and the loop `--until-quiet`."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from terrain_cli.commands import comparison_options, model_changes, options, paths, suggestions
+from terrain_cli.presentation.terminal import say
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from terrain_cli.diagnosis.diagnosis_outcome import UnknownEffect
+    from terrain_cli.improvement import Step, Stopped
+
+
+@click.command(
+    "add",
+    cls=model_changes.TakesInputs,
+    context_settings=options.CONTEXT,
+    short_help="Add an effect, if it makes the held-out error fall.",
+    epilog="""\b
+Examples:
+  terrain-est model add model.toml slip-sinkage --data day1/*.mcap
+  terrain-est model add model.toml cable-drag.toml --data run.bag --json > change.json
+  terrain-est model add model.toml slip-sinkage --data monday.csv --confirm tuesday.csv
+  terrain-est model add model.toml load-bias slope --data run.csv --segments none --keep
+  terrain-est model add model.toml --until-quiet --data run.bag
+  terrain-est model add model.toml hardpan
+""",
+)
+@click.argument("file", type=paths.CHANGED, metavar="FILE")
+@click.argument(
+    "effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]", shell_complete=suggestions.effects
+)
+@click.option(
+    "--confirm",
+    multiple=True,
+    type=paths.INPUT,
+    metavar="INPUT",
+    help="Another drive, which did not choose the effect (repeatable): FILE gets the effect only if the "
+    "held-out error falls there too.",
+)
+@click.option("--keep", is_flag=True, help="Add it even if the held-out error does not fall.")
+@click.option(
+    "--until-quiet",
+    is_flag=True,
+    help="Let the data choose: diagnose, add what pays, and again, until nothing is missing that the data "
+    "could tell. EFFECT… are then candidates beside the catalogue.",
+)
+@click.option(
+    "--draft",
+    type=paths.OUTPUT,
+    metavar="FILE.toml|DIR",
+    help="With --until-quiet: where to write an effect of your own for what no candidate explains.  "
+    "[stop there]",
+)
+@model_changes.with_options
+@click.pass_context
+def add(context: click.Context, /, **_: Any) -> None:
+    """Add each EFFECT to the model FILE, if that makes the error on held-out data fall.
+
+    EFFECT is an id of the catalogue (terrain-est effects list), the TOML file of an effect of your own
+    or of a draft, or an assumption of the base that is lifted. With --data the model is fitted without
+    and with it, c, φ and all, and both are compared on stretches of the data that were not fitted.
+    Several are added together. FILE gets the effect and an entry of its history, which says whether
+    the same data proved the effect or another drive (--confirm).
+
+    FILE is left as it is, unless --keep is given, if the held-out error falls significantly in no
+    channel, rises in one by more than it falls in others, or falls only with a parameter that is
+    physically impossible (friction that drives the wheel). The reason is told; the exit code is 0.
+    Without --data the effect is added untested, which the history says too.
+    """
+    from terrain_cli.errors import UsageError
+
+    given = context.params
+    if given["confirm"]:
+        _check_confirm(given)
+    if given["until_quiet"]:
+        if not given["inputs"]:
+            raise UsageError("--until-quiet needs --data", hint="--data run.bag, or several inputs")
+        if given["keep"]:
+            raise UsageError("--keep and --until-quiet contradict each other", hint="leave out one of them")
+        _until_quiet(context)
+        return
+    if not given["effects"]:
+        raise UsageError(
+            "model add: which EFFECT?", hint="terrain-est effects list shows them; --until-quiet finds out"
+        )
+    if given["draft"]:
+        raise UsageError("--draft is for --until-quiet", hint="a draft is added by its file name")
+    _add(context)
+
+
+def _check_confirm(given: Mapping[str, Any]) -> None:
+    """Refuse a proof that is none: no data to compare with, or the same data."""
+    import formats
+    from terrain_cli.errors import UsageError
+
+    if not given["inputs"]:
+        raise UsageError("--confirm needs --data", hint="--data is the drive that the effect was named on")
+    if given["until_quiet"]:
+        raise UsageError(
+            "--confirm is for effects that are named",
+            hint="let --until-quiet choose first, then add what it chose to a new model with --confirm",
+        )
+    data = {Path(path).resolve() for path in formats.expand(given["inputs"])}
+    for path in formats.expand(given["confirm"]):
+        if Path(path).resolve() in data:
+            raise UsageError(f"--confirm {path} is of --data too", hint="name another drive")
+
+
+def _add(context: click.Context) -> None:
+    from terrain_cli.improvement import model_history
+    from terrain_cli.presentation import change_text
+
+    given = context.params
+    before, changed = model_changes.change(context, "add")
+    if not given["inputs"]:
+        model_changes.untested(context, "add", changed)
+        return
+    step = model_changes.tried(context, "add", before, changed)
+    if given["confirm"] and step.pays:
+        step = replace(
+            step, confirmation=model_changes.tried(context, "add", before, changed, given["confirm"])
+        )
+    step = replace(step, kept=(step.pays and step.confirmed) or given["keep"])
+    if step.kept:
+        entry = model_history.entry(step, change_text.reason(step))
+        model_changes.write(given["file"], changed.file, entry)
+    asked = comparison_options.repeated(context, given["file"])
+    model_changes.tell(context, change_text.text(step, asked), change_text.document(step, asked))
+
+
+def _until_quiet(context: click.Context) -> None:
+    """Run the loop on the data of the command line, tell each step, and write the model file at its end."""
+    from terrain_cli.improvement import Stopped, model_history
+    from terrain_cli.presentation import change_text
+
+    given = context.params
+    drafts = _Drafts(given["draft"], given["file"]) if given["draft"] else None
+    steps: list[Step] = []
+    end: Stopped | None = None
+    try:
+        for event in _events(context, drafts):
+            if isinstance(event, Stopped):
+                end = event
+                continue
+            steps.append(event)
+            if not given["as_json"]:
+                say(f"{len(steps)}. {change_text.tried(event)}")
+    finally:
+        if drafts:
+            drafts.tidy(end.file.effects if end else ())
+    assert end is not None  # noqa: S101 - the last that the loop yields
+    kept = [step for step in steps if step.kept]
+    if kept:
+        entries = [
+            model_history.entry(step, "; ".join(["--until-quiet", change_text.found(step), *_doubt(step)]))
+            for step in kept
+        ]
+        model_changes.write(given["file"], end.file, *entries)
+    if steps and not given["as_json"]:
+        say()
+    asked = comparison_options.repeated(context, given["file"])
+    model_changes.tell(context, change_text.loop_text(steps, end, asked), change_text.loop(steps, end, asked))
+
+
+def _doubt(step: Step) -> list[str]:
+    from terrain_cli.presentation import change_text
+
+    return [change_text.doubt(step)] if step.rivals else []
+
+
+def _events(context: click.Context, drafts: _Drafts | None) -> Iterator[Step | Stopped]:
+    """Yield what the loop does, with the progress shown only while it works."""
+    from terrain_cli import effects, models
+    from terrain_cli.commands.progress import Progress
+    from terrain_cli.diagnosis import diagnose
+    from terrain_cli.improvement import until_quiet
+
+    given = context.params
+    file = model_changes.load(given["file"])
+    folder = Path(given["file"]).parent
+    names = models.named_from(given["effects"], folder)
+    own = {models.find_effect(name, folder).id: name for name in names}
+    candidates = effects.catalogue() | {key: models.find_effect(name, folder) for key, name in own.items()}
+    bar = Progress(1, enabled=False)
+
+    def say(step: str) -> None:
+        bar.say(given["file"], step)
+
+    with Progress(len(given["inputs"]), enabled=not given["quiet"]) as reading:
+        cut = comparison_options.read(context, [file], reading)
+    loop = until_quiet(
+        cut,
+        file,
+        diagnose=partial(diagnose, effects=list(candidates.values()), seed=given["seed"], progress=say),
+        draft=drafts.write if drafts else None,
+        paths=own,
+        seed=given["seed"],
+        progress=say,
+    )
+    while True:
+        bar = Progress(1, enabled=not given["quiet"])
+        with bar:
+            event = next(loop, None)
+        if event is None:
+            return
+        yield event
+
+
+class _Drafts:
+    """Effect files written on the way."""
+
+    def __init__(self, where: str, model: str) -> None:
+        self.where, self.folder = Path(where), Path(model).parent
+        self.written: list[Path] = []
+
+    def write(self, unknown: UnknownEffect) -> str:
+        """Write a draft under a name that is free, and return its path as the model file has it."""
+        import formats
+        from formats.output.whole_files import explained
+
+        name = self.where
+        if name.suffix != ".toml":
+            with explained(str(name)):
+                name.mkdir(parents=True, exist_ok=True)
+            name = name / f"{tomllib.loads(unknown.draft)['id']}.toml"
+        free = next(path for path in _numbered(name) if not path.exists())
+        with formats.replacing(str(free)) as temporary:
+            Path(temporary).write_text(unknown.draft, encoding="utf-8")
+        self.written.append(free)
+        return os.path.relpath(free, self.folder)
+
+    def tidy(self, kept: tuple[str, ...]) -> None:
+        """Remove the drafts that did not pay."""
+        for path in self.written:
+            if os.path.relpath(path, self.folder) not in kept:
+                path.unlink(missing_ok=True)
+
+
+def _numbered(path: Path) -> Iterator[Path]:
+    yield path
+    for number in range(2, 10_000):
+        yield path.with_stem(f"{path.stem}-{number}")

@@ -1,1 +1,0 @@
-"""Processes of this machine: their memory, their signals, several side by side."""

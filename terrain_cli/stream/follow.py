@@ -1,0 +1,193 @@
+"""Rows that arrive, wheel by wheel, to rows of the table that are told as they close."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import time
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Protocol
+
+from formats.text.arriving_rows import ArrivingRows
+from terrain_cli.errors import InputError
+from terrain_cli.estimation import estimators
+from terrain_cli.run.one_log import nothing_usable
+from terrain_cli.stream import followed_wheel
+from terrain_cli.stream.arriving_samples import ArrivingSamples
+from terrain_cli.telemetry.derive.usable_samples import BACKWARDS
+from terrain_cli.vocabulary.channels import CHANNELS
+
+if TYPE_CHECKING:
+    from formats import Batch
+    from formats.text.arriving_bytes import ArrivingBytes
+    from terrain_cli.presentation.segment_table import Table
+    from terrain_cli.rover import Rover
+    from terrain_cli.run.settings import Settings
+    from terrain_cli.stream.followed_wheel import FollowedWheel
+    from terrain_cli.stream.model_watch import ModelMiss
+    from terrain_cli.telemetry import Samples
+
+#: Seconds in which more rows may come before the columns are told from those that are there.
+_PATIENCE = 1.0
+_REPEATED = "time repeated"
+
+
+class Teller(Protocol):
+    """Who is told what happens."""
+
+    def closed(self, row: Table) -> None:
+        """Take the row of a segment that has closed."""
+
+    def open(self, rows: list[Table]) -> None:
+        """Take the rows of the segments that are open."""
+
+    def now(self, text: str) -> None:
+        """Take what is said in one line of the open segments."""
+
+    def remark(self, text: str) -> None:
+        """Take what a person should know."""
+
+
+class Follow:
+    """One input, followed to its end."""
+
+    def __init__(self, rover: Rover, settings: Settings, teller: Teller, *, every: float | None) -> None:
+        """Prepare; the open segments are told `every` so many seconds, if given."""
+        self._rover, self._settings, self._teller, self._every = rover, settings, teller, every
+        self._file = estimators.choose(settings.method, settings.model, robust=settings.robust)
+        self._stress = followed_wheel.CommonStress(settings.stress)
+        self._wheels: dict[str, FollowedWheel] = {}
+        self._fresh: set[str] = set()
+        self._told = 0
+        self._next = -math.inf
+        self._rows: ArrivingRows
+        self._samples: ArrivingSamples | None = None
+
+    def run(self, arriving: ArrivingBytes, path: str) -> None:
+        """Take all that arrives.
+
+        Parameters
+        ----------
+        arriving : ArrivingBytes
+            Of the input.
+        path : str
+            The input, as the user named it.
+
+        Raises
+        ------
+        formats.FormatError, InputError, ConfigurationError
+        """
+        self._rows = ArrivingRows(path)
+        began: float | None = None
+        for block in arriving:
+            if self._samples is None:
+                began = time.monotonic() if began is None and block else began
+                late = began is not None and time.monotonic() - began >= _PATIENCE
+                if self._rows.prepare(block, hurry=late):
+                    self._begin()
+            else:
+                self._take(self._rows.take(block))
+            self._tick()
+        self._end()
+
+    def _begin(self) -> None:
+        effects = None if self._file is None else self._file.model.effects
+        self._samples = ArrivingSamples(self._rows, self._rover, self._settings, effects)
+        self._take(self._rows.take())
+
+    def _take(self, batch: Batch | None) -> None:
+        if batch is None or self._samples is None:
+            return
+        for part in self._samples.take(batch):
+            wheel = self._wheels.get(part.wheel)
+            if wheel is None:
+                wheel = followed_wheel.FollowedWheel(self._settings, self._file, self._stress)
+                self._wheels[part.wheel] = wheel
+            self._fresh.add(part.wheel)
+            for row in wheel.take(part):
+                self._teller.closed(row)
+            while wheel.alarms:
+                self._teller.remark(self._missed(part, wheel.alarms.pop(0)))
+        self._tell()
+
+    def _missed(self, part: Samples, alarm: ModelMiss) -> str:
+        """Say what the model misses, and what to do about it."""
+        unit = CHANNELS[alarm.channel].unit
+        size = f"{abs(alarm.size):.3g} {unit.symbol if unit else ''}".rstrip()
+        since = alarm.since + part.origin
+        when = f"{since:.1f} s"
+        if part.origin:
+            when = datetime.fromtimestamp(since, UTC).strftime("%H:%M:%S UTC")
+        model = f" --model {shlex.quote(str(self._settings.model))}"
+        log = "LOG" if self._rows.path == "-" else shlex.quote(self._rows.path)
+        return (
+            f"wheel {part.wheel}: the model misses: {alarm.channel} is {size} "
+            f"{'above' if alarm.size > 0.0 else 'below'} what it predicts, since {when}; to find out why: "
+            f"terrain-est diagnose {log}{model}"
+        )
+
+    def _tell(self) -> None:
+        """Tell the remarks that are new."""
+        if self._samples is not None:
+            for remark in self._samples.remarks[self._told :]:
+                self._teller.remark(remark)
+            self._told = len(self._samples.remarks)
+
+    def _tick(self) -> None:
+        """Tell the open segments, where it is time and something is new."""
+        if not self._fresh:
+            return
+        self._teller.now("   ".join(map(self._state, sorted(self._wheels))))
+        if self._every is None or time.monotonic() < self._next:
+            return
+        rows = [self._wheels[name].open_row() for name in sorted(self._fresh)]
+        self._teller.open([row for row in rows if row is not None])
+        self._fresh.clear()
+        self._next = time.monotonic() + self._every
+
+    def _state(self, name: str) -> str:
+        cohesion, slope, count = self._wheels[name].soil
+        if math.isnan(cohesion):
+            return f"{name}: {count} samples"
+        return f"{name}: c {cohesion / 1e3:.2f} kPa φ {math.degrees(math.atan(slope)):.1f}° ({count})"
+
+    def _end(self) -> None:
+        if self._samples is None:
+            if not self._rows.prepare(b"\n", hurry=True):
+                raise InputError(f"{self._rows.label}: no row came", hint="a header and rows are needed")
+            self._begin()
+        self._take(self._rows.take(last=True))
+        for wheel in self._wheels.values():
+            for row in wheel.end():
+                self._teller.closed(row)
+        samples = self._samples
+        assert samples is not None  # noqa: S101 - begun above
+        samples.end()
+        self._tell()
+        if not samples.count.total():
+            where = f" where {self._settings.where}" if self._settings.where else ""
+            raise InputError(f"{self._rows.label}: there are no samples{where}")
+        if not any(wheel.closed for wheel in self._wheels.values()):
+            raise nothing_usable(
+                self._rows.label,
+                [
+                    {"wheel": name, "samples": count, "set_aside": dict(samples.reasons[name].most_common())}
+                    | {"remarks": samples.remarks}
+                    for name, count in samples.count.items()
+                ],
+            )
+        for text in self._summary(samples):
+            self._teller.remark(text)
+
+    def _summary(self, samples: ArrivingSamples) -> list[str]:
+        """Say once what came, what was wrong with it, and what was cut."""
+        late, repeated = (
+            sum(reasons[why] for reasons in samples.reasons.values()) for why in (BACKWARDS, _REPEATED)
+        )
+        closed, cut = (sum(getattr(w, what) for w in self._wheels.values()) for what in ("closed", "cut"))
+        repeated += self._rows.repeated
+        text = f"rows: {self._rows.count}, late: {late}, repeated: {repeated}; segments: {closed}"
+        more = [f"a soil that went on was cut every {followed_wheel.LONGEST:,} samples ({cut} times)"] * bool(
+            cut
+        )
+        return [text, *self._rows.faults(), *more]

@@ -1,0 +1,262 @@
+"""One wheel that is followed: from its samples to the rows of its segments, closed and open."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation import assumed, estimators
+from terrain_cli.estimation.line.pooled import RecursiveLine
+from terrain_cli.estimation.strength import with_strengths
+from terrain_cli.presentation import segment_table
+from terrain_cli.run.long_log import BEHIND, with_behind
+from terrain_cli.stream.model_watch import ModelWatch
+from terrain_cli.stream.open_segment import OpenSegment
+from terrain_cli.telemetry.derive import effect_inputs
+from terrain_cli.telemetry.wheel_samples import NEEDED
+from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
+from terrain_cli.windows import cut_windows
+from terrain_cli.windows.segmentation.online_cuts import SETTLED, OnlineCuts
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.models import ModelFile
+    from terrain_cli.run.settings import Settings
+    from terrain_cli.stream.model_watch import ModelMiss
+    from terrain_cli.telemetry import Samples
+
+    Array = NDArray[np.float64]
+
+#: Samples of a segment at the most, some 100 bytes each: a soil that goes on for longer is cut there.
+LONGEST = 1 << 17
+#: What estimates and rows are made of; the effects of a model may need anything.
+_KEPT = {*NEEDED, "drawbar_pull", "x", "y", "longitude", "latitude"}
+#: The errors from what is assumed are found anew when a segment has grown by this factor: they hardly depend
+#: on it, and take ten times as long as the rest of an open row.
+_GROWN = 1.5
+#: The model is set against samples that are this many seconds and `SETTLED` samples old: by then 95 % of the
+#: changes of soil before them are told, which are no fault of a model.
+_WATCHED_AFTER = 25.0
+#: Seconds between two looks.
+_LOOK = 5.0
+#: Samples that are taken at once where a model is watched.
+_TOGETHER = 64
+
+
+@dataclass
+class CommonStress:
+    """The stress at which all segments of a stream are compared, in Pa; that of the first if not given."""
+
+    value: float | None
+
+
+class FollowedWheel:
+    """Segments of a wheel as they close, and the one that is open."""
+
+    def __init__(self, settings: Settings, file: ModelFile | None, stress: CommonStress) -> None:
+        self._settings, self._file, self._stress = settings, file, stress
+        self._effects = () if file is None else file.model.effects
+        self._segment = OpenSegment()
+        self._watch = ModelWatch(file) if file is not None and settings.model is not None else None
+        #: What the model was found to miss; whoever tells it empties this.
+        self.alarms: list[ModelMiss] = []
+        self._stretch: int | None = None
+        self._begin()
+        #: Closed segments, and those of them that were cut as they became too long.
+        self.closed = self.cut = 0
+
+    def _begin(self) -> None:
+        """Begin a stretch: what came before it says nothing of where its soil changes."""
+        least, distance = self._settings.min_samples, self._settings.window_distance
+        self._cuts = OnlineCuts(
+            min_samples=CUT_SAMPLES if least is None else least,
+            min_distance=MIN_DISTANCE if distance is None else distance,
+        )
+        #: Samples of the stretch before the open segment.
+        self._past = 0
+        self._looked = -np.inf
+        self._label: str | None = None
+        self._anew()
+
+    def _anew(self) -> None:
+        """Begin a segment with the samples that are held."""
+        self._line = RecursiveLine()
+        self._moved: Array | None = None
+        self._moved_at = 0
+        if self._watch:
+            self._watch.begin()
+        if self._segment.count:
+            held = self._segment.whole()
+            self._line.add(_columns(held, *self._driving(held)))
+
+    def take(self, part: Samples) -> Iterator[segment_table.Table]:
+        """Take the samples that follow; yield the row of each segment that they close."""
+        used, ahead = with_behind(part, part.usable)
+        self._segment.set_aside(ahead)
+        for begin, end in _runs(used.stretch):
+            piece = used if end - begin == len(used) else used.taken(slice(begin, end))
+            if self._stretch is not None and piece.stretch[0] != self._stretch:
+                yield from self.end()
+            self._stretch = int(piece.stretch[0])
+            yield from self._follow(piece)
+
+    def _follow(self, piece: Samples) -> Iterator[segment_table.Table]:
+        left: Samples | None = piece
+        while left is not None:
+            room = self._room(left)
+            size = min(room, LONGEST - self._segment.count, len(left))
+            if self._watch:
+                # What has passed is watched before it is closed, however much comes at once.
+                size = min(size, _TOGETHER)
+            taken = left if size == len(left) else left.taken(slice(0, size))
+            left = None if size == len(left) else left.taken(slice(size, None))
+            if size:
+                yield from self._take(taken)
+            if size == room:
+                yield self._close(self._segment.count)
+            elif self._segment.count >= LONGEST:
+                self.cut += 1
+                yield from self.end()
+
+    def _room(self, piece: Samples) -> int:
+        """Return how many samples of a piece still belong to the open segment, where that shows at once."""
+        given = self._settings
+        if given.segments == "fixed":
+            return (given.window_samples or sys.maxsize) - self._segment.count
+        labels = piece.labels.get("terrain")
+        if given.segments != "terrain" or labels is None:
+            return sys.maxsize
+        names = np.array([*labels.names, None], dtype=object)[labels.codes]
+        self._label = self._label if self._segment.count else names[0]
+        other = np.flatnonzero(names != self._label)
+        return int(other[0]) if len(other) else sys.maxsize
+
+    def _take(self, piece: Samples) -> Iterator[segment_table.Table]:
+        place = self._past + self._segment.count
+        rows, x, y = self._driving(piece)
+        if not self._effects:
+            kept = {name: column for name, column in piece.channels.items() if name in _KEPT}
+            self._segment.add(replace(piece, channels=kept))
+        else:
+            self._segment.add(piece)
+        self._line.add(_columns(piece, rows, x, y))
+        if self._settings.segments == "auto" and len(rows):
+            yield from self._search(piece, place, rows, (x, y))
+        self._look(piece)
+
+    def _search(
+        self, piece: Samples, place: int, rows: NDArray[np.intp], line: tuple[Array, Array]
+    ) -> Iterator[segment_table.Table]:
+        """Close what ends at a change of soil that is sure by now; `place` is that of the piece."""
+        nothing = np.full(len(piece), np.nan)
+        columns = np.array(
+            [
+                place + rows,
+                (nothing if piece.time is None else piece.time)[rows],
+                *line,
+                (nothing if piece.distance is None else piece.distance)[rows],
+                *(piece.channels[name][rows] for name in cut_windows.FOLLOWED if name in piece.channels),
+            ]
+        )
+        for bound in self._cuts.add(columns):
+            yield self._close(bound - self._past)
+
+    def _look(self, piece: Samples) -> None:
+        """Set the model against what is old enough, now and then."""
+        if self._watch is None or piece.time is None or not piece.time[-1] >= self._looked + _LOOK:
+            return
+        self._looked = float(piece.time[-1])
+        whole = self._segment.whole()
+        assert whole.time is not None  # noqa: S101 - its last part has one
+        old = int(np.searchsorted(whole.time, self._looked - _WATCHED_AFTER))
+        self.alarms += self._watch.look(whole, min(old, self._segment.count - SETTLED))
+
+    def _driving(self, piece: Samples) -> tuple[NDArray[np.intp], Array, Array]:
+        """Return which samples are of a wheel that does not skid, and their coordinates on the line."""
+        rows = np.flatnonzero(piece.channels["slip"] >= 0.0)
+        return rows, *cut_windows.line(piece, rows)
+
+    def end(self) -> Iterator[segment_table.Table]:
+        """End the stretch: close what is open."""
+        if self._settings.segments == "auto":
+            for bound in self._cuts.end():
+                yield self._close(bound - self._past)
+        if self._segment.count:
+            yield self._close(self._segment.count)
+        self._begin()
+
+    def _close(self, count: int) -> segment_table.Table:
+        """Estimate the first so many samples of what is open, and give up holding them."""
+        cut = cut_windows.cut(self._with_effects(self._segment.split(count)), "none")
+        self._past += count
+        given = self._settings
+        fitted = estimators.estimate(
+            cut,
+            given.method,
+            self._file,
+            min_samples=given.min_samples,
+            folds=given.folds,
+            robust=given.robust,
+            at_stress=self._stress.value,
+        )
+        self._stress.value = estimators.common_stress(self._stress.value, fitted)
+        row = self._row(cut, fitted.estimates)
+        self.closed += 1
+        self._segment.ahead = 0
+        self._anew()
+        return row
+
+    def _with_effects(self, samples: Samples) -> Samples:
+        """Return samples with what effects need: rates know now what came behind."""
+        if not self._effects:
+            return samples
+        drivers = dict(samples.drivers)
+        for name, values in effect_inputs.of_samples(samples, self._effects).items():
+            drivers[name] = np.where(np.isfinite(values), values, drivers.get(name, np.nan))
+        return replace(samples, drivers=drivers)
+
+    def _row(self, cut: cut_windows.Windows, estimates: WindowEstimates) -> segment_table.Table:
+        row = segment_table.table(cut, estimates)
+        row["segment"] = np.array([self.closed + 1])
+        row["n_rejected"] = np.array([int(cut.samples.drivers[BEHIND].sum()) + self._segment.ahead])
+        return row
+
+    def open_row(self) -> segment_table.Table | None:
+        """Return the row of the open segment, by the recursive estimator; None where there is none."""
+        if not self._segment.count:
+            return None
+        cut = cut_windows.cut(self._segment.whole(), "none").on_line()
+        if not len(cut.rows):
+            return None
+        line = estimators.estimate_lines(cut, "recursive", min_samples=self._settings.min_samples)
+        if self._moved is None or len(cut.rows) > _GROWN * self._moved_at:
+            self._moved = assumed.deviations(line, cut, "recursive")
+            self._moved_at = len(cut.rows)
+        line = assumed.with_assumptions(line, cut, "recursive", self._moved)
+        return self._row(cut, with_strengths(line, cut, self._stress.value))
+
+    @property
+    def soil(self) -> tuple[float, float, int]:
+        """Cohesion in Pa, tan φ and the samples of the open segment, after every sample."""
+        return *self._line.soil, self._segment.count
+
+
+def _runs(codes: NDArray[np.intp]) -> list[tuple[int, int]]:
+    """Return where runs of equal numbers begin and end."""
+    if not len(codes):
+        return []
+    bounds = [0, *(np.flatnonzero(codes[1:] != codes[:-1]) + 1).tolist(), len(codes)]
+    return list(pairwise(bounds))
+
+
+def _columns(piece: Samples, rows: NDArray[np.intp], x: Array, y: Array) -> Array:
+    """Return what the recursive estimator takes, shape (6, n)."""
+    return np.array([x, y, *(piece.channels[name][rows] for name in NEEDED)])

@@ -1,0 +1,94 @@
+"""A table that grows row by row: CSV, and sequences of GeoJSON; each row is there as soon as it is known."""
+
+from __future__ import annotations
+
+import io
+import sys
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Self, TextIO
+
+import numpy as np
+
+import formats
+from formats.output.common_forms import normalise
+from formats.output.text_writer import write_text
+from formats.output.whole_files import explained
+from terrain_cli.errors import UsageError
+from terrain_cli.presentation import segment_table
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+#: What can be read while it grows.
+KINDS = ("csv", "geojsonl", "geojsons")
+#: Whether a row is of the segment that is open.
+OPEN = "open"
+
+
+class GrowingTable:
+    """The table of segments, in a file or on the standard output ("-")."""
+
+    def __init__(self, destination: str, crs: str | None, *, marked: bool) -> None:
+        """Check the name; rows are `marked` as open or not in a last column."""
+        # Messages of an MCAP are written whole, by segment_files.
+        mcap = destination.lower().endswith(".mcap")
+        kind = "csv" if destination == "-" else "mcap" if mcap else formats.output_kind(destination)
+        if kind not in KINDS:
+            raise UsageError(
+                f"-o {destination}: a table that grows cannot be .{kind}",
+                hint=f"with --follow write {', '.join(f'.{one}' for one in KINDS)}",
+            )
+        self._destination, self._kind, self._crs, self._marked = destination, kind, crs, marked
+        self._stack = ExitStack()
+        self._stream: TextIO | None = None
+        self._begun = False
+
+    def __enter__(self) -> Self:
+        """Make the file."""
+        with explained(self._destination):
+            if self._destination == "-":
+                self._stream = sys.stdout
+            else:
+                opened = open(self._destination, "w", encoding="utf-8", newline="")  # noqa: PTH123
+                self._stream = self._stack.enter_context(opened)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file."""
+        self._stack.close()
+
+    def add(self, row: segment_table.Table, *, is_open: bool = False) -> None:
+        """Write a row, so that whoever reads has it."""
+        crs = segment_table.reference_system(row, self._crs)
+        if self._marked:
+            row = {**row, OPEN: ["true" if is_open else "false"] * len(row["source"])}
+        text = io.StringIO()
+        write_text(normalise(row), text, self._kind, crs, "WKT")
+        # The names of the columns stand there once.
+        again = self._kind == "csv" and self._begun
+        self._say(text.getvalue().partition("\n")[2] if again else text.getvalue())
+        self._begun = True
+
+    def _say(self, text: str) -> None:
+        assert self._stream is not None  # noqa: S101 - entered
+        with explained(self._destination):
+            self._stream.write(text)
+            self._stream.flush()
+
+
+def readable(row: segment_table.Table) -> str:
+    """Say one row in a line, for a person."""
+
+    def number(name: str, digits: int) -> str:
+        value = float(np.asarray(row[name], dtype=float)[0])
+        return "–" if np.isnan(value) else f"{value:.{digits}f}"
+
+    return (
+        f"{row['wheel'][0]}  segment {int(row['segment'][0])}  {number('t_start_s', 1)} to "
+        f"{number('t_end_s', 1)} s  {int(row['n_samples'][0])} samples  c {number('c_kPa', 2)} ± "
+        f"{number('c_se_kPa', 2)} kPa  φ {number('phi_deg', 1)} ± {number('phi_se_deg', 1)}°  "
+        f"strength {number('strength_kPa', 2)} ± {number('strength_se_kPa', 2)} kPa  "
+        f"{row['status'][0]} ({row['method'][0]})"
+    )

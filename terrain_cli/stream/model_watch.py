@@ -1,0 +1,224 @@
+"""Whether a model still fits what arrives: control charts of its innovations.
+
+The model is fitted to the beginning of each segment. From there on, the mean residual of each second is set
+against what the soil, known as well as the samples so far tell it, leaves open: a Kalman filter of a soil
+that does not change, about the fit. Its innovations are white if the model is right. Two cumulative sums for
+each channel (Page 1954, Biometrika 41) tell when they go on being too large or too small. How large a sum may
+become by chance follows from the rate of false alarms (Siegmund 1985, Sequential Analysis).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from terrain_cli.comparison import prediction
+from terrain_cli.errors import InputError
+from terrain_cli.estimation import estimators
+from terrain_cli.windows import cut_windows
+from terrain_cli.windows.segmentation.running_moments import correlation_factor
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from terrain_cli.models import ModelFile
+    from terrain_cli.telemetry import Samples
+
+    Array = NDArray[np.float64]
+
+#: False alarms of a wheel in an hour of driving, all its channels together; benchmarks/watch_study.py
+#: counts them.
+FALSE_ALARMS = 0.01
+#: Innovations, in standard deviations, that a sum does without: half of the least shift that matters.
+_REFERENCE = 0.5
+#: What one second may add at the most: a stone under the wheel is no fault of the model.
+_LARGEST = 4.0
+#: Samples that the model is fitted to. Judged: k and keq are known then, and few segments are shorter.
+LEARNT = 400
+#: By so much more than assumed the innovations scatter and go together over seconds, as a variance.
+#: benchmarks/watch_study.py on seeds 0 to 79, which its table does not have: 1.15 of the torque, 1.17 of the
+#: sinkage.
+_LONG_RUN = 1.2
+#: Least samples and seconds of a mean.
+_SAMPLES, _SECONDS = 20, 1.0
+#: Share of its trace that is added to a matrix, lest what no sample tells make it singular.
+_RIDGE = 1e-10
+
+
+class ModelMiss(NamedTuple):
+    """Something that a model misses."""
+
+    channel: str
+    #: Measured less predicted, SI.
+    size: float
+    #: When it began, in s on the clock of the samples.
+    since: float
+
+
+@dataclass
+class ControlChart:
+    """Both cumulative sums of one channel, with what was seen since each left zero."""
+
+    sums: Array = field(default_factory=lambda: np.zeros(2))
+    seen: Array = field(default_factory=lambda: np.zeros(2))
+    count: Array = field(default_factory=lambda: np.zeros(2))
+    since: Array = field(default_factory=lambda: np.full(2, np.nan))
+
+    def add(self, innovation: float, deviation: float, time: float) -> None:
+        """Take the innovation of a second."""
+        z = float(np.clip(innovation / deviation, -_LARGEST, _LARGEST))
+        new = self.sums + np.array([z, -z]) - _REFERENCE
+        up = new > 0.0
+        begins = up & (self.sums == 0.0)
+        self.since[begins] = time
+        self.sums = np.where(up, new, 0.0)
+        self.seen = np.where(up, np.where(begins, 0.0, self.seen) + innovation, 0.0)
+        self.count = np.where(up, np.where(begins, 0.0, self.count) + 1.0, 0.0)
+
+    def alarm(self, channel: str, limit: float) -> ModelMiss | None:
+        """Return what is beyond chance."""
+        side = int(np.argmax(self.sums))
+        if self.sums[side] <= limit:
+            return None
+        return ModelMiss(channel, float(self.seen[side] / self.count[side]), float(self.since[side]))
+
+
+class ModelWatch:
+    """The charts of one wheel: of its open segment."""
+
+    def __init__(self, file: ModelFile) -> None:
+        self._file = file
+        self._told: set[str] = set()
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a segment."""
+        self._state: SegmentWatch | None = None
+        self._done = 0
+        self._hopeless = False
+
+    def look(self, samples: Samples, count: int) -> list[ModelMiss]:
+        """Look at the first so many samples of the open segment; return alarms of channels that had none."""
+        if count < LEARNT or self._hopeless:
+            return []
+        if self._state is None:
+            try:
+                self._state = SegmentWatch(self._file, samples.taken(slice(0, LEARNT)))
+            except InputError:
+                # The row of the segment says what is wrong with it.
+                self._hopeless = True
+                return []
+            self._done = LEARNT
+        size = self._state.size
+        found = []
+        while self._done + size <= count:
+            block = samples.taken(slice(self._done, self._done + size))
+            self._done += size
+            found += [alarm for alarm in self._state.add(block) if alarm.channel not in self._told]
+            self._told |= {alarm.channel for alarm in found}
+        return found
+
+
+class SegmentWatch:
+    """A fit, and what the samples since tell of the soil."""
+
+    def __init__(self, file: ModelFile, first: Samples) -> None:
+        """Fit the model to the first samples; InputError where it cannot be."""
+        from terrain_cli.estimation import wheel_fit
+
+        windows = cut_windows.cut(first, "none")
+        held, priors, noise = estimators.assumed([windows], file)
+        self._model, self._wheel = file.model, first.geometry.wheel
+        channels = _channels(first)
+        fit = wheel_fit.fit(
+            file.model, self._wheel, channels, windows.bounds, fixed=held, priors=priors, noise=noise
+        )
+        values = {name: float(column[0]) for name, column in fit.values.items()}
+        self._values = {**dict(held), **values, **fit.shared}
+        self._names = fit.names
+        self.compared = prediction.compared(self._model, channels)
+        time = first.time if first.time is not None else np.arange(float(len(first)))
+        interval = float(np.median(np.diff(time)))
+        self.size = max(_SAMPLES, round(_SECONDS / interval)) if interval > 0.0 else _SAMPLES
+        self.limit = limit(3600.0 / (self.size * max(interval, 1e-9)) * len(self.compared))
+        residual, design = self._residuals(channels)
+        count = len(self._names)
+        information, score = np.zeros((count, count)), np.zeros(count)
+        self._factor = {}
+        for name in self.compared:
+            error, by = residual[name], design[name]
+            known = np.isfinite(error)
+            scatter = float(np.std(error[known])) or 1.0
+            starts = np.zeros(0, dtype=np.intp)
+            self._factor[name] = correlation_factor(error[known] / scatter, starts, count)
+            weight = 1.0 / (scatter**2 * self._factor[name])
+            information += weight * by[known].T @ by[known]
+            score += weight * by[known].T @ error[known]
+        # Parameters have units of their own.
+        size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+        scaled = information / np.outer(size, size) + _RIDGE * np.eye(count)
+        self._covariance = np.linalg.inv(scaled) / np.outer(size, size)
+        self._away = self._covariance @ score
+        self.charts = {name: ControlChart() for name in self.compared}
+
+    def _residuals(self, channels: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Return measured less predicted, and the derivatives of the predictions."""
+
+        def parameters(rows: NDArray[np.intp]) -> dict[str, Array]:
+            return {name: np.full(len(rows), value) for name, value in self._values.items()}
+
+        predicted = prediction.values(self._model, self._wheel, channels, parameters, self.compared)
+        by = prediction.derivatives(self._model, self._wheel, channels, parameters, self._names)
+        return {name: channels[name] - predicted[name] for name in self.compared}, by
+
+    def add(self, block: Samples) -> list[ModelMiss]:
+        """Take the samples of a second; return what the model misses."""
+        channels = _channels(block)
+        if not set(self.compared) <= set(prediction.compared(self._model, channels)):
+            return []
+        residual, design = self._residuals(channels)
+        known = np.all([np.isfinite(error) for error in residual.values()], axis=0)
+        if np.count_nonzero(known) < _SAMPLES // 2:
+            # Too few to tell their noise.
+            return []
+        errors = np.array([residual[name][known] for name in self.compared])
+        means = np.array([design[name][known].mean(axis=0) for name in self.compared])
+        factors = np.array(list(self._factor.values()))
+        # What is divided by an estimated deviation scatters as Student's t.
+        size = errors.shape[1]
+        noise = factors * errors.var(axis=1, ddof=1) / size * (size - 1) / (size - 3)
+        innovation = errors.mean(axis=1) - means @ self._away
+        spread = means @ self._covariance @ means.T + np.diag(noise)
+        time = 0.0 if block.time is None else float(block.time[0])
+        alarms = []
+        for place, name in enumerate(self.compared):
+            self.charts[name].add(innovation[place], float(np.sqrt(spread[place, place])), time)
+            if alarm := self.charts[name].alarm(name, self.limit):
+                alarms.append(alarm)
+        gain = np.linalg.solve(spread, means @ self._covariance).T
+        self._away = self._away + gain @ innovation
+        self._covariance = self._covariance - gain @ means @ self._covariance
+        self._covariance = 0.5 * (self._covariance + self._covariance.T)
+        return alarms
+
+
+def limit(steps: float) -> float:
+    """Return what a sum may become by chance, where all charts together make so many steps in an hour.
+
+    A one-sided sum with reference value ½ runs for 2 (eᵇ − b − 1) steps on the average until it is beyond
+    h, b = h + 1.166; two of them for half of that.
+    """
+    length = 2.0 * steps / FALSE_ALARMS
+    b = 1.0
+    for _ in range(50):
+        b = float(np.log(length / 2.0 + b + 1.0))
+    return _LONG_RUN * (b - 1.166)
+
+
+def _channels(samples: Samples) -> dict[str, Array]:
+    every = {**samples.channels, **samples.drivers}
+    return {name: column for name, column in every.items() if np.isfinite(column).any()}

@@ -1,0 +1,235 @@
+"""How well a model predicts: against measurements, along its drivers, and change by change."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from terrain_cli.improvement.model_history import channels
+from terrain_cli.views import shown_samples
+from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN
+from terrain_cli.views.figures.picture import Picture
+from terrain_cli.views.ladder_table import measured, top
+from terrain_cli.vocabulary import quantities
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.figure import Figure
+
+    from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.improvement.improvement_outcome import Interval
+    from terrain_cli.improvement.model_history import Rung
+    from terrain_cli.vocabulary.arrays import Array
+
+
+#: Points that an SVG holds one by one; more are an image in it.
+MOST_DRAWN = 500
+#: Drivers in one picture.
+MOST_DRIVERS = 9
+#: Distance of before and after from the middle of their step.
+_APART = 0.18
+
+
+def predicted_measured(comparison: Comparison) -> Figure:
+    """Draw what was predicted against what was measured, a panel for each channel."""
+    shown = shown_samples.channels(comparison)
+    figure = Picture(figsize=(3.4 * len(shown), 3.9))
+    for axes, name in zip(np.ravel(figure.subplots(1, len(shown))), shown, strict=True):
+        errors = comparison.channels[name]
+        what = quantities.quantity(name, errors.unit)
+        pooled = shown_samples.pairs(comparison, name)
+        if len(pooled.measured) > shown_samples.MOST_POINTS:
+            mesh = _counts(axes, shown_samples.grid(pooled.measured, pooled.predicted, square=True))
+            figure.colorbar(mesh, ax=axes, label="samples", location="bottom", shrink=0.8, aspect=30)
+        else:
+            _points(axes, comparison, pooled)
+        ends = shown_samples.limits(pooled.measured, pooled.predicted)
+        axes.plot(ends, ends, color=INK, linewidth=0.8, label="predicted = measured")
+        axes.set(
+            xlim=ends,
+            ylim=ends,
+            aspect="equal",
+            xlabel=f"measured {what.label}",
+            ylabel=f"predicted {what.label}",
+            title=f"rms error {quantities.number(errors.rmse * what.factor)}, "
+            f"held out {quantities.number(errors.heldout_rmse * what.factor)} {what.unit}\n"
+            f"noise {quantities.number(errors.noise * what.factor)} {what.unit}, "
+            f"{len(pooled.measured):,} samples",
+        )
+        axes.legend(loc="upper left", handletextpad=0.4)
+    return figure
+
+
+def _points(axes: Axes, comparison: Comparison, pooled: shown_samples.Pairs) -> None:
+    for index, wheel in enumerate(comparison.wheels):
+        here = pooled.wheel == index
+        label = wheel.wheel if 1 < len(comparison.wheels) <= len(COLOURS) else None
+        style = index if label else 0
+        axes.plot(
+            pooled.measured[here],
+            pooled.predicted[here],
+            linestyle="none",
+            marker=MARKERS[style],
+            markersize=3.0,
+            markerfacecolor="none",
+            markeredgewidth=0.6,
+            color=COLOURS[style],
+            alpha=0.7,
+            label=label,
+            rasterized=bool(here.sum() > MOST_DRAWN),
+        )
+
+
+def _counts(axes: Axes, grid: shown_samples.Grid) -> QuadMesh:
+    from matplotlib.colors import LogNorm
+
+    counts = np.ma.masked_equal(grid.counts, 0.0)
+    norm = LogNorm(1.0, max(float(grid.counts.max()), 2.0))
+    return axes.pcolormesh(grid.x, grid.y, counts, cmap=COUNTS, norm=norm, rasterized=True)
+
+
+def residuals(comparison: Comparison, channel: str) -> Figure:
+    """Draw the residual of a channel against its drivers, with the band of 5 to 95 % about its median."""
+    errors = comparison.channels[channel]
+    what = quantities.quantity(channel, errors.unit)
+    pooled = shown_samples.pairs(comparison, channel)
+    shown = shown_samples.drivers(comparison, channel, pooled, MOST_DRIVERS)
+    columns = min(3, max(len(shown), 1))
+    rows = math.ceil(len(shown) / columns) or 1
+    figure = Picture(figsize=(3.2 * columns + 0.3, 2.4 * rows + 0.7))
+    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    residual = pooled.residual
+    for axes in grid.flat[len(shown) :]:
+        axes.remove()
+    for axes, driver in zip(grid.flat, shown, strict=False):
+        along = shown_samples.driver(comparison, driver, pooled)
+        _along(axes, along, residual, errors.noise * what.factor)
+        axes.set_xlabel(along.quantity.label)
+    if len(residual):
+        low, high = np.percentile(residual, [0.2, 99.8])
+        grid[0, 0].set_ylim(*shown_samples.limits(np.array([low, high, 0.0]), margin=0.1))
+    figure.supylabel(f"measured − predicted {what.label}", fontsize=9.0)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
+    return figure
+
+
+def _along(axes: Axes, along: shown_samples.Along, residual: Array, noise: float) -> None:
+    driver = along.values
+    known = np.flatnonzero(np.isfinite(driver))
+    if len(known) > shown_samples.MOST_POINTS:
+        low, high = np.percentile(residual[known], [0.1, 99.9])
+        near = known[(residual[known] >= low) & (residual[known] <= high)]
+        _counts(axes, shown_samples.grid(driver[near], residual[near], 50))
+    else:
+        axes.plot(
+            driver[known],
+            residual[known],
+            ".",
+            color=FAINT,
+            markersize=2.5,
+            alpha=0.6,
+            rasterized=len(known) > MOST_DRAWN,
+        )
+    if math.isfinite(noise):
+        for sign in (-1.0, 1.0):
+            axes.axhline(
+                sign * 1.96 * noise,
+                color=COLOURS[0],
+                linewidth=0.9,
+                linestyle=":",
+                label="± 1.96 × noise" if sign > 0.0 else None,
+            )
+    axes.axhline(0.0, color=INK, linewidth=0.7)
+    band = shown_samples.band(driver, residual)
+    if along.labels:
+        longest = max(map(len, along.labels))
+        turned: dict[str, Any] = {"rotation": 25, "ha": "right", "rotation_mode": "anchor"}
+        axes.set_xticks(
+            range(len(along.labels)), along.labels, **(turned if longest * len(along.labels) > 30 else {})
+        )
+        axes.set_xlim(-0.5, len(along.labels) - 0.5)
+        axes.bar(
+            band.centre, band.high - band.low, 0.4, band.low, color=MEDIAN, alpha=0.22, label="5 to 95 %"
+        )
+        axes.plot(band.centre, band.median, "o", color=MEDIAN, markersize=4.0, label="median")
+    elif len(band.centre):
+        axes.fill_between(
+            band.centre, band.low, band.high, color=MEDIAN, alpha=0.22, linewidth=0.0, label="5 to 95 %"
+        )
+        axes.plot(
+            band.centre, band.median, color=MEDIAN, marker="o", markersize=2.5, linewidth=1.4, label="median"
+        )
+
+
+def errors(ladder: Sequence[Rung]) -> Figure | None:
+    """Draw the held-out error of every channel, step by step, with its 95 % interval and the noise.
+
+    None where nothing was tried on data.
+    """
+    names = channels(ladder)
+    if not names:
+        return None
+    tested = [rung for rung in ladder if rung.channels]
+    wide = max(4.2, 1.6 + 0.95 * len(tested))
+    figure = Picture(figsize=(min(wide, 14.0), 0.9 + 1.9 * len(names)))
+    grid = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
+    place = {rung.number: index for index, rung in enumerate(tested)}
+    for axes, name in zip(grid, names, strict=True):
+        _rungs(axes, tested, name, place)
+    grid[-1].set_xticks(
+        range(len(tested)), [rung.label for rung in tested], rotation=25, ha="right", rotation_mode="anchor"
+    )
+    grid[-1].set_xlim(-0.6, len(tested) - 0.4)
+    handles, labels = grid[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
+    return figure
+
+
+def _rungs(axes: Axes, tested: Sequence[Rung], name: str, place: dict[int, int]) -> None:
+    known = measured(tested, name)
+    what = quantities.quantity(name, known[0][1].unit)
+    at = np.array([place[rung.number] for rung, _ in known], dtype=float)
+    for side, marker, face, label in (
+        (-_APART, "o", "white", "before"),
+        (_APART, "s", COLOURS[0], "after"),
+    ):
+        intervals = [one.before if side < 0.0 else one.after for _, one in known]
+        value, spread = _spread(intervals, what.factor)
+        axes.errorbar(
+            at + side,
+            value,
+            spread,
+            fmt=marker,
+            color=COLOURS[0],
+            markerfacecolor=face,
+            markersize=5.0,
+            capsize=2.5,
+            linewidth=1.0,
+            label=f"{label} (95 %)",
+            zorder=3,
+        )
+    for x, (_, one) in zip(at, known, strict=True):
+        ends = [one.before.value * what.factor, one.after.value * what.factor]
+        axes.plot([x - _APART, x + _APART], ends, color=INK, linewidth=0.8, zorder=2)
+    noise = np.array([one.noise * what.factor for _, one in known])
+    axes.hlines(noise, at - 0.42, at + 0.42, color=COLOURS[1], linestyle=":", linewidth=1.4, label="noise")
+    axes.set_ylim(0.0, top(known) * what.factor)
+    axes.set_ylabel(f"{what.words}{what.in_unit}")
+    axes.grid(axis="y", linewidth=0.4, alpha=0.5)
+    if axes.get_subplotspec().is_first_row():  # type: ignore[union-attr]
+        axes.set_title("rms error on data that were not fitted")
+
+
+def _spread(intervals: Sequence[Interval], factor: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return values, and how far their intervals reach down and up, shape (2, n)."""
+    table = np.array(intervals, dtype=float).reshape(-1, 3) * factor
+    value = table[:, 0]
+    reach = np.stack([value - table[:, 1], table[:, 2] - value])
+    return value, np.maximum(np.nan_to_num(reach), 0.0)

@@ -1,0 +1,223 @@
+"""TOML read strictly, and written: every key must be known, and every value possible.
+
+A rule takes a value and its place in the file, and returns the value as the program wants it.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import date, time
+from numbers import Integral, Real
+from typing import TYPE_CHECKING, Any
+
+from terrain_cli.errors import ConfigurationError, nearest
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Rule = Callable[[Any, str], Any]
+
+ABOVE_ZERO = math.ulp(0.0)
+#: Characters of a value that an error shows.
+_SHOWN = 80
+#: Characters of a file, and parts of a dotted key: tomllib takes time with the square of the latter.
+_LONGEST = 4 << 20
+_PARTS = 40
+_PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_DOTTED = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{_PARTS}}}{_PART}")
+
+
+def read_text(path: str | Path) -> str:
+    from formats.copies import read_short
+    from formats.errors import FormatError
+
+    try:
+        # A character of UTF-8 has four bytes at the most.
+        data = read_short(str(path), 4 * (_LONGEST + 1))
+        text = io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig").read(_LONGEST + 1)
+    except FormatError as error:
+        raise ConfigurationError(str(error)) from error
+    except OSError as error:
+        raise ConfigurationError(f"{path}: {(error.strerror or str(error)).lower()}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"{path}: not text in UTF-8", hint="save it as UTF-8") from error
+    if len(text) > _LONGEST:
+        raise ConfigurationError(f"{path}: longer than {_LONGEST:,} characters")
+    return text
+
+
+def parse(content: str, path: str | Path) -> dict[str, Any]:
+    """Parse TOML; nothing in it is checked."""
+    if len(content) > _LONGEST:
+        raise ConfigurationError(f"{path}: longer than {_LONGEST:,} characters")
+    if _DOTTED.search(content):
+        raise ConfigurationError(f"{path}: not TOML: a key has more than {_PARTS} parts")
+    try:
+        return tomllib.loads(content)
+    except RecursionError:
+        raise ConfigurationError(f"{path}: not TOML: nested too deep") from None
+    except ValueError as error:
+        # Not only a TOMLDecodeError: a number of thousands of digits, the 31st of February.
+        raise ConfigurationError(f"{path}: not TOML: {error}") from error
+
+
+def shown(value: object) -> str:
+    """Return a value as an error shows it, cut to a length that a line holds."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):
+        # Python writes no number of thousands of digits, and nothing nested as deep.
+        text = "something beyond all bounds"
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…"
+
+
+def require(values: Mapping[str, object], place: str, *keys: str) -> None:
+    """Refuse a table that lacks a key."""
+    for key in keys:
+        if key not in values:
+            raise ConfigurationError(f"{place}: {key} is missing")
+
+
+def number(what: str, low: float = -math.inf, high: float = math.inf, *, whole: bool = False) -> Rule:
+    """Return the rule for a number within bounds; `what` it must be is said in words."""
+    kinds = int if whole else (int, float)
+
+    def rule(value: Any, place: str) -> Any:
+        try:
+            number = float(value) if isinstance(value, kinds) and not isinstance(value, bool) else math.nan
+        except OverflowError:
+            number = math.inf
+        if not (math.isfinite(number) and low <= number <= high):
+            raise ConfigurationError(f"{place}: must be {what}, not {shown(value)}")
+        return value if whole else number
+
+    return rule
+
+
+def vector(size: int, axes: str, reach: float) -> Rule:
+    """Return the rule for a list of metres up to some reach; a person writes its axes as [x, y, z]."""
+    metres = number(f"a number of metres from {-reach:g} to {reach:g}", -reach, reach)
+
+    def rule(value: Any, place: str) -> Any:
+        if not isinstance(value, list) or len(value) != size:
+            raise ConfigurationError(f"{place}: must be {axes} in m, not {shown(value)}")
+        return tuple(metres(element, f"{place}[{index}]") for index, element in enumerate(value))
+
+    return rule
+
+
+def text(value: Any, place: str) -> Any:
+    """Accept a text that is not empty, and has no NUL: no name of a file has one."""
+    if not isinstance(value, str) or not value.strip() or "\0" in value:
+        raise ConfigurationError(f"{place}: must be text, not {shown(value)}")
+    return value
+
+
+def flag(value: Any, place: str) -> Any:
+    if not isinstance(value, bool):
+        raise ConfigurationError(f"{place}: must be true or false, not {shown(value)}")
+    return value
+
+
+def choice(*choices: str) -> Rule:
+    """Return the rule for one of some texts."""
+
+    def rule(value: Any, place: str) -> Any:
+        if value not in choices:
+            near = nearest(value, choices) if isinstance(value, str) else ""
+            raise ConfigurationError(
+                f"{place}: must be one of {', '.join(choices)}, not {shown(value)}{near}"
+            )
+        return value
+
+    return rule
+
+
+def several(rule_of_each: Rule) -> Rule:
+    """Return the rule for a list."""
+
+    def rule(value: Any, place: str) -> Any:
+        if not isinstance(value, list):
+            raise ConfigurationError(f"{place}: must be a list, not {shown(value)}")
+        return [rule_of_each(element, f"{place}[{index}]") for index, element in enumerate(value)]
+
+    return rule
+
+
+def each(value: Any, place: str) -> Iterator[tuple[str, Any, str]]:
+    """Yield key, value and place of all in a table."""
+    if not isinstance(value, dict):
+        raise ConfigurationError(f"{place}: must be a table, not {shown(value)}")
+    for key, inner in value.items():
+        yield key, inner, f"{place}{key}" if place.endswith(": ") else f"{place}.{key}"
+
+
+def table(rules: Mapping[str, Rule]) -> Rule:
+    """Return the rule for a table whose keys are known."""
+
+    def rule(value: Any, place: str) -> Any:
+        checked = {}
+        for key, inner, where in each(value, place):
+            if key not in rules:
+                hint = f"known here: {', '.join(rules)}"
+                raise ConfigurationError(f"{where}: unknown key{nearest(key, rules)}", hint=hint)
+            checked[key] = rules[key](inner, where)
+        return checked
+
+    return rule
+
+
+def tables(rule_of_each: Rule) -> Rule:
+    """Return the rule for a table whose keys are names that the user chooses."""
+
+    def rule(value: Any, place: str) -> Any:
+        return {key: rule_of_each(inner, where) for key, inner, where in each(value, place)}
+
+    return rule
+
+
+def key(name: str) -> str:
+    bare = name.isascii() and name.replace("-", "").replace("_", "").isalnum()
+    return name if bare else value(name)
+
+
+def value(content: Any) -> str:
+    """Write a value, of NumPy too, on one line; entries of a mapping that are None are left out."""
+    for kind, write in _WRITERS:
+        if isinstance(content, kind):
+            return write(content)
+    raise TypeError(f"TOML has no {type(content).__name__}")
+
+
+def _text(content: str) -> str:
+    # As JSON, which leaves alone one control character that TOML does not.
+    return json.dumps(content, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _list(content: Sequence[Any]) -> str:
+    return f"[{', '.join(map(value, content))}]"
+
+
+def _table(content: Mapping[str, Any]) -> str:
+    pairs = (f"{key(name)} = {value(inner)}" for name, inner in content.items() if inner is not None)
+    return f"{{ {', '.join(pairs)} }}"
+
+
+#: The first kind that fits: a bool is an integer to Python.
+_WRITERS: tuple[tuple[type, Callable[[Any], str]], ...] = (
+    (str, _text),
+    (bool, lambda content: str(content).lower()),
+    (Integral, lambda content: str(int(content))),
+    (Real, lambda content: repr(float(content))),
+    # With its time, where it has one.
+    (date, lambda content: content.isoformat()),
+    (time, time.isoformat),
+    (Mapping, _table),
+    (list, _list),
+    (tuple, _list),
+)

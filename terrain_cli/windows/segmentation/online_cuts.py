@@ -1,0 +1,144 @@
+"""Change points while samples still arrive: the search of `change_points`, over what came last.
+
+The cost of a window needs the samples of no other, so that a bound which lies well behind stays where it is
+whatever comes: all partitions that may still become the best one share it. That is what lets PELT forget
+places for bounds (Killick, Fearnhead & Eckley 2012, JASA 107(500)), and the best path of a hidden Markov
+model be told before its end (Šrámek, Brejová & Vinař 2007, "On-line Viterbi algorithm", WABI). Here that is
+not proved but measured: a bound is final when two searches in a row find it, and so many samples lie behind
+it as tell a new soil from a bridge.
+
+Memory and time are bounded: of a window that goes on for longer only the last samples are searched.
+The constants were chosen by benchmarks/follow_study.py; its table is in benchmarks/results.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
+from terrain_cli.windows.segmentation.change_points import change_points, needed
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: Samples that are searched: what is further back does not move a bound any more.
+HORIZON = 2048
+#: Samples behind a bound that make it final, twice those in which a new soil must show (`merging.BESIDE`).
+SETTLED = 120
+#: The next search is after so many seconds and so many samples, so that slow and fast clocks cost alike.
+EVERY_SECONDS, EVERY_SAMPLES = 5.0, 20
+#: Samples by which a bound may differ from the same one in the search before.
+_SAME = 60
+#: Rows of what is added: the place of a sample among all, which bounds are told in; time in s, x and y in Pa,
+#: metres driven (NaN where not known). Any further ones are what the line may follow (`needed`).
+PLACE, TIME, X, Y, DRIVEN = range(5)
+_FOLLOWED = 5
+
+
+class OnlineCuts:
+    """The windows of one stretch of a wheel, each told as soon as its end is sure."""
+
+    def __init__(self, *, min_samples: int = CUT_SAMPLES, min_distance: float = MIN_DISTANCE) -> None:
+        self._min_samples, self._min_distance = min_samples, min_distance
+        self._recent: Array = np.empty((0, 0))
+        self._filled = 0
+        #: Samples so far, and which of them begins the open window.
+        self.count = self.begin = 0
+        self._bounds: list[int] = []
+        self._last: tuple[float, int] | None = None
+        self._seen: NDArray[np.intp] = np.empty(0, dtype=np.intp)
+
+    def add(self, columns: Array) -> list[int]:
+        """Take samples, rows as named above; return the places of the bounds that are final now.
+
+        What is told does not depend on how many samples come at once.
+        """
+        told: list[int] = []
+        while columns.shape[1]:
+            due = self._due(columns[TIME])
+            self._keep(columns[:, :due])
+            if due <= columns.shape[1] and self._is_due:
+                told += self._search(last=False)
+            columns = columns[:, due:]
+        return told
+
+    def end(self) -> list[int]:
+        """Return the bounds that are still to be told, once the stretch has ended."""
+        return self._search(last=True) if self.count > self.begin else []
+
+    def _due(self, time: Array) -> int:
+        """Return how many samples there are to the next search, or one more than there are."""
+        if self._last is None:
+            self._last = (float(time[0]), self.count)
+        since, count = self._last
+        late = int(np.searchsorted(time, since + EVERY_SECONDS))
+        return max(late + 1, count + EVERY_SAMPLES - self.count)
+
+    @property
+    def _is_due(self) -> bool:
+        assert self._last is not None  # noqa: S101 - set before the first samples are kept
+        now = float(self._recent[TIME, self._filled - 1])
+        return now >= self._last[0] + EVERY_SECONDS and self.count >= self._last[1] + EVERY_SAMPLES
+
+    def _keep(self, columns: Array) -> None:
+        """Keep the last samples."""
+        for first in range(0, columns.shape[1], HORIZON):
+            part = columns[:, first : first + HORIZON].copy()
+            size = part.shape[1]
+            if self._filled:
+                # What was summed part by part may fall by a digit.
+                part[DRIVEN, 0] = np.maximum(part[DRIVEN, 0], self._recent[DRIVEN, self._filled - 1])
+            np.maximum.accumulate(part[DRIVEN], out=part[DRIVEN])
+            if not self._recent.size:
+                self._recent = np.empty((len(part), 2 * HORIZON))
+            if self._filled + size > 2 * HORIZON:
+                kept = HORIZON - size
+                self._recent[:, :kept] = self._recent[:, self._filled - kept : self._filled]
+                self._filled = kept
+            self._recent[:, self._filled : self._filled + size] = part
+            self._filled += size
+            self.count += size
+
+    def _search(self, *, last: bool) -> list[int]:
+        known = min(self._filled, HORIZON)
+        recent = self._recent[:, self._filled - known : self._filled]
+        first = self.count - known
+        begin = max(self.begin, first)
+        part = recent[:, begin - first :]
+        driven = part[DRIVEN]
+        found = begin + change_points(
+            part[X],
+            part[Y],
+            distance=None if np.isnan(driven).any() else driven,
+            min_samples=self._min_samples,
+            min_distance=self._min_distance,
+        )
+        inner = self._needed(recent, first, found[1:-1])
+        if self._filled:
+            self._last = (float(recent[TIME, -1]), self.count)
+        final = []
+        for bound in inner.tolist():
+            known_before = len(self._seen) and np.abs(self._seen - bound).min() <= _SAME
+            if not last and not (known_before and self.count - bound >= SETTLED):
+                break
+            final.append(bound)
+        self._seen = inner
+        if final:
+            self.begin = final[-1]
+            self._bounds += final
+        return [int(recent[PLACE, bound - first]) for bound in final]
+
+    def _needed(self, recent: Array, first: int, inner: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return the bounds that nothing recorded explains, in the light of those told before."""
+        self._bounds = [bound for bound in self._bounds if bound > first]
+        if not len(inner) or len(recent) == _FOLLOWED:
+            return inner
+        every = np.array([first, *self._bounds, *inner.tolist(), self.count], dtype=np.intp)
+        kept = needed(
+            recent[X], recent[Y], list(recent[_FOLLOWED:]), every - first, np.empty(0, dtype=np.intp)
+        )
+        return inner[np.isin(inner, kept + first)]

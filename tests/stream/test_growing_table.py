@@ -1,0 +1,66 @@
+"""A table that grows: the bytes of one that is written whole, row after row."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from streams import followed, lines, text
+
+import formats
+from terrain_cli.errors import UsageError
+from terrain_cli.stream.growing_table import GrowingTable, readable
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return followed(
+        text(lines((60.0, 60.0))[:401]), method="recursive", segments="fixed", window_samples=150
+    ).rows
+
+
+def joined(rows):
+    return {name: [row[name][0] for row in rows] for name in rows[0]}
+
+
+@pytest.mark.parametrize("kind", ["csv", "geojsonl", "geojsons"])
+def test_the_bytes_are_those_of_a_whole_one(kind, rows, tmp_path):
+    grown, whole = tmp_path / f"grown.{kind}", tmp_path / f"whole.{kind}"
+    with GrowingTable(str(grown), None, marked=False) as table:
+        for count, row in enumerate(rows, 1):
+            table.add(row)
+            formats.write_table(joined(rows[:count]), str(whole))
+            assert grown.read_bytes() == whole.read_bytes()
+    assert len(rows) == 3
+
+
+def test_open_rows_are_told_from_closed_ones(rows, tmp_path):
+    path = tmp_path / "soil.csv"
+    with GrowingTable(str(path), None, marked=True) as table:
+        table.add(rows[0], is_open=True)
+        table.add(rows[0])
+    header, first, second = path.read_text().splitlines()
+    assert header.endswith(",WKT,open")
+    assert first.endswith(",true")
+    assert second == first.removesuffix("true") + "false"
+
+
+@pytest.mark.parametrize("name", ["soil.parquet", "soil.gpkg", "soil.json", "soil.geojson", "soil.MCAP"])
+def test_what_cannot_be_read_while_it_grows_is_refused(name):
+    with pytest.raises(UsageError, match="a table that grows cannot be"):
+        GrowingTable(name, None, marked=False)
+
+
+def test_nothing_is_written_where_nothing_can_be(tmp_path, rows):
+    with (
+        pytest.raises(formats.CannotWriteError, match="no such folder"),
+        GrowingTable(str(tmp_path / "none" / "soil.csv"), None, marked=False) as table,
+    ):
+        table.add(rows[0])
+
+
+def test_a_line_for_reading_says_what_is_not_known(rows):
+    row = {**rows[0], "c_kPa": np.array([np.nan]), "phi_deg": np.array([30.04])}
+    said = readable(row)
+    assert said.startswith("wheel  segment 1  ")
+    assert "c – ± " in said
+    assert "φ 30.0 ± " in said

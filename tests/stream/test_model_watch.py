@@ -1,0 +1,74 @@
+"""A watch on a model: silent while the model holds, and soon heard where it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from streams import followed, lines, text
+
+from terrain_cli.stream import model_watch
+from terrain_cli.stream.model_watch import ControlChart, limit
+
+SECONDS = (90.0,)
+
+
+def spoilt(some, column, extra, after):
+    """Return the lines with something added to a column from a time on."""
+    names = some[0].split(",")
+    place, clock = names.index(column), names.index("time")
+    rows = [line.split(",") for line in some[1:]]
+    start = float(rows[0][clock])
+    for row in rows:
+        if float(row[clock]) - start >= after:
+            row[place] = repr(float(row[place]) + extra)
+    return [some[0], *map(",".join, rows)]
+
+
+def test_sums_of_chance_pass_the_limit_as_often_as_stated(monkeypatch):
+    """White innovations, 3 charts of one step a second: 40 alarms in an hour are asked for."""
+    monkeypatch.setattr(model_watch, "FALSE_ALARMS", 40.0)
+    monkeypatch.setattr(model_watch, "_LONG_RUN", 1.0)
+    bound, rng, count, hours = limit(3 * 3600.0), np.random.default_rng(0), 0, 2
+    for _ in range(3):
+        chart = ControlChart()
+        for step, z in enumerate(rng.standard_normal(3600 * hours)):
+            chart.add(z, 1.0, float(step))
+            if chart.alarm("torque", bound):
+                chart, count = ControlChart(), count + 1
+    assert count / hours == pytest.approx(40.0, rel=0.35)
+
+
+def test_a_lower_rate_needs_a_larger_sum(monkeypatch):
+    usual = limit(3 * 3600.0)
+    monkeypatch.setattr(model_watch, "FALSE_ALARMS", model_watch.FALSE_ALARMS / 100.0)
+    assert limit(3 * 3600.0) == pytest.approx(usual + np.log(100.0) * 1.2, rel=0.01)
+
+
+def test_a_model_that_holds_is_not_blamed():
+    told = followed(text(lines(SECONDS)), model="wong-reece", segments="none")
+    assert not [remark for remark in told.remarks if "misses" in remark]
+
+
+def test_a_torque_that_shifts_is_told_once_with_its_size_and_time():
+    some = spoilt(lines(SECONDS), "torque", 0.3, 45.0)
+    told = followed(text(some), model="wong-reece", segments="none")
+    (said,) = [remark for remark in told.remarks if "torque" in remark]
+    assert said.startswith("wheel wheel: the model misses: torque is 0.")
+    assert "N m above what it predicts, since " in said
+    size = float(said.partition("torque is ")[2].split()[0])
+    since = float(said.partition("since ")[2].split()[0])
+    assert size == pytest.approx(0.3, abs=0.1)
+    assert since == pytest.approx(45.0, abs=5.0)
+    assert said.endswith("to find out why: terrain-est diagnose LOG --model wong-reece")
+
+
+@pytest.mark.parametrize("block", [4096, 1 << 20])
+def test_a_change_of_soil_is_no_fault_of_the_model(block):
+    told = followed(text(lines((60.0, 60.0))), block=block, model="wong-reece")
+    assert len(told.rows) == 2
+    assert not [remark for remark in told.remarks if "misses" in remark]
+
+
+def test_without_a_model_nothing_is_watched():
+    some = spoilt(lines(SECONDS), "torque", 0.3, 45.0)
+    assert len(followed(text(some), method="recursive", segments="none").remarks) == 1

@@ -1,0 +1,138 @@
+"""Processes of this machine: their memory, and several side by side."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+from functools import partial
+
+import pytest
+from changed_models import write_all
+
+from terrain_cli import processes
+
+CYCLES = """
+import resource, sys
+import numpy as np
+from terrain_cli.processes import keep_freed
+
+if sys.argv[1:] == ["kept"]:
+    keep_freed()
+begin = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(20):
+    arrays = [np.ones(2**17) for _ in range(8)]
+    del arrays
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - begin)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other C libraries keep memory as they like")
+def test_pages_are_asked_for_once():
+    every, kept = (
+        int(
+            subprocess.run(
+                [sys.executable, "-c", CYCLES, *arguments], capture_output=True, text=True, check=True
+            ).stdout
+        )
+        for arguments in ([], ["kept"])
+    )
+    # In each of 20 cycles, or in the first alone.
+    assert kept < every / 4
+
+
+HELD = """
+import resource, sys
+limit = int(sys.argv[1])
+if limit:
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+from terrain_cli.processes import most_held
+print(most_held())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems limit memory in other ways")
+def test_what_may_be_held_follows_the_limit_of_the_shell():
+    free, limited = (
+        int(subprocess.run([sys.executable, "-c", HELD, limit], capture_output=True, check=True).stdout)
+        for limit in ("0", str(2 << 30))
+    )
+    assert limited == (2 << 30) // 8
+    assert free >= limited
+
+
+def doubled(first: int, number: int) -> tuple[int, bool]:
+    return 2 * number, os.getpid() != first
+
+
+def dies_elsewhere(first: int, number: int) -> int:
+    if number == 3 and os.getpid() != first:
+        os._exit(9)
+    return 2 * number
+
+
+def refuses(number: int) -> int:
+    if number == 3:
+        raise ValueError("three")
+    return number
+
+
+def counts_inside(number: int) -> list[int]:
+    return processes.each(partial(doubled, os.getpid()), range(number))
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 8])
+def test_results_in_the_order_of_the_items_from_other_processes(jobs):
+    told = []
+    with processes.jobs(jobs):
+        found = processes.each(partial(doubled, os.getpid()), range(6), told.append)
+    assert [number for number, _ in found] == [0, 2, 4, 6, 8, 10]
+    assert [elsewhere for _, elsewhere in found] == [jobs > 1] * 6
+    assert told == list(range(6))
+
+
+def test_without_jobs_no_process_is_started():
+    assert not any(elsewhere for _, elsewhere in processes.each(partial(doubled, os.getpid()), range(3)))
+    with processes.jobs(4):
+        pass
+    assert not any(elsewhere for _, elsewhere in processes.each(partial(doubled, os.getpid()), range(3)))
+
+
+def test_what_a_killed_process_leaves_is_done_here():
+    told = []
+    with processes.jobs(2):
+        found = processes.each(partial(dies_elsewhere, os.getpid()), range(6), told.append)
+    assert found == [0, 2, 4, 6, 8, 10]
+    assert sorted(set(told)) == list(range(6))
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_is_that_of_the_function(jobs):
+    with processes.jobs(jobs), pytest.raises(ValueError, match="three"):
+        processes.each(refuses, range(6))
+
+
+def test_processes_start_none_of_their_own():
+    with processes.jobs(2):
+        inside = processes.each(counts_inside, [2, 3])
+    assert not any(elsewhere for some in inside for _, elsewhere in some)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("logs")
+    write_all(path)
+    return path
+
+
+# A comparison shares out its wheels, a diagnosis its effects.
+@pytest.mark.parametrize("command", [("compare", "sinks.csv", "clean.csv"), ("diagnose", "sinks.csv")])
+def test_verbs_say_the_same(terrain_est, terrain_est_here, folder, command):
+    arguments = (*command, "--segments", "none", "--json")
+    alone = terrain_est_here(*arguments, cwd=folder)
+    together = terrain_est(*arguments, "--jobs", "2", cwd=folder)
+    assert alone.returncode == together.returncode == 0, together.stderr
+    assert together.stdout == alone.stdout
+    assert json.loads(alone.stdout)["channels"]
