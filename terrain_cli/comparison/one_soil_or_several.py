@@ -55,7 +55,7 @@ def as_few_as_predict(
         error = (
             float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
         )
-        if float(difference.sum()) <= criteria.SEVERAL_SOILS_BETTER * error:
+        if float(difference.sum()) <= criteria.AS_GOOD * error:
             result.append(fewer)
             samples = wheel.windows.samples
             told.append(

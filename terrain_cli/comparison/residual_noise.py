@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.mechanics.effect import SKID
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -129,11 +130,11 @@ def under_like_conditions(residual: Array, group: Index, slip: Array, other: Arr
 
 def _varying(slip: Array, other: Array) -> Array:
     """Return the drivers that vary by more than their own noise, each in units of its spread."""
-    columns = [slip / np.std(slip)] if np.std(slip) > criteria.SLIP_VARIES else []
+    columns = [slip / np.std(slip)] if np.std(slip) > SKID else []
     # What it varies by beside the slip: of one load, sinkage follows that.
     powers = np.vander(slip - slip.mean(), 4) if columns else np.ones((len(slip), 1))
     beside = other - powers @ np.linalg.lstsq(powers, other, rcond=None)[0]
-    if np.std(beside) > criteria.DRIVER_VARIES * abs(float(np.mean(other))):
+    if np.std(beside) > criteria.NOISE_OF_POINTS * abs(float(np.mean(other))):
         columns.append(other / np.std(other))
     return np.stack(columns, axis=1) if columns else np.zeros((len(slip), 0))
 

@@ -14,7 +14,6 @@ SOIL_SAMPLES = criterion(40, "samples of a soil on either side of a step, of tho
 UNRELATED_SCORES = criterion(0.2, "correlation of neighbouring blocks' scores that diagnose calls none")
 
 """How many standard errors are beyond doubt?"""
-AS_GOOD = criterion(1.0, "within which a model is as good as another")
 BETTER = criterion(2.0, "by which a model is better than another")
 TESTABLE = criterion(2.0, "that an effect stands out, of three times its typical size, to be tested")
 SURE_OF_BENT_LAWS = criterion(4.0, "margin of a next drive that is sure even of somewhat other laws")

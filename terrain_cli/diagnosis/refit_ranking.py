@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import smoothed_covariance, smoothed_model
+from terrain_cli.comparison import comparison_criteria, smoothed_covariance, smoothed_model
 from terrain_cli.comparison.bootstrap import resample, webb_weights
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
@@ -47,7 +47,7 @@ def beats(one: Refit, other: Refit) -> bool:
 def as_good(one: Refit, other: Refit) -> bool:
     """Tell whether one model predicts no worse than another."""
     difference = one.loss - other.loss
-    return float(difference.sum()) <= criteria.AS_GOOD * error(difference)
+    return float(difference.sum()) <= comparison_criteria.AS_GOOD * error(difference)
 
 
 def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
