@@ -74,12 +74,6 @@ LEAST_NOISE_OF_SCALE = criterion(0.2, "part of the residual that noise is at lea
 LEAST_NOISE = criterion(0.02, "the same where residuals are whitened; differs from 0.2 without evidence")
 NOISE_OF_POINTS = criterion(0.05, "noise of test points that nobody repeated, as a share of the channel")
 NOISE_OF_JUMPS = criterion(0.9, "part of what second differences say that the noise is at least")
-NOISE_OF_ALIKE = criterion(
-    0.6,
-    "part of what jumps from sample to sample below which samples driven alike tell the noise instead",
-    "chosen on 48 simulated drives; on 48 with seeds used for nothing else no noise of a right model "
-    "changes, and 4 of 108 residuals of wrong ones have more than 1.5 times the noise, where jumps give 27",
-)
 FORGOTTEN = criterion(0.1, "share of the noise that counts as forgotten")
 MEMORY_BELIEVED = criterion(
     25.0,

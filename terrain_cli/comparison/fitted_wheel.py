@@ -305,7 +305,7 @@ class FittedWheel:
     def noise(self) -> dict[str, residual_noise.NoiseLevel]:
         """Noise of the residuals."""
         if self.ordered:
-            return {name: self._noise_of(name, error) for name, error in self.residuals.items()}
+            return {name: residual_noise.of_series(e, self.group) for name, e in self.residuals.items()}
         table = self.run_under
         levels = {}
         for name, error in self.residuals.items():
@@ -314,17 +314,6 @@ class FittedWheel:
                 level = residual_noise.of_neighbours(error, self.window, table)
             levels[name] = residual_noise.NoiseLevel(level, 0)
         return levels
-
-    def _noise_of(self, name: str, error: Array) -> residual_noise.NoiseLevel:
-        """Return the noise of a residual of a log, of which a misfit that jumps with the load is no part."""
-        level = residual_noise.of_series(error, self.group)
-        slip, other = self.channels.get("slip"), self.channels.get("load" if name == "sinkage" else "sinkage")
-        if slip is None or other is None:
-            return level
-        alike = residual_noise.under_like_conditions(error, self.window, slip, other)
-        if not alike < criteria.NOISE_OF_ALIKE * level.deviation:
-            return level
-        return residual_noise.NoiseLevel(alike, level.forgotten)
 
     @cached_property
     def run_under(self) -> Array:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.mechanics.effect import SKID
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,10 +16,6 @@ if TYPE_CHECKING:
 
 #: Lags of the variogram, in samples; the longest is this many at most.
 LONGEST_LAG = 60
-#: Samples driven alike through which a plane is laid, and samples among which they are sought.
-_ALIKE, _MOST_ALIKE = 14, 4_096
-#: Keeps the inverse where neighbours lie on a line.
-_FLAT = 1e-9
 #: Correlations at lag 1 that are tried.
 _MEMORIES = np.array([0.0, 0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94])
 
@@ -92,64 +87,6 @@ def _jumps(residual: Array, group: Index) -> float:
     if len(second) < criteria.NOISE_SAMPLES:
         return 0.0
     return float(criteria.NOISE_OF_JUMPS * float(np.median(second)) / (0.6745 * np.sqrt(6.0)))
-
-
-def under_like_conditions(residual: Array, group: Index, slip: Array, other: Array) -> float:
-    """Estimate what no model of slip and one other driver could predict, from samples driven alike.
-
-    Each residual is held against a plane through its nearest neighbours in both drivers, itself left out, so
-    that it does not matter how fast these change (Stone 1977, Annals of Statistics 5, 595). A driver that
-    varies by no more than its own noise is left out: its slope would be that of the noise.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (n,)
-        NaN where not known.
-    group : ndarray of int, shape (n,)
-        Samples of different groups are no neighbours.
-    slip, other : ndarray, shape (n,)
-        What a model predicts from; the other one is positive.
-
-    Returns
-    -------
-    float
-        Standard deviation; NaN where neither driver varies, or samples are too few.
-    """
-    left = []
-    known = np.isfinite(residual) & np.isfinite(slip) & np.isfinite(other)
-    step = max(1, len(residual) // _MOST_ALIKE)
-    rows = np.flatnonzero(known)[::step]
-    for label in np.unique(group[rows]):
-        own = rows[group[rows] == label]
-        table = _varying(slip[own], other[own]) if len(own) >= 3 * _ALIKE else np.zeros((0, 0))
-        if table.shape[1]:
-            left.append(_off_plane(residual[own], table))
-    off = np.concatenate(left) if left else np.zeros(0)
-    return float(np.sqrt(np.mean(off**2))) if len(off) >= criteria.NOISE_SAMPLES else np.nan
-
-
-def _varying(slip: Array, other: Array) -> Array:
-    """Return the drivers that vary by more than their own noise, each in units of its spread."""
-    columns = [slip / np.std(slip)] if np.std(slip) > SKID else []
-    # What it varies by beside the slip: of one load, sinkage follows that.
-    powers = np.vander(slip - slip.mean(), 4) if columns else np.ones((len(slip), 1))
-    beside = other - powers @ np.linalg.lstsq(powers, other, rcond=None)[0]
-    if np.std(beside) > criteria.NOISE_OF_POINTS * abs(float(np.mean(other))):
-        columns.append(other / np.std(other))
-    return np.stack(columns, axis=1) if columns else np.zeros((len(slip), 0))
-
-
-def _off_plane(values: Array, table: Array) -> Array:
-    """Return how far each value is off the plane through its neighbours', as white noise varies."""
-    from scipy.spatial import KDTree
-
-    nearest = KDTree(table).query(table, k=_ALIKE + 1)[1][:, 1:]
-    away = table[nearest] - table[:, None]
-    design = np.concatenate([np.ones((*nearest.shape, 1)), away], axis=2)
-    information = np.einsum("nki,nkj->nij", design, design) + _FLAT * np.eye(design.shape[2])
-    weight = np.einsum("ni,nki->nk", np.linalg.inv(information)[:, 0], design)
-    plane = np.einsum("nk,nk->n", weight, values[nearest])
-    return np.asarray((values - plane) / np.sqrt(1.0 + (weight**2).sum(axis=1)))
 
 
 def _variogram(residual: Array, group: Index) -> tuple[Array, Array, Array]:

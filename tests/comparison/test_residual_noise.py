@@ -2,13 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from terrain_cli.comparison.residual_noise import (
-    between,
-    of_neighbours,
-    of_points,
-    of_series,
-    under_like_conditions,
-)
+from terrain_cli.comparison.residual_noise import between, of_neighbours, of_points, of_series
 
 N = 4000
 
@@ -115,42 +109,3 @@ def test_points_at_loads_all_over_a_range_have_no_neighbours():
     load = np.random.default_rng(9).permutation(np.linspace(0.2, 0.6, 40))
     assert len(between(one(40), np.stack([slip, load], axis=1)).middle) == 0
     assert np.isnan(of_neighbours(slip, one(40), np.stack([slip, load], axis=1)))
-
-
-def jumping(seed, slip_spread=0.15, share=0.25):
-    """Slip and load that are others in each sample."""
-    rng = np.random.default_rng(seed)
-    return 0.3 + slip_spread * rng.uniform(-1.7, 1.7, 900), 80.0 * (1.0 + share * rng.uniform(-1.0, 1.0, 900))
-
-
-def test_a_misfit_that_jumps_with_the_load_is_no_noise():
-    slip, load = jumping(1)
-    rng = np.random.default_rng(2)
-    error = 0.3 * rng.normal(size=900)
-    misfit = 0.08 * (load - 80.0) + 4.0 * slip**2
-    assert of_series(error + misfit, one(900)).deviation > 3.0 * 0.3
-    assert under_like_conditions(error + misfit, one(900), slip, load) == pytest.approx(0.3, rel=0.1)
-    # Two soils are told apart by their segments.
-    soil = np.repeat([0, 1], 450)
-    assert under_like_conditions(error + 5.0 * soil, soil, slip, load) == pytest.approx(0.3, rel=0.1)
-
-
-def test_what_varies_no_more_than_noise_tells_nothing():
-    """Its noise makes the residual: a slope through it would take that away."""
-    slip, load = jumping(3, slip_spread=0.01, share=0.03)
-    assert np.isnan(under_like_conditions(0.1 * (load - 80.0), one(900), slip, load))
-    slip, load = jumping(4, share=0.03)
-    error = 0.5 * (load - 80.0)
-    found = under_like_conditions(error + 9.0 * slip, one(900), slip, load)
-    assert found == pytest.approx(float(np.std(error)), rel=0.1)
-    # Sinkage that follows the slip varies no more than its noise beside it.
-    sinkage = 0.02 + 0.05 * slip * (1.0 + slip)
-    noise = np.random.default_rng(5).normal(size=900)
-    found = under_like_conditions(0.4 * noise, one(900), slip, sinkage + 0.0005 * noise)
-    assert found == pytest.approx(0.4, rel=0.1)
-
-
-def test_few_samples_alike_tell_nothing():
-    slip, load = jumping(6)
-    assert np.isnan(under_like_conditions(load[:30], one(30), slip[:30], load[:30]))
-    assert np.isnan(under_like_conditions(np.full(900, np.nan), one(900), slip, load))
