@@ -22,6 +22,8 @@ from terrain_cli.commands import batch as command
 
 ROOT = Path(__file__).resolve().parent.parent
 
+FILES = ("csv", "summary", "rejects", "trace", "plot", "posterior", "samples")
+
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
@@ -89,8 +91,8 @@ def test_dry_run(run):
 def test_options_of_estimate(run, monkeypatch):
     own = {option.name for option in estimate.command.params}
     ours = {option.name for option in command.command.params}
-    # What is told of one run on one terminal, or in files of its own, has no place here.
-    assert own - ours <= {"csv", "summary", "rejects", "trace", "plot", "posterior", "samples"}
+    # What is told of one run on one terminal, in files of its own, or as a drive goes on has no place here.
+    assert own - ours <= {*FILES, "follow", "every", "idle_timeout"}
     args = ("--segments", "fixed", "--window-samples", "40", "--where", "load > 85", "--method", "ridge")
     monkeypatch.setenv("TERRAIN_EST_MIN_SAMPLES", "7")
     assert run("in/a.csv", "-o", "out", *args)[0] == 0

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 from child_processes import TERRAIN_EST, peak
-from formats.output.written_tables import columns
 from terminals import on_terminal
 
+from formats.output.whole_files import first_columns
 from terrain_cli.presentation.segment_table import COLUMNS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -114,7 +114,7 @@ def test_a_file_that_grows_into_one_that_grows(start, lines, tmp_path):
         time.sleep(0.05)
     # What is there so far can be read.
     assert json.loads(soil.read_text().split("\x1e")[1])["type"] == "Feature"
-    assert columns(str(soil))[0][:3] == ["source", "wheel", "segment"]
+    assert first_columns(str(soil))[0][:3] == ["source", "wheel", "segment"]
     with log.open("a") as file:
         file.write("".join(lines[301:]))
     out, _ = process.communicate(timeout=60)

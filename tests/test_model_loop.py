@@ -91,7 +91,7 @@ class TestDrafts:
             def diagnose(wheels, file, *, effects, seed, progress):
                 unknown = answers.pop(0)
                 alarm = SimpleNamespace(raised=unknown is not None)
-                nothing = {"effect": None, "family": (), "together": (), "unrecorded": ()}
+                nothing = {"effect": None, "family": (), "together": (), "unrecorded": (), "next_drive": ()}
                 return SimpleNamespace(
                     comparison=change_trial.fitted(wheels, file),
                     alarm=alarm,

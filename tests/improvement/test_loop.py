@@ -188,6 +188,7 @@ def test_an_alarm_without_a_name_is_told(sinks):
         family=(),
         unknown=None,
         together=(),
+        next_drive=[],
     )
     (end,) = until_quiet(sinks, models.resolve("wong-reece"), diagnose=lambda *_: nothing)
     assert not end.quiet
