@@ -25,15 +25,13 @@ from terrain_cli.windows.segmentation.online_cuts import SETTLED, OnlineCuts
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.models import ModelFile
     from terrain_cli.run.settings import Settings
     from terrain_cli.stream.model_watch import ModelMiss
     from terrain_cli.telemetry import Samples
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Samples of a segment at the most, some 100 bytes each: a soil that goes on for longer is cut there.
 LONGEST = 1 << 17
@@ -153,7 +151,7 @@ class FollowedWheel:
         self._look(piece)
 
     def _search(
-        self, piece: Samples, place: int, rows: NDArray[np.intp], line: tuple[Array, Array]
+        self, piece: Samples, place: int, rows: Index, line: tuple[Array, Array]
     ) -> Iterator[segment_table.Table]:
         """Close what ends at a change of soil that is sure by now; `place` is that of the piece."""
         nothing = np.full(len(piece), np.nan)
@@ -179,7 +177,7 @@ class FollowedWheel:
         old = int(np.searchsorted(whole.time, self._looked - _WATCHED_AFTER))
         self.alarms += self._watch.look(whole, min(old, self._segment.count - SETTLED))
 
-    def _driving(self, piece: Samples) -> tuple[NDArray[np.intp], Array, Array]:
+    def _driving(self, piece: Samples) -> tuple[Index, Array, Array]:
         """Return which samples are of a wheel that does not skid, and their coordinates on the line."""
         rows = np.flatnonzero(piece.channels["slip"] >= 0.0)
         return rows, *cut_windows.line(piece, rows)
@@ -249,7 +247,7 @@ class FollowedWheel:
         return *self._line.soil, self._segment.count
 
 
-def _runs(codes: NDArray[np.intp]) -> list[tuple[int, int]]:
+def _runs(codes: Index) -> list[tuple[int, int]]:
     """Return where runs of equal numbers begin and end."""
     if not len(codes):
         return []
@@ -257,6 +255,6 @@ def _runs(codes: NDArray[np.intp]) -> list[tuple[int, int]]:
     return list(pairwise(bounds))
 
 
-def _columns(piece: Samples, rows: NDArray[np.intp], x: Array, y: Array) -> Array:
+def _columns(piece: Samples, rows: Index, x: Array, y: Array) -> Array:
     """Return what the recursive estimator takes, shape (6, n)."""
     return np.array([x, y, *(piece.channels[name][rows] for name in NEEDED)])

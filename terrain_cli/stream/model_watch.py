@@ -23,12 +23,10 @@ from terrain_cli.windows.segmentation.running_moments import correlation_factor
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: False alarms of a wheel in an hour of driving, all its channels together; benchmarks/watch_study.py
 #: counts them.
@@ -168,7 +166,7 @@ class SegmentWatch:
     def _residuals(self, channels: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return measured less predicted, and the derivatives of the predictions."""
 
-        def parameters(rows: NDArray[np.intp]) -> dict[str, Array]:
+        def parameters(rows: Index) -> dict[str, Array]:
             return {name: np.full(len(rows), value) for name, value in self._values.items()}
 
         predicted = prediction.values(self._model, self._wheel, channels, parameters, self.compared)

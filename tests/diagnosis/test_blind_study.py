@@ -127,10 +127,14 @@ def records():
         {"section": "clean", "noise": "ar1", "course": "rich", "seed": 72},
         {**effect, "effect": "motor-temperature", "seed": 74, "size": 2.0},
         {**effect, "effect": "max-stress-angle", "seed": 75},
+        {"section": "outside", "effect": "eccentric", "noise": "white", "seed": 78},
     ]
     jobs = [{**job, **length} for job in jobs]
-    # One that segments take for eleven soils.
-    jobs.append({"section": "outside", "effect": "drill", "noise": "white", "seed": 1500})
+    # Two that segments take for eleven soils, and for a drift.
+    jobs += [
+        {"section": "outside", "effect": effect, "noise": "white", "seed": seed}
+        for effect, seed in (("drill", 1500), ("warm-cell", 1200))
+    ]
     return [diagnosis_drives.run(job) for job in jobs]
 
 
@@ -157,7 +161,11 @@ def test_noise_of_the_sinkage_is_not_taken_for_something_left_over(records):
 def test_what_no_catalogue_explains_is_placed_and_its_draft_takes_half_of_the_error_off(records):
     outside = [one for one in records if one["section"] == "outside"]
     placed = [(one["found"]["unknown"]["channel"], one["found"]["unknown"]["driver"]) for one in outside]
-    assert placed == [("sinkage", "drill_out")]
+    assert placed == [
+        ("torque", "wheel_angle"),
+        ("sinkage", "drill_out"),
+        ("drawbar_pull", "motor_temperature"),
+    ]
     assert all(map(diagnosis_table.halved, outside))
 
 

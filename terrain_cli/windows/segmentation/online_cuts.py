@@ -21,9 +21,8 @@ from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.segmentation.change_points import change_points, needed
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
 
 #: Samples that are searched: what is further back does not move a bound any more.
 HORIZON = 2048
@@ -50,7 +49,7 @@ class OnlineCuts:
         self.count = self.begin = 0
         self._bounds: list[int] = []
         self._last: tuple[float, int] | None = None
-        self._seen: NDArray[np.intp] = np.empty(0, dtype=np.intp)
+        self._seen: Index = np.empty(0, dtype=np.intp)
 
     def add(self, columns: Array) -> list[int]:
         """Take samples, rows as named above; return the places of the bounds that are final now.
@@ -132,7 +131,7 @@ class OnlineCuts:
             self._bounds += final
         return [int(recent[PLACE, bound - first]) for bound in final]
 
-    def _needed(self, recent: Array, first: int, inner: NDArray[np.intp]) -> NDArray[np.intp]:
+    def _needed(self, recent: Array, first: int, inner: Index) -> Index:
         """Return the bounds that nothing recorded explains, in the light of those told before."""
         self._bounds = [bound for bound in self._bounds if bound > first]
         if not len(inner) or len(recent) == _FOLLOWED:
