@@ -67,6 +67,9 @@ def drivers(wheel: FittedWheel) -> dict[str, Array]:
     for name, driver in wheel.drivers.items():
         known = driver.values[np.isfinite(driver.values)]
         varies = len(known) > 0 and float(np.ptp(known)) > 1e-9 * max(float(np.abs(known).max()), 1e-300)
+        if name == "acceleration" and name not in wheel.windows.samples.channels:
+            # Told from the velocity, for what residuals follow; a model reads what was measured.
+            continue
         if not driver.labels and name not in no_cause and varies and grammar.written(name):
             found[name] = driver.values
     return found
