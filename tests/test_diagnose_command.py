@@ -12,6 +12,7 @@ import pytest
 from changed_models import DIGS, ROVER, write_log
 
 from terrain_cli import diagnosis
+from terrain_cli.diagnosis import diagnosis_criteria
 
 ROOT = Path(__file__).resolve().parent.parent
 KEYS = {
@@ -358,4 +359,4 @@ def test_what_is_smaller_than_asked_for_is_told_and_raises_no_alarm(folder, terr
 
 def test_the_help_quotes_the_smallest_share_in_force(terrain_est_here):
     text = " ".join(terrain_est_here("diagnose", "--help").stdout.split())
-    assert f"[{diagnosis.diagnosis_criteria.SMALLEST_SHARE:g}]" in text
+    assert f"[{diagnosis_criteria.SMALLEST_SHARE:g}]" in text

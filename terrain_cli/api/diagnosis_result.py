@@ -11,7 +11,6 @@ from terrain_cli import models, processes
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, silent, windows_of
 from terrain_cli.diagnosis import diagnose as diagnosed
-from terrain_cli.diagnosis.diagnosis_criteria import SMALLEST_SHARE
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.presentation import diagnosis_text, terminal
 from terrain_cli.presentation.terminal import escaped
@@ -145,7 +144,7 @@ def diagnose(
     *,
     effects: Sequence[str | Path] = (),
     rover: Rover | str | Path | None = None,
-    smallest_share: float = SMALLEST_SHARE,
+    smallest_share: float | None = None,
     seed: int = 0,
     jobs: int = 1,
     progress: Callable[[str], None] | None = None,
@@ -166,8 +165,8 @@ def diagnose(
         Files of your own effects, tried beside the catalogue.
     rover : Rover, str or Path, optional
         For a path or DataFrame, as for `read`.
-    smallest_share : float
-        Share of the root mean square of a channel. What is smaller in every channel raises no alarm.
+    smallest_share : float, optional
+        Share of the root mean square of a channel, 0.003 by default. What is smaller in every channel raises no alarm.
     seed : int
         Of all that is drawn at random.
     jobs : int

@@ -77,7 +77,6 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli import effects, models
     from terrain_cli.commands.progress import Progress
     from terrain_cli.diagnosis import diagnose, verdict
-    from terrain_cli.diagnosis.diagnosis_criteria import SMALLEST_SHARE
     from terrain_cli.presentation import diagnosis_text, terminal
 
     given = context.params
@@ -93,7 +92,7 @@ def command(context: click.Context, /, **_: Any) -> None:
             file,
             effects=list(candidates.values()),
             seed=given["seed"],
-            smallest_share=SMALLEST_SHARE if given["smallest_share"] is None else given["smallest_share"],
+            smallest_share=given["smallest_share"],
             progress=partial(progress.say, str(file.path or file.model.base)),
             early=lambda scored: progress.tell(diagnosis_text.early(scored)),
         )

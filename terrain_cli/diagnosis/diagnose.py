@@ -32,7 +32,7 @@ def diagnose(
     *,
     effects: Sequence[Effect] | None = None,
     seed: int = 0,
-    smallest_share: float = criteria.SMALLEST_SHARE,
+    smallest_share: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
     early: Callable[[Screened], None] = lambda _: None,
 ) -> Diagnosis:
@@ -50,7 +50,7 @@ def diagnose(
         effects=[effect for effect in every if effect.id not in there],
         seed=seed,
         progress=progress,
-        smallest_share=smallest_share,
+        smallest_share=criteria.SMALLEST_SHARE if smallest_share is None else smallest_share,
     )
     log = soils(case, wheels)
     log = scores(case, log)

@@ -50,7 +50,7 @@ class Case:
     effects: list[Effect]
     seed: int
     progress: Callable[[str], None]
-    smallest_share: float = criteria.SMALLEST_SHARE  # Of a channel, that is worth an alarm
+    smallest_share: float = 0.0  # Of a channel, that is worth an alarm
 
 
 @dataclass(frozen=True, kw_only=True)
