@@ -166,7 +166,8 @@ def diagnose(
     rover : Rover, str or Path, optional
         For a path or DataFrame, as for `read`.
     smallest_share : float, optional
-        Share of the root mean square of a channel, 0.003 by default. What is smaller in every channel raises no alarm.
+        Share of the root mean square of a channel, 0.003 by default. What is smaller in every channel raises
+        no alarm.
     seed : int
         Of all that is drawn at random.
     jobs : int
