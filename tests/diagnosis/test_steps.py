@@ -93,7 +93,7 @@ def test_a_pull_that_changes_with_the_soil_does_not_explain_itself():
 def test_friction_that_drives_the_wheel_is_not_named(torque, named):
     """A torque that is too low throughout looks like friction below nought: something else is at work."""
     hidden = {"drivetrain-friction": {"Tc": torque}}
-    wheels = windows_of(21, Kind(hidden, seconds=64.0))
+    wheels = windows_of(21, Kind(hidden, seconds=32.0))
     found = diagnose(wheels, ModelFile())
     assert found.alarm.raised
     assert found.effect == named
