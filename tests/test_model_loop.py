@@ -69,7 +69,7 @@ def test_a_clean_log_leaves_the_file_as_it_is(terrain_est, here):
 def told_of(monkeypatch):
     """Return a function that runs the loop with a diagnosis that is told to it, and silence after that."""
 
-    def run(*args, **answer):
+    def run(*args, data="sinks.csv", **answer):
         nothing = {"effect": None, "family": (), "together": (), "unrecorded": (), "next_drive": ()}
         silence = {**nothing, "unknown": None, "alarm": SimpleNamespace(raised=False), "verdict": "none"}
         answers = [{**silence, "alarm": SimpleNamespace(raised=True), **answer}, silence]
@@ -78,7 +78,7 @@ def told_of(monkeypatch):
             return SimpleNamespace(comparison=change_trial.fitted(wheels, file), **answers.pop(0))
 
         monkeypatch.setattr(diagnosis, "diagnose", diagnose)
-        command = ["model", "add", "model.toml", "--until-quiet", *args, *CUT, "--data", "sinks.csv"]
+        command = ["model", "add", "model.toml", "--until-quiet", *args, *CUT, "--data", data]
         done = CliRunner().invoke(cli, command, catch_exceptions=False)
         assert done.exit_code == 0
         return done.stdout
@@ -105,9 +105,10 @@ class TestDrafts:
 
     @pytest.fixture
     def run(self, told_of):
-        def run(draft, *args):
+        def run(draft, *args, **options):
             law = {"channel": "sinkage", "driver": "slip", "sentence": "Sinkage follows slip."}
-            return told_of(*args, verdict="unknown", unknown=SimpleNamespace(draft=draft, **law))
+            unknown = SimpleNamespace(draft=draft, **law)
+            return told_of(*args, verdict="unknown", unknown=unknown, **options)
 
         return run
 
@@ -125,10 +126,8 @@ class TestDrafts:
         assert (here / "own" / "drafts" / "digs-itself-in.toml").read_text("utf-8") == DIGS
 
     def test_one_that_does_not_is_removed_again(self, run, here):
-        idle = DIGS.replace("digs-itself-in", "idle").replace("sinkage_exponent", "torque")
-        idle = idle.replace("+ dig * abs(slip)", "* (1 + dig * sin(1000 * slip))")
-        told = run(idle, "--draft", "draft.toml")
-        assert told.startswith("1. not idle: ")
+        told = run(DIGS, "--draft", "draft.toml", data="clean.csv")
+        assert told.startswith("1. not digs-itself-in: ")
         assert not (here / "draft.toml").exists()
         assert (here / "model.toml").read_text("utf-8") == MODEL
 
