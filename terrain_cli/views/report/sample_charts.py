@@ -6,6 +6,7 @@ keyboard reaches it and no script stands between.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import altair as alt
@@ -68,34 +69,44 @@ class Sheet:
         if self._chosen is not None:
             bind = alt.BindDirect(element=f"#{self._control}", event="change")
             chart = chart.add_params(alt.param(name=self._control, value=self._chosen, bind=bind))
-        spec: Spec = (
-            chart.properties(width=width, height=height, background="transparent")
-            .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
-            .configure_view(stroke=None)
-            .configure_axis(
-                gridColor=FAINT,
-                gridOpacity=0.25,
-                labelColor=INK,
-                labelFontSize=11,
-                titleColor=INK,
-                titleFontSize=12,
-                titleFontWeight="normal",
-            )
-            .configure_legend(
-                labelColor=INK,
-                titleColor=INK,
-                titleFontWeight="normal",
-                labelFontSize=11,
-                titleFontSize=12,
-                labelLimit=180,
-                orient="bottom",
-                columns=3,
-            )
-            .to_dict()
-        )
+        spec: Spec = chart.to_dict(validate=False)
         # The schema's address is no use to a page that is not to look anything up.
         spec.pop("$schema", None)
-        return {**spec, "datasets": self._datasets}
+        # Each of these, set by Altair, is a copy of the whole chart.
+        size = {"width": width, "height": height, "background": "transparent"}
+        return {**spec, **size, "config": _settings(), "datasets": self._datasets}
+
+
+@cache
+def _settings() -> Spec:
+    """Return how all charts look."""
+    chart = (
+        alt.Chart(alt.NamedData(name="any"))
+        .mark_point()
+        .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
+        .configure_view(stroke=None)
+        .configure_axis(
+            gridColor=FAINT,
+            gridOpacity=0.25,
+            labelColor=INK,
+            labelFontSize=11,
+            titleColor=INK,
+            titleFontSize=12,
+            titleFontWeight="normal",
+        )
+        .configure_legend(
+            labelColor=INK,
+            titleColor=INK,
+            titleFontWeight="normal",
+            labelFontSize=11,
+            titleFontSize=12,
+            labelLimit=180,
+            orient="bottom",
+            columns=3,
+        )
+    )
+    settings: Spec = chart.to_dict(validate=False)["config"]
+    return settings
 
 
 def scale(low: float, high: float) -> alt.Scale:
