@@ -15,6 +15,7 @@ from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, several_soils
 from terrain_cli.estimation import estimators
 from terrain_cli.telemetry.long_logs import notes
+from terrain_cli.vocabulary.quantities import counted, listed
 from terrain_cli.windows import joined_inputs
 
 if TYPE_CHECKING:
@@ -81,10 +82,36 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
     if any(wheel.one_soil for wheel in chosen.wheels):
         hypotheses, alike = screening.on_changing_soil(hypotheses)
         not_testable = [*not_testable, *alike]
-    comparison = replace(comparison, warnings=[*comparison.warnings, *notes_of_soils])
+    odd = filter(None, map(impossible_soil, chosen.wheels))
+    comparison = replace(comparison, warnings=[*comparison.warnings, *notes_of_soils, *odd])
     return DiagnosedLog(
         data=chosen, block=own, comparison=comparison, hypotheses=hypotheses, not_testable=list(not_testable)
     )
+
+
+def impossible_soil(wheel: FittedWheel) -> str:
+    """Say where no soil can be as the one fitted under a wheel; nothing if it can."""
+    fit, told = wheel.fit, []
+    c, error = fit.values["cohesion"], fit.errors["cohesion"]
+    negative = c + criteria.BETTER * error < 0.0
+    if negative.any():
+        least = np.argmin(np.where(negative, c, 0.0))
+        told.append(f"its cohesion is {_kPa(c[least])} ± {_kPa(error[least])} kPa")
+    beyond = fit.bounded.get("tan_phi", np.zeros(len(fit), dtype=bool))
+    if beyond.any():
+        told.append("its friction angle runs to the end of what soils have, 0 or 60°")
+    if not told:
+        return ""
+    where = int(np.count_nonzero(beyond | negative))
+    return (
+        f"wheel {wheel.windows.samples.wheel}: {where} of {counted(len(fit), 'fitted soil')} cannot exist: "
+        f"{listed(told)}. An effect is missing, or a channel has an offset or a wrong unit: look at the "
+        "torque and the load first"
+    )
+
+
+def _kPa(value: float) -> str:
+    return f"{value / 1e3:.2g}".replace("-", "−")
 
 
 def scores(case: Case, log: DiagnosedLog) -> DiagnosedLog:
