@@ -63,7 +63,14 @@ _FOREIGN = {
     b"ARROW1": "an Arrow (Feather) file: save it as Parquet",
     b"\xfd7zXZ": "packed with xz: unpack it first (gzip, bzip2 and zstd are read as they are)",
 }
-_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
+#: The mark of UTF-32 begins with that of UTF-16.
+_MARKS = {
+    codecs.BOM_UTF8: "utf-8",
+    codecs.BOM_UTF32_LE: "utf-32-le",
+    codecs.BOM_UTF32_BE: "utf-32-be",
+    codecs.BOM_UTF16_LE: "utf-16-le",
+    codecs.BOM_UTF16_BE: "utf-16-be",
+}
 
 
 def content(path: str, head: bytes) -> str:
@@ -127,13 +134,13 @@ class TextStream(io.RawIOBase):
         if inner != "csv":
             raise FormatError(path, f"is a {inner} file packed with {self.packing}: unpack it first")
         mark = next((mark for mark in _MARKS if self._buffer.startswith(mark)), b"")
-        #: "utf-8", "utf-16-le" or "utf-16-be", by that mark.
+        #: "utf-8", or UTF-16 or UTF-32 by that mark.
         self.encoding = _MARKS.get(mark, "utf-8")
         if b"\0" in self._buffer and self.encoding == "utf-8":
             raise FormatError(
                 path,
                 "is binary, of a kind that is not read",
-                hint="text must be UTF-8, or UTF-16 with its byte-order mark",
+                hint="text must be UTF-8, or UTF-16 or UTF-32 with its byte-order mark",
             )
         self._decoder = codecs.getincrementaldecoder(self.encoding)()
         # An editor that does not know the mark may have put its own before it.

@@ -179,6 +179,14 @@ def test_another_module_of_the_name_formats(tmp_path):
     assert "Traceback" not in done.stderr
 
 
+def test_modules_in_the_working_folder_are_none_of_ours(tmp_path):
+    for name in ("click", "formats", "numpy", "tomllib"):
+        (tmp_path / f"{name}.py").write_text('raise RuntimeError("mine")\n', "utf-8")
+    done = shell(f"{sys.executable} -m terrain_cli inspect {RUN}", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "wheel front-left" in done.stdout
+
+
 def test_a_folder_of_the_name_formats(tmp_path, monkeypatch):
     spec = importlib.machinery.ModuleSpec("formats", None, is_package=True)
     spec.submodule_search_locations = [str(tmp_path)]

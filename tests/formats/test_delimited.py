@@ -86,12 +86,12 @@ def test_ways_of_writing_one_table(make, text, remarks):
     assert source.skipped == 0
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32"])
 def test_byte_order_mark(make, encoding):
     source, columns = table(make("time,terrain\n1,Böschung\n2,砂\n", encoding=encoding))
     same(columns["time"], [1.0, 2.0])
     assert columns["terrain"] == ["Böschung", "砂"]
-    assert source.remarks == (["UTF-16-LE"] if encoding == "utf-16" else [])
+    assert source.remarks == ([] if encoding == "utf-8-sig" else [f"{encoding.upper()}-LE"])
 
 
 @pytest.mark.parametrize("packing", ["gzip", "bz2", "zstd"])
