@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 
 #: Parameters of the soil that are never negative: what they are called, and how they are shown.
-_SOIL = (
+_SOIL: tuple[tuple[str, str, Callable[[float], float], str], ...] = (
     ("cohesion", "cohesion", lambda one: one / 1e3, "kPa"),
-    ("tan_phi", "friction angle", lambda one: np.degrees(np.arctan(one)), "°"),
+    ("tan_phi", "friction angle", lambda one: float(np.degrees(np.arctan(one))), "°"),
 )
 
 

@@ -61,7 +61,7 @@ class Size(NamedTuple):
     unit: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Alarm:
     """Whether anything is missing at all."""
 

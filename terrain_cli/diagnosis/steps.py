@@ -101,8 +101,8 @@ def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
     lifted = min((len(gains) * alarm.of_gain(gain) for gain in gains), default=1.0)
     p_value = min(p_value, lifted, alarm.of_order(log.data, case.seed))
     if log.data.blocks < criteria.BLOCKS_OF_ALARM:
-        return Alarm(False, 1.0, criteria.LEVEL)
-    return Alarm(p_value < criteria.LEVEL, p_value, criteria.LEVEL)
+        return Alarm(raised=False, p_value=1.0, level=criteria.LEVEL)
+    return Alarm(raised=p_value < criteria.LEVEL, p_value=p_value, level=criteria.LEVEL)
 
 
 def refitted(case: Case, log: DiagnosedLog) -> list[Fitted]:
@@ -162,15 +162,15 @@ def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
     channel = max(shares, key=lambda name: shares[name], default="")
     share = shares.get(channel, np.nan)
     return Alarm(
-        p_value < criteria.LEVEL and not share < case.smallest_share,
-        p_value,
-        criteria.LEVEL,
-        float(gain.sum()),
-        refit_ranking.error(gain),
-        _law(told.draft) if told else least.id,
-        channel,
-        share,
-        case.smallest_share,
+        raised=p_value < criteria.LEVEL and not share < case.smallest_share,
+        p_value=p_value,
+        level=criteria.LEVEL,
+        gain=float(gain.sum()),
+        gain_se=refit_ranking.error(gain),
+        cause=_law(told.draft) if told else least.id,
+        channel=channel,
+        share=share,
+        smallest_share=case.smallest_share,
     )
 
 
