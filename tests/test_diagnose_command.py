@@ -327,3 +327,23 @@ def test_forms_of_drafts_are_documented():
     text = (ROOT / "docs" / "diagnose.md").read_text("utf-8")
     forms = re.search(r"`form` \((.*?)\)", text)[1]
     assert re.findall(r"`(\w+)`", forms) == list(drafted_laws.FORMS)
+
+
+def test_what_is_smaller_than_asked_for_is_told_and_raises_no_alarm(folder, terrain_est_here):
+    """Sinkage that grows with slip is nearly half of the sinkage here."""
+    told = terrain_est_here("diagnose", folder / "sinks.csv", *WHOLE, "--smallest-share", "0.9", "--json")
+    found = json.loads(told.stdout)
+    alarm = found["alarm"]
+    assert (alarm["raised"], found["verdict"], found["family"]) == (False, "none", [])
+    assert alarm["p_value"] < alarm["level"]
+    assert 0.1 < alarm["share"] < alarm["smallest_share"] == 0.9
+    assert alarm["channel"] in found["channels"]
+    assert found["sentence"].startswith("Slip-sinkage is only ")
+    assert "chance does not explain it, but it is less than 90 % of every channel" in found["sentence"]
+    assert found["conclusion"]["state"] == "fits"
+    assert "less than --smallest-share asks for" in found["conclusion"]["sentence"]
+
+
+def test_the_help_quotes_the_smallest_share_in_force(terrain_est_here):
+    text = " ".join(terrain_est_here("diagnose", "--help").stdout.split())
+    assert f"[{diagnosis.diagnosis_criteria.SMALLEST_SHARE:g}]" in text

@@ -11,6 +11,7 @@ from terrain_cli import models, processes
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, silent, windows_of
 from terrain_cli.diagnosis import diagnose as diagnosed
+from terrain_cli.diagnosis.diagnosis_criteria import SMALLEST_SHARE
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.presentation import diagnosis_text, terminal
 from terrain_cli.presentation.terminal import escaped
@@ -144,6 +145,7 @@ def diagnose(
     *,
     effects: Sequence[str | Path] = (),
     rover: Rover | str | Path | None = None,
+    smallest_share: float = SMALLEST_SHARE,
     seed: int = 0,
     jobs: int = 1,
     progress: Callable[[str], None] | None = None,
@@ -164,6 +166,8 @@ def diagnose(
         Files of your own effects, tried beside the catalogue.
     rover : Rover, str or Path, optional
         For a path or DataFrame, as for `read`.
+    smallest_share : float
+        Share of the root mean square of a channel. What is smaller in every channel raises no alarm.
     seed : int
         Of all that is drawn at random.
     jobs : int
@@ -198,5 +202,12 @@ def diagnose(
     every = {**catalogues.catalogue(), **{effect.id: effect for effect in own}}
     with processes.jobs(jobs):
         windows = windows_of(data, file.model.effects, rover)
-        found = diagnosed(windows, file, effects=list(every.values()), seed=seed, progress=progress or silent)
+        found = diagnosed(
+            windows,
+            file,
+            effects=list(every.values()),
+            seed=seed,
+            smallest_share=smallest_share,
+            progress=progress or silent,
+        )
     return DiagnosisResult(found)

@@ -52,6 +52,12 @@ Examples:
     help="Write a law here if no effect of the catalogue explains what is missing.",
 )
 @click.option("--force", is_flag=True, help="Replace the file of --draft if it is there.")
+@click.option(
+    "--smallest-share",
+    type=options.Amount(0, 1),
+    metavar="SHARE",
+    help="Raise no alarm for what is less than this share of the root mean square of every channel.  [0.003]",
+)
 @options.wheel
 @comparison_options.cutting
 @options.as_json
@@ -71,6 +77,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli import effects, models
     from terrain_cli.commands.progress import Progress
     from terrain_cli.diagnosis import diagnose, verdict
+    from terrain_cli.diagnosis.diagnosis_criteria import SMALLEST_SHARE
     from terrain_cli.presentation import diagnosis_text, terminal
 
     given = context.params
@@ -86,6 +93,7 @@ def command(context: click.Context, /, **_: Any) -> None:
             file,
             effects=list(candidates.values()),
             seed=given["seed"],
+            smallest_share=SMALLEST_SHARE if given["smallest_share"] is None else given["smallest_share"],
             progress=partial(progress.say, str(file.path or file.model.base)),
             early=lambda scored: progress.tell(diagnosis_text.early(scored)),
         )

@@ -43,6 +43,20 @@ def of_gain(gain: Array) -> float:
     return min(of_mean, float(np.mean(signs @ gain >= gain.sum() * (1.0 - 1e-9))))
 
 
+def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:
+    """Return by channel how large what a model takes off the held-out error is, over the channel's size.
+
+    Both are root mean squares; 0 where it predicts no better.
+    """
+    found = {}
+    for name, before in base.heldout.items():
+        every = [part.measured[name][part.use] for part in data.data if name in part.measured]
+        size = float(np.sqrt(np.nanmean(np.concatenate(every) ** 2)))
+        taken = max(before**2 - one.heldout.get(name, before) ** 2, 0.0) ** 0.5
+        found[name] = taken / size if size > 0.0 else np.nan
+    return found
+
+
 def of_order(data: Ground, seed: int) -> float:
     """Return how often steady points in another order would leave as smooth a residual.
 

@@ -38,6 +38,7 @@ class Evidence:
     draft: str = ""  # File of that law, if it was written
     refused: tuple[str, ...] = ()  # Effects that were tried, and did not pay on held-out data
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives
+    small: str = ""  # What chance does not explain, but is too small for an alarm, and how large it is
     drive: str = ""  # What would tell the best of the family from another, as a command to a person
 
 
@@ -88,6 +89,7 @@ def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = (
         draft=draft if law else "",
         refused=refused,
         unrecorded=found.unrecorded,
+        small=found.alarm.size if found.alarm.small else "",
         drive=next((one.manoeuvre for one in found.next_drive if one.settings), ""),
     )
 
@@ -114,6 +116,9 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
         )
         told = f"The model misses something: {size}, and {cause}.{first * bool(drive)} Next: {command}"
         return Conclusion("explained", told, command, drive=drive)
+    if found.small and not few:
+        told = f"The model fits well enough: {found.small}, less than --smallest-share asks for."
+        return Conclusion("fits", told)
     if few or (not known and not found.raised):
         return _undecided(found, above, few=few)
     if above or found.raised:

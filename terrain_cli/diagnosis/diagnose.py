@@ -32,13 +32,15 @@ def diagnose(
     *,
     effects: Sequence[Effect] | None = None,
     seed: int = 0,
+    smallest_share: float = criteria.SMALLEST_SHARE,
     progress: Callable[[str], None] = lambda _: None,
     early: Callable[[Screened], None] = lambda _: None,
 ) -> Diagnosis:
     """Find out what a model lacks.
 
     Inputs of the same wheel are joined: what is the wheel's or its sensors' is the same in all of them, soils
-    are not. `effects` may be missing; by default those of the catalogue. `early` gets the scores of all
+    are not. `effects` may be missing; by default those of the catalogue. What takes less than
+    `smallest_share` of the root mean square of every channel raises no alarm. `early` gets the scores of all
     effects, long before the refits end. Raises InputError where nothing that the model predicts was measured.
     """
     every = list(catalogues.catalogue().values() if effects is None else effects)
@@ -48,6 +50,7 @@ def diagnose(
         effects=[effect for effect in every if effect.id not in there],
         seed=seed,
         progress=progress,
+        smallest_share=smallest_share,
     )
     log = soils(case, wheels)
     log = scores(case, log)
@@ -57,7 +60,7 @@ def diagnose(
     if not alarm.raised:
         return _silent(case, log, base, alarm)
     ranked = steps.ranking(case, log, base)
-    alarm = steps.alarm_of_gain(ranked, alarm)
+    alarm = steps.alarm_of_gain(case, ranked, alarm)
     if not alarm.raised:
         return _silent(case, ranked.log, ranked.base, alarm)
     family = steps.family(case, ranked)

@@ -13,6 +13,14 @@ SOIL_SAMPLES = criterion(40, "samples of a soil on either side of a step, of tho
 """When are neighbouring blocks independent?"""
 UNRELATED_SCORES = criterion(0.2, "correlation of neighbouring blocks' scores that diagnose calls none")
 
+"""What is large enough to be worth a word?"""
+SMALLEST_SHARE = criterion(
+    0.003,
+    "share of a channel's root mean square that what is missing has in some channel, for an alarm; a user "
+    "sets it with --smallest-share",
+    "arithmetic: at the 3 % of noise of diagnosis_study a gain of 0.004 noise variances is a share of 0.0019",
+)
+
 """How many standard errors are beyond doubt?"""
 BETTER = criterion(2.0, "by which a model is better than another")
 TESTABLE = criterion(2.0, "that an effect stands out, of three times its typical size, to be tested")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -60,7 +61,7 @@ class Size(NamedTuple):
     unit: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Alarm:
     """Whether anything is missing at all."""
 
@@ -69,8 +70,25 @@ class Alarm:
     level: float  # Below which it is raised, if the held-out error agrees
     # gain, gain_se: what the strongest candidate takes off the held-out loss, in units of the noise's
     # variance, summed over all blocks; and its standard error
-    gain: float
-    gain_se: float
+    gain: float = 0.0
+    gain_se: float = 0.0
+    # cause: what predicts best; share: its size in `channel`, where that is largest, over the root mean
+    # square of the channel; NaN where nothing was fitted
+    cause: str = ""
+    channel: str = ""
+    share: float = math.nan
+    smallest_share: float = 0.0  # Below which no alarm is raised
+
+    @property
+    def small(self) -> bool:
+        """Whether chance does not explain it, but it is too small for an alarm."""
+        return self.p_value < self.level and self.share < self.smallest_share
+
+    @property
+    def size(self) -> str:
+        """Say what it is, and how large."""
+        channel = self.channel.replace("_", " ")
+        return f"{self.cause} is only {100 * self.share:.2g} % of the {channel}'s root mean square"
 
 
 @dataclass(frozen=True, kw_only=True)

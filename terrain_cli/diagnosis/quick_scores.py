@@ -32,8 +32,8 @@ def score(
 ) -> EffectScores:
     """Score every effect of the catalogue on a model as it was fitted.
 
-    As in a diagnosis, chance must give neither the largest score nor a gain on held-out blocks; here the
-    gain is to first order.
+    As in a diagnosis, chance must give neither the largest score nor a gain on held-out blocks, and the
+    effect must be large enough; here gain and size are to first order.
     """
     effects = missing_effects(file)
     hypotheses, _ = screening.hypotheses(file, wheels, effects)
@@ -46,9 +46,8 @@ def score(
     found = screening.screen(wheels, block, scored, seed)
     order = sorted(found.p_values, key=lambda name: -found.explained[name])
     p_value = of_scores(found, order[0]) if order else 1.0
-    return EffectScores(
-        p_value=p_value, raised=p_value < criteria.LEVEL, effects=tuple(order), unrecorded=unrecorded
-    )
+    raised = p_value < criteria.LEVEL and found.share(order[0]) >= criteria.SMALLEST_SHARE
+    return EffectScores(p_value=p_value, raised=raised, effects=tuple(order), unrecorded=unrecorded)
 
 
 def of_scores(found: Screened, first: str) -> float:

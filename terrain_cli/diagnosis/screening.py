@@ -53,6 +53,10 @@ class Screened:
     blocks: Array = field(default_factory=lambda: np.zeros((0, 0)))
     columns: list[_Columns] = field(default_factory=list)
 
+    def share(self, effect: str) -> float:
+        """Return how large an effect is, over the size of the channel where that is most (to first order)."""
+        return max((part.share(effect) for part in self.columns), default=0.0)
+
     def held_out_gain(self, effect: str) -> Array:
         """Return what an effect, fitted to the others, takes off the squares of each (to first order)."""
         return np.asarray(sum(part.held_out_gain(effect) for part in self.columns))
@@ -225,6 +229,8 @@ class _Columns:
         known = signatures.evidence(wheel, rows)
         self.noise_known = all(np.isfinite(level.deviation) for level in wheel.noise.values())
         names = known.white.channels
+        self.evidence = known
+        self.sizes = {name: float(np.sqrt(np.nanmean(wheel.measured[name] ** 2))) for name in names}
         effects = [effect for one in hypotheses for effect in one.effects]
         self.groups: list[_Group] = []
         tables = [np.zeros((len(rows), len(names), 0))]
@@ -235,9 +241,9 @@ class _Columns:
             start += count
             tables.append(known.whitened(signature.tables, count))
         columns = np.concatenate(tables, axis=2)
-        self.flat, self.block = known.residual, block[rows]
+        self.block = block[rows]
         self.scores, self.left = signatures.scores(
-            self.flat, known.soil, columns, wheel.window[rows], self.block, blocks
+            known.residual, known.soil, columns, wheel.window[rows], self.block, blocks
         )
         power = np.sqrt(np.maximum(np.diag(self.scores.cross), 0.0)) * np.sqrt(step)
         self.testable = (self.scores.surviving > criteria.SIGNATURE_SURVIVES) & (
@@ -247,13 +253,7 @@ class _Columns:
 
     def beyond(self, effect: str) -> Array:
         """Return the scores of all columns in what an effect leaves, by block."""
-        own = [g.columns[self.testable[g.columns]] for g in self.groups if g.id == effect]
-        own = [columns for columns in own if len(columns)]
-        residual = self.flat
-        if own:
-            fits = [(columns, *self.scores.fit(columns, _WIDTH**-2.0)) for columns in own]
-            columns, change, _, _ = max(fits, key=lambda one: one[3])
-            residual = residual - self.left[:, :, columns] @ change
+        residual = self.evidence.residual - self._explained_by(self._best_shape(effect))
         return products(self.left, residual[..., None], self.block, len(self.scores.blocks))[..., 0]
 
     def explained(self, *effects: str) -> float:
@@ -262,14 +262,31 @@ class _Columns:
         every = [np.concatenate(columns) for columns in product(*own) if all(map(len, columns))]
         return max((self.scores.fit(columns, _WIDTH**-2.0)[2] for columns in every), default=0.0)
 
+    def _best_shape(self, effect: str) -> Index:
+        """Return the columns of an effect in the shape that explains most; none where it cannot be tested."""
+        own = [g.columns[self.testable[g.columns]] for g in self.groups if g.id == effect]
+        own = [columns for columns in own if len(columns)]
+        nothing = np.zeros(0, dtype=np.intp)
+        return max(own, key=lambda some: self.scores.fit(some, _WIDTH**-2.0)[2], default=nothing)
+
+    def _explained_by(self, columns: Index) -> Array:
+        """Return what some columns, fitted together, explain of each sample; 0 of none."""
+        if not len(columns):
+            return np.zeros_like(self.evidence.residual)
+        return np.asarray(self.left[:, :, columns] @ self.scores.fit(columns, _WIDTH**-2.0)[0])
+
+    def share(self, effect: str) -> float:
+        """Return how large an effect is, over the size of the channel where that is most."""
+        shown = self._explained_by(self._best_shape(effect))
+        there = self.evidence.white.undone(shown, self.evidence.known)
+        return max(float(np.sqrt(np.mean(one**2))) / self.sizes[name] for name, one in there.items())
+
     def held_out_gain(self, effect: str) -> Array:
         """Return by block what an effect gains there, fitted to the other blocks of this wheel."""
         score = self.scores.blocks
-        own = [g.columns[self.testable[g.columns]] for g in self.groups if g.id == effect]
-        own = [columns for columns in own if len(columns)]
-        if not own:
+        columns = self._best_shape(effect)
+        if not len(columns):
             return np.zeros(len(score))
-        columns = max(own, key=lambda some: self.scores.fit(some, _WIDTH**-2.0)[2])
         shown, score = self.left[:, :, columns], score[:, columns]
         own_cross = products(shown, shown, self.block, len(score))
         cross = own_cross.sum(axis=0) - own_cross + _WIDTH**-2.0 * np.eye(len(columns))

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from terrain_cli.comparison.fitted_wheel import FittedWheel
+    from terrain_cli.diagnosis import drafted_laws
     from terrain_cli.diagnosis.diagnosed_log import Case, DiagnosedLog
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NextDrive, UnknownEffect
     from terrain_cli.diagnosis.refits import Ground, Refit
@@ -100,8 +101,8 @@ def alarm_of_scores(case: Case, log: DiagnosedLog, base: Refit) -> Alarm:
     lifted = min((len(gains) * alarm.of_gain(gain) for gain in gains), default=1.0)
     p_value = min(p_value, lifted, alarm.of_order(log.data, case.seed))
     if log.data.blocks < criteria.BLOCKS_OF_ALARM:
-        return Alarm(False, 1.0, criteria.LEVEL, 0.0, 0.0)
-    return Alarm(p_value < criteria.LEVEL, p_value, criteria.LEVEL, 0.0, 0.0)
+        return Alarm(raised=False, p_value=1.0, level=criteria.LEVEL)
+    return Alarm(raised=p_value < criteria.LEVEL, p_value=p_value, level=criteria.LEVEL)
 
 
 def refitted(case: Case, log: DiagnosedLog) -> list[Fitted]:
@@ -147,22 +148,36 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
     return Ranked(log=replace(log, data=data), base=base, several=again + rest, drafts=drafts)
 
 
-def alarm_of_gain(ranked: Ranked, before: Alarm) -> Alarm:
-    """Hold the alarm against the gain of the best explanation on held-out blocks."""
+def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
+    """Hold the alarm against the gain of the best explanation on held-out blocks, and against its size."""
     # Of whichever predicts best: the order of the ranking has reasons besides.
     fitted = [one for _, one in ranked.several] or [ranked.base]
     least = min(fitted, key=lambda one: float(one.loss.sum()))
-    gains = [ranked.base.loss - one.loss for one in (least, *(d.refit for d in ranked.drafts[:1]))]
-    gain = max(gains, key=lambda g: float(g.sum()))
+    laws = [one for one in ranked.drafts[:1] if float((one.refit.loss - least.loss).sum()) < 0.0]
+    gain = ranked.base.loss - (laws[0].refit if laws else least).loss
+    told = next((one for one in laws if refit_ranking.beats(one.refit, least)), None)
     rare = criteria.GAINED if any(wheel.ordered for wheel in ranked.data.wheels) else criteria.GAINED_STEADY
     p_value = max(before.p_value, alarm.of_gain(gain) * criteria.LEVEL / rare)
+    shares = alarm.shares(ranked.data, ranked.base, told.refit if told else least)
+    channel = max(shares, key=lambda name: shares[name], default="")
+    share = shares.get(channel, np.nan)
     return Alarm(
-        p_value < criteria.LEVEL,
-        p_value,
-        criteria.LEVEL,
-        float(gain.sum()),
-        refit_ranking.error(gain),
+        raised=p_value < criteria.LEVEL and not share < case.smallest_share,
+        p_value=p_value,
+        level=criteria.LEVEL,
+        gain=float(gain.sum()),
+        gain_se=refit_ranking.error(gain),
+        cause=_law(told.draft) if told else least.id,
+        channel=channel,
+        share=share,
+        smallest_share=case.smallest_share,
     )
+
+
+def _law(draft: drafted_laws.Draft) -> str:
+    """Say in a few words what a drafted law does."""
+    follows = f"that follows {draft.driver}" if draft.driver else "that is always there"
+    return f"a change of {draft.changes} {follows}".replace("_", " ")
 
 
 def family(case: Case, ranked: Ranked) -> Family:

@@ -12,7 +12,7 @@ from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary.quantities import known, short
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis
@@ -48,12 +48,19 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
             "level": alarm.level,
             "gain": known(alarm.gain),
             "gain_se": known(alarm.gain_se),
+            "cause": alarm.cause or None,
+            "channel": alarm.channel or None,
+            "share": known(alarm.share),
+            "smallest_share": alarm.smallest_share,
         },
         "verdict": diagnosis.verdict,
         "effect": diagnosis.effect,
         "family": list(diagnosis.family),
         "together": list(diagnosis.together),
-        "candidates": [_candidate(one, comparison.channels) for one in diagnosis.candidates],
+        "candidates": [
+            {**_candidate(one, comparison.channels), "ranked_by": ranked}
+            for one, ranked in zip(diagnosis.candidates, ranked_by(diagnosis.candidates), strict=True)
+        ],
         "unknown": None
         if unknown is None
         else {
@@ -99,6 +106,27 @@ def _candidate(one: Candidate, channels: Iterable[str]) -> dict[str, Any]:
             for name, size in one.sizes.items()
         },
     }
+
+
+def ranked_by(candidates: Sequence[Candidate]) -> list[str]:
+    """Say what gives each candidate its place: its loss, or what overrules that.
+
+    "score" where it was not fitted; "plainer" of a first one that has fewer parameters than the next, which
+    has less loss, but not clearly; "behind" where candidates with more loss come before it, as its size is
+    doubted or it is no clear gain.
+    """
+    fitted = [one for one in candidates if one.refitted]
+    plainer = len(fitted) > 1 and fitted[1].loss < fitted[0].loss and not fitted[1].doubt
+    found, most = [], -math.inf
+    for one in candidates:
+        if not one.refitted:
+            found.append("score")
+        elif plainer and one is fitted[0]:
+            found.append("plainer")
+        else:
+            found.append("behind" if one.loss < most else "loss")
+            most = max(most, one.loss)
+    return found
 
 
 def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> str:

@@ -11,7 +11,7 @@ from terrain_cli import effects
 from terrain_cli.comparison import smoothed_fit, smoothed_model, whitening
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.diagnosis import diagnose, drafted_laws, refits, screening, signatures, steps
+from terrain_cli.diagnosis import diagnose, diagnosed_log, drafted_laws, refits, screening, signatures, steps
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.effects.laws import effect_file
 from terrain_cli.improvement.change_trial import tried
@@ -332,3 +332,25 @@ def test_a_shape_that_stuck_at_its_end_is_let_go():
     common[at] = 0.0
     inside = replace(free, solutions=[replace(solution, common=common)])
     assert refits.over_shapes(data, crust, inside) is inside
+
+
+def test_a_cohesion_below_nought_is_told_with_what_it_may_mean():
+    """A motor that helps the wheel looks like soil that pushes it."""
+    every = list(effects.catalogue().values())
+
+    def told(hidden):
+        case = diagnosed_log.Case(
+            file=ModelFile(model=Model()), effects=every, seed=0, progress=lambda _: None
+        )
+        return [
+            w
+            for w in diagnosed_log.soils(case, windows_of(21, hidden)).comparison.warnings
+            if "no soil has" in w
+        ]
+
+    (warning,) = told(Kind({"drivetrain-friction": {"Tc": -0.9}}, seconds=40.0))
+    assert warning.startswith(
+        "the model as it is has a cohesion of -3.3 kPa in 1 of 1 soil, which no soil has"
+    )
+    assert "measured wrongly" in warning
+    assert told(Kind(seconds=40.0)) == []
