@@ -59,3 +59,16 @@ def write_all(folder):
     (folder / "digs.toml").write_text(DIGS, "utf-8")
     write_log(folder / "clean.csv")
     write_log(folder / "sinks.csv", {"slip-sinkage": {"n1": 0.4}}, seed=2)
+
+
+def once(function):
+    """Return a function of windows and a model that works once for each model, then says the same again."""
+    results = {}
+
+    def again(wheels, file, **options):
+        key = file.model.base, *(effect.id for effect in file.model.effects)
+        if key not in results:
+            results[key] = function(wheels, file, **options)
+        return results[key]
+
+    return again

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,8 @@ ROOT = Path(__file__).resolve().parent.parent
 NUMBER = re.compile(r"(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e-?\d+)?")
 #: Another version of NumPy or SciPy may end a fit elsewhere within this.
 SHARE = 0.01
+#: A line in which a shell has nothing to do but to start the command.
+PLAIN = re.compile(r"terrain-est ([^|&;<>$*?~`]+)")
 
 
 def text_of(name):
@@ -30,13 +33,15 @@ def lines(page):
     return [line for commands, _ in steps(page) for line in commands.splitlines()]
 
 
-def run(page, folder, bin_folder, *, remarks=False):
+def run(page, folder, bin_folder, terrain_est_here, *, remarks=False):
     """Run every command of a page, one after another in a clone of the data.
 
     Parameters
     ----------
     folder : Path
         Empty; the data are copied there.
+    bin_folder, terrain_est_here
+        The fixtures: a shell finds the command in the one, plain lines are run by the other.
     remarks : bool
         What is said on standard error belongs to what is printed.
 
@@ -50,15 +55,19 @@ def run(page, folder, bin_folder, *, remarks=False):
     shutil.copytree(ROOT / "sample_data", folder / "sample_data")
     where = folder.parent / f"{folder.name}.cwd"
     path = os.pathsep.join([str(bin_folder), str(Path(sys.executable).parent), os.environ["PATH"]])
-    env = {**os.environ, "PATH": path, "TERRAIN_EST_QUIET": str(not remarks).lower()}
+    quiet = {"TERRAIN_EST_QUIET": str(not remarks).lower()}
+    env = {**os.environ, "PATH": path, **quiet}
     found = {}
     for line in lines(page):
-        # A shell for each line; it begins in the folder where that before it ended.
-        command = ["bash", "-euo", "pipefail", "-c", f"{line}\npwd >'{where}'"]
-        done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)
+        if plain := PLAIN.fullmatch(line):
+            done = terrain_est_here(*shlex.split(plain[1]), cwd=folder, env=quiet)
+        else:
+            # A shell for each line; it begins in the folder where that before it ended.
+            command = ["bash", "-euo", "pipefail", "-c", f"{line}\npwd >'{where}'"]
+            done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)
+            folder = Path(where.read_text("utf-8").rstrip("\n")) if done.returncode == 0 else folder
         assert done.returncode == 0, f"{line}\n{done.stderr}"
         found[line] = done.stdout + (done.stderr if remarks else "")
-        folder = Path(where.read_text("utf-8").rstrip("\n"))
     return found, folder
 
 

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from changed_models import once
 from matplotlib.figure import Figure
 
 import terrain_cli as terrain
-from terrain_cli import models
+from terrain_cli import diagnosis, improvement, models
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
 
 SAMPLE = Path(__file__).parent.parent / "sample_data"
@@ -125,12 +126,20 @@ def printed(terrain_est_here):
     return run
 
 
+@pytest.fixture
+def fitting_once(monkeypatch):
+    """Have the command's table and its JSON come from one comparison of its own."""
+    monkeypatch.setattr(improvement, "compared", once(improvement.compared))
+
+
+@pytest.mark.usefixtures("fitting_once")
 def test_compare_is_the_command(compared, folder, printed):
     assert compared.to_json() + "\n" == printed("compare", folder / "sinks.csv", "--json")
     assert f"{compared}\n" == printed("compare", folder / "sinks.csv")
     assert "\n" not in repr(compared)
 
 
+@pytest.mark.usefixtures("fitting_once")
 def test_two_models_are_those_of_the_command(windows, trial, folder, printed):
     both = terrain.compare(windows, against=trial.model)
     args = ("--model", "wong-reece", "--model", folder / "model.toml")
@@ -202,8 +211,9 @@ def test_pictures_are_those_of_plot(compared, trial):
     assert "strength" in error.value.hint
 
 
-def test_diagnose_is_the_command(folder, printed):
+def test_diagnose_is_the_command(folder, printed, monkeypatch):
     result = terrain.diagnose(folder / "clean.csv")
+    monkeypatch.setattr(diagnosis, "diagnose", once(diagnosis.diagnose))
     assert result.to_json() + "\n" == printed("diagnose", folder / "clean.csv", "--json")
     assert f"{result}\n" == printed("diagnose", folder / "clean.csv")
     assert (result.verdict, result.effect, result.family, result.next_drive) == ("none", None, (), [])

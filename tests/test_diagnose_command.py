@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from changed_models import DIGS, ROVER, write_log
+from changed_models import DIGS, ROVER, once, write_log
 
 from terrain_cli import diagnosis
 from terrain_cli.diagnosis import diagnosis_criteria
@@ -59,18 +59,6 @@ def folder(tmp_path_factory):
     write_log(path / "sinks.csv", {"slip-sinkage": {"n1": 0.4}}, seed=2, seconds=SECONDS)
     with_heater(path / "clean.csv").to_csv(path / "heated.csv", index=False)
     return path
-
-
-def once(function):
-    """Return a function that works the first time, and then says the same again."""
-    results = []
-
-    def again(*args, **kwargs):
-        if not results:
-            results.append(function(*args, **kwargs))
-        return results[0]
-
-    return again
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import defaultdict
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -83,29 +84,32 @@ def circle(arrows):
     return []
 
 
-TREES = read()
+@cache
+def house():
+    """Return the trees of this house: read in the one worker that has these tests."""
+    return read()
 
 
 def test_every_room_has_a_floor():
-    assert {room(module) for module in TREES} == FLOOR.keys()
+    assert {room(module) for module in house()} == FLOOR.keys()
 
 
 def test_imports_run_down():
     wrong = [
         f"{module}, line {line}: {room(module)} must not know {room(name)}: import {name}"
-        for module, name, line in imports(TREES)
+        for module, name, line in imports(house())
         if room(module) != room(name) and FLOOR[room(module)] <= FLOOR[room(name)]
     ]
     assert not wrong, "\n".join(wrong)
 
 
 def test_no_circle_of_files():
-    assert not circle((module, name) for module, name, _ in imports(TREES))
+    assert not circle((module, name) for module, name, _ in imports(house()))
 
 
 def test_no_circle_of_folders():
     """A folder and the one it lies in are one place."""
-    arrows = {(folder(module, TREES), folder(name, TREES)) for module, name, _ in imports(TREES)}
+    arrows = {(folder(module, house()), folder(name, house())) for module, name, _ in imports(house())}
     assert not circle(
         (one, other)
         for one, other in arrows
@@ -124,7 +128,7 @@ def test_a_circle_is_found():
 
 def test_no_module_name_stands_twice():
     places = defaultdict(list)
-    for module in TREES:
+    for module in house():
         if not module.startswith(COMMANDS):
             places[module.rpartition(".")[2]].append(module)
     assert not {name: where for name, where in places.items() if len(where) > 1 and name not in TWICE}
@@ -132,7 +136,7 @@ def test_no_module_name_stands_twice():
 
 def test_no_public_class_name_stands_twice():
     places = defaultdict(list)
-    for module, tree in TREES.items():
+    for module, tree in house().items():
         for node in tree.body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 places[node.name].append(module)
@@ -148,7 +152,7 @@ RIDDLES = {
 
 
 def test_no_module_is_a_riddle():
-    assert not {module for module in TREES if module.rpartition(".")[2] in RIDDLES}
+    assert not {module for module in house() if module.rpartition(".")[2] in RIDDLES}
 
 
 def fields(node):
@@ -165,7 +169,7 @@ def fields(node):
 
 def test_large_dataclasses_are_given_by_keyword():
     wrong = []
-    for module, tree in TREES.items():
+    for module, tree in house().items():
         for node in ast.walk(tree):
             if isinstance(node, ast.ClassDef):
                 said = " ".join(ast.unparse(decorator) for decorator in node.decorator_list)
@@ -199,4 +203,4 @@ def test_packages_name_only_modules_that_are_there():
 
 
 def _is_module(name):
-    return any(module.rpartition(".")[2] == name for module in TREES)
+    return any(module.rpartition(".")[2] == name for module in house())

@@ -209,30 +209,10 @@ def test_all_that_follows_data_is_data(here, model):
     assert found["shift"]["c"]["segment"] == 1
 
 
-@pytest.mark.usefixtures("here")
-def test_what_lies_on_the_side_that_nature_does_not_have_is_refused_in_good_time(model):
-    """Soil that pushes from the front, by 2.9 standard errors."""
-    log = ROOT / "sample_data" / "tutorial" / "sinks.csv"
-    found = json.loads(model("add", "model.toml", "bulldozing", "--json", "-q", "--data", str(log)))
-    (factor,) = found["parameters"]
-    assert -3.0 < factor["value"] / factor["se"] < -2.0
-    assert found["ratio_interval"][1] < 1.0
-    assert (found["pays"], found["kept"], found["imitates"]) == (False, False, ["bulldozing.factor"])
-    assert "which is physically impossible; another effect is missing" in found["sentence"]
-
-
 def test_several_effects_at_once(here, model):
     found = change(model, "add", "model.toml", "slip-sinkage", "drivetrain-friction", "--data", "sinks.csv")
     assert found["changed"] == ["slip-sinkage", "drivetrain-friction"]
     assert {one["name"].partition(".")[0] for one in found["parameters"]} == set(found["changed"])
-
-
-def test_an_effect_that_the_right_one_makes_needless_is_told(here, model):
-    wrong = change(model, "add", "model.toml", "shear-modulus", "--data", "sinks.csv")
-    assert (wrong["pays"], wrong["idle"]) == (True, [])
-    (idle,) = change(model, "add", "model.toml", "slip-sinkage", "--data", "sinks.csv")["idle"]
-    assert idle["effect"] == "shear-modulus"
-    assert 0.01 < idle["p_value"] <= 1.0
 
 
 def test_without_data_it_is_added_and_said_to_be_untested(here, model):

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from wheel_table import HEADER, ROVER, good, text
 
+#: Samples: all that is odd is in a few of them.
+ROWS = 60
 #: Of a velocity all the same: a wheel that turns in place, slow for the full model, which meets 5e-324.
 STILL = (1e-12, 1e-29, 0.0)
 EDGE = (1.7e308, 1e305, -1e305, 1e29, 1e12, 1e-12, 1e-29, 5e-324, 0.0, np.inf, np.nan)
@@ -28,12 +30,12 @@ WHOLE = (
 
 def drive():
     """Return the columns of a table that is as it should be."""
-    table = np.array(good(), dtype=float)
+    table = np.array(good()[:ROWS], dtype=float)
     return dict(zip(HEADER, table.T.copy(), strict=True))
 
 
 def changed(**columns):
-    return drive() | {name: np.full(200, value) for name, value in columns.items()}
+    return drive() | {name: np.full(ROWS, value) for name, value in columns.items()}
 
 
 def first(rows):
@@ -42,14 +44,14 @@ def first(rows):
 
 def still(**columns):
     """Return a table whose rows are all the same."""
-    return {name: np.full(200, column[1]) for name, column in drive().items()} | columns
+    return {name: np.full(ROWS, column[1]) for name, column in drive().items()} | columns
 
 
 ODD = {
     "constant": still(time=drive()["time"]),
     "time that stands still": still(),
     "no time": {name: column for name, column in still().items() if name != "time"},
-    "zero": {name: np.zeros(200) for name in HEADER},
+    "zero": {name: np.zeros(ROWS) for name in HEADER},
     "no row": first(0),
     "one row": first(1),
     "two rows": first(2),
@@ -59,8 +61,8 @@ ODD = {
     "load below zero": changed() | {"load": -drive()["load"]},
     "torque zero": changed(torque=0.0),
     "a wheel that stands": changed(angular_velocity=0.0),
-    "everything at 1e305": {name: np.full(200, 1e305) for name in HEADER},
-    "everything at 5e-324": {name: np.full(200, 5e-324) for name in HEADER},
+    "everything at 1e305": {name: np.full(ROWS, 1e305) for name in HEADER},
+    "everything at 5e-324": {name: np.full(ROWS, 5e-324) for name in HEADER},
 }
 
 
@@ -92,7 +94,7 @@ def test_a_warning_within_a_command_would_be_seen(check, monkeypatch):
 @pytest.mark.parametrize("name", HEADER)
 def test_sizes_that_nothing_has(check, name):
     for value in EDGE:
-        by_line = name == "velocity" and value in STILL
+        by_line = (name == "velocity" and value in STILL) or (name, value) == ("torque", 0.0)
         check(changed(**{name: value}), LINE[1 if by_line else 0], LINE[4])
         some = drive()
         some[name][3::7] = value
@@ -101,7 +103,8 @@ def test_sizes_that_nothing_has(check, name):
 
 @pytest.mark.parametrize("odd", ODD)
 def test_odd_tables_by_the_line(check, odd):
-    check(ODD[odd], *LINE)
+    # To the full model, a wheel at 5e-324 m/s slips by 1 too.
+    check(ODD[odd], *LINE[odd == "slip 1" :])
 
 
 @pytest.mark.parametrize("odd", ["constant", "torque zero", "two rows"])
@@ -117,9 +120,8 @@ def test_odd_tables_in_pages_pictures_and_folders(check):
 
 
 def test_odd_tables_are_diagnosed_and_tried(check):
-    few = {name: column[:60] for name, column in ODD["slip said to be 1"].items()}
     check(
-        few,
+        ODD["slip said to be 1"],
         ("model", "new", "m.toml", "--base", "linear"),
         ("diagnose", "t.csv", "--segments", "none"),
         ("model", "add", "m.toml", "load-bias", "--segments", "none", "--data", "t.csv"),

@@ -11,9 +11,9 @@ PAGE = pages.text_of("paper.md")
 PICTURES = re.findall(r"!\[.+\]\((.+)\)", PAGE)
 
 
-def test_prints_and_draws_what_the_page_says(tmp_path, bin_folder):
+def test_prints_and_draws_what_the_page_says(tmp_path, bin_folder, terrain_est_here):
     # One test: two workers would run all of the commands twice.
-    outputs, folder = pages.run(PAGE, tmp_path, bin_folder, remarks=True)
+    outputs, folder = pages.run(PAGE, tmp_path, bin_folder, terrain_est_here, remarks=True)
     for commands, text in pages.steps(PAGE):
         pages.assert_printed(text, outputs[commands.splitlines()[-1]])
     pages.assert_bold_figures_are_printed(PAGE, outputs)

@@ -32,11 +32,11 @@ def first_cells(page, heading):
     return [name for row in table.splitlines()[2:] for name in re.findall(r"`(\w[\w-]*)`", row.split("|")[1])]
 
 
-def test_prints_what_it_says_in_its_order(tmp_path, bin_folder):
+def test_prints_what_it_says_in_its_order(tmp_path, bin_folder, terrain_est_here):
     page = README
     for block in SETUP:
         page = page.replace(block, "")
-    outputs, folder = pages.run(page, tmp_path, bin_folder, remarks=True)
+    outputs, folder = pages.run(page, tmp_path, bin_folder, terrain_est_here, remarks=True)
     for commands, text in pages.steps(page):
         if text:
             pages.assert_printed(text, outputs[commands.splitlines()[-1]])
@@ -45,8 +45,8 @@ def test_prints_what_it_says_in_its_order(tmp_path, bin_folder):
 
 
 @pytest.mark.parametrize("name", ["input", "output"])
-def test_commands_of_its_pages_run(name, tmp_path, bin_folder):
-    _, folder = pages.run(PAGES[name], tmp_path, bin_folder)
+def test_commands_of_its_pages_run(name, tmp_path, bin_folder, terrain_est_here):
+    _, folder = pages.run(PAGES[name], tmp_path, bin_folder, terrain_est_here)
     written = re.findall(
         r"(?:>|--summary|--rejects|--trace) ([\w-]+\.\w+)", "\n".join(pages.lines(PAGES[name]))
     )
@@ -55,8 +55,8 @@ def test_commands_of_its_pages_run(name, tmp_path, bin_folder):
 
 
 @pytest.mark.parametrize(("name", "written"), [("rover", ["rover.toml", "soil.csv"]), ("bags", ["soil.csv"])])
-def test_commands_of_a_guide_run(name, written, tmp_path, bin_folder):
-    _, folder = pages.run(PAGES[name], tmp_path, bin_folder)
+def test_commands_of_a_guide_run(name, written, tmp_path, bin_folder, terrain_est_here):
+    _, folder = pages.run(PAGES[name], tmp_path, bin_folder, terrain_est_here)
     assert all((folder / one).stat().st_size > 0 for one in written)
 
 
@@ -94,7 +94,7 @@ def test_rover_file_loads(block, tmp_path):
     assert set(wheel.channels) == {"torque", "sinkage", "load"}
 
 
-def test_notebook_example_runs(tmp_path, bin_folder):
+def test_notebook_example_runs(tmp_path):
     (block,) = (block for kind, block in BLOCKS if kind == "python")
     shutil.copytree(ROOT / "sample_data", tmp_path / "sample_data")
     done = subprocess.run(

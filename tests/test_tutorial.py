@@ -7,9 +7,9 @@ import pages
 PAGE = pages.text_of("tutorial.md")
 
 
-def test_prints_what_the_page_says(tmp_path, bin_folder):
+def test_prints_what_the_page_says(tmp_path, bin_folder, terrain_est_here):
     # One test: two workers would run all of the commands twice.
-    outputs, _ = pages.run(PAGE, tmp_path, bin_folder)
+    outputs, _ = pages.run(PAGE, tmp_path, bin_folder, terrain_est_here)
     for commands, text in pages.steps(PAGE):
         pages.assert_printed(text, outputs[commands.splitlines()[-1]])
     pages.assert_bold_figures_are_printed(PAGE, outputs)

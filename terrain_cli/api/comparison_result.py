@@ -12,6 +12,7 @@ from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, windows_of
 from terrain_cli.comparison import against as difference
 from terrain_cli.improvement import compared
+from terrain_cli.improvement.model_alternatives import alternatives
 from terrain_cli.presentation import comparison_text, terminal
 from terrain_cli.presentation.terminal import escaped
 
@@ -231,6 +232,7 @@ def report(
     model: ModelFile | str | Path = "wong-reece",
     *,
     rover: Rover | str | Path | None = None,
+    candidates: int = 3,
     seed: int = 0,
     jobs: int = 1,
 ) -> Path:
@@ -246,6 +248,8 @@ def report(
         As for `compare`. The history of a model file is shown too.
     rover : Rover, str or Path, optional
         For a path or DataFrame, as for `read`.
+    candidates : int
+        Effects to choose from on the page, where the model lacks one.
     seed : int
         Of the resampling behind intervals and tests.
     jobs : int
@@ -268,6 +272,9 @@ def report(
 
     chart_style.need("report")
     file = as_model(model)
-    found = compare(data, file, rover=rover, seed=seed, jobs=jobs).found
-    page.write(found, path, further=[page.history(file.history)])
+    with processes.jobs(jobs):
+        windows = windows_of(data, file.model.effects, rover)
+        found = compared(windows, file, seed=seed)
+        choices = alternatives(windows, file, found, candidates=candidates, seed=seed)
+    page.write(found, path, models=choices, further=[page.history(file.history)])
     return Path(path)

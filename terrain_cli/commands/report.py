@@ -41,6 +41,14 @@ Examples:
     help="Model of wheel and soil: a base, or a model file that adds effects to one.",
 )
 @options.wheel
+@click.option(
+    "--candidates",
+    type=click.IntRange(0, 10),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="Where the model lacks an effect, also fit the N likeliest ones, to choose from on the page.",
+)
 @comparison_options.cutting
 @comparison_options.soils
 @options.force
@@ -50,8 +58,9 @@ def command(context: click.Context, /, **_: Any) -> None:
     """Write one page of HTML: errors, the soil on a map, predicted against measured, where it fails.
 
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
-    input. The page needs no network and no other file; it prints. It takes the extra "report"; where
-    that is missing, the command says how to add it.
+    input. On the page, a reader can switch between the model, its earlier steps and the likeliest
+    further effects. The page needs no network and no other file; it prints. It takes the extra
+    "report"; where that is missing, the command says how to add it.
     """
     from terrain_cli.views import chart_style
 
@@ -59,6 +68,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     from terrain_cli import models
     from terrain_cli.commands.progress import Progress
     from terrain_cli.improvement import compared
+    from terrain_cli.improvement.model_alternatives import alternatives
     from terrain_cli.views import report
 
     given = context.params
@@ -68,12 +78,17 @@ def command(context: click.Context, /, **_: Any) -> None:
         tell = partial(progress.say, str(file.path or file.model.base))
         soils = comparison_options.asked(given, cut, file)
         comparison = compared(cut, file, soils=soils, seed=given["seed"], progress=tell)
+        choices = alternatives(
+            cut, file, comparison, candidates=given["candidates"], seed=given["seed"], progress=tell
+        )
         progress.advance()
         say = partial(progress.say, given["output"])
         further = [report.history(file.history)]
         asked = comparison_options.repeated(context, given["model"])
         if given["output"] != "-":
-            report.write(comparison, given["output"], further=further, asked=asked, progress=say)
+            report.write(
+                comparison, given["output"], models=choices, further=further, asked=asked, progress=say
+            )
             return
-        text = report.page(comparison, further=further, asked=asked, progress=say)
+        text = report.page(comparison, models=choices, further=further, asked=asked, progress=say)
     click.echo(text, nl=False)

@@ -16,7 +16,7 @@ from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.screening import DRIVEN_BEFORE
 from terrain_cli.effects.laws import effect_file, grammar
-from terrain_cli.effects.laws.law_names import LONGEST_NAME, ON_DEMAND
+from terrain_cli.effects.laws.law_names import LONGEST_NAME, is_column
 from terrain_cli.errors import TerrainError
 from terrain_cli.mechanics.effect import QUANTITIES
 from terrain_cli.vocabulary import toml_files
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from terrain_cli.comparison.comparison_outcome import Driver
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.effects import Effect
 
@@ -41,6 +42,7 @@ _NO_CAUSE = frozenset({"time", "x", "y", "elevation", "longitude", "latitude", "
 #: Shapes, the plainest first.
 FORMS = ("constant", "linear", "magnitude", "quadratic", "saturating", "step", "periodic")
 ANGLE = "wheel_angle"
+_ACCELERATION, _SLOPE = "acceleration", "velocity_rate"
 #: How large a law of a quantity may well be: at least this, or this part of what was measured.
 _USUAL, _PART = {"torque": 0.3, "drawbar_pull": 3.0, "sinkage": 0.002}, 0.1
 #: The same of a property of the soil, as a part of it.
@@ -60,16 +62,22 @@ class Draft:
     effect: Effect
 
 
+def readable(wheel: FittedWheel) -> dict[str, Driver]:
+    """Return all drivers by the names that a law reads them by."""
+    found = dict(wheel.drivers)
+    if _ACCELERATION not in wheel.windows.samples.channels and _ACCELERATION in found:
+        # Nothing recorded it: a model reads it as the rate of what was.
+        found[_SLOPE] = replace(found.pop(_ACCELERATION), name=_SLOPE)
+    return found
+
+
 def drivers(wheel: FittedWheel) -> dict[str, Array]:
     """Return what a draft may follow: numbers that vary and that a law can read."""
     found = {}
     no_cause = _NO_CAUSE if wheel.one_soil is None else _NO_CAUSE | {DRIVEN_BEFORE}
-    for name, driver in wheel.drivers.items():
+    for name, driver in readable(wheel).items():
         known = driver.values[np.isfinite(driver.values)]
         varies = len(known) > 0 and float(np.ptp(known)) > 1e-9 * max(float(np.abs(known).max()), 1e-300)
-        if name == "acceleration" and name not in wheel.windows.samples.channels:
-            # Told from the velocity, for what residuals follow; a model reads what was measured.
-            continue
         if not driver.labels and name not in no_cause and varies and grammar.written(name):
             found[name] = driver.values
     return found
@@ -210,7 +218,7 @@ def write(  # noqa: C901 - one branch for each form
     name = _id(changes, driver, form)
     what = changes.replace("_", " ").capitalize()
     title = f"{what} follows {driver or 'nothing: an offset'} ({form}; empirical)"
-    columns = {driver: unit} if unit and driver not in {*CHANNELS, *ON_DEMAND} else {}
+    columns = {driver: unit} if unit and is_column(driver) else {}
     text = _text(name, title, changes, law, parameters, [driver] if driver else [], columns)
     try:
         effect = effect_file.parse(text)

@@ -93,7 +93,8 @@ def _tried(data: Ground, written: tuple[Draft, Hypothesis, list[dict[str, Array]
 
 
 def _unit(data: Ground, driver: str) -> str:
-    return next((w.drivers[driver].unit for w in data.wheels if driver in w.drivers), "")
+    every = [drafted_laws.readable(wheel) for wheel in data.wheels]
+    return next((one[driver].unit for one in every if driver in one), "")
 
 
 def _usual(data: Ground, changes: str) -> float:
@@ -103,11 +104,12 @@ def _usual(data: Ground, changes: str) -> float:
 
 def _extra(data: Ground, driver: str) -> list[dict[str, Array]]:
     """Return the driver where it is none of the channels that models read, nor what they predict."""
+    every = [drafted_laws.readable(wheel) for wheel in data.wheels]
     return [
-        {driver: wheel.drivers[driver].values[rows]}
-        if driver in wheel.drivers and driver not in {*part.inputs, *part.measured}
+        {driver: one[driver].values[rows]}
+        if driver in one and driver not in {*part.inputs, *part.measured}
         else {}
-        for wheel, rows, part in zip(data.wheels, data.rows, data.data, strict=True)
+        for one, rows, part in zip(every, data.rows, data.data, strict=True)
     ]
 
 

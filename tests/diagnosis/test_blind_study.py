@@ -122,7 +122,8 @@ def test_a_wheel_comes_back_in_its_own_rut():
 def records():
     """Return what the study notes of some drives."""
     effect = {"section": "effects", "size": 1.0, "form": "catalogue", "course": "rich", "noise": "white"}
-    length = {"length": 64.0}
+    # As short as what is asserted of them holds.
+    length = {"length": 32.0}
     jobs = [
         {"section": "clean", "noise": "ar1", "course": "rich", "seed": 72},
         {**effect, "effect": "motor-temperature", "seed": 74, "size": 2.0},

@@ -61,11 +61,13 @@ def test_noise_free_samples_give_the_soil_back_with_k_unknown(slip):
 
 
 @pytest.mark.parametrize(
-    ("truth", "noise"),
-    [(paper(30, 10, 2, 0.3), 0.03), (paper(30, 10, 2, 0.3), 0.1), (free(40, 10, 3), 0.02)],
+    ("drawn", "noise"),
+    [((paper, 30, 10, 2, 0.3), 0.03), ((paper, 30, 10, 2, 0.3), 0.1), ((free, 40, 10, 3), 0.02)],
     ids=["3 %", "10 %", "wide"],
 )
-def test_errors_are_as_large_as_they_are_said_to_be(truth, noise):
+def test_errors_are_as_large_as_they_are_said_to_be(drawn, noise):
+    make, *sizes = drawn
+    truth = make(*sizes)
     repeat = 20
     windows = repeat * len(truth.soils)
     channels = truth.measured(4, noise, repeat=repeat)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from contextlib import chdir
 from types import SimpleNamespace
 
 import pytest
@@ -35,6 +36,19 @@ def clean(folder):
     return cut(folder, "clean.csv")
 
 
+#: A candidate of one's own, and where it lies.
+OWN = {"digs-itself-in": "digs.toml"}
+#: Comparisons of a log with a model, which several tests begin with.
+_COMPARED = {}
+
+
+def comparison_of(wheels, file):
+    key = wheels[0].samples.source, file.model.base, *(effect.id for effect in file.model.effects)
+    if key not in _COMPARED:
+        _COMPARED[key] = fitted(wheels, file)
+    return _COMPARED[key]
+
+
 def cut(folder, name):
     samples = telemetry.read(str(folder / name), rover.load(folder / "rover.toml"), effects=[], compared=True)
     return [cut_windows.cut(one, "none") for one in samples]
@@ -49,7 +63,7 @@ def diagnosing(*answers):
         unknown = answer if isinstance(answer, SimpleNamespace) else None
         names = [] if unknown else list(answer)
         return SimpleNamespace(
-            comparison=fitted(wheels, file),
+            comparison=comparison_of(wheels, file),
             verdict="unknown" if unknown else "family" if names else "none",
             unrecorded=(),
             alarm=SimpleNamespace(raised=bool(names) or unknown is not None),
@@ -82,8 +96,14 @@ def test_silence_changes_nothing(clean):
     assert (steps, effects(end), end.quiet) == ([], [], True)
 
 
-def test_right_name_is_added_and_the_alarm_asked_again(sinks):
-    steps, end = run(sinks, ["slip-sinkage"])
+@pytest.fixture(scope="module")
+def right(sinks):
+    """Return what becomes of the right name."""
+    return run(sinks, ["slip-sinkage"])
+
+
+def test_right_name_is_added_and_the_alarm_asked_again(right):
+    steps, end = right
     assert told(steps) == [("add", "slip-sinkage", True)]
     assert effects(end) == ["slip-sinkage"]
     assert end.quiet
@@ -113,8 +133,8 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
     assert tomllib.loads(f"entry = {toml_files.value(entry)}")["entry"]["rivals"] == list(kept.rivals)
 
 
-def test_one_name_has_no_rivals(sinks):
-    (kept,), end = run(sinks, ["slip-sinkage"])
+def test_one_name_has_no_rivals(right):
+    (kept,), end = right
     assert (kept.rivals, kept.next_drive) == ((), None)
     assert "do not tell" not in change_text.loop_text([kept], end)
     assert model_history.entry(kept, "")["rivals"] is None
@@ -133,6 +153,9 @@ def test_an_effect_that_another_makes_needless_is_dropped(sinks):
     assert told(steps)[:2] == [("add", "shear-modulus", True), ("add", "slip-sinkage", True)]
     assert [[one.effect for one in step.idle] for step in steps[:2]] == [[], ["shear-modulus"]]
     assert "\nshear-modulus may as well be null now (p 0." in change_text.text(steps[1])
+    (idle,) = change_text.loop(steps, end)["steps"][1]["idle"]
+    assert idle["effect"] == "shear-modulus"
+    assert 0.01 < idle["p_value"] <= 1.0
     assert ("remove", "shear-modulus", True) in told(steps)
     assert effects(end) == ["slip-sinkage"]
     for one in steps:
@@ -171,9 +194,15 @@ def test_a_draft_is_tried_as_any_effect(sinks, tmp_path, monkeypatch):
     assert end.file.effects == ("draft.toml",)
 
 
-def test_candidates_of_ones_own_are_named_by_their_paths(sinks, folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    steps, end = run(sinks, ["digs-itself-in"], paths={"digs-itself-in": "digs.toml"})
+@pytest.fixture(scope="module")
+def own(sinks, folder):
+    """Return what becomes of a candidate of one's own."""
+    with chdir(folder):
+        return run(sinks, ["digs-itself-in"], paths=OWN)
+
+
+def test_candidates_of_ones_own_are_named_by_their_paths(own):
+    steps, end = own
     assert told(steps) == [("add", "digs-itself-in", True)]
     assert end.file.effects == ("digs.toml",)
 
@@ -195,15 +224,14 @@ def test_an_alarm_without_a_name_is_told(sinks):
     assert "no effect can be named" in end.because
 
 
-def test_how_sure_an_effect_is_of_itself(sinks, clean, folder, monkeypatch):
+def test_how_sure_an_effect_is_of_itself(own, clean, folder, monkeypatch):
     """The right one far beyond chance; one that is absent by Wald's test from its own numbers."""
     monkeypatch.chdir(folder)
-    paths = {"digs-itself-in": "digs.toml"}
-    (right,), _ = run(sinks, ["digs-itself-in"], paths=paths)
+    (right,), _ = own
     (one,) = right.parameters
     assert right.absent == pytest.approx(chdtrc(1, (one.value / one.se) ** 2), abs=1e-12)
     assert right.absent < 1e-6
-    (wrong,), _ = run(clean, ["digs-itself-in"], paths=paths)
+    (wrong,), _ = run(clean, ["digs-itself-in"], paths=OWN)
     (one,) = wrong.parameters
     assert wrong.absent == pytest.approx(chdtrc(1, (one.value / one.se) ** 2), rel=1e-6)
     assert wrong.absent > 0.001

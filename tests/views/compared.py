@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from simulator.drive import CHANNELS, Drive, Track
 from simulator.noise import Sensor
@@ -152,3 +154,22 @@ def comparison_of(run, *, source="run.csv", extra="bus_voltage", failures=True, 
         failures=[finding] if failures else [],
         warnings=list(warnings),
     )
+
+
+def halved(comparison):
+    """Return a comparison that leaves half of each residual, and half the error and noise."""
+    wheels = [
+        replace(
+            wheel,
+            series={
+                name: replace(one, predicted=0.5 * (one.predicted + one.measured))
+                for name, one in wheel.series.items()
+            },
+        )
+        for wheel in comparison.wheels
+    ]
+    channels = {
+        name: replace(one, heldout_rmse=0.5 * one.heldout_rmse, noise=0.5 * one.noise)
+        for name, one in comparison.channels.items()
+    }
+    return replace(comparison, wheels=wheels, channels=channels)

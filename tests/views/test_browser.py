@@ -8,9 +8,10 @@ from dataclasses import replace
 import browsers
 import numpy as np
 import pytest
-from compared import comparison_of
+from compared import comparison_of, halved
 from matplotlib import image
 
+from terrain_cli.improvement.model_alternatives import Alternative
 from terrain_cli.views import report
 
 pytestmark = pytest.mark.real("chromium", "chromedriver")
@@ -40,7 +41,8 @@ def opened(browser, path):
 @pytest.fixture(scope="module")
 def path(comparison, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "run.html"
-    report.write(comparison, path)
+    models = [Alternative("wong-reece", comparison, own=True), Alternative("+ grousers", halved(comparison))]
+    report.write(comparison, path, models=models)
     return path
 
 
@@ -141,6 +143,23 @@ def test_choosing_a_segment_by_keyboard_changes_the_pictures(browser, shown):
     for old, chart in zip(before, (course, charts[0]), strict=True):
         new = pixels(chart)
         assert new.shape != old.shape or np.abs(new - old).max() > 0.2
+
+
+def test_choosing_a_model_changes_the_pictures_of_that_section_alone(browser, shown):
+    from selenium.webdriver.support.ui import Select
+
+    charts = elements(browser, ".picture")
+    errors, misfit = (
+        next(c for c in charts if c.get_attribute("aria-label").startswith(start))
+        for start in (
+            "Held-out rms error of torque",
+            "Median and 5 to 95 % of measured less predicted torque",
+        )
+    )
+    before = [pixels(one) for one in (errors, misfit, charts[0])]
+    Select(browser.find_element("id", "model")).select_by_visible_text("+ grousers")
+    after = [pixels(one) for one in (errors, misfit, charts[0])]
+    assert [(a != b).any() for a, b in zip(before, after, strict=True)] == [True, True, False]
 
 
 def test_hover_says_the_values(browser, shown):

@@ -8,6 +8,8 @@ import sys
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import altair as alt
+import jsonschema
 import numpy as np
 import pytest
 from compared import comparison_of, drive
@@ -181,6 +183,12 @@ def test_charts_are_data_of_their_own(text):
             "datum.pivot",
             "datum.alone",
         }
+
+
+def test_charts_are_of_vega_lite(text):
+    schema = jsonschema.Draft7Validator(alt.load_schema())
+    for spec in specs(text):
+        schema.validate({**spec, "datasets": {name: rows[:1] for name, rows in spec["datasets"].items()}})
 
 
 def test_names_from_files_are_text(run):

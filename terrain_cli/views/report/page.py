@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
+    from terrain_cli.improvement.model_alternatives import Alternative
     from terrain_cli.views.report.page_parts import Section
 
 
@@ -24,16 +25,18 @@ def write(
     comparison: Comparison,
     path: str | Path,
     *,
+    models: Sequence[Alternative] = (),
     further: Sequence[Section] = (),
     asked: Asked | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> None:
     """Write the report of a comparison; `further` sections follow, if there is something in them.
 
-    The next command repeats what was asked of which files.
+    A reader chooses between `models`, where there are several. The next command repeats what was asked of
+    which files.
     """
     chart_style.need("report")
-    text = page(comparison, further=further, asked=asked, progress=progress)
+    text = page(comparison, models=models, further=further, asked=asked, progress=progress)
     with formats.replacing(str(path)) as temporary:
         Path(temporary).write_text(text, encoding="utf-8")
 
@@ -41,16 +44,18 @@ def write(
 def page(
     comparison: Comparison,
     *,
+    models: Sequence[Alternative] = (),
     further: Sequence[Section] = (),
     asked: Asked | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> str:
     from jinja2 import Environment, StrictUndefined
 
-    from terrain_cli.views.report import sections
+    from terrain_cli.views.report import model_section, sections
 
     shown, choices, chosen = sections.of(comparison, progress, asked)
-    kept = [section for section in (*shown, *further) if section]
+    by_model = model_section.section(models)
+    kept = [section for section in (*shown, by_model, *further) if section]
     charts = [part for section in kept for part in section.parts if isinstance(part, Chart)]
     here = files("terrain_cli.views.report")
     environment = Environment(
@@ -68,6 +73,7 @@ def page(
         sections=kept,
         choices=choices,
         chosen=chosen,
+        models=model_section.choices(models) if by_model else ([], ""),
         version=__version__,
     )
 

@@ -1,11 +1,12 @@
 """The sheet on which charts are drawn, and the charts of samples.
 
-Each is a Vega-Lite specification and listens to the page's own control `#segment`, so that the
+Each is a Vega-Lite specification and listens to a control of the page, `#segment` or `#model`, so that the
 keyboard reaches it and no script stands between.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import altair as alt
@@ -47,11 +48,14 @@ def _plain(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
 
 
 class Sheet:
-    """A chart being drawn: its data, kept apart from its encodings, and the segment marked at first."""
+    """A chart being drawn: its data, kept apart from its encodings, and what is chosen at first.
 
-    def __init__(self, chosen: str | None = None) -> None:
+    `control` is the one that chooses: "segment" or "model".
+    """
+
+    def __init__(self, chosen: str | None = None, control: str = "segment") -> None:
         self._datasets: dict[str, list[dict[str, Any]]] = {}
-        self._chosen = chosen
+        self._chosen, self._control = chosen, control
 
     def chart(self, **columns: Sequence[Any] | NDArray[Any]) -> alt.Chart:
         name = f"data-{len(self._datasets)}"
@@ -63,36 +67,46 @@ class Sheet:
         """Return the layers, from the lowest to the highest, as one specification; sizes are in pixels."""
         chart = alt.layer(*layers)
         if self._chosen is not None:
-            bind = alt.BindDirect(element="#segment", event="change")
-            chart = chart.add_params(alt.param(name="segment", value=self._chosen, bind=bind))
-        spec: Spec = (
-            chart.properties(width=width, height=height, background="transparent")
-            .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
-            .configure_view(stroke=None)
-            .configure_axis(
-                gridColor=FAINT,
-                gridOpacity=0.25,
-                labelColor=INK,
-                labelFontSize=11,
-                titleColor=INK,
-                titleFontSize=12,
-                titleFontWeight="normal",
-            )
-            .configure_legend(
-                labelColor=INK,
-                titleColor=INK,
-                titleFontWeight="normal",
-                labelFontSize=11,
-                titleFontSize=12,
-                labelLimit=180,
-                orient="bottom",
-                columns=3,
-            )
-            .to_dict()
-        )
+            bind = alt.BindDirect(element=f"#{self._control}", event="change")
+            chart = chart.add_params(alt.param(name=self._control, value=self._chosen, bind=bind))
+        spec: Spec = chart.to_dict(validate=False)
         # The schema's address is no use to a page that is not to look anything up.
         spec.pop("$schema", None)
-        return {**spec, "datasets": self._datasets}
+        # Each of these, set by Altair, is a copy of the whole chart.
+        size = {"width": width, "height": height, "background": "transparent"}
+        return {**spec, **size, "config": _settings(), "datasets": self._datasets}
+
+
+@cache
+def _settings() -> Spec:
+    """Return how all charts look."""
+    chart = (
+        alt.Chart(alt.NamedData(name="any"))
+        .mark_point()
+        .configure(aria=False, font="system-ui, DejaVu Sans, Arial, sans-serif")
+        .configure_view(stroke=None)
+        .configure_axis(
+            gridColor=FAINT,
+            gridOpacity=0.25,
+            labelColor=INK,
+            labelFontSize=11,
+            titleColor=INK,
+            titleFontSize=12,
+            titleFontWeight="normal",
+        )
+        .configure_legend(
+            labelColor=INK,
+            titleColor=INK,
+            titleFontWeight="normal",
+            labelFontSize=11,
+            titleFontSize=12,
+            labelLimit=180,
+            orient="bottom",
+            columns=3,
+        )
+    )
+    settings: Spec = chart.to_dict(validate=False)["config"]
+    return settings
 
 
 def scale(low: float, high: float) -> alt.Scale:

@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from altair.utils import schemapi
 
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.report import sample_charts, soil_charts, written_sections
@@ -92,7 +93,9 @@ def of(
         ("where it fails", _failures),
     ):
         progress(name)
-        sections.append(make(content))
+        # Altair checks every part of a chart against the schema of Vega-Lite: for whoever writes charts.
+        with schemapi.debug_mode(arg=False):
+            sections.append(make(content))
     return sections, choices, content.chosen
 
 

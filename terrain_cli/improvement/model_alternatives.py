@@ -1,0 +1,77 @@
+"""The steps that a model was built in, and the effects that it may lack, each fitted to the same windows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from terrain_cli import models
+from terrain_cli.improvement.change_trial import fitted
+from terrain_cli.vocabulary.quantities import listed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from terrain_cli.comparison import Comparison
+    from terrain_cli.models import ModelFile
+    from terrain_cli.windows.cut_windows import Windows
+
+
+class Alternative(NamedTuple):
+    """A model that a reader may choose to look at."""
+
+    label: str
+    comparison: Comparison
+    own: bool = False  # Whether it is the model that was asked for
+
+
+def alternatives(
+    wheels: Sequence[Windows],
+    file: ModelFile,
+    own: Comparison,
+    *,
+    candidates: int,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> list[Alternative]:
+    """Fit a model without its later effects, and with each of the effects that its scores name.
+
+    Parameters
+    ----------
+    wheels : sequence of Windows
+        As `own` was fitted to.
+    own : Comparison
+        Of `file`; the others are judged on its blocks.
+    candidates : int
+        Effects that are added at most, one at a time. There are none where chance explains the scores.
+    seed : int
+        Of the random draws.
+    progress : callable
+        Told what is fitted.
+
+    Returns
+    -------
+    list of Alternative
+        From the base to `file`, effect by effect, then the candidates, the highest score first.
+    """
+    modulus = wheels[0].samples.geometry.shear_modulus
+
+    def compared(label: str, other: ModelFile) -> Alternative:
+        progress(label)
+        return Alternative(label, fitted(wheels, other, like=own, seed=seed))
+
+    ids = [effect.id for effect in file.model.effects]
+    steps = [
+        compared(_named(file, ids[:count]), models.removed(file, ids[count:], modulus).file)
+        for count in range(len(ids))
+    ]
+    scores = own.scores() if own.scores else None
+    missing = scores.effects[:candidates] if scores and scores.raised else ()
+    return [
+        *steps,
+        Alternative(_named(file, ids), own, own=True),
+        *(compared(f"+ {name}", models.added(file, [name], modulus).file) for name in missing),
+    ]
+
+
+def _named(file: ModelFile, ids: Sequence[str]) -> str:
+    return f"{file.model.base}{f' with {listed(ids)}' if ids else ''}"

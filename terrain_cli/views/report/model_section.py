@@ -1,0 +1,164 @@
+"""The section in which a reader chooses a model, and sees errors and misfit change."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import altair as alt
+import numpy as np
+
+from terrain_cli.views import shown_samples
+from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN
+from terrain_cli.views.report.page_parts import Chart, Section, Table
+from terrain_cli.views.report.sample_charts import CHOSEN, Sheet, scale
+from terrain_cli.vocabulary import quantities
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.improvement.model_alternatives import Alternative
+    from terrain_cli.views.shown_samples import Band
+    from terrain_cli.vocabulary.quantities import Quantity
+
+    Spec = dict[str, Any]
+
+#: Drivers shown for each channel: those of its findings come first.
+_MOST_DRIVERS = 2
+_TEXT = (
+    "Choose a model at the top of the page. The pictures below then show its errors and its misfit. All "
+    "models are fitted to the same samples, and their errors are those on stretches that were left out of "
+    "the fit. A name that begins with + is the model of this page with one more effect."
+)
+
+
+def choices(models: Sequence[Alternative]) -> tuple[list[tuple[str, str]], str]:
+    """Return key and label of each model, and the key of the one that the page is about."""
+    labels = [f"{one.label}{' (this page)' if one.own else ''}" for one in models]
+    return [(str(key), label) for key, label in enumerate(labels)], _own(models)
+
+
+def _own(models: Sequence[Alternative]) -> str:
+    return str(next(key for key, one in enumerate(models) if one.own))
+
+
+def section(models: Sequence[Alternative]) -> Section:
+    """Return the section; empty, so not shown, where there is no model to choose."""
+    title = "Model by model"
+    if len(models) < 2:
+        return Section(id="models", title=title)
+    own = models[int(_own(models))].comparison
+    parts: list[Table | Chart] = []
+    for name in shown_samples.channels(own):
+        what = quantities.quantity(name, own.channels[name].unit)
+        parts.append(_errors(models, name, what))
+        parts += _misfits(models, name, what)
+    return Section(id="models", title=title, text=[_TEXT], parts=[_table(models), *parts])
+
+
+def _table(models: Sequence[Alternative]) -> Table:
+    shown = shown_samples.channels(models[int(_own(models))].comparison)
+    head, rows = ["Model"], [[label] for _, label in choices(models)[0]]
+    for name in shown:
+        what = quantities.quantity(name, models[0].comparison.channels[name].unit)
+        head += [f"held-out error of {what.symbol}{what.in_unit}", "× noise"]
+        for row, one in zip(rows, models, strict=True):
+            errors = one.comparison.channels[name]
+            row += [
+                quantities.number(errors.heldout_rmse * what.factor),
+                quantities.number(errors.heldout_rmse / errors.noise, 2) if errors.noise > 0.0 else "–",
+            ]
+    note = (
+        "Noise is the part of the error that a model holds for unpredictable. A wrong model may put some of "
+        "what it misses there."
+    )
+    return Table("Held-out errors, model by model", head, rows, frozenset(range(1, len(head))), note)
+
+
+def _errors(models: Sequence[Alternative], name: str, what: Quantity) -> Chart:
+    keys = [str(key) for key in range(len(models))]
+    held_out = [one.comparison.channels[name] for one in models]
+    sheet = Sheet(_own(models), "model")
+    labels = [one.label for one in models]
+    value, low, high, noise = (
+        [getattr(one, column) * what.factor for one in held_out]
+        for column in ("heldout_rmse", "heldout_low", "heldout_high", "noise")
+    )
+    title = f"held-out error of {what.label}"
+    y = alt.Y("label:N", sort=None, title=None, axis=alt.Axis(labelLimit=220))
+    colour = alt.when("datum.k == model").then(alt.value(CHOSEN)).otherwise(alt.value(COLOURS[0]))
+    base = sheet.chart(label=labels, k=keys, value=value, low=low, high=high, noise=noise)
+    base = base.encode(y=y, color=colour)
+    ends = scale(0.0, 1.08 * float(np.nanmax([*value, *high, *noise])))
+    x = alt.X("value:Q", title=title, scale=ends)
+    tips = [
+        alt.Tooltip("label:N", title="model"),
+        alt.Tooltip("value:Q", title=title),
+        alt.Tooltip("low:Q", title="2.5 %"),
+        alt.Tooltip("high:Q", title="97.5 %"),
+        alt.Tooltip("noise:Q", title="noise"),
+    ]
+    layers = [
+        base.mark_tick(thickness=1.5, size=18).encode(x="noise:Q", color=alt.value(INK)),
+        base.mark_rule(clip=True).encode(x=alt.X("low:Q", title=title), x2="high:Q"),
+        base.mark_point(filled=True, size=80, opacity=1.0).encode(x=x, tooltip=tips),
+    ]
+    told = "; ".join(f"{one.label}: {quantities.number(v)}" for one, v in zip(models, value, strict=True))
+    return Chart(
+        f"Held-out error of {what.words} (tick: noise)",
+        f"Held-out rms error of {what.words}{what.in_unit} of each model. {told}.",
+        sheet.finished(layers, 40 + 26 * len(models)),
+    )
+
+
+def _misfits(models: Sequence[Alternative], name: str, what: Quantity) -> list[Chart]:
+    own = models[int(_own(models))].comparison
+    pooled = shown_samples.pairs(own, name)
+    charts = []
+    for driver in shown_samples.drivers(own, name, pooled, _MOST_DRIVERS):
+        along = shown_samples.driver(own, driver, pooled)
+        if along.labels:
+            continue
+        bands = []
+        for one in models:
+            pairs = shown_samples.pairs(one.comparison, name)
+            bands.append(
+                shown_samples.band(shown_samples.driver(one.comparison, driver, pairs).values, pairs.residual)
+            )
+        charts.append(
+            Chart(
+                f"Misfit of {what.words} against {along.quantity.words}, by model",
+                f"Median and 5 to 95 % of measured less predicted {what.words} over {along.quantity.words}, "
+                "for the model that is chosen; the dotted line is the median of the model of this page.",
+                _misfit(bands, along.quantity.label, what.label, _own(models)),
+            )
+        )
+    return charts
+
+
+def _misfit(bands: Sequence[Band], axis: str, label: str, own: str) -> Spec:
+    sheet = Sheet(own, "model")
+    columns = [np.concatenate(column) for column in zip(*bands, strict=True)]
+    key = np.repeat(np.arange(len(bands)).astype(str), [len(one.centre) for one in bands])
+    centre, low, median, high = columns
+    y = alt.Y(
+        "median:Q", title=f"measured − predicted {label}", scale=scale(*shown_samples.limits(low, high))
+    )
+    x = alt.X("x:Q", title=axis, scale=scale(*shown_samples.limits(centre)))
+    every = sheet.chart(x=centre, low=low, median=median, high=high, k=key).encode(x=x)
+    chosen = every.transform_filter("datum.k == model")
+    tips = [
+        alt.Tooltip("x:Q", title=axis),
+        alt.Tooltip("median:Q", title="median"),
+        alt.Tooltip("low:Q", title="5 %"),
+        alt.Tooltip("high:Q", title="95 %"),
+    ]
+    reference = every.transform_filter(f"datum.k == '{own}'")
+    layers = [
+        chosen.mark_area(color=MEDIAN, opacity=0.22, clip=True).encode(y=alt.Y("low:Q"), y2="high:Q"),
+        sheet.chart(y=[0.0]).mark_rule(color=INK, strokeWidth=1).encode(y="y:Q"),
+        reference.mark_line(color=FAINT, strokeDash=[3, 3], clip=True).encode(y=y),
+        chosen.mark_line(color=MEDIAN, point=alt.OverlayMarkDef(color=MEDIAN, size=22), clip=True).encode(
+            y=y, tooltip=tips
+        ),
+    ]
+    return sheet.finished(layers, 210)

@@ -1,0 +1,63 @@
+"""Laws that are drafted: whatever they follow, a model can read."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from changed_models import ROVER, write_log
+from hidden_drives import Kind, windows_of
+
+from terrain_cli.comparison.fit_settings import FitSettings
+from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.diagnosis import drafted_laws
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.telemetry.derive import effect_inputs
+
+NOTHING = FitSettings({}, {}, (), None)
+
+
+@pytest.fixture(scope="module")
+def wheel():
+    (windows,) = windows_of(77, Kind(seconds=32.0, rate=10.0))
+    samples = windows.samples
+    kept = {name: column for name, column in samples.channels.items() if name != "acceleration"}
+    return FittedWheel(replace(windows, samples=replace(samples, channels=kept)), Model(), NOTHING)
+
+
+def test_what_a_draft_follows_is_what_a_model_computes(wheel):
+    samples, found = wheel.windows.samples, drafted_laws.drivers(wheel)
+    units = {name: one.unit for name, one in drafted_laws.readable(wheel).items()}
+    assert {"velocity_rate", "wheel_angle", "ambient_light", "slip"} <= found.keys()
+    for driver, column in found.items():
+        form = "periodic" if driver == drafted_laws.ANGLE else "magnitude"
+        draft = drafted_laws.write("torque", driver, form, column, units[driver], usual=0.3)
+        assert effect_inputs.not_read(samples, [draft.effect]) == []
+        if driver == "velocity_rate":
+            read = effect_inputs.of_samples(samples, [draft.effect])[driver]
+            np.testing.assert_allclose(read[wheel.windows.rows], column)
+            (parameter,) = draft.effect.parameters
+            assert parameter.unit == "N m/(m/s²)"
+
+
+def test_acceleration_that_was_recorded_is_followed_itself(wheel):
+    windows = wheel.windows
+    channels = {**windows.samples.channels, "acceleration": np.linspace(0.0, 1.0, len(windows.samples))}
+    measured = FittedWheel(
+        replace(windows, samples=replace(windows.samples, channels=channels)), Model(), NOTHING
+    )
+    found = drafted_laws.drivers(measured)
+    assert "velocity_rate" not in found
+    np.testing.assert_array_equal(found["acceleration"], channels["acceleration"][windows.rows])
+
+
+def test_a_model_takes_a_draft_on_the_rate_of_the_speed(terrain_est_here, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rover.toml").write_text(ROVER, "utf-8")
+    write_log(tmp_path / "log.csv", seconds=16.0)
+    column = np.array([-0.1, 0.1, 0.2, -0.2])
+    draft = drafted_laws.write("torque", "velocity_rate", "linear", column, "m/s²", usual=0.3)
+    (tmp_path / "law.toml").write_text(draft.text, "utf-8")
+    assert terrain_est_here("model", "new", "model.toml").returncode == 0
+    done = terrain_est_here("model", "add", "model.toml", "law.toml", "-q", "--data", "log.csv")
+    assert done.returncode == 0, done.stderr
+    assert "torque-with-velocity-rate-linear" in done.stdout
