@@ -98,19 +98,19 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
 
 
 def _impossible(wheels: Sequence[FittedWheel]) -> list[str]:
-    """Say where the model, as it is, has a cohesion or friction angle below nought by more than its error."""
+    """Say where the model, as it is, has a cohesion or friction angle clearly below nought."""
     told = []
     for name, called, shown, unit in _SOIL:
         found = [
             (wheel.fit.values[name], wheel.fit.errors[name]) for wheel in wheels if name in wheel.fit.values
         ]
         value, se = (np.concatenate(one) for one in zip(*found, strict=True)) if found else (np.zeros(0),) * 2
-        wrong = np.flatnonzero(value < -np.nan_to_num(se))
+        wrong = np.flatnonzero(value < -criteria.BETTER * np.nan_to_num(se))
         if len(wrong):
             least = wrong[np.argmin(value[wrong])]
             told.append(
-                f"the model as it is has a {called} of {shown(value[least]):.2g} {unit} in {len(wrong)} of "
-                f"{counted(len(value), 'soil')}, which no soil has: it stands for something that is missing, "
+                f"the model as it is gives a {called} of {shown(value[least]):.2g} {unit} in {len(wrong)} of "
+                f"{counted(len(value), 'soil')}, which is physically impossible: an effect is missing, "
                 "or load, torque or sinkage is measured wrongly"
             )
     return told

@@ -90,7 +90,7 @@ def sentence(diagnosis: Diagnosis, failures: Sequence[Finding], changed: Collect
     if diagnosis.verdict == "none" and diagnosis.alarm.small:
         small = f"{diagnosis.alarm.size[:1].upper()}{diagnosis.alarm.size[1:]}"
         least = f"less than {100 * diagnosis.alarm.smallest_share:.2g} % of every channel"
-        return f"{small}: chance does not explain it, but it is {least}, which is worth no alarm."
+        return f"{small}: chance does not explain it, but it is {least}, so it raises no alarm."
     if diagnosis.verdict == "none":
         return _too_few(diagnosis) or "No effect that these data can show predicts held-out data better."
     seen = _seen(diagnosis, failures, changed)

@@ -345,12 +345,12 @@ def test_a_cohesion_below_nought_is_told_with_what_it_may_mean():
         return [
             w
             for w in diagnosed_log.soils(case, windows_of(21, hidden)).comparison.warnings
-            if "no soil has" in w
+            if "physically impossible" in w
         ]
 
-    (warning,) = told(Kind({"drivetrain-friction": {"Tc": -0.9}}, seconds=40.0))
+    (warning,) = told(Kind({"drivetrain-friction": {"Tc": -1.5}}, seconds=40.0))
     assert warning.startswith(
-        "the model as it is has a cohesion of -3.3 kPa in 1 of 1 soil, which no soil has"
+        "the model as it is gives a cohesion of -8.7 kPa in 1 of 1 soil, which is physically impossible"
     )
     assert "measured wrongly" in warning
     assert told(Kind(seconds=40.0)) == []
