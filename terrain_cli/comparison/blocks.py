@@ -18,21 +18,10 @@ if TYPE_CHECKING:
 
 
 def fine(lengths: Sequence[int], shortest: int, *, most: int) -> list[Index]:
-    """Cut stretches into equal contiguous blocks.
+    """Cut stretches, of so many samples each, into equal contiguous blocks.
 
-    Parameters
-    ----------
-    lengths : sequence of int
-        Samples of each stretch.
-    shortest : int
-        Fewest samples of a block; a shorter stretch is one block.
-    most : int
-        Largest number of blocks of all stretches together, as far as each has one.
-
-    Returns
-    -------
-    list of ndarray of int
-        Block of each sample of each stretch, counted over all stretches.
+    A stretch of fewer samples than `shortest` is one block; `most` bounds the blocks of all stretches
+    together, as far as each has one. Returned is the block of each sample, counted over all stretches.
     """
     length = max(shortest, int(np.ceil(sum(lengths) / most)))
     blocks, first = [], 0
@@ -46,21 +35,9 @@ def fine(lengths: Sequence[int], shortest: int, *, most: int) -> list[Index]:
 def merged(scores: Array, chain: Index, *, fewest: int, independent: float) -> Index:
     """Join neighbouring blocks until the scores of those next to one another are unrelated.
 
-    Parameters
-    ----------
-    scores : ndarray, shape (blocks, m)
-        Of the blocks, in order.
-    chain : ndarray of int, shape (blocks,)
-        Only blocks of one chain are joined; those of a chain are contiguous.
-    fewest : int
-        Not joined further than to so many blocks.
-    independent : float
-        Correlation of the scores of neighbouring blocks that is called none.
-
-    Returns
-    -------
-    ndarray of int, shape (blocks,)
-        Block that each has become part of, from 0.
+    Scores, shape (blocks, m), are in the order of the blocks. Only blocks of one `chain`, shape (blocks,),
+    are joined; those of a chain are contiguous. It ends before there are fewer than `fewest`; a correlation
+    of neighbours up to `independent` is called none. Returned is the block that each became part of, from 0.
     """
     label = np.arange(len(scores))
     while True:
@@ -95,17 +72,9 @@ def _neighbours(scores: Array, chain: Index) -> float:
 
 
 def squares(parts: Sequence[tuple[Series, Index]]) -> Array:
-    """Sum up squared held-out errors by block.
+    """Sum up squared held-out errors by block: sum and number, shape (blocks, 2), of those that have any.
 
-    Parameters
-    ----------
-    parts : sequence of (Series, ndarray of int)
-        With the block of each sample.
-
-    Returns
-    -------
-    ndarray, shape (blocks, 2)
-        Sum of squares, and number; only blocks that have any.
+    Each series comes with the block of each of its samples.
     """
     count = 1 + max(int(block.max(initial=0)) for _, block in parts)
     found = np.zeros((count, 2))

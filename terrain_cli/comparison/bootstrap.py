@@ -24,29 +24,17 @@ _SLAB = 500
 
 @dataclass(frozen=True)
 class MaxTest:
-    """Test of many scores together.
+    """Test of many scores together."""
 
-    Parameters
-    ----------
-    t : ndarray, shape (m,)
-        Sum of the blocks' scores over the root of the sum of their squares; 0 where not testable.
-    p_values : ndarray, shape (m,)
-        Share of draws whose largest |t| over all scores reaches this one: no matter how many
-        are tested, one of them falls below α in a share α of the cases where nothing is there.
-    """
-
+    # Shape (m,): sum of the blocks' scores over the root of the sum of their squares; 0 where not testable
     t: Array
+    # Shape (m,): share of draws whose largest |t| over all scores reaches this one. No matter how many are
+    # tested, one of them falls below α in a share α of the cases where nothing is there
     p_values: Array
 
 
 def webb_weights(draws: int, blocks: int, rng: np.random.Generator) -> Array:
-    """Draw Webb's six-point weights.
-
-    Returns
-    -------
-    ndarray, shape (draws, blocks)
-        ± √½, ± 1 or ± √1.5, all equally likely: mean 0 and variance 1.
-    """
+    """Draw Webb's weights: ± √½, ± 1 or ± √1.5, all equally likely, so of mean 0 and variance 1."""
     return np.concatenate([-WEBB, WEBB])[rng.integers(0, 6, (draws, blocks))]
 
 
@@ -95,18 +83,10 @@ def max_test(
 
 
 def resample(sums: Array, statistic: Callable[[Array], Array], *, draws: int = DRAWS, seed: int = 0) -> Array:
-    """Resample whole blocks with replacement.
+    """Resample whole blocks with replacement, and return the statistic of each draw, shape (draws,).
 
-    Parameters
-    ----------
-    sums : ndarray, shape (blocks, m)
-        What each block adds to the sums of which the statistic is made.
-    statistic : callable
-        From sums of shape (draws, m) to values of shape (draws,).
-
-    Returns
-    -------
-    ndarray, shape (draws,)
+    `sums`, shape (blocks, m), is what each block adds to the sums of which the statistic is made; the
+    statistic takes such sums of all draws, shape (draws, m).
     """
     blocks = len(sums)
     rng = np.random.default_rng(seed)

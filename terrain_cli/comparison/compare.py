@@ -130,15 +130,8 @@ def fit_wheels(
 ) -> tuple[list[FittedWheel], list[str]]:
     """Fit a model to wheels, of which not more samples are taken than can be compared.
 
-    Parameters
-    ----------
-    further : collection of str
-        Channels that are kept although the model does not read them.
-
-    Returns
-    -------
-    list of str
-        What has to be said about it.
+    Channels of `further` are kept although the model does not read them. Also returned is what has to be
+    said about it.
     """
     warnings: list[str] = []
     total = sum(len(windows.rows) for windows in wheels)
@@ -160,16 +153,9 @@ def of_fitted(
     warnings: Sequence[str] = (),
     progress: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
-    """Compare wheels to which a model was fitted with what they measured.
+    """Compare wheels to which a model was fitted with what they measured; all have the same model.
 
-    Parameters
-    ----------
-    fitted : sequence of FittedWheel
-        All of one model.
-    like, seed, progress
-        As for `compare`.
-    warnings : sequence of str
-        Those that come before its own.
+    `warnings` come before its own; the rest is as for `compare`.
     """
     model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]

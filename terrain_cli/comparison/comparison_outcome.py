@@ -203,24 +203,12 @@ class Difference:
 
 @dataclass(frozen=True, kw_only=True)
 class EffectScores:
-    """What the scores say of effects that the model does not have, before any of them is fitted.
+    """What the scores say of effects that the model does not have, before any of them is fitted."""
 
-    Parameters
-    ----------
-    p_value : float
-        How often chance gives any effect such a score, or such a gain on blocks left out.
-    raised : bool
-        That is too rarely for chance.
-    effects : tuple of str
-        Effects that could be tested, the one that explains most first.
-    unrecorded : tuple of str
-        Channels that nothing gives, and without which some effects cannot be tested.
-    """
-
-    p_value: float
-    raised: bool
-    effects: tuple[str, ...] = ()
-    unrecorded: tuple[str, ...] = ()
+    p_value: float  # How often chance gives any effect such a score, or such a gain on blocks left out
+    raised: bool  # That is too rarely for chance
+    effects: tuple[str, ...] = ()  # That could be tested, the one that explains most first
+    unrecorded: tuple[str, ...] = ()  # Channels that nothing gives; without them some cannot be tested
 
 
 @dataclass(frozen=True, kw_only=True)

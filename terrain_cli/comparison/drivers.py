@@ -33,13 +33,10 @@ PARTS = frozenset({"segment"})
 
 
 def of_wheel(windows: Windows) -> dict[str, Driver]:
-    """Collect the drivers of a wheel's usable samples.
+    """Collect the drivers of a wheel's usable samples by name; only what is known somewhere.
 
-    Returns
-    -------
-    dict of str to Driver
-        Channels by their names, further columns by theirs, "time", "wheel_angle", and the labels
-        "terrain", "run" and "segment". Only what is known somewhere.
+    Channels and further columns have their own names; "time", "wheel_angle", and the labels "terrain",
+    "run" and "segment" are added.
     """
     samples, rows = windows.samples, windows.rows
     omega = samples.channels.get("angular_velocity")
@@ -83,14 +80,7 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
 def functions_of(name: str, values: Mapping[str, Array]) -> tuple[str, ...]:
     """Name the drivers that rise or fall wherever another does: what follows it may as well be theirs.
 
-    Parameters
-    ----------
-    values : mapping of str to ndarray, shape (n,)
-        Driver → its values; labels have no place here.
-
-    Returns
-    -------
-    tuple of str
+    The values of each are of shape (n,); labels have no place among them.
     """
     own = values.get(name)
     if own is None:

@@ -30,21 +30,10 @@ _TELL, _SLAB = 4_000, 65_536
 
 
 def from_conditions(values: Array, channels: Mapping[str, Array], window: Index) -> Array:
-    """Return what a channel is on average under the conditions of each sample.
+    """Return what a channel is on average under the conditions of each sample, shape (n,).
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        NaN where not known.
-    channels : mapping of str to ndarray, shape (n,)
-        Slip, and what else there is.
-    window : ndarray of int, shape (n,)
-        Of one soil each.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        NaN where slip is not known, or nothing is known of the window.
+    `channels` are slip, and what else there is; each window has one soil. Values are NaN where not known;
+    the result is NaN where slip is not known, or nothing is known of the window.
     """
     result = np.full(len(values), np.nan)
     if "slip" not in channels:

@@ -41,18 +41,9 @@ def of(
 ) -> str:
     """Say a finding in one sentence.
 
-    Parameters
-    ----------
-    amplitude : float
-        Measured less predicted, SI.
-    label : str
-        Meaning of a label's code.
-    alternatives : sequence of str
-        Drivers that vary so much alike that it may be theirs.
-    unit : str
-        SI unit of the driver.
-    seen : float
-        Part of the amplitude that shows in the residuals.
+    `amplitude` is measured less predicted, in SI, and `seen` the part of it that shows in the residuals;
+    `label` is the meaning of a label's code, `unit` the SI unit of the driver. `alternatives` are drivers
+    that vary so much alike that it may be theirs.
     """
     name, shown, factor = _CHANNELS[channel]
     size = f"{_number(abs(amplitude) * factor)} {shown}"
@@ -86,13 +77,7 @@ def of(
 
 
 def missed(channel: str, error: float) -> str:
-    """Say by how much a channel is missed.
-
-    Parameters
-    ----------
-    error : float
-        Held out, root mean square, SI.
-    """
+    """Say by how much a channel is missed: `error` is held out, root mean square, in SI."""
     name, shown, factor = _CHANNELS[channel]
     return f"the held-out error of {name} is {_number(error * factor)} {shown}"
 

@@ -47,15 +47,9 @@ def _precision(wheel: FittedWheel) -> Array:
 class Residuals:
     """Residuals of all wheels, thinned, with all that they may follow.
 
-    Parameters
-    ----------
-    block : sequence of ndarray of int
-        Block of each usable sample of each wheel.
-    scale : mapping of str to float
-        Channel → standard deviation that weighs its residuals.
-    found : collection of (str, str), optional
-        Search only what differs between segments rather than within them, beyond these channels and
-        drivers and beyond offsets.
+    `block` is that of each usable sample of each wheel; `scale` the standard deviation that weighs the
+    residuals of a channel. With `found`, only what differs between segments rather than within them is
+    searched, beyond these channels and drivers and beyond offsets.
     """
 
     def __init__(
@@ -175,16 +169,7 @@ class Residuals:
         )
 
     def joined(self, chain: Index) -> Index:
-        """Join blocks whose scores are related; see `blocks.merged`.
-
-        Parameters
-        ----------
-        chain : ndarray of int, shape (blocks,)
-
-        Returns
-        -------
-        ndarray of int, shape (blocks,)
-        """
+        """Join blocks whose scores are related; `chain` and the result as for `blocks.merged`."""
         search = self.search()
         search.refit([])
         return blocks.merged(
@@ -195,13 +180,7 @@ class Residuals:
         )
 
     def findings(self, noise: Mapping[str, float], seed: int) -> list[Finding]:
-        """Search for findings.
-
-        Parameters
-        ----------
-        noise : mapping of str to float
-            Channel → standard deviation of its noise.
-        """
+        """Search for findings; `noise` is the standard deviation of the noise of each channel."""
         search = self.search()
         # What a change of the soil takes off is no misfit of the model.
         search.refit([])

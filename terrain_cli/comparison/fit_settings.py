@@ -15,19 +15,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How models are fitted.
+    """How models are fitted."""
 
-    Parameters
-    ----------
-    fixed : mapping of str to float or array_like
-        Parameters held; the others are sought.
-    shared : collection of str
-        Parameters of the soil with one value for all windows of a wheel.
-    noise : Noise or None
-        Of the sensors; learnt from the data if not given.
-    """
-
-    fixed: Mapping[str, ArrayLike]
+    fixed: Mapping[str, ArrayLike]  # Parameters held; the others are sought
     priors: Mapping[str, Prior]
-    shared: Collection[str]
-    noise: Noise | None
+    shared: Collection[str]  # Parameters of the soil with one value for all windows of a wheel
+    noise: Noise | None  # Of the sensors; learnt from the data if not given

@@ -56,12 +56,8 @@ _FAR = 3.0
 class FittedWheel:
     """A wheel and the model fitted to it.
 
-    Parameters
-    ----------
-    segment : ndarray of int, shape (n,), optional
-        Segment of each usable sample, where the windows are no segments but join several.
-    further : collection of str
-        Channels that are kept although the model does not read them.
+    `segment`, shape (n,), is that of each usable sample, where the windows are no segments but join
+    several; channels of `further` are kept although the model does not read them.
     """
 
     def __init__(
@@ -183,10 +179,8 @@ class FittedWheel:
     def least_squares_data(self, white: Whitening | None = None) -> smoothed_model.SmoothedData:
         """Prepare a fit by `smoothed_fit.solve`.
 
-        Parameters
-        ----------
-        white : Whitening, optional
-            Of what is left; what changes from sample to sample in the channels if not given.
+        It is whitened by `white`, which is made of what is left; if not given, by what changes from sample
+        to sample in the channels.
         """
         known, use = smoothed_channels.without_noise(
             self.record, self.quiet(smoothed_channels.GAP), load_tells_sinkage=self.model.base == "wong-reece"
@@ -333,18 +327,10 @@ class FittedWheel:
         return drivers.of_wheel(self.windows)
 
     def quiet(self, gap: int) -> dict[str, Array]:
-        """Return all channels of the usable samples as effects may read them, without their own noise.
+        """Return channels of the usable samples, shape (n,), as effects may read them, without their noise.
 
-        Load, sinkage, slip and speeds come from their neighbours, torque and pull from the conditions.
-
-        Parameters
-        ----------
-        gap : int
-            Samples left out on either side when they are interpolated from their neighbours.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (n,)
+        Load, sinkage, slip and speeds come from their neighbours, of which `gap` on either side are left
+        out; torque and pull from the conditions.
         """
         if not self.ordered:
             return dict(self.read)
@@ -359,18 +345,10 @@ class FittedWheel:
     def smoothed(self, gap: int, rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return channels and drivers of some usable samples, without the samples' own noise.
 
-        Load and slip are interpolated from neighbours; the sinkage is the model's own under these
-        two, as soil that varies would otherwise be in the sinkage of neighbours and in the residual
-        alike. Steady test points have no neighbours: their load and slip are set, and count as exact.
-
-        Parameters
-        ----------
-        gap : int
-            Samples left out on either side.
-
-        Returns
-        -------
-        channels, drivers : dict of str to ndarray, shape (n,)
+        Load and slip are interpolated from neighbours, of which `gap` on either side are left out; the
+        sinkage is the model's own under these two, as soil that varies would otherwise be in the sinkage of
+        neighbours and in the residual alike. Steady test points have no neighbours: their load and slip are
+        set, and count as exact.
         """
         channels = {name: column[rows] for name, column in self.quiet(gap).items()}
         if self.model.base == "wong-reece" and {"load", "sinkage"} <= channels.keys():

@@ -33,14 +33,7 @@ _SLAB = 65_536
 def folds(window: Index, block: Index) -> Index:
     """Cut windows into what is left out in turn: blocks, or parts of a window that is a single block.
 
-    Parameters
-    ----------
-    window, block : ndarray of int, shape (n,)
-        The samples of a window are contiguous.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
+    Arrays are of shape (n,); the samples of a window are contiguous.
     """
     fold = block.copy()
     free = int(block.max(initial=0)) + 1
@@ -56,24 +49,14 @@ def folds(window: Index, block: Index) -> Index:
 def predict(
     wheel: FittedWheel, block: Index, scale: Mapping[str, float], inputs: Mapping[str, Array] | None = None
 ) -> dict[str, Array]:
-    """Predict every sample by a fit of the other blocks.
+    """Predict every sample, by channel and of shape (n,), by a fit of the other blocks.
 
     The fit without a block is one step of Gauss and Newton away from the fit of all: exactly so for
     a model that is linear in its parameters. The prediction is the model's at that place, or, where that
     has left a curved valley of the fit, the linear one, which follows the valley (`nearer`).
 
-    Parameters
-    ----------
-    block : ndarray of int, shape (n,)
-    scale : dict of str to float
-        Channel → standard deviation that weighs its residuals.
-    inputs : mapping of str to ndarray, shape (n,), optional
-        Channels from which to predict, in place of the wheel's own.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n,)
-        Channel → prediction.
+    `scale` is the standard deviation that weighs the residuals of a channel; `inputs` are channels, shape
+    (n,), from which to predict in place of the wheel's own.
     """
     fold = folds(wheel.window, block)
     cell, moved = _without(wheel, fold, scale)
@@ -124,17 +107,8 @@ def nearer(linear: Mapping[str, Array], change: Mapping[str, Array], fold: Index
 
     Where parameters make up for one another the fit lies in a valley, which is curved. A step along its
     tangent leaves it, and the model predicts there what no fit of the other blocks would; the linear
-    prediction stays. So the one that changes less over a fold is taken.
-
-    Parameters
-    ----------
-    linear, change : mapping of str to ndarray, shape (n,)
-        Channel → change of the prediction, in units of the noise: linear, and the model's own.
-    fold : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
+    prediction stays. So the one that changes less over a fold is taken. The changes, linear and the model's
+    own, are by channel, shape (n,), in units of the noise.
     """
     return (_per_fold(linear, fold) < _per_fold(change, fold))[fold]
 

@@ -19,21 +19,9 @@ def from_neighbours(values: Array, group: NDArray[np.intp], *, gap: int, reach: 
     at distances g and 3 g on both sides weigh 9/16 and −1/16 each, which keeps a cubic; near the ends
     of a group only the nearer ones count, or those of one side.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        NaN where not known.
-    group : ndarray of int, shape (n,)
-        Samples of different groups are no neighbours; a group is contiguous.
-    gap : int
-        Samples left out on either side; 0 leaves out only the sample itself.
-    reach : int
-        Samples averaged at each place.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        NaN where there is no neighbour.
+    `gap` samples are left out on either side (0: only the sample itself), and `reach` averaged at each
+    place. Values, shape (n,), are NaN where not known, and the result where there is no neighbour. Samples of
+    different groups are no neighbours; a group is contiguous.
     """
     n = len(values)
     if n == 0:

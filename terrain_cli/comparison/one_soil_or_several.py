@@ -29,17 +29,7 @@ def as_few_as_predict(
     """Join the segments of wheels of which one soil for each terrain predicts no worse.
 
     A model without something that follows the drive needs a new soil at every turn; with it, one is
-    enough, and that shows only where the soils are joined.
-
-    Parameters
-    ----------
-    wheels : sequence of FittedWheel
-        Fitted.
-
-    Returns
-    -------
-    list of str
-        What has to be said about it.
+    enough, and that shows only where the soils are joined. Also returned is what has to be said about it.
     """
     result, told = [], []
     for wheel in wheels:
