@@ -43,24 +43,11 @@ def values(
     parameters: Parameters,
     wanted: Sequence[str] = (),
 ) -> dict[str, Array]:
-    """Predict the channels.
+    """Predict the channels wanted, all that are `compared` by default; NaN where not predictable.
 
-    Torque and drawbar pull follow from the sinkage as measured, or, where that is not, from the one
-    at which the soil carries the load; the sinkage always from the load.
-
-    Parameters
-    ----------
-    channels : mapping of str to ndarray, shape (n,)
-        As measured, SI units; NaN where not known.
-    parameters : callable
-        From indices of samples to every parameter of the soil and of the effects there.
-    wanted : sequence of str
-        Channels; all that are `compared` if empty.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n,)
-        NaN where not predictable.
+    Torque and drawbar pull follow from the sinkage as measured, or, where that is not, from the one at which
+    the soil carries the load; the sinkage always from the load. `channels` are as measured, in SI units, and
+    NaN where not known.
     """
     wanted = tuple(wanted) or compared(model, channels)
     given_sinkage = _known(channels, "sinkage")
@@ -92,24 +79,10 @@ def derivatives(
     names: Sequence[str],
     part: slice | None = None,
 ) -> dict[str, Array]:
-    """Differentiate the predictions by parameters.
+    """Differentiate the predictions by parameters: by channel, (n, len(names)); 0 where not predictable.
 
-    The derivative of the sinkage is that of the root: −(∂balance/∂p) / (∂balance/∂z) at the sinkage
-    given, so that no root is sought.
-
-    Parameters
-    ----------
-    model, wheel, channels, parameters
-        As for `values`.
-    names : sequence of str
-        Parameters.
-    part : slice, optional
-        Only of these samples.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n, len(names))
-        0 where not predictable.
+    The derivative of the sinkage is that of the root: −(∂balance/∂p) / (∂balance/∂z) at the sinkage given, so
+    that no root is sought. With `part`, only of these samples.
     """
     wanted = compared(model, channels)
     given_sinkage = _known(channels, "sinkage")

@@ -25,18 +25,10 @@ _SLAB = 8192
 
 @dataclass(frozen=True)
 class Slopes:
-    """Derivatives of one channel's prediction by the parameters that were fitted.
+    """Derivatives of one channel's prediction by the parameters that were fitted."""
 
-    Parameters
-    ----------
-    soil : ndarray, shape (n, q)
-        By those of which every group has its own.
-    common : ndarray, shape (n, m)
-        By those common to all.
-    """
-
-    soil: Array
-    common: Array
+    soil: Array  # shape (n, q): by those of which every group has its own
+    common: Array  # shape (n, m): by those common to all
 
 
 @dataclass(frozen=True)
@@ -46,33 +38,20 @@ class ResidualEvidence:
     Slip, load and sinkage as measured carry noise, which is in the residual and in anything computed
     from them alike: the two would be correlated where nothing is missing. Derivatives and drivers are
     therefore those at values interpolated from neighbouring samples (Durbin 1954), see `neighbours`.
-
-    Parameters
-    ----------
-    residuals : dict of str to ndarray, shape (n,)
-        Channel → measured less predicted; NaN where one of them is not known.
-    drivers : dict of str to ndarray, shape (n,)
-        Labels by their codes; NaN where not known.
-    group, block : ndarray of int, shape (n,)
-        Soil and block of each sample, counted over all wheels; samples of one group are contiguous.
     """
 
+    # shape (n,): by channel, measured less predicted; NaN where one of them is not known
     residuals: Mapping[str, Array]
     slopes: Mapping[str, Slopes]
-    drivers: Mapping[str, Array]
-    group: Index
-    block: Index
+    drivers: Mapping[str, Array]  # shape (n,): labels by their codes; NaN where not known
+    group: Index  # shape (n,): soil, counted over all wheels; samples of one group are contiguous
+    block: Index  # shape (n,): counted over all wheels
 
     def __len__(self) -> int:
         return len(self.group)
 
     def terms(self, channel: str, shapes: Sequence[Shape], rows: slice) -> Array:
-        """Evaluate the terms of a channel: derivatives by the common parameters, then shapes.
-
-        Returns
-        -------
-        ndarray, shape (samples, m + shapes)
-        """
+        """Evaluate derivatives by the common parameters, then shapes: (samples, m + shapes)."""
         common = self.slopes[channel].common[rows]
         out = np.zeros((len(common), common.shape[1] + len(shapes)))
         out[:, : common.shape[1]] = common
@@ -86,13 +65,7 @@ class ResidualEvidence:
     def cells(
         self, channel: str, shapes: Sequence[Shape], columns: Index, weight: float
     ) -> Iterator[ScoreCell]:
-        """Yield the samples of a channel by block and group.
-
-        Parameters
-        ----------
-        columns : ndarray of int
-            Places of the terms among those of all channels.
-        """
+        """Yield the samples of a channel by block and group; `columns` places its terms among all."""
         residual = self.residuals.get(channel)
         if residual is None or len(self) == 0:
             return
@@ -119,17 +92,7 @@ class ResidualEvidence:
                 )
 
     def less(self, channel: str, shapes: Sequence[Shape], coefficients: Array, soil: Array) -> Array:
-        """Take fitted terms and changes of the soil off a residual.
-
-        Parameters
-        ----------
-        coefficients : ndarray, shape (m + shapes,)
-        soil : ndarray, shape (groups, q)
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Take fitted terms, (m + shapes,), and changes of the soil, (groups, q), off a residual."""
         residual = self.residuals[channel].copy()
         for start in range(0, len(self), _SLAB):
             slab = slice(start, start + _SLAB)

@@ -21,34 +21,20 @@ _MEMORIES = np.array([0.0, 0.2, 0.35, 0.5, 0.6, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91
 
 
 class NoiseLevel(NamedTuple):
-    """Noise of one residual.
+    """Noise of one residual."""
 
-    Parameters
-    ----------
-    deviation : float
-        Standard deviation; NaN where the data do not tell.
-    forgotten : int
-        Samples after which the noise is another one; 0 for white noise.
-    """
-
-    deviation: float
-    forgotten: int
+    deviation: float  # Standard deviation; NaN where the data do not tell
+    forgotten: int  # Samples after which the noise is another one; 0 for white noise
 
 
 def of_series(residual: Array, group: Index) -> NoiseLevel:
-    """Estimate the noise of an ordered residual from its variogram.
+    """Estimate the noise of an ordered residual, NaN where not known, from its variogram.
 
     γ(h) = ½ E (e(t + h) − e(t))² of noise w² + a² (1 − ρʰ), white and first-order correlated, levels
     off at w² + a² after a few samples; what a misfit adds rises with h, like h² where it follows
     a smooth drive and like h where soil changes in patches (Cressie 1993, Statistics for Spatial
     Data, section 2.4). The four amplitudes are fitted, none of them negative, for a range of ρ.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (n,)
-        NaN where not known.
-    group : ndarray of int, shape (n,)
-        Differences are not taken across groups, which are contiguous.
+    Differences are not taken across groups, which are contiguous.
     """
     from scipy.optimize import nnls
 
@@ -108,20 +94,9 @@ def _variogram(residual: Array, group: Index) -> tuple[Array, Array, Array]:
 def of_points(residual: Array, group: Index, drivers: Array) -> float:
     """Estimate the noise of steady test points from those that were run under the same conditions.
 
-    Parameters
-    ----------
-    residual : ndarray, shape (n,)
-        NaN where not known.
-    group : ndarray of int, shape (n,)
-        Only points of one group are compared.
-    drivers : ndarray, shape (n, d)
-        Conditions, each in the unit in which a difference of 1 is large.
-
-    Returns
-    -------
-    float
-        Standard deviation of what differs between nearest neighbours, where they differ by less than
-        `SAME_CONDITIONS` in all conditions; NaN where there are too few such pairs.
+    Nearest neighbours of one group are compared where all `drivers`, shape (n, d), differ by less than
+    `SAME_CONDITIONS`; each is in the unit in which a difference of 1 is large. The standard deviation is NaN
+    where there are too few such pairs.
     """
     from scipy.spatial import KDTree
 
@@ -140,50 +115,24 @@ def of_points(residual: Array, group: Index, drivers: Array) -> float:
 
 
 class Between(NamedTuple):
-    """Steady test points that lie between two others, as one condition varies and the rest stay.
+    """Steady test points that lie between two others, as one condition varies and the rest stay."""
 
-    Parameters
-    ----------
-    before, middle, after : ndarray of int, shape (m,)
-        Which points they are.
-    share : ndarray, shape (m,)
-        Weight of the one before in a straight line between the outer two.
-    line : ndarray of int, shape (n,)
-        Which points were run under the same other conditions.
-    """
-
+    # shape (m,): places of the three points
     before: Index
     middle: Index
     after: Index
-    share: Array
-    line: Index
+    share: Array  # shape (m,): weight of the one before in a straight line between the outer two
+    line: Index  # shape (n,): which points were run under the same other conditions
 
     def off(self, values: Array) -> Array:
-        """Return how far points are off the line between their neighbours, with the variance of white noise.
-
-        Parameters
-        ----------
-        values : ndarray, shape (n, ...)
-
-        Returns
-        -------
-        ndarray, shape (m, ...)
-        """
+        """Return how far points are off the line between their neighbours; white noise keeps its variance."""
         share = self.share.reshape(-1, *(1 for _ in values.shape[1:]))
         straight = share * values[self.before] + (1.0 - share) * values[self.after]
         return np.asarray((values[self.middle] - straight) / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2))
 
 
 def between(group: Index, drivers: Array) -> Between:
-    """Order test points by their first condition, where the others are the same.
-
-    Parameters
-    ----------
-    group : ndarray of int, shape (n,)
-        Points of different groups are no neighbours.
-    drivers : ndarray, shape (n, d)
-        As for `of_points`.
-    """
+    """Order test points by the first of `drivers` (see `of_points`), where group and the others are alike."""
     line = np.asarray(group, dtype=np.intp)
     for column in drivers.T[1:]:
         order = np.lexsort((column, line))
@@ -208,17 +157,8 @@ def between(group: Index, drivers: Array) -> Between:
 def of_neighbours(residual: Array, group: Index, drivers: Array) -> float:
     """Estimate the noise of steady test points from how far each is off the line between its neighbours.
 
-    What a misfit bends counts as noise (Gasser, Sroka & Jennen-Steinmetz 1986, Biometrika 73, 625).
-
-    Parameters
-    ----------
-    residual, group, drivers
-        As for `of_points`.
-
-    Returns
-    -------
-    float
-        Standard deviation; NaN where too few points lie between others.
+    What a misfit bends counts as noise (Gasser, Sroka & Jennen-Steinmetz 1986, Biometrika 73, 625). The
+    standard deviation is NaN where too few points lie between others.
     """
     off = between(group, drivers).off(residual)
     off = off[np.isfinite(off)]

@@ -26,56 +26,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreCell:
-    """Some samples of one channel, in one block and one group.
-
-    Parameters
-    ----------
-    columns : ndarray of int, shape (m,)
-        Places of `terms` among all terms.
-    weight : float
-        Of each sample: 1 over the variance of the channel's noise.
-    residual : ndarray, shape (n,)
-    soil : ndarray, shape (n, q)
-        Derivatives of the prediction by the group's own parameters.
-    terms : ndarray, shape (n, m)
-    """
+    """Some samples of one channel, in one block and one group."""
 
     group: int
     block: int
-    columns: Index
-    weight: float
-    residual: Array
-    soil: Array
-    terms: Array
+    columns: Index  # shape (m,): places of `terms` among all terms
+    weight: float  # Of each sample: 1 over the variance of the channel's noise
+    residual: Array  # shape (n,)
+    soil: Array  # shape (n, q): derivatives of the prediction by the group's own parameters
+    terms: Array  # shape (n, m)
 
 
 @dataclass(frozen=True)
 class FittedTerms:
-    """Coefficients of some terms and of every group's own parameters.
+    """Coefficients of some terms and of every group's own parameters."""
 
-    Parameters
-    ----------
-    terms : ndarray of int, shape (k,)
-    coefficients : ndarray, shape (k,)
-    soil : ndarray, shape (groups, q)
-        Change of the group's parameters.
-    """
-
-    terms: Index
-    coefficients: Array
-    soil: Array
+    terms: Index  # shape (k,): places among all terms
+    coefficients: Array  # shape (k,)
+    soil: Array  # shape (groups, q): change of the group's parameters
 
 
 class System:
     """All terms in the residuals of all channels, by block.
 
-    Parameters
-    ----------
-    precision : ndarray, shape (groups, q)
-        What is known beforehand of how far the groups' own parameters may move: without it, where data
-        tell little of one, it would move without end.
-    blocks, terms : int
-        Numbers of blocks and of terms.
+    `precision`, shape (groups, q), is what is known beforehand of how far the groups' own parameters may
+    move: without it, where data tell little of one, it would move without end.
     """
 
     def __init__(self, precision: Array, blocks: int, terms: int) -> None:
@@ -87,13 +62,7 @@ class System:
         self._cross = np.zeros((terms, terms))
 
     def add(self, cells: Iterable[ScoreCell]) -> System:
-        """Collect the moments of all samples and eliminate the groups' own parameters.
-
-        Returns
-        -------
-        System
-            This one.
-        """
+        """Collect the moments of all samples, eliminate the groups' own parameters, and return the system."""
         for cell in cells:
             weighted = cell.terms * cell.weight
             self._soil[cell.group] += cell.weight * cell.soil.T @ cell.soil
@@ -105,12 +74,7 @@ class System:
         return self
 
     def scores(self, cells: Iterable[ScoreCell]) -> Array:
-        """Return the scores of every block and term.
-
-        Returns
-        -------
-        ndarray, shape (blocks, terms)
-        """
+        """Return the scores of every block and term, (blocks, terms)."""
         scores = np.zeros((self._blocks, len(self._squares)))
         for cell in cells:
             error = cell.weight * cell.residual
@@ -119,17 +83,9 @@ class System:
         return scores
 
     def beyond(self, terms: Sequence[int], scores: Array) -> tuple[Array, Array]:
-        """Take some terms out of all others, and out of their scores.
+        """Take some terms out of all others, and out of their scores, (blocks, terms).
 
-        Parameters
-        ----------
-        scores : ndarray, shape (blocks, terms)
-
-        Returns
-        -------
-        scores : ndarray, shape (blocks, terms)
-        cross : ndarray, shape (terms, terms)
-            Products of what is left of the terms.
+        Also returns the products of what is left of the terms, (terms, terms).
         """
         chosen = np.asarray(terms, dtype=np.intp)
         if len(chosen) == 0:
@@ -138,17 +94,7 @@ class System:
         return scores + scores[:, chosen] @ found.gain[0], self._cross - found.taken()
 
     def surviving(self, cross: Array) -> Array:
-        """Return the share of each term's square that is left.
-
-        Parameters
-        ----------
-        cross : ndarray, shape (terms, terms)
-            From `beyond`.
-
-        Returns
-        -------
-        ndarray, shape (terms,)
-        """
+        """Return the share of each term's square that is left, from the products that `beyond` returns."""
         return np.asarray(np.diag(cross) / np.where(self._squares > 0.0, self._squares, np.inf))
 
     def fit(self, terms: Sequence[int], cells: Iterable[ScoreCell]) -> FittedTerms:

@@ -41,41 +41,21 @@ class Term(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """One term beyond chance.
-
-    Parameters
-    ----------
-    coefficient : float
-        Of the term, fitted together with the model's parameters; of a periodic one of its cosine.
-    other : float
-        Of a periodic one of its sine, else 0.
-    explained : float
-        Part of the weighted sum of squares of all residuals that it accounts for.
-    alternatives : tuple of str
-        Drivers whose terms in this channel are nearly the same.
-    """
+    """One term beyond chance."""
 
     term: Term
     p_value: float
-    coefficient: float
-    other: float
-    explained: float
-    alternatives: tuple[str, ...]
+    coefficient: float  # Fitted with the model's parameters; of a periodic term that of its cosine
+    other: float  # Of a periodic term that of its sine, else 0
+    explained: float  # Part of the weighted sum of squares of all residuals that it accounts for
+    alternatives: tuple[str, ...]  # Drivers whose terms in this channel are nearly the same
 
 
 class Search:
     """Terms of all channels in the residuals of all wheels.
 
-    Parameters
-    ----------
-    shapes : mapping of str to sequence of Shape
-        Channel → shapes tested in it.
-    scale : mapping of str to float
-        Channel → standard deviation of its residual, which weighs it.
-    precision : ndarray, shape (groups, q)
-        As for `residual_scores.System`.
-    blocks : int
-        Number of blocks over all wheels.
+    `scale` has the standard deviation of each channel's residual, which weighs it; `precision` is that of
+    `residual_scores.System`; `blocks` counts those of all wheels.
     """
 
     def __init__(
@@ -105,21 +85,13 @@ class Search:
                 yield from wheel.cells(channel, shapes, self.columns[channel], self.scale[channel] ** -2.0)
 
     def scores(self) -> Array:
-        """Return the scores of all terms in what is left of the residuals.
-
-        Returns
-        -------
-        ndarray, shape (blocks, terms)
-        """
+        """Return the scores of all terms in what is left of the residuals, (blocks, terms)."""
         return self.system.scores(self._cells())
 
     def refit(self, chosen: Sequence[int]) -> FittedTerms:
         """Fit the model's parameters anew together with some terms, and take both off the residuals.
 
-        Parameters
-        ----------
-        chosen : sequence of int
-            Places among all terms.
+        The places of `chosen` count from the common parameters on, as those of the system do.
         """
         fitted = self.system.fit([*range(self.common), *chosen], self._cells())
         coefficients = np.zeros(self.common + len(self.terms))
@@ -148,23 +120,10 @@ class Search:
         draws: int = DRAWS,
         seed: int = 0,
     ) -> list[Found]:
-        """Find the terms beyond chance, each beyond those found before.
+        """Find the terms beyond chance, the strongest first, each beyond those found before.
 
-        Parameters
-        ----------
-        noise : mapping of str to float
-            Channel → standard deviation of its noise; NaN where not known.
-        counts : mapping of str to int
-            Channel → samples.
-        taken : collection of (str, str)
-            Channels and drivers whose terms are fitted from the start, and not looked for.
-        draws, seed : int
-            Of the bootstrap.
-
-        Returns
-        -------
-        list of Found
-            The one that explains most first.
+        `noise` has the standard deviation of each channel's noise, NaN where not known, and `counts` its
+        samples. Terms of the channels and drivers in `taken` are fitted from the start, and not looked for.
         """
         chosen = [
             self.common + place

@@ -26,42 +26,19 @@ HARMONICS = (1, 2, 3, 4, 6, 8, 9, 10, 12, 15, 16, 18, 20, 24, 30, 36)
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """One function of one driver, of a size of about 1.
-
-    Parameters
-    ----------
-    driver, name : str
-        The latter "constant", "linear", "quadratic", "saturating", "step", "periodic" or "label".
-    at : float or None
-        Threshold of a step, scale of a saturating curve, period, code of a label.
-    low, high : float
-        Range of the driver: its 2nd and 98th percentile.
-    span : float
-        Difference that a coefficient of 1 makes over this range; of a periodic shape its amplitude.
-    partner : int
-        Of a periodic shape 0 for the cosine and 1 for the sine.
-    """
+    """One function of one driver, of a size of about 1."""
 
     driver: str
+    # "constant", "linear", "quadratic", "saturating", "step", "periodic" or "label"
     name: str
-    at: float | None
-    low: float
-    high: float
-    span: float
-    partner: int = 0
+    at: float | None  # Threshold of a step, scale of a saturating curve, period, code of a label
+    low: float  # 2nd percentile of the driver, or the least of a few values
+    high: float  # 98th percentile of the driver, or the greatest of a few values
+    span: float  # Difference that a coefficient of 1 makes over this range; of a periodic shape its amplitude
+    partner: int = 0  # Of a periodic shape 0 for the cosine and 1 for the sine
 
     def __call__(self, values: Array) -> Array:
-        """Evaluate.
-
-        Parameters
-        ----------
-        values : ndarray, shape (n,)
-            Of the driver.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Evaluate at values of the driver."""
         inside = np.clip(values, self.low, self.high)
         if self.name == "constant":
             result = np.ones_like(values)
@@ -91,18 +68,7 @@ def constant() -> Shape:
 
 
 def of_number(driver: str, values: Array) -> list[Shape]:
-    """List the shapes in which a residual may follow a number.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        NaN where not known.
-
-    Returns
-    -------
-    list of Shape
-        Empty for a driver that does not vary.
-    """
+    """List the shapes in which a residual may follow a number, NaN if unknown; none if it is constant."""
     known = values[np.isfinite(values)]
     if len(known) == 0:
         return []
@@ -142,12 +108,7 @@ def of_number(driver: str, values: Array) -> list[Shape]:
 
 
 def of_label(driver: str, codes: Array) -> list[Shape]:
-    """List the shapes in which a residual may follow a label: other at one of them.
-
-    Parameters
-    ----------
-    codes : ndarray, shape (n,)
-    """
+    """List the shapes in which a residual may follow a label, given by its codes: other at one of them."""
     present = np.unique(codes[np.isfinite(codes)])
     if not 1 < len(present) <= 50:
         return []
@@ -157,20 +118,10 @@ def of_label(driver: str, codes: Array) -> list[Shape]:
 
 
 def of_turning(driver: str, angles: Sequence[Array], counts: Sequence[int] = HARMONICS) -> list[Shape]:
-    """List the periods in which a residual may follow the angle of the wheel.
+    """List the periods in which a residual may follow the angle of the wheel, in rad.
 
-    Parameters
-    ----------
-    angles : sequence of ndarray
-        Of each wheel, in rad.
-    counts : sequence of int
-        Periods in a turn.
-
-    Returns
-    -------
-    list of Shape
-        Cosine and sine of each, in turn; none for wheels that do not turn twice, and none that has
-        fewer than two and a half samples in a period, which would show as another one.
+    Cosine and sine of each; none for wheels that do not turn twice, and none that has fewer than two and a
+    half samples in a period, which would show as another one. `counts` are periods in a turn.
     """
     known = [angle[np.isfinite(angle)] for angle in angles]
     known = [angle for angle in known if len(angle) > 1]

@@ -36,19 +36,11 @@ GAP = _WAYS[0][0]
 
 @dataclass(frozen=True)
 class RecordedWheel:
-    """The usable samples of a wheel as they were measured.
+    """The usable samples of a wheel as they were measured."""
 
-    Parameters
-    ----------
-    channels : dict of str to ndarray, shape (n,)
-    window : ndarray of int, shape (n,)
-    group : ndarray of int, shape (n,), or None
-        Samples of one group are neighbours in time; None for steady test points, which have none.
-    """
-
-    channels: dict[str, Array]
-    window: Index
-    group: Index | None
+    channels: dict[str, Array]  # shape (n,)
+    window: Index  # shape (n,)
+    group: Index | None  # shape (n,): samples of one are neighbours in time; None for steady test points
 
     def conditions(self, names: Sequence[str]) -> Array:
         """Return under what conditions test points were run, each in the unit of a large difference."""
@@ -69,20 +61,10 @@ def without_noise(
 ) -> tuple[dict[str, Array], NDArray[np.bool_]]:
     """Return the channels from which to predict without their noise, and the samples of use.
 
-    Parameters
-    ----------
-    read : mapping of str to ndarray, shape (n,)
-        All channels as effects may read them, those of time series interpolated over `GAP`.
-    load_tells_sinkage : bool
-        The model finds the sinkage under a load.
-
-    Returns
-    -------
-    channels : dict of str to ndarray, shape (n,)
-        Predicted from its own noisy sinkage a torque would be the less wrong the less a model makes
-        of sinkage: where the load tells the sinkage, that is left out.
-    use : ndarray of bool, shape (n,)
-        False where load or slip change too fast to be interpolated.
+    `read` has all channels as effects may read them, those of time series interpolated over `GAP`. Predicted
+    from its own noisy sinkage a torque would be the less wrong the less a model makes of sinkage: where the
+    load tells the sinkage, that is left out. Of no use are samples whose load or slip changes too fast to be
+    interpolated.
     """
     use = np.ones(len(record.window), dtype=bool)
     channels = dict(read)

@@ -21,13 +21,9 @@ if TYPE_CHECKING:
 
 
 def covariance(data: SmoothedData, solution: Solution) -> tuple[Array, Array]:
-    """Return the covariance of the parameters sought.
+    """Return the covariance of each window's parameters, and of the common ones alone.
 
-    Returns
-    -------
-    ndarray, shape (w, q + m, q + m)
-        Of each window's own and the common ones, in their own units.
-    ndarray, shape (m, m)
+    In their own units: of the window's own and the common ones, (w, q + m, q + m), and (m, m).
     """
     w, q = solution.t.shape
     m = len(solution.common)
@@ -44,13 +40,7 @@ def covariance(data: SmoothedData, solution: Solution) -> tuple[Array, Array]:
 
 
 def parameters(solution: Solution) -> dict[str, Array]:
-    """Return the parameters sought, in their own units.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (w,)
-        What is common stands in every window.
-    """
+    """Return the parameters sought, in their own units, (w,): what is common stands in every window."""
     windows, sought = len(solution.t), solution.unknowns
     found = {u.name: u.value(solution.t[:, j]) for j, u in enumerate(sought.local)}
     common = {u.name: u.value(np.asarray(solution.common[j])) for j, u in enumerate(sought.shared)}
@@ -58,13 +48,7 @@ def parameters(solution: Solution) -> dict[str, Array]:
 
 
 def as_fit(data: SmoothedData, solution: Solution, fit: Fit) -> Fit:
-    """Put a solution in the place of what another fit of the same windows found.
-
-    Returns
-    -------
-    Fit
-        Empty windows stay as they were: NaN.
-    """
+    """Put a solution in the place of what another fit of the same windows found; empty windows stay NaN."""
     own, common = covariance(data, solution)
     found = parameters(solution)
     names, empty = tuple(found), fit.n == 0

@@ -44,28 +44,16 @@ _PER_BLOCK = 4.0
 
 @dataclass(frozen=True, kw_only=True)
 class Solution:
-    """A model fitted to the samples of one wheel.
-
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, q) and (m,)
-        In prior standard deviations from the prior means.
-    residual : ndarray, shape (n, c)
-        In units of the noise.
-    design : ndarray, shape (n, c, q + m)
-        Derivatives of the prediction, in the same units, by t and common.
-    spread : float
-        Variance of the misfit in units of the noise's, as it counts against the prior.
-    """
+    """A model fitted to the samples of one wheel."""
 
     model: Model
     unknowns: Unknowns
-    t: Array
-    common: Array
-    residual: Array
-    design: Array
-    spread: float
-    cost: float
+    t: Array  # shape (w, q): in prior standard deviations from the prior means
+    common: Array  # shape (m,): in the same
+    residual: Array  # shape (n, c): in units of the noise
+    design: Array  # shape (n, c, q + m): derivatives of the prediction by t and common, in the same units
+    spread: float  # Variance of the misfit in units of the noise's, as it counts against the prior
+    cost: float  # Without the prior's part
 
     @property
     def merit(self) -> float:
@@ -73,30 +61,16 @@ class Solution:
         return _cost(self.residual, self.t, self.common, 1.0)
 
     def of_samples(self, window: Index) -> dict[str, Array]:
-        """Return every parameter of some samples.
-
-        Parameters
-        ----------
-        window : ndarray of int, shape (n,)
-
-        Returns
-        -------
-        dict of str to ndarray, shape (n,)
-        """
+        """Return every parameter of some samples, (n,), by the window of each."""
         return smoothed_model.parameters(self.unknowns, self.t[window], self.common, window)
 
 
 def solve(
     model: Model, sought: Unknowns, data: SmoothedData, t: Array, common: Array, *, rounds: int = _ROUNDS
 ) -> Solution:
-    """Fit a model, by the method of Levenberg and Marquardt.
+    """Fit a model, by the method of Levenberg and Marquardt, from soils `t`, (w, q), and `common`, (m,).
 
-    Parameters
-    ----------
-    t, common : ndarray, shape (w, q) and (m,)
-        Where the search begins.
-    rounds : int
-        Times that the misfit is weighed against the prior anew.
+    The misfit is weighed against the prior anew at most `rounds` times.
     """
     low, high = _range(sought.local), _range(sought.shared)
     t, common = np.clip(t, *low), np.clip(common, *high)
@@ -153,10 +127,7 @@ def search(
 ) -> Solution:
     """Fit a model from several beginnings, of which a part of the samples chooses one.
 
-    Parameters
-    ----------
-    beginnings : iterable of (ndarray of shape (w, q) or None, ndarray of shape (m,))
-        Soils and what is common to them; the neutral soil for None.
+    Each has the soils, (w, q), or None for the neutral soil, and what is common to them, (m,).
     """
     rough = smoothed_model.thinned(
         data, np.arange(0, len(data.use), max(1, len(data.use) // (_ROUGH * data.windows)))
@@ -177,16 +148,7 @@ def search(
 
 
 def neutral(model: Model, sought: Unknowns, data: SmoothedData, common: Array) -> Array:
-    """Return the soil expected before anything is known, as stiff as the measured sinkage says.
-
-    Parameters
-    ----------
-    common : ndarray, shape (m,)
-
-    Returns
-    -------
-    ndarray, shape (w, q)
-    """
+    """Return the soil expected before anything is known, (w, q), as stiff as the measured sinkage says."""
     t = np.zeros((data.windows, len(sought.local)))
     names = [u.name for u in sought.local]
     if "stiffness" not in names or "sinkage" not in data.measured or model.base == "linear":
@@ -269,18 +231,7 @@ def _spread(data: SmoothedData, left: Array) -> float:
 
 
 def weights(left: Array) -> Array:
-    """Return the weights of Huber.
-
-    Parameters
-    ----------
-    left : ndarray
-        Residuals in units of the noise.
-
-    Returns
-    -------
-    ndarray
-        1 within `BEND`.
-    """
+    """Return the weights of Huber of residuals in units of the noise: 1 within `BEND`."""
     return np.asarray(np.minimum(1.0, smoothed_model.BEND / np.maximum(np.abs(left), 1e-300)))
 
 

@@ -42,25 +42,15 @@ _CARRIES = 0.2
 
 @dataclass(frozen=True, kw_only=True)
 class SmoothedData:
-    """Samples of one wheel, and what is to be explained of them.
-
-    Parameters
-    ----------
-    inputs : mapping of str to ndarray, shape (n,)
-        What a model predicts from. The sinkage is one of them only where it cannot be predicted.
-    measured : mapping of str to ndarray, shape (n,)
-    use : ndarray of bool, shape (n,)
-    white : Whitening
-        Of the channels that are explained.
-    window : ndarray of int, shape (n,)
-    """
+    """Samples of one wheel, and what is to be explained of them."""
 
     geometry: WheelGeometry
+    # shape (n,): what a model predicts from, the sinkage only where it cannot be predicted
     inputs: Mapping[str, Array]
-    measured: Mapping[str, Array]
-    use: NDArray[np.bool_]
-    white: Whitening
-    window: Index
+    measured: Mapping[str, Array]  # shape (n,)
+    use: NDArray[np.bool_]  # shape (n,)
+    white: Whitening  # Of the channels that are explained
+    window: Index  # shape (n,)
     windows: int
     blocks: int
 
@@ -71,14 +61,9 @@ class SmoothedData:
 
 
 def with_noise_of(data: SmoothedData, left: Array, fewest: int) -> SmoothedData:
-    """Take what a model leaves for the noise.
+    """Take what a model leaves, (n, c) in units of the noise as it is, for the noise.
 
-    Parameters
-    ----------
-    left : ndarray, shape (n, c)
-        In units of the noise as it is.
-    fewest : int
-        Samples, known in every channel, that tell it.
+    That needs `fewest` samples that are known in every channel.
     """
     seen = data.seen.all(axis=1)
     if np.count_nonzero(seen) < fewest:
@@ -92,19 +77,7 @@ def with_noise_of(data: SmoothedData, left: Array, fewest: int) -> SmoothedData:
 
 
 def parameters(sought: Unknowns, t: Array, common: Array, window: Index) -> dict[str, Array]:
-    """Return every parameter of some samples.
-
-    Parameters
-    ----------
-    t : ndarray, shape (n, q)
-        Of each sample.
-    common : ndarray, shape (m,) or (n, m)
-    window : ndarray of int, shape (n,)
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n,)
-    """
+    """Return every parameter of some samples, (n,), from `t`, (n, q), and `common`, (m,) or (n, m)."""
     n = len(window)
     found = {
         name: np.broadcast_to(number, (n,)) if number.ndim == 0 else number[window]
@@ -126,24 +99,10 @@ def forecast(
     order: int | None = None,
     guess: Array | None = None,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Predict the channels, and differentiate them.
+    """Predict the channels, NaN where not predictable, and differentiate them, (n, len(by)).
 
-    Parameters
-    ----------
-    numbers : mapping of str to ndarray, shape (n,)
-        Every parameter of every sample.
-    by : sequence of str
-        Parameters.
-    order : int, optional
-        Nodes on each arc.
-    guess : ndarray, shape (n,), optional
-        Sinkages near those that are sought, in m; NaN where there is none.
-
-    Returns
-    -------
-    values : dict of str to ndarray, shape (n,)
-        NaN where not predictable.
-    tables : dict of str to ndarray, shape (n, len(by))
+    `numbers` has every parameter of every sample; `order` is the number of nodes on each arc; `guess` has
+    sinkages near those that are sought, in m, NaN where there is none.
     """
     names, n = data.white.channels, len(data.use)
     given = "sinkage" if "sinkage" in data.inputs else "load"
@@ -202,12 +161,8 @@ def _carrying(
     """Predict from load and sinkage both: with the stiffness at which the soil carries that load there.
 
     From either alone, torque and pull would have the noise of it, and what the base linear predicts
-    from both would look the better for that. The load carried is linear in the stiffness.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Derivative of the stiffness by each parameter, for the total ones.
+    from both would look the better for that. The load carried is linear in the stiffness. Also returns the
+    derivative of the stiffness by each parameter, for the total ones.
     """
     known = {**numbers, _STIFFNESS: np.maximum(numbers[_STIFFNESS], 1.0)}
     first = predict(model, data.geometry, inputs, known, by=(_STIFFNESS,), order=order).balance
@@ -226,21 +181,8 @@ def nearby(
     """Predict from sinkages close to those at which the soil carries the load, without seeking a root.
 
     With the load carried less the load there is b(z) at a guess z, the sinkage is z − b/b', and what
-    follows from it moves along; derivatives are total ones.
-
-    Parameters
-    ----------
-    model : Model
-        Of the base wong-reece.
-    numbers : mapping of str to ndarray, shape (n,)
-    guess : ndarray, shape (n,)
-        Sinkages as the sensor would show them; NaN where there is no prediction.
-
-    Returns
-    -------
-    values : dict of str to ndarray, shape (n,)
-    tables : dict of str to ndarray, shape (n, len(by))
-    sinkage : ndarray, shape (n,)
+    follows from it moves along; derivatives are total ones. The base is wong-reece. `guess` is as the sensor
+    would show it, NaN where there is no prediction; the better sinkages are returned last.
     """
     names, n = data.white.channels, len(data.use)
     found = {name: np.full(n, np.nan) for name in names}
@@ -285,17 +227,9 @@ def nearby(
 
 
 def residual(data: SmoothedData, predicted: Mapping[str, Array]) -> Array:
-    """Return what is left of the channels, in units of the noise.
+    """Return what is left of the channels, (n, c), in units of the noise; 0 where nothing is measured.
 
-    Parameters
-    ----------
-    predicted : mapping of str to ndarray, shape (n,)
-
-    Returns
-    -------
-    ndarray, shape (n, c)
-        0 where nothing is measured; `NO_ANSWER` in every channel where something is and there is no
-        prediction.
+    `NO_ANSWER` in every channel that is measured, where one of them has no prediction.
     """
     seen = data.seen
     errors = {name: data.measured[name] - predicted[name] for name in data.white.channels}

@@ -31,45 +31,20 @@ _ZERO = 1e-30
 
 @dataclass(frozen=True)
 class Whitening:
-    """Covariance of the noise of the residuals of a wheel.
-
-    Parameters
-    ----------
-    covariance : ndarray, shape (c, c)
-    """
+    """Covariance of the noise of the residuals of a wheel."""
 
     channels: tuple[str, ...]
-    covariance: Array
+    covariance: Array  # shape (c, c)
 
     def __call__(self, tables: Mapping[str, Array], known: NDArray[np.bool_]) -> Array:
-        """Whiten what stands in the place of residuals.
+        """Whiten what stands in the place of residuals, (n, ...) by channel, to (n, c, ...).
 
-        Parameters
-        ----------
-        tables : mapping of str to ndarray, shape (n, ...)
-            By channel.
-        known : ndarray of bool, shape (n, c)
-            Which residuals are known: the others have no part, and their places are 0.
-
-        Returns
-        -------
-        ndarray, shape (n, c, ...)
+        Residuals that are not `known`, (n, c), have no part, and their places are 0.
         """
         return self._by_root(np.stack([tables[name] for name in self.channels], axis=1), known, inverse=True)
 
     def undone(self, white: Array, known: NDArray[np.bool_]) -> dict[str, Array]:
-        """Return residuals from what was whitened.
-
-        Parameters
-        ----------
-        white : ndarray, shape (n, c)
-        known : ndarray of bool, shape (n, c)
-
-        Returns
-        -------
-        dict of str to ndarray, shape (n,)
-            By channel; 0 where not known.
-        """
+        """Return residuals by channel, (n,), from what was whitened, (n, c); 0 where not known."""
         found = self._by_root(white, known, inverse=False)
         return {name: found[:, column] for column, name in enumerate(self.channels)}
 
@@ -101,16 +76,9 @@ def of_residuals(
 ) -> Whitening:
     """Estimate the covariance of residuals from what changes within a few samples.
 
-    Parameters
-    ----------
-    errors : mapping of str to ndarray, shape (n,)
-        Residuals by channel.
-    levels : mapping of str to float
-        Channel → standard deviation of its noise; NaN where the data do not tell.
-    group : ndarray of int, shape (n,), or None
-        Samples of different groups are no neighbours; None for test points, which have none.
-    memory : int
-        Samples after which the noise is another one.
+    `levels` has the standard deviation of each channel's noise, NaN where the data do not tell; `memory` is
+    the number of samples after which the noise is another one. Samples of different groups are no neighbours,
+    and test points, whose `group` is None, have none.
     """
     names = tuple(errors)
     residuals = np.stack([errors[name] for name in names], axis=1)
@@ -135,19 +103,9 @@ def of_residuals(
 
 
 def of_channels(measured: Mapping[str, Array], group: Index) -> Whitening:
-    """Take for noise what changes from sample to sample in the channels themselves.
+    """Take for noise what changes from sample to sample in the channels themselves, without correlations.
 
-    Parameters
-    ----------
-    measured : mapping of str to ndarray, shape (n,)
-        In their order in time.
-    group : ndarray of int, shape (n,)
-        Samples of different groups are no neighbours.
-
-    Returns
-    -------
-    Whitening
-        Without correlations.
+    Samples are in their order in time; those of different groups are no neighbours.
     """
     deviation = []
     for column in measured.values():
@@ -192,17 +150,6 @@ def _definite(correlation: Array) -> Array:
 def known_of(
     white: Whitening, errors: Mapping[str, Array], use: NDArray[np.bool_]
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Whiten residuals of which some are not known.
-
-    Parameters
-    ----------
-    errors : mapping of str to ndarray, shape (n,)
-    use : ndarray of bool, shape (n,)
-
-    Returns
-    -------
-    residuals : ndarray, shape (n, c)
-    known : ndarray of bool, shape (n, c)
-    """
+    """Whiten residuals, of which some are not known, to (n, c), and tell which are known."""
     known = np.stack([np.isfinite(errors[name]) & use for name in white.channels], axis=1)
     return white({name: np.nan_to_num(column) for name, column in errors.items()}, known), known
