@@ -9,12 +9,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.comparison_outcome import Series
-
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
+    from terrain_cli.vocabulary.arrays import Array, Index
 
 
 def fine(lengths: Sequence[int], shortest: int, *, most: int) -> list[Index]:

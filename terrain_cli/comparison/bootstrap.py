@@ -10,9 +10,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Webb's six points: as symmetric as signs, but without their few distinct draws (Webb 2023,
 #: Canadian Journal of Economics 56(3), doi 10.1111/caje.12661).

@@ -30,15 +30,12 @@ from terrain_cli.windows.cut_windows import thinned
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.comparison_outcome import Finding
     from terrain_cli.estimation.wheel_fit import Noise, Prior
     from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.vocabulary.arrays import Index
     from terrain_cli.windows.cut_windows import Windows
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: More samples than these are thinned: they bound time and memory, and tell what there is to tell.
 MOST_SAMPLES = 200_000

@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from terrain_cli.estimation.wheel_fit import Fit
     from terrain_cli.mechanics.wheel_model import Model
     from terrain_cli.telemetry import Samples
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.windows.cut_windows import Windows
-
-    Array = NDArray[np.float64]
 
 
 #: Channels that a model predicts, with their units.

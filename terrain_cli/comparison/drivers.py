@@ -16,11 +16,9 @@ from terrain_cli.windows.cut_windows import at_rows
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.windows.cut_windows import Windows
 
-    Array = NDArray[np.float64]
 
 #: Channels that are predicted, or what predicted ones were derived from.
 _LEFT_OUT = frozenset({"time", "torque", "drawbar_pull", "entry_angle", "motor_current"})

@@ -16,10 +16,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Channels that change pull and torque in proportion, beside slip.
 _CAUSES = ("load", "sinkage", "pitch", "acceleration")

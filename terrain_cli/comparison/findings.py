@@ -17,14 +17,11 @@ from terrain_cli.comparison.residual_search import Search
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.residual_search import Found
     from terrain_cli.comparison.shapes import Shape
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Samples of all wheels that are searched, evenly thinned: what only more of them would show is too
 #: small to be reported.

@@ -28,18 +28,15 @@ from terrain_cli.windows.cut_windows import at_rows, by_terrain
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.comparison_outcome import Driver
     from terrain_cli.comparison.fit_settings import FitSettings
     from terrain_cli.comparison.whitening import Whitening
     from terrain_cli.estimation.wheel_fit import Fit
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown
     from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.vocabulary.arrays import Array, Index
     from terrain_cli.windows.cut_windows import Windows
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Drivers whose noise is that of the slip computed from them.
 _WITH_SLIP = ("velocity", "angular_velocity")

@@ -16,9 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.comparison.fitted_wheel import FittedWheel
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Parts in turn left out of a segment that is a single block.
 PARTS = 4

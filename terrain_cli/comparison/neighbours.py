@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array
 
 
 def from_neighbours(values: Array, group: NDArray[np.intp], *, gap: int, reach: int) -> Array:

@@ -12,12 +12,9 @@ from terrain_cli.comparison import comparison_criteria as criteria
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.fitted_wheel import FittedWheel
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Parts of a log that are left out in turn.
 _PARTS = 24

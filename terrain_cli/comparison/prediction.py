@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
     #: From samples, by their indices, to every parameter of the soil and of the effects of each.
     Parameters = Callable[[NDArray[np.intp]], Mapping[str, Array]]
 

@@ -12,12 +12,9 @@ from terrain_cli.comparison.residual_scores import ScoreCell
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.shapes import Shape
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Samples whose terms are computed at a time.
 _SLAB = 8192

@@ -9,10 +9,8 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Lags of the variogram, in samples; the longest is this many at most.
 LONGEST_LAG = 60

@@ -18,10 +18,7 @@ from terrain_cli.estimation.wheel_fit.normal_equations import eliminate, pseudo_
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
+    from terrain_cli.vocabulary.arrays import Array, Index
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from terrain_cli.comparison.residual_evidence import ResidualEvidence
     from terrain_cli.comparison.residual_scores import FittedTerms, ScoreCell
     from terrain_cli.comparison.shapes import Shape
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 _PLAIN = ("constant", "linear", "label", "step", "saturating", "quadratic", "periodic")
 #: Drivers that are named before others that varied alike, or of which nothing is known but the name of a

@@ -10,9 +10,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Quantiles of a driver at which a step or a bend is tried.
 _THRESHOLDS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
+    from terrain_cli.vocabulary.arrays import Array, Index
+
 
 #: Channels whose noise reaches the predictions, in the order in which the fit takes them.
 NOISY = ("load", "sinkage", "slip")

@@ -11,13 +11,10 @@ from terrain_cli.comparison import smoothed_fit
 from terrain_cli.estimation.wheel_fit import normal_equations
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.smoothed_fit import Solution
     from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.estimation.wheel_fit import Fit
-
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array
 
 
 def covariance(data: SmoothedData, solution: Solution) -> tuple[Array, Array]:

@@ -20,14 +20,11 @@ from terrain_cli.estimation.wheel_fit import normal_equations
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
     from terrain_cli.mechanics.wheel_model import Model
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 _ITERATIONS, _ROUNDS, _TRIES = 12, 2, 6
 #: Samples of a window with which a search is begun.

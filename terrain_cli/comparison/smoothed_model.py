@@ -23,9 +23,8 @@ if TYPE_CHECKING:
     from terrain_cli.comparison.whitening import Whitening
     from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
     from terrain_cli.mechanics.wheel_model import Model, Prediction, WheelGeometry
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Deviations of the noise beyond which a residual weighs less.
 BEND = 3.0

@@ -14,12 +14,9 @@ from terrain_cli.comparison.comparison_outcome import UNITS, Difference
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.comparison.segment_soils import Soils
-
-    Array = NDArray[np.float64]
+    from terrain_cli.vocabulary.arrays import Array
 
 
 def against(first: Comparison, second: Comparison, *, seed: int = 0) -> list[Difference]:

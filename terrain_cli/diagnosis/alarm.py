@@ -13,12 +13,10 @@ from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, signatures
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.residual_noise import Between
     from terrain_cli.diagnosis.refits import Ground, Refit
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Blocks of which all choices of signs are tried.
 _FEW = 8

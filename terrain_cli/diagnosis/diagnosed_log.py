@@ -21,8 +21,6 @@ from terrain_cli.windows import joined_inputs
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison import Comparison, Finding
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, NotTestable
@@ -30,9 +28,8 @@ if TYPE_CHECKING:
     from terrain_cli.diagnosis.screening import Screened
     from terrain_cli.effects import Effect
     from terrain_cli.models import ModelFile
+    from terrain_cli.vocabulary.arrays import Index
     from terrain_cli.windows.cut_windows import Windows
-
-    Index = NDArray[np.intp]
 
 
 #: Parameters of the soil that are never negative: what they are called, and how they are shown.

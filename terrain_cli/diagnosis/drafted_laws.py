@@ -25,14 +25,11 @@ from terrain_cli.vocabulary.channels import CHANNELS
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.comparison_outcome import Driver
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.effects import Effect
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Quantities that a draft changes: what a channel shows, then what is in the ground.
 SHOWN = tuple(UNITS)

@@ -12,11 +12,9 @@ from terrain_cli.comparison.comparison_outcome import UNITS
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.smoothed_model import SmoothedData
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Hz.
 RATE = 10.0

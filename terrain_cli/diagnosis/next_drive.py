@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.manoeuvres import Manoeuvre
     from terrain_cli.diagnosis.refits import Ground, Refit
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Rounds until what is measured and what is predicted from it agree.
 _ROUNDS = 3

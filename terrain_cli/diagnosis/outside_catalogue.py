@@ -19,12 +19,10 @@ from terrain_cli.vocabulary.quantities import listed
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.diagnosis.drafted_laws import Draft
     from terrain_cli.diagnosis.refits import Ground, Refit
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Samples that are screened.
 _MOST = 4_000

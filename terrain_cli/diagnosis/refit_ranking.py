@@ -22,15 +22,11 @@ from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.mechanics.wheel_model import Model
-
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
+    from terrain_cli.vocabulary.arrays import Array, Index
 
 
 def error(difference: Array) -> float:

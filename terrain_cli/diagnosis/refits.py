@@ -22,16 +22,13 @@ from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.smoothed_fit import Solution
     from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Multiples of its null at which the search for a parameter that only shapes an effect begins.
 _SHAPES = (0.4, 1.0, 2.5)

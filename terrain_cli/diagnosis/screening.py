@@ -21,14 +21,11 @@ from terrain_cli.telemetry.derive.effect_inputs import CONSTANTS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.effects import Effect
     from terrain_cli.models import ModelFile
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Channel that tells one part of a drive from another, as a change of soil does.
 DRIVEN_BEFORE = "pass_number"

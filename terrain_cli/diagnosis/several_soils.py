@@ -24,18 +24,15 @@ from terrain_cli.vocabulary.quantities import counted
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison import Comparison
     from terrain_cli.comparison.smoothed_fit import Solution
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.effects import Effect
     from terrain_cli.models import ModelFile
+    from terrain_cli.vocabulary.arrays import Array, Index
     from terrain_cli.windows.cut_windows import Windows
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Samples of all wheels that are fitted.
 MOST_SAMPLES = 3_000

@@ -29,9 +29,8 @@ if TYPE_CHECKING:
     from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.whitening import Whitening
     from terrain_cli.effects import Effect
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: Multiples of its null at which a parameter that only shapes an effect is tried.
 _SHAPES = (0.3, 1.0, 3.0)

@@ -14,13 +14,10 @@ from terrain_cli.comparison.fitted_wheel import FittedWheel
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison.smoothed_fit import Solution
     from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
+    from terrain_cli.vocabulary.arrays import Array, Index
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.intp]
 
 #: What a wheel computes once from its parameters.
 _COMPUTED = ("read", "measured", "predicted", "residuals", "noise")

@@ -11,11 +11,9 @@ from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence, Interval
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from terrain_cli.comparison import Comparison
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Keeps the logarithm of an error of 0 finite.
 _TINY = 1e-300

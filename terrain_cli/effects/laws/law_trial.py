@@ -11,11 +11,9 @@ from terrain_cli.mechanics.dual import seed, slopes, value
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from numpy.typing import NDArray
-
     from terrain_cli.mechanics.effect import Effect, Law
+    from terrain_cli.vocabulary.arrays import Array
 
-    Array = NDArray[np.float64]
 
 #: Samples of a trial.
 SAMPLES = 256
