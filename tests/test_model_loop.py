@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from terrain_cli import diagnosis, models
 from terrain_cli.app import cli
-from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm, NextDrive
 from terrain_cli.improvement import change_trial
 
 CUT = ("--segments", "none", "-q")
@@ -71,8 +71,12 @@ def told_of(monkeypatch):
 
     def run(*args, data="sinks.csv", **answer):
         nothing = {"effect": None, "family": (), "together": (), "unrecorded": (), "next_drive": ()}
-        silence = {**nothing, "unknown": None, "alarm": SimpleNamespace(raised=False), "verdict": "none"}
-        answers = [{**silence, "alarm": SimpleNamespace(raised=True), **answer}, silence]
+        quiet, raised = (
+            Alarm(raised=False, p_value=1.0, level=0.01),
+            Alarm(raised=True, p_value=0.0, level=0.01),
+        )
+        silence = {**nothing, "unknown": None, "alarm": quiet, "verdict": "none"}
+        answers = [{**silence, "alarm": raised, **answer}, silence]
 
         def diagnose(wheels, file, *, effects, seed, progress):
             return SimpleNamespace(comparison=change_trial.fitted(wheels, file), **answers.pop(0))

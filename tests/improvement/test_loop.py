@@ -11,7 +11,7 @@ from changed_models import DIGS, write_all
 from scipy.special import chdtrc
 
 from terrain_cli import models, rover, telemetry
-from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
+from terrain_cli.diagnosis.diagnosis_outcome import Alarm, NextDrive
 from terrain_cli.improvement import Stopped, model_history, until_quiet
 from terrain_cli.improvement.change_trial import fitted
 from terrain_cli.presentation import change_text
@@ -66,7 +66,7 @@ def diagnosing(*answers):
             comparison=comparison_of(wheels, file),
             verdict="unknown" if unknown else "family" if names else "none",
             unrecorded=(),
-            alarm=SimpleNamespace(raised=bool(names) or unknown is not None),
+            alarm=Alarm(raised=names != [] or unknown is not None, p_value=0.5, level=0.01),
             effect=names[0] if len(names) == 1 else None,
             family=tuple(names),
             unknown=unknown,
@@ -212,7 +212,7 @@ def test_an_alarm_without_a_name_is_told(sinks):
         comparison=SimpleNamespace(channels={}, blocks=20),
         verdict="family",
         unrecorded=(),
-        alarm=SimpleNamespace(raised=True),
+        alarm=Alarm(raised=True, p_value=0.0, level=0.01),
         effect=None,
         family=(),
         unknown=None,
