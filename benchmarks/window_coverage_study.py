@@ -2,7 +2,7 @@
 
     python benchmarks/window_coverage_study.py [--windows N] [--seed N]
 
-writes benchmarks/results/window_coverage_study.txt, in half an hour on two cores. What is worse than
+writes benchmarks/results/window_coverage_study.txt, in some ten minutes on two cores. What is worse than
 white noise is in rough_weather_study.py. The truth is that of
 `wheel_truth`, code and quadrature other than those that are fitted; the estimates are those of the command.
 """
