@@ -188,6 +188,14 @@ def test_modules_in_the_working_folder_are_none_of_ours(tmp_path):
     assert "wheel front-left" in done.stdout
 
 
+def test_a_path_without_the_working_folder_stays_whole(tmp_path):
+    (tmp_path / "click.py").write_text("raise RuntimeError('first')\n", "utf-8")
+    # What the user puts first himself is his own choice.
+    path = {"PYTHONSAFEPATH": "1", "PYTHONPATH": f"{tmp_path}:{ROOT}"}
+    done = shell("$T --version", env=path)
+    assert "RuntimeError: first" in done.stderr
+
+
 def test_a_folder_of_the_name_formats(tmp_path, monkeypatch):
     spec = importlib.machinery.ModuleSpec("formats", None, is_package=True)
     spec.submodule_search_locations = [str(tmp_path)]

@@ -34,11 +34,11 @@ _TEXT = (
 def choices(models: Sequence[Alternative]) -> tuple[list[tuple[str, str]], str]:
     """Return key and label of each model, and the key of the one that the page is about."""
     labels = [f"{one.label}{' (this page)' if one.own else ''}" for one in models]
-    return [(str(key), label) for key, label in enumerate(labels)], _own(models)
+    return [(str(key), label) for key, label in enumerate(labels)], str(_own(models))
 
 
-def _own(models: Sequence[Alternative]) -> str:
-    return str(next(key for key, one in enumerate(models) if one.own))
+def _own(models: Sequence[Alternative]) -> int:
+    return next(key for key, one in enumerate(models) if one.own)
 
 
 def section(models: Sequence[Alternative]) -> Section:
@@ -46,7 +46,7 @@ def section(models: Sequence[Alternative]) -> Section:
     title = "Model by model"
     if len(models) < 2:
         return Section(id="models", title=title)
-    own = models[int(_own(models))].comparison
+    own = models[_own(models)].comparison
     parts: list[Table | Chart] = []
     for name in shown_samples.channels(own):
         what = quantities.quantity(name, own.channels[name].unit)
@@ -56,7 +56,7 @@ def section(models: Sequence[Alternative]) -> Section:
 
 
 def _table(models: Sequence[Alternative]) -> Table:
-    shown = shown_samples.channels(models[int(_own(models))].comparison)
+    shown = shown_samples.channels(models[_own(models)].comparison)
     head, rows = ["Model"], [[label] for _, label in choices(models)[0]]
     for name in shown:
         what = quantities.quantity(name, models[0].comparison.channels[name].unit)
@@ -77,7 +77,7 @@ def _table(models: Sequence[Alternative]) -> Table:
 def _errors(models: Sequence[Alternative], name: str, what: Quantity) -> Chart:
     keys = [str(key) for key in range(len(models))]
     held_out = [one.comparison.channels[name] for one in models]
-    sheet = Sheet(_own(models), "model")
+    sheet = Sheet(str(_own(models)), "model")
     labels = [one.label for one in models]
     value, low, high, noise = (
         [getattr(one, column) * what.factor for one in held_out]
@@ -111,7 +111,7 @@ def _errors(models: Sequence[Alternative], name: str, what: Quantity) -> Chart:
 
 
 def _misfits(models: Sequence[Alternative], name: str, what: Quantity) -> list[Chart]:
-    own = models[int(_own(models))].comparison
+    own = models[_own(models)].comparison
     pooled = shown_samples.pairs(own, name)
     charts = []
     for driver in shown_samples.drivers(own, name, pooled, _MOST_DRIVERS):
@@ -129,7 +129,7 @@ def _misfits(models: Sequence[Alternative], name: str, what: Quantity) -> list[C
                 f"Misfit of {what.words} against {along.quantity.words}, by model",
                 f"Median and 5 to 95 % of measured less predicted {what.words} over {along.quantity.words}, "
                 "for the model that is chosen; the dotted line is the median of the model of this page.",
-                _misfit(bands, along.quantity.label, what.label, _own(models)),
+                _misfit(bands, along.quantity.label, what.label, str(_own(models))),
             )
         )
     return charts
