@@ -1,8 +1,8 @@
 """A damped search whose cost never rises, for windows where `gauss_newton` fails; and where searches begin.
 
-Levenberg–Marquardt: every step is shortened until the sum of squares falls, with the true values
-of the inputs brought along before it is judged (Boggs & Rogers 1990). It takes several times as
-long as Gauss–Newton, and ends in the valley in which it began however wrong the model is.
+Levenberg–Marquardt: every step, which the true values of the inputs take too, is shortened until the
+sum of squares falls (Boggs & Rogers 1990). It takes more steps than Gauss–Newton, and ends in the valley
+in which it began however wrong the model is.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum
-from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, State, accumulate, initial, newton
+from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, State, Ways, accumulate, initial, newton
 from terrain_cli.mechanics.dual import value
 
 if TYPE_CHECKING:
@@ -133,7 +133,9 @@ def descend(
     state = initial(data, t, common)
     state.converged[:] = data.count == 0
     damping = np.full(len(t), _DAMPING)
-    normal, state.merit[:], state.latent = _cost(problem, data, state.t, common, state.latent, order)
+    # The true values that go with the beginning, before it is judged.
+    _, _, state.latent, _ = _cost(problem, data, state.t, common, state.latent, order)
+    normal, state.merit[:], state.latent, ways = _cost(problem, data, state.t, common, state.latent, order)
     for _ in range(iterations):
         active = np.arange(len(t)) if together else np.flatnonzero(~state.converged)
         if len(active) == 0 or state.converged.all():
@@ -142,7 +144,8 @@ def descend(
         here = _damped(_some(normal, active), damping[active])
         step, shift, _ = newton(here, sought, state.t[active], state.common)
         moved, moved_common = state.t[active] + step, state.common + shift
-        tried, merit, latent = _cost(problem, part, moved, moved_common, state.latent[:, rows], order)
+        latent = Ways(part, sought, ways[:, :, rows]).moved(state.latent[:, rows], step, shift)
+        tried, merit, latent, tried_ways = _cost(problem, part, moved, moved_common, latent, order)
         fall = state.merit[active] - merit
         if together:
             whole = float(fall.sum() + np.sum(state.common**2) - np.sum(moved_common**2))
@@ -153,6 +156,7 @@ def descend(
         state.t[at], state.merit[at] = moved[better], merit[better]
         inside = np.repeat(better, part.count)
         state.latent[:, rows[inside]] = latent[:, inside]
+        ways[:, :, rows[inside]] = tried_ways[:, :, inside]
         for old, new in (
             (normal.information, tried.information),
             (normal.score, tried.score),
@@ -170,20 +174,19 @@ def descend(
 
 def _cost(
     problem: Problem, data: FitData, t: Array, common: Array, latent: Array, order: int | None
-) -> tuple[Normal, Array, Array]:
-    """Return equations and sum of squares with the true values of the inputs that go with the unknowns."""
-    latent = latent.copy()
+) -> tuple[Normal, Array, Array, Array]:
+    """Return equations and sum of squares, the true values of the inputs, and how these move (`Ways`)."""
+    latent, ways = latent.copy(), Ways(data, problem.unknowns)
     # A step too far may lead beyond all numbers, and is not taken.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        accumulate(problem, data, t, common, latent, order=order)
-        normal = accumulate(problem, data, t, common, latent, order=order)
+        normal = accumulate(problem, data, t, common, latent, order=order, each=ways.keep)
         merit = normal.misfit + np.sum(t**2, axis=1)
     # Where the model gives no number nothing is missed, and nothing learnt but what is known beforehand.
     sum_of = np.einsum("wab->w", np.abs(normal.information)) + np.abs(normal.score).sum(axis=1)
     dumb = (sum_of <= 0.0) & (normal.score.shape[1] > 0)
     wild = ~np.isfinite(sum_of + merit)
     normal.information[wild], normal.score[wild] = 0.0, 0.0
-    return normal, np.where(dumb | wild, np.inf, merit), latent
+    return normal, np.where(dumb | wild, np.inf, merit), latent, ways.by
 
 
 def _some(normal: Normal, windows: Index) -> Normal:

@@ -93,6 +93,16 @@ class FitData:
         """Samples of each window."""
         return np.diff(self.bounds)
 
+    def possible(self, latent: Array) -> Array:
+        """Keep true values of the inputs, shape (inputs, n), in the soil.
+
+        A depth of nothing has no derivatives. `latent` is changed in place.
+        """
+        if "sinkage" in self.inputs:
+            row, measured = self.inputs.index("sinkage"), self.channels["sinkage"]
+            latent[row] = np.where(measured > 0.0, np.maximum(latent[row], 0.1 * measured), latent[row])
+        return latent
+
     def take(self, rows: Index, count: Index, windows: Index) -> FitData:
         """Return some of the samples, ordered by window: so many of each of these windows."""
         return FitData(

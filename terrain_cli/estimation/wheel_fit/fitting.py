@@ -54,6 +54,8 @@ _PASSES = 3
 _ENOUGH = 200
 #: Samples of a window that tell noise from soil.
 _EACH = 30
+#: Rounds after which noise is left as it is where every window is lost: it does not settle on a misfit.
+_ROUNDS_LOST = 8
 #: Samples fitted at a time, where windows share nothing.
 _GROUP = 100_000
 
@@ -190,16 +192,17 @@ def fit(
     dof = np.inf
     if learner is not None:
         problem, dof, found_all = _learn(problem, data, learner)
+    begun: State | None = None
     if not by_differences:
-        data, rows = _without_wild(problem, data, rows)
+        data, rows, begun = _without_wild(problem, data, rows)
         problem = replace(problem, robust=robust)
         if learner is not None:
             # Anew where the first one was lost: its end hangs on the last digit.
-            begun = problem.noise if found_all else None
-            learner = LikelyNoise(data, size, ordered=correlated, begun=begun)
-            problem, dof, _ = _learn(problem, data, learner)
+            known = problem.noise if found_all else None
+            learner = LikelyNoise(data, size, ordered=correlated, begun=known)
+            problem, dof, _ = _learn(problem, data, learner, begun if found_all else None)
     order = enough_nodes(problem.noise, data)
-    found, converged = _all(problem, data, order, correlated=correlated, tempered=by_differences)
+    found, converged = _all(problem, data, order, correlated=correlated, tempered=by_differences, begun=begun)
     if isinstance(learner, LikelyNoise):
         found = _widened(problem, data, found, learner.others())
     if not by_differences:
@@ -207,8 +210,8 @@ def fit(
         low, high, _ = limits(problem.unknowns.local)
         found = replace(found, t=np.clip(t, low, high), own=own)
     spread = float(student(np.array([dof]))[0]) / 1.959964 if learner else 1.0
-    known = data.count > 0
-    about = parameters((*model.soil, *local), sought, found, known, spread)
+    filled = data.count > 0
+    about = parameters((*model.soil, *local), sought, found, filled, spread)
     residuals, prediction, rmse, slow = _residuals(
         problem, data, found.t, found.common, rows, int(np.asarray(bounds)[-1])
     )
@@ -218,8 +221,8 @@ def fit(
         **{f.name: getattr(about, f.name) for f in fields(about)},
         noise=problem.noise,
         noise_from="residuals" if learner else "given",
-        chi2=np.where(known, found.misfit, np.nan),
-        dof=np.where(known, found.dof, np.nan),
+        chi2=np.where(filled, found.misfit, np.nan),
+        dof=np.where(filled, found.dof, np.nan),
         inflation=found.inflation,
         excess=found.excess,
         residuals=residuals,
@@ -239,13 +242,14 @@ def _all(
     *,
     correlated: bool,
     tempered: bool,
+    begun: State | None,
 ) -> tuple[Posterior, Mask]:
     """Fit all windows: together where they share something, else in groups that bound the memory."""
     groups = [np.arange(len(data.windows))] if problem.unknowns.shared else list(data.blocks(_GROUP))
     parts, converged = [], []
     for group in groups or [np.arange(0)]:
         part = data if len(group) == len(data.windows) else data.only(group)
-        state = search(problem, part, order)
+        state = search(problem, part, order, None if begun is None else begun.only(group))
         found = posterior(problem, part, state, order=order, correlated=correlated)
         parts.append(mend(problem, part, state, found, order=order, correlated=correlated, tempered=tempered))
         converged.append(state.converged)
@@ -259,16 +263,17 @@ def _all(
     return Posterior(**together), np.concatenate(converged)
 
 
-def _without_wild(problem: Problem, data: FitData, rows: Index) -> tuple[FitData, Index]:
-    """Return the samples that are not too far from a robust fit for noise."""
+def _without_wild(problem: Problem, data: FitData, rows: Index) -> tuple[FitData, Index, State]:
+    """Return the samples that are not too far from a robust fit for noise, and where its search ended."""
     order = enough_nodes(problem.noise, data)
     some = data.thinned(_ENOUGH)
-    wild = wild_samples(problem, data, search(problem, some, order), order)
+    found = search(problem, some, order)
+    wild = wild_samples(problem, data, found, order)
     if not wild.any():
-        return data, rows
+        return data, rows, found
     kept = np.flatnonzero(~wild)
     bounds = np.searchsorted(kept, data.bounds)
-    return data.take(kept, np.diff(bounds), np.arange(len(bounds) - 1)), rows[kept]
+    return data.take(kept, np.diff(bounds), np.arange(len(bounds) - 1)), rows[kept], found
 
 
 def _widened(problem: Problem, data: FitData, found: Posterior, others: Iterable[Noise]) -> Posterior:
@@ -304,20 +309,28 @@ def _learn(
     problem: Problem,
     data: FitData,
     learner: LikelyNoise | ScaledDifferences,
+    begun: State | None = None,
 ) -> tuple[Problem, float, bool]:
-    """Learn the noise of the sensors; return it with its degrees of freedom, and whether all settled."""
+    """Learn the noise of the sensors; return it with its degrees of freedom, and whether all settled.
+
+    The search begins where another one of all windows ended, if there is one.
+    """
     problem = replace(problem, noise=learner.noise)
     filled = np.flatnonzero(data.count > 0)
     if len(filled) == 0:
         return problem, 1.0, True
     most = learner.samples
-    sample = data.only(filled[np.unique(np.linspace(0, len(filled) - 1, most // _EACH).astype(int))])
+    chosen = filled[np.unique(np.linspace(0, len(filled) - 1, most // _EACH).astype(int))]
+    sample = data.only(chosen)
     sample = sample.thinned(most // len(sample.windows))
-    local = len(problem.unknowns.local)
-    state, dof = initial(sample, *damped_search.centre(problem, sample)), 1.0
-    if next(damped_search.of_shapes(problem, state.common), None) is not None:
+    local, dof = len(problem.unknowns.local), 1.0
+    state = initial(sample, *damped_search.centre(problem, sample))
+    if begun is not None:
+        lost = ~begun.converged[chosen, None]
+        state = initial(sample, np.where(lost, state.t, begun.t[chosen]), begun.common)
+    elif next(damped_search.of_shapes(problem, state.common), None) is not None:
         state = search(problem, sample, enough_nodes(problem.noise, sample))
-    for _ in range(learner.rounds):
+    for number in range(1, learner.rounds + 1):
         order = enough_nodes(problem.noise, sample)
         state = settled_search(problem, sample, state, order)
         learner.begin(sample)
@@ -332,7 +345,7 @@ def _learn(
         settled = learner.settled(float(normal.misfit.sum()), dof, (own, gain, held))
         dof /= learner.lasting
         problem = replace(problem, noise=learner.noise)
-        if settled:
+        if settled or (state.lost.all() and number == _ROUNDS_LOST):
             break
     return problem, dof, bool(state.converged.all())
 

@@ -54,6 +54,17 @@ class State:
     merit: Array  # Shape (w,): sum of squares of residuals and of local unknowns
     lost: Mask  # Shape (w,): where quick steps got lost, so that they are not tried again
 
+    def only(self, at: Index, rows: Index | None = None) -> State:
+        """Return where some windows stand, with their rows or with no true values."""
+        return State(
+            t=self.t[at],
+            common=self.common,
+            latent=self.latent[:, [] if rows is None else rows],
+            converged=self.converged[at],
+            merit=self.merit[at],
+            lost=self.lost[at],
+        )
+
 
 @dataclass(frozen=True)
 class Normal:
@@ -96,9 +107,8 @@ def solve(
         if len(active) == 0:
             break
         rows = slice(None) if part is data else data.rows_of(active)
-        latent = state.latent[:, rows]
-        normal = accumulate(problem, part, state.t[active], state.common, latent, order=order)
-        state.latent[:, rows] = latent
+        latent, ways = state.latent[:, rows], Ways(part, sought)
+        normal = accumulate(problem, part, state.t[active], state.common, latent, order=order, each=ways.keep)
         state.merit[active] = normal.misfit + np.sum(state.t[active] ** 2, axis=1)
         step, shift, length = newton(normal, sought, state.t[active], state.common)
         # The weights move along with the unknowns, so that no sum of squares tells whether a step
@@ -107,8 +117,10 @@ def solve(
         swings = (iteration >= _PATIENCE) & back & (length > 0.25 * before[active])
         share[active] = np.clip(np.where(swings, 0.5, 2.0) * share[active], _SHORTEST, 1.0)
         before[active], last[active] = length, step
-        state.t[active] += share[active, None] * step
+        step = share[active, None] * step
+        state.t[active] += step
         state.common += shift
+        state.latent[:, rows] = ways.moved(latent, step, shift)
         done = (length <= TOLERANCE**2) & ((iteration > 0) | settled[active])
         # A guess at which the model gives no number tells nothing.
         done &= np.einsum("waa->w", normal.information) > (0.0 if normal.score.shape[1] else -1.0)
@@ -149,6 +161,29 @@ def accumulate(
         if each is not None:
             each(block, part, found)
     return total
+
+
+class Ways:
+    """How the true values of the inputs move with the unknowns, so that both are stepped together.
+
+    `by` has the shape (inputs, p + q, n).
+    """
+
+    def __init__(self, data: FitData, sought: Unknowns, by: Array | None = None) -> None:
+        self._data = data
+        size = len(sought.local) + len(sought.shared)
+        self.by = np.zeros((len(data.inputs), size, data.measured.shape[1])) if by is None else by
+
+    def keep(self, block: Index, _: FitData, found: Equations) -> None:
+        """Keep what the equations of some windows say."""
+        bounds = self._data.bounds
+        self.by[:, :, bounds[block[0]] : bounds[block[-1] + 1]] = found.ways()
+
+    def moved(self, latent: Array, step: Array, shift: Array) -> Array:
+        """Return true values, shape (inputs, n), that go with a step of own and shared unknowns."""
+        whole = np.hstack([step, np.broadcast_to(shift, (len(step), len(shift)))])
+        to = latent + np.einsum("kpn,np->kn", self.by, np.repeat(whole, self._data.count, axis=0))
+        return self._data.possible(np.where(np.isfinite(to), to, latent))
 
 
 def eliminate(normal: Normal, local: int, *, prior: float = 1.0) -> tuple[Array, Array, Array]:

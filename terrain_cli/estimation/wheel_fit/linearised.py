@@ -119,14 +119,12 @@ class Equations:
         most = _FARTHEST / np.sqrt(np.repeat(data.excess, data.count))
         offset = np.clip(np.einsum("akn,an->kn", self.inward, self.residual), -most, most)
         measured = np.array([data.channels[name] for name in data.inputs])
-        moved = measured + self.spread * offset
-        if "sinkage" in data.inputs:
-            row = data.inputs.index("sinkage")
-            # Soil is never left: a depth of nothing has no derivatives.
-            moved[row] = np.where(
-                measured[row] > 0.0, np.maximum(moved[row], 0.1 * measured[row]), moved[row]
-            )
-        return np.asarray(moved)
+        return data.possible(measured + self.spread * offset)
+
+    @_QUIET
+    def ways(self) -> Array:
+        """Return how these true values move with the unknowns, shape (inputs, p + q, n)."""
+        return np.asarray(-self.spread[:, None] * np.einsum("akn,apn->kpn", self.inward, self.design))
 
     def normal(self, bounds: Index) -> tuple[Array, Array, Array]:
         """Return information, score and misfit of each window.

@@ -18,7 +18,15 @@ from terrain_cli.estimation.wheel_fit import damped_search
 from terrain_cli.estimation.wheel_fit.damped_search import descend
 from terrain_cli.estimation.wheel_fit.excess_scatter import MISSED
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE
-from terrain_cli.estimation.wheel_fit.gauss_newton import State, accumulate, eliminate, initial, limits, solve
+from terrain_cli.estimation.wheel_fit.gauss_newton import (
+    ITERATIONS,
+    State,
+    accumulate,
+    eliminate,
+    initial,
+    limits,
+    solve,
+)
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
@@ -47,6 +55,11 @@ _ROUNDS, _TOGETHER, _RAISED = 10, 2, 5.0
 _COARSE, _FINE = 6, 1e-3
 #: Samples of each window, and iterations, that bring the search near.
 _SOME, _ROUGH = 5, 3
+#: Samples of a window that tell where its search ends, and steps with all of them that take it there: with so
+#: many the way is a few standard errors.
+_ENOUGH, _LAST = 200, 8
+#: Steps from elsewhere, and downhill in one round of many.
+_ELSEWHERE, _A_ROUND = 15, 10
 #: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
 #: windows above which it is the model, not the search, that fails.
 _BAD, _FEW_BAD = 6.0, 0.2
@@ -139,7 +152,7 @@ def _best(problem: Problem, data: FitData, t: Array, common: Array, order: int |
     begun += [(other, nothing) for other in damped_search.others(problem, some, nothing)]
     rough = [descend(problem, some, *one, order=order, iterations=_ROUGHLY) for one in begun]
     best = _lowest(rough, some, problem)
-    return descend(problem, data, best.t, best.common, order=order)
+    return _descended(problem, data, [(best.t, best.common)], order)
 
 
 def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:
@@ -149,7 +162,8 @@ def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:
     best = ends[0]
     for end in ends[1:]:
         at = np.flatnonzero(end.merit < best.merit)
-        put(best, _some(end, at, data.rows_of(at)), at, data.rows_of(at))
+        rows = data.rows_of(at)
+        put(best, end.only(at, rows), at, rows)
     return best
 
 
@@ -158,7 +172,19 @@ def _downhill(problem: Problem, data: FitData, state: State, order: int | None) 
     low, high, _ = limits(problem.unknowns.local)
     common = state.common if problem.unknowns.shared else np.zeros(0)
     begun = [(np.clip(state.t, low, high), common), damped_search.centre(problem, data)]
-    return _lowest([descend(problem, data, *one, order=order) for one in begun], data, problem)
+    return _descended(problem, data, begun, order)
+
+
+def _descended(
+    problem: Problem, data: FitData, begun: Sequence[tuple[Array, Array]], order: int | None
+) -> State:
+    """Go down from several beginnings with some of the samples, and from the lowest end with all of them."""
+    some = data.thinned(_ENOUGH)
+    best = _lowest([descend(problem, some, *one, order=order) for one in begun], some, problem)
+    if len(some.measured[0]) == len(data.measured[0]):
+        return best
+    ends = descend(problem, data, best.t, best.common, order=order, iterations=_LAST)
+    return replace(ends, converged=ends.converged | best.converged)
 
 
 def _alone(
@@ -172,24 +198,13 @@ def _alone(
 ) -> None:
     """Fit some windows anew one by one, as their noise or their bounds have changed; in place."""
     part, local = data.only(at), state.t.shape[1]
-    ends = _downhill(alone, part, _some(state, at, data.rows_of(at)), order)
+    ends = _downhill(alone, part, state.only(at, data.rows_of(at)), order)
     put(state, ends, at, data.rows_of(at))
     # Their noise is that of their long run already.
     _put(found, posterior(alone, part, ends, order=order, correlated=False), at)
     if len(state.common):
         normal = accumulate(problem, part, ends.t, state.common, ends.latent.copy(), order=order)
         found.gain[at] = np.where(found.at_bound[at, :, None], 0.0, eliminate(normal, local)[1])
-
-
-def _some(state: State, at: Index, rows: Index) -> State:
-    return State(
-        t=state.t[at],
-        common=state.common,
-        latent=state.latent[:, rows],
-        converged=state.converged[at],
-        merit=state.merit[at],
-        lost=state.lost[at],
-    )
 
 
 def put(state: State, other: State, at: Index, rows: Index) -> None:
@@ -227,8 +242,38 @@ def enough_nodes(noise: Noise, data: FitData) -> int | None:
     return _COARSE
 
 
-def search(problem: Problem, data: FitData, order: int | None) -> State:
-    """Find the most probable unknowns, from several beginnings where one does not suffice."""
+def search(problem: Problem, data: FitData, order: int | None, begun: State | None = None) -> State:
+    """Find the most probable unknowns, from several beginnings where one does not suffice.
+
+    Or only from where a search with nearly the same noise ended (`begun`): windows in which that one got lost
+    are left to `mend`.
+    """
+    some = data.thinned(_ENOUGH)
+    state = _searched(problem, some, order) if begun is None else _again(problem, some, begun, order)
+    if len(some.measured[0]) == len(data.measured[0]):
+        return state
+    return _again(problem, data, state, order, iterations=_LAST)
+
+
+def _again(
+    problem: Problem, data: FitData, begun: State, order: int | None, *, iterations: int = ITERATIONS
+) -> State:
+    """Search from where another one ended, in the windows in which it did not get lost."""
+    state = initial(data, begun.t, begun.common)
+    # A step from true values that go with other unknowns leads away, and further than quick steps return.
+    accumulate(problem, data, state.t, state.common, state.latent, order=order)
+    lost = ~begun.converged
+    if problem.unknowns.shared:
+        lost[:] = lost.any()
+    state.converged[:], state.lost[:] = ~lost, lost
+    state = solve(problem, data, state, order=order, iterations=iterations)
+    state.converged &= ~lost
+    state.lost[:] = False
+    return state
+
+
+def _searched(problem: Problem, data: FitData, order: int | None) -> State:
+    """Search with the samples given."""
     t, common = damped_search.centre(problem, data)
     begun = [common, *damped_search.of_shapes(problem, common)]
     if len(begun) > 1:
@@ -260,7 +305,7 @@ def _elsewhere(problem: Problem, data: FitData, state: State, common: Array, ord
     again = data.only(bad)
     rows = data.rows_of(bad)
     for other in damped_search.others(problem, again, common):
-        tried = solve(problem, again, initial(again, other, common), order=order)
+        tried = solve(problem, again, initial(again, other, common), order=order, iterations=_ELSEWHERE)
         better = tried.converged & ((tried.merit < state.merit[bad] - 0.1) | ~state.converged[bad])
         at = bad[better]
         state.t[at], state.merit[at], state.converged[at] = tried.t[better], tried.merit[better], True
@@ -283,7 +328,8 @@ def settled_search(problem: Problem, data: FitData, begun: State, order: int | N
     if len(lost) == 0:
         return state
     if together:
-        return replace(descend(problem, data, begun.t, begun.common, order=order), lost=state.lost)
-    ends = descend(problem, data.only(lost), begun.t[lost], begun.common, order=order)
+        ends = descend(problem, data, begun.t, begun.common, order=order, iterations=_A_ROUND)
+        return replace(ends, lost=state.lost)
+    ends = descend(problem, data.only(lost), begun.t[lost], begun.common, order=order, iterations=_A_ROUND)
     put(state, ends, lost, data.rows_of(lost))
     return state
