@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,20 +43,28 @@ class ResidualEvidence:
     drivers: Mapping[str, Array]  # shape (n,): labels by their codes; NaN where not known
     group: Index  # shape (n,): soil, counted over all wheels; samples of one group are contiguous
     block: Index  # shape (n,): counted over all wheels
+    #: Values of shapes at the drivers, kept where they are few: every search of these samples asks for them
+    #: again and again, and residuals do not change them.
+    _kept: dict[tuple[Shape, ...], Array] = field(default_factory=dict, compare=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.group)
 
     def terms(self, channel: str, shapes: Sequence[Shape], rows: slice) -> Array:
         """Evaluate derivatives by the common parameters, then shapes: (samples, m + shapes)."""
-        common = self.slopes[channel].common[rows]
-        out = np.zeros((len(common), common.shape[1] + len(shapes)))
-        out[:, : common.shape[1]] = common
-        for column, shape in enumerate(shapes, start=common.shape[1]):
+        return np.hstack([self.slopes[channel].common[rows], self._shaped(tuple(shapes), rows)])
+
+    def _shaped(self, shapes: tuple[Shape, ...], rows: slice) -> Array:
+        if shapes in self._kept:
+            return self._kept[shapes]
+        out = np.zeros((len(self.group[rows]), len(shapes)))
+        for column, shape in enumerate(shapes):
             if shape.name == "constant":
                 out[:, column] = 1.0
             elif shape.driver in self.drivers:
                 out[:, column] = np.nan_to_num(shape(self.drivers[shape.driver][rows]))
+        if len(self) <= _SLAB:
+            self._kept[shapes] = out
         return out
 
     def cells(

@@ -60,11 +60,16 @@ class System:
 
     def add(self, cells: Iterable[ScoreCell]) -> System:
         """Collect the moments of all samples, eliminate the groups' own parameters, and return the system."""
+        # Cells of one channel have one array of places: theirs are summed before they go among all terms.
+        crosses: dict[int, tuple[Index, Array]] = {}
         for cell in cells:
-            weighted = cell.terms * cell.weight
+            weighted, columns = cell.terms * cell.weight, cell.columns
             self._soil[cell.group] += cell.weight * cell.soil.T @ cell.soil
-            self._mixed[cell.group][:, cell.columns] += cell.soil.T @ weighted
-            self._cross[np.ix_(cell.columns, cell.columns)] += weighted.T @ cell.terms
+            self._mixed[cell.group][:, columns] += cell.soil.T @ weighted
+            _, cross = crosses.setdefault(id(columns), (columns, np.zeros((len(columns), len(columns)))))
+            cross += weighted.T @ cell.terms
+        for columns, cross in crosses.values():
+            self._cross[np.ix_(columns, columns)] += cross
         self._squares = np.diag(self._cross).copy()
         self._groups = eliminate(self._soil, self._mixed, pseudo_inverse)
         self._cross -= self._groups.taken()
