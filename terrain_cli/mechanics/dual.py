@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Mask
 
 
+#: The derivative that changes nothing: no product is formed with it.
+_SAME = 1.0
 #: Derivatives by each argument, from the arguments and the result.
 _ONE: dict[np.ufunc, Callable[[Any, Any], Any]] = {
     np.negative: lambda _x, _y: -1.0,
@@ -51,8 +53,8 @@ def _by_exponent(x: Any, _p: Any, y: Any) -> Any:
 
 
 _TWO: dict[np.ufunc, tuple[Callable[[Any, Any, Any], Any], Callable[[Any, Any, Any], Any]]] = {
-    np.add: (lambda _a, _b, _y: 1.0, lambda _a, _b, _y: 1.0),
-    np.subtract: (lambda _a, _b, _y: 1.0, lambda _a, _b, _y: -1.0),
+    np.add: (lambda _a, _b, _y: _SAME, lambda _a, _b, _y: _SAME),
+    np.subtract: (lambda _a, _b, _y: _SAME, lambda _a, _b, _y: -1.0),
     np.multiply: (lambda _a, b, _y: b, lambda a, _b, _y: a),
     np.true_divide: (lambda _a, b, _y: 1.0 / b, lambda _a, b, y: -y / b),
     np.power: (_by_base, _by_exponent),
@@ -152,14 +154,23 @@ def chain(result: Any, parts: list[tuple[Any, Any]]) -> Any:
     total: dict[str, Any] = {}
     for outer, number in parts:
         for name, inner in slopes(number).items():
-            term = outer * inner
+            term = inner if outer is _SAME else outer if inner is _SAME else outer * inner
             total[name] = total[name] + term if name in total else term
     return Dual(result, total) if total else cast("Array", result)
 
 
+def rows(totals: Array, parts: list[tuple[Array, Any]]) -> list[Any]:
+    """Give several results, shape (m, n), their derivatives, as `chain` does for one."""
+    together = chain(totals, parts)
+    by = slopes(together)
+    if not by:
+        return list(together)
+    return [Dual(row, {name: slope[j] for name, slope in by.items()}) for j, row in enumerate(totals)]
+
+
 def seed(x: Any, name: str) -> Dual:
     """Return a number by which to differentiate."""
-    return Dual(np.asarray(x, dtype=float), {name: 1.0})
+    return Dual(np.asarray(x, dtype=float), {name: _SAME})
 
 
 #: Stands for the unknown among the names of derivatives.

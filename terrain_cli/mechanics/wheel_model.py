@@ -13,7 +13,7 @@ import numpy as np
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import contact, dual, rim_forces
 from terrain_cli.mechanics.contact import ORDER, order_for
-from terrain_cli.mechanics.dual import Dual, chain, seed, slopes, value
+from terrain_cli.mechanics.dual import Dual, rows, seed, slopes, value
 from terrain_cli.mechanics.effect import KINDS
 from terrain_cli.processes import keep_freed
 from terrain_cli.vocabulary.choices import BASES, Base
@@ -283,7 +283,9 @@ class _Block:
         """Put soil and contact into the quantities, with the laws on them."""
         q["radius"] = np.broadcast_to(self.wheel.radius, self.shape)
         self.law("radius", q)
-        share = np.minimum(np.maximum(q["sinkage"] / (2.0 * q["radius"]), 1e-9), 0.5)
+        share = q["sinkage"] / (2.0 * q["radius"])
+        if not np.all((value(share) >= 1e-9) & (value(share) <= 0.5)):
+            share = np.minimum(np.maximum(share, 1e-9), 0.5)
         one = q["entry_angle"] = 2.0 * np.arcsin(np.sqrt(share))
         q.update(self.soil)
         for name in self.model.soil:
@@ -294,11 +296,19 @@ class _Block:
         self.law("max_stress_angle", q)
         self.law("exit_angle", q)
         if self.model.changes("max_stress_angle") or self.model.changes("exit_angle"):
-            q["exit_angle"] = np.minimum(q["exit_angle"], 0.9 * one)
-            low = q["exit_angle"] + 0.01 * (one - q["exit_angle"])
-            q["max_stress_angle"] = np.minimum(np.maximum(q["max_stress_angle"], low), 0.99 * one)
+            self.order_of_angles(q)
         q["shear_radius"] = q["radius"]
         self.law("shear_radius", q)
+
+    def order_of_angles(self, q: dict[str, Any]) -> None:
+        """Keep the rear end of the contact behind its front, and the angle of maximum stress between them."""
+        one, peak, two = (q[f"{name}_angle"] for name in ("entry", "max_stress", "exit"))
+        front, middle, back = value(one), value(peak), value(two)
+        if np.any(back > 0.9 * front):
+            two = q["exit_angle"] = np.minimum(two, 0.9 * one)
+            back = value(two)
+        if np.any((middle < back + 0.01 * (front - back)) | (middle > 0.99 * front)):
+            q["max_stress_angle"] = np.minimum(np.maximum(peak, two + 0.01 * (one - two)), 0.99 * one)
 
     def under_triangles(self, q: dict[str, Any]) -> None:
         """Put torque and pull of the linear base into the quantities."""
@@ -329,9 +339,7 @@ class _Block:
         )
         by = [name for name in contact.NAMES if slopes(q[name])]
         totals, partial = contact.forces(plain, self.wheel.width, by=by, order=order)
-        load, q["torque"], q["drawbar_pull"] = (
-            chain(totals[row], [(partial[name][row], q[name]) for name in by]) for row in range(3)
-        )
+        load, q["torque"], q["drawbar_pull"] = rows(totals, [(partial[name], q[name]) for name in by])
         return load
 
     def true_sinkage(self, q: dict[str, Any]) -> Any:

@@ -191,16 +191,17 @@ def fit(
         )
     dof = np.inf
     if learner is not None:
-        problem, dof, found_all = _learn(problem, data, learner)
+        problem, dof, state = _learn(problem, data, learner)
     begun: State | None = None
     if not by_differences:
         data, rows, begun = _without_wild(problem, data, rows)
         problem = replace(problem, robust=robust)
-        if learner is not None:
+        # Noise that no window tells is told by more of their samples no better.
+        if learner is not None and not (len(state.lost) and state.lost.all()):
             # Anew where the first one was lost: its end hangs on the last digit.
-            known = problem.noise if found_all else None
-            learner = LikelyNoise(data, size, ordered=correlated, begun=known)
-            problem, dof, _ = _learn(problem, data, learner, begun if found_all else None)
+            certain = bool(state.converged.all())
+            learner = LikelyNoise(data, size, ordered=correlated, begun=problem.noise if certain else None)
+            problem, dof, _ = _learn(problem, data, learner, begun if certain else None)
     order = enough_nodes(problem.noise, data)
     found, converged = _all(problem, data, order, correlated=correlated, tempered=by_differences, begun=begun)
     if isinstance(learner, LikelyNoise):
@@ -310,15 +311,16 @@ def _learn(
     data: FitData,
     learner: LikelyNoise | ScaledDifferences,
     begun: State | None = None,
-) -> tuple[Problem, float, bool]:
-    """Learn the noise of the sensors; return it with its degrees of freedom, and whether all settled.
+) -> tuple[Problem, float, State]:
+    """Learn the noise of the sensors; return it with its degrees of freedom, and where the last search ended.
 
     The search begins where another one of all windows ended, if there is one.
     """
     problem = replace(problem, noise=learner.noise)
     filled = np.flatnonzero(data.count > 0)
     if len(filled) == 0:
-        return problem, 1.0, True
+        nothing = data.only(filled)
+        return problem, 1.0, initial(nothing, *damped_search.centre(problem, nothing))
     most = learner.samples
     chosen = filled[np.unique(np.linspace(0, len(filled) - 1, most // _EACH).astype(int))]
     sample = data.only(chosen)
@@ -347,7 +349,7 @@ def _learn(
         problem = replace(problem, noise=learner.noise)
         if settled or (state.lost.all() and number == _ROUNDS_LOST):
             break
-    return problem, dof, bool(state.converged.all())
+    return problem, dof, state
 
 
 def _residuals(

@@ -219,9 +219,9 @@ def _cholesky(inward: Array, own: Array) -> Array:
     factor = np.zeros_like(covariance)
     for a in range(len(own)):
         for b in range(a):
-            rest = covariance[a, b] - np.einsum("cn,cn->n", factor[a, :b], factor[b, :b])
+            rest = covariance[a, b] - sum(factor[a, c] * factor[b, c] for c in range(b))
             factor[a, b] = rest / factor[b, b]
-        rest = covariance[a, a] - np.einsum("cn,cn->n", factor[a, :a], factor[a, :a])
+        rest = covariance[a, a] - sum(factor[a, c] ** 2 for c in range(a))
         factor[a, a] = np.sqrt(np.maximum(rest, 0.0) + own[a])
     return np.asarray(factor)
 
