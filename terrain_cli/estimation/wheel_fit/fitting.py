@@ -264,17 +264,21 @@ def _all(
     return Posterior(**together), np.concatenate(converged)
 
 
-def _without_wild(problem: Problem, data: FitData, rows: Index) -> tuple[FitData, Index, State]:
-    """Return the samples that are not too far from a robust fit for noise, and where its search ended."""
+def _without_wild(problem: Problem, data: FitData, rows: Index) -> tuple[FitData, Index, State | None]:
+    """Return the samples that are not too far from a robust fit for noise, and where its search ended.
+
+    None for few samples: there another noise may have its valley elsewhere, and to begin anew takes no time.
+    """
     order = enough_nodes(problem.noise, data)
     some = data.thinned(_ENOUGH)
     found = search(problem, some, order)
     wild = wild_samples(problem, data, found, order)
+    ends = found if some.measured.shape[1] < data.measured.shape[1] else None
     if not wild.any():
-        return data, rows, found
+        return data, rows, ends
     kept = np.flatnonzero(~wild)
     bounds = np.searchsorted(kept, data.bounds)
-    return data.take(kept, np.diff(bounds), np.arange(len(bounds) - 1)), rows[kept], found
+    return data.take(kept, np.diff(bounds), np.arange(len(bounds) - 1)), rows[kept], ends
 
 
 def _widened(problem: Problem, data: FitData, found: Posterior, others: Iterable[Noise]) -> Posterior:
