@@ -15,7 +15,7 @@ from terrain_cli.vocabulary.quantities import counted, listed
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from terrain_cli.comparison import Comparison
+    from terrain_cli.comparison import Comparison, Finding
     from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, Verdict
 
 State = Literal["fits", "explained", "unexplained", "undecided"]
@@ -69,10 +69,18 @@ def of_comparison(comparison: Comparison, refused: tuple[str, ...] = ()) -> Evid
     return Evidence(
         ratios=_ratios(comparison),
         blocks=comparison.blocks,
-        raised=bool(comparison.failures) or (scores is not None and scores.raised),
+        raised=any(_large(comparison, one) for one in comparison.failures)
+        or (scores is not None and scores.raised),
         refused=refused,
         unrecorded=scores.unrecorded if scores else (),
     )
+
+
+def _large(comparison: Comparison, finding: Finding) -> bool:
+    """Tell whether a finding is, from end to end, a share of its channel that is worth an alarm."""
+    errors = comparison.channels[finding.channel]
+    size = errors.rmse / errors.nrmse if errors.nrmse > 0.0 else 0.0
+    return not abs(finding.amplitude) < criteria.SMALLEST_SHARE * size
 
 
 def of_diagnosis(found: Diagnosis, draft: str = "", refused: tuple[str, ...] = ()) -> Evidence:

@@ -9,7 +9,7 @@ from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
-from terrain_cli.vocabulary.quantities import known, short
+from terrain_cli.vocabulary.quantities import known, listed, short
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -129,6 +129,25 @@ def ranked_by(candidates: Sequence[Candidate]) -> list[str]:
     return found
 
 
+def order(candidates: Sequence[Candidate]) -> list[str]:
+    """Say in a sentence each why a candidate does not stand where its loss would put it."""
+    places, told = ranked_by(candidates), []
+    if places[0] == "plainer":
+        first, second = candidates[:2]
+        told.append(
+            f"{first.effect} stands first because it has fewer parameters: "
+            f"{second.effect} predicts better, but not significantly"
+        )
+    behind = [one for one, place in zip(candidates, places, strict=True) if place == "behind"]
+    if any(one.doubt for one in behind):
+        told.append("effects whose size is doubtful (in brackets) stand behind the others")
+    chance = [one.effect for one in behind if not one.doubt]
+    if chance:
+        stand, gain = ("stands", "its gain") if len(chance) == 1 else ("stand", "their gains")
+        told.append(f"{listed(chance)} {stand} further down than the errors would say: {gain} may be chance")
+    return told
+
+
 def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> str:
     """Write a diagnosis for a person: one sentence, then what it rests on, then what follows from it."""
     alarm = diagnosis.alarm
@@ -137,7 +156,7 @@ def text(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") -> s
     lines = [diagnosis.sentence, "", f"alarm: {state} ({chance}, level {alarm.level:g})"]
     shown = [one for one in diagnosis.candidates if one.refitted][:_SHOWN]
     if shown:
-        lines += ["", *_table(diagnosis, shown)]
+        lines += ["", *_table(diagnosis, shown), *order(shown)]
     for drive in diagnosis.next_drive:
         first, second = drive.pair
         lines += ["", f"to tell {first} from {second}: {drive.manoeuvre} (power {drive.power:.0%})"]

@@ -1,10 +1,11 @@
 """What every verb says at its end is a function of the evidence, and nothing else: as a table."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
-from terrain_cli.diagnosis.conclusion import Asked, Evidence, conclude
+from terrain_cli.diagnosis.conclusion import Asked, Evidence, conclude, of_comparison
 
 ASKED = Asked(inputs=("a run.csv",), options=("--segments", "none"))
 FILE = Asked(inputs=("run.csv",), model="rig.toml")
@@ -182,3 +183,12 @@ def test_a_base_that_is_not_the_usual_one_is_named():
     told = conclude(evidence(OFF, raised=True, verdict="effect", family=("slope",)), asked)
     assert told.command.startswith("terrain-est model new model.toml --base linear && ")
     assert conclude(evidence(OFF), asked).command.endswith("--model linear")
+
+
+@pytest.mark.parametrize(("amplitude", "raised"), [(0.002, False), (-0.002, False), (0.004, True)])
+def test_a_finding_too_small_for_an_alarm_of_diagnose_raises_none_in_compare(amplitude, raised):
+    # A torque of 1 N m, of which diagnose asks for 0.3 %.
+    torque = SimpleNamespace(rmse=0.01, nrmse=0.01, noise=0.01, heldout_rmse=0.0102)
+    finding = SimpleNamespace(channel="torque", amplitude=amplitude)
+    found = SimpleNamespace(channels={"torque": torque}, failures=[finding], blocks=20, scores=None)
+    assert of_comparison(found).raised is raised

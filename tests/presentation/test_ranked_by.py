@@ -22,6 +22,7 @@ def candidate(effect, loss, *, doubt="", refitted=True, torque=1.0):
 def test_an_order_by_loss_alone_needs_no_other_word():
     several = [candidate("a", -3.0), candidate("b", -2.0), candidate("c", -0.1, refitted=False)]
     assert diagnosis_text.ranked_by(several) == ["loss", "loss", "score"]
+    assert diagnosis_text.order(several) == []
 
 
 def test_a_plainer_first_one_and_one_that_stands_behind_are_told():
@@ -32,6 +33,17 @@ def test_a_plainer_first_one_and_one_that_stands_behind_are_told():
         candidate("d", -2.0, doubt="at its bound"),
     ]
     assert diagnosis_text.ranked_by(several) == ["plainer", "loss", "loss", "behind"]
+    assert diagnosis_text.order(several) == [
+        "a stands first because it has fewer parameters: b predicts better, but not significantly",
+        "effects whose size is doubtful (in brackets) stand behind the others",
+    ]
+
+
+def test_a_gain_that_may_be_chance_is_told_apart_from_a_doubted_size():
+    several = [candidate("a", -3.0), candidate("b", -1.0), candidate("c", -2.0), candidate("d", -1.5)]
+    assert diagnosis_text.order(several) == [
+        "c and d stand further down than the errors would say: their gains may be chance"
+    ]
 
 
 def test_a_doubted_one_with_less_loss_makes_the_first_no_plainer():
