@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from terrain_cli.comparison import whitening
+from terrain_cli.comparison import comparison_criteria, whitening
 from terrain_cli.comparison.bootstrap import DRAWS, max_test
 from terrain_cli.comparison.prediction import derivatives
 from terrain_cli.comparison.smoothed_channels import NOISY
@@ -211,19 +211,40 @@ def scores(
     )
 
 
+def of_short_blocks(
+    wheel: FittedWheel, rows: Index, known: SignatureEvidence, columns: Array, block: Index, blocks: int
+) -> Scores:
+    """Score columns in blocks that may be far shorter than the memory of the noise.
+
+    What a sample's noise has in common with that of the sample before is taken off first, of residuals and
+    signatures alike (Prais & Winsten 1954, Cowles Commission Discussion Paper 383).
+    """
+    step = int(rows[1] - rows[0]) if len(rows) > 1 else 1
+    memory, window = wheel.memory, wheel.window[rows]
+    kept = comparison_criteria.FORGOTTEN ** (step / memory) if memory else 0.0
+    place = np.stack([wheel.group[rows], window])
+    first = np.concatenate([[True], (np.diff(place) != 0).any(axis=0)])[: len(rows)]
+
+    def own(table: Array) -> Array:
+        changed = table.copy()
+        changed[1:] -= kept * table[:-1]
+        changed[first] = np.sqrt(1.0 - kept**2) * table[first]
+        return changed
+
+    residual, soil, own_columns = map(own, (known.residual, known.soil, columns))
+    return scores(residual, soil, own_columns, window, block, blocks)[0]
+
+
 def test(
-    several: Sequence[Scores], testable: Sequence[NDArray[np.bool_]], chance: Sequence[Array], *, seed: int
+    several: Sequence[Scores], testable: Sequence[NDArray[np.bool_]], *, seed: int
 ) -> list[tuple[Array, Array]]:
     """Test all columns of all wheels, over the same blocks, together against chance.
 
-    `chance` has the scores of what the strongest candidate leaves, shape (blocks, m). Of each wheel: t and
-    p-value of every column; 0 and 1 where it is not tested.
+    Of each wheel: t and p-value of every column; 0 and 1 where it is not tested.
     """
-    table, left = (
-        np.concatenate([np.where(use, one, 0.0) for one, use in zip(tables, testable, strict=True)], axis=1)
-        for tables in ([one.blocks for one in several], chance)
+    table = np.concatenate(
+        [np.where(use, one.blocks, 0.0) for one, use in zip(several, testable, strict=True)], axis=1
     )
-    shrunk = min(one.shrunk for one in several)
-    found = max_test(table, shrunk=shrunk, draws=DRAWS, seed=seed, chance=left)
+    found = max_test(table, shrunk=min(one.shrunk for one in several), draws=DRAWS, seed=seed)
     ends = np.cumsum([one.blocks.shape[1] for one in several])[:-1]
     return list(zip(np.split(found.t, ends), np.split(found.p_values, ends), strict=True))

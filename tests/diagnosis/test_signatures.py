@@ -1,0 +1,59 @@
+"""Scores in blocks shorter than the memory of the noise."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from terrain_cli.comparison.bootstrap import max_test
+from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.diagnosis.signatures import SignatureEvidence, of_short_blocks
+
+SAMPLES, KEPT = 300, 0.8
+#: A tenth is left after so many samples.
+MEMORY = 10
+
+
+def least(seed, effect=0.0, memory=MEMORY):
+    """Test four slow signatures on noise that lasts, in which one of them may be hidden; two segments."""
+    rng = np.random.default_rng(seed)
+    noise = lfilter([(1.0 - KEPT**2) ** 0.5], [1.0, -KEPT], rng.normal(size=(SAMPLES + 50, 1)), axis=0)[50:]
+    time = np.linspace(0.0, 1.0, SAMPLES)
+    slow = np.stack([np.sin(2.0 * np.pi * k * time + seed) for k in (1, 2, 3, 5)], axis=1)[:, None, :]
+    level = np.ones((SAMPLES, 1, 1))
+    window = np.repeat([0, 1], SAMPLES // 2)
+    wheel = SimpleNamespace(memory=memory, window=window, group=window)
+    known = SignatureEvidence(
+        {}, Whitening(("torque",), np.eye(1)), noise + effect * slow[:, :, 1], noise != 0.0, level
+    )
+    rows = np.arange(SAMPLES)
+    found = of_short_blocks(wheel, rows, known, slow, rows, SAMPLES)
+    return max_test(found.blocks, shrunk=found.shrunk, draws=199, seed=seed).p_values
+
+
+def test_noise_that_lasts_is_beyond_5_percent_in_5_percent_of_cases():
+    """Three standard deviations of the binomial; were the noise taken for white, half would be."""
+    trials = range(100)
+    assert np.mean([least(seed).min() <= 0.05 for seed in trials]) <= 0.05 + 3.0 * (0.05 * 0.95 / 100) ** 0.5
+    assert np.mean([least(seed, memory=0).min() <= 0.05 for seed in trials]) > 0.3
+
+
+def test_what_is_hidden_in_noise_that_lasts_is_found():
+    found = np.array([least(seed, effect=2.0) for seed in range(20)])
+    assert np.mean(found[:, 1] <= 0.01) > 0.9
+    assert found[:, 1].mean() < found[:, [0, 2, 3]].mean()
+
+
+def test_samples_of_another_segment_are_no_neighbours():
+    """A step between segments is theirs, and scores nothing."""
+    window = np.repeat([0, 1], 50)
+    wheel = SimpleNamespace(memory=MEMORY, window=window, group=window)
+    steps = np.where(window == 1, 100.0, 0.0)[:, None]
+    known = SignatureEvidence(
+        {}, Whitening(("torque",), np.eye(1)), steps, np.isfinite(steps), np.ones((100, 1, 1))
+    )
+    rows = np.arange(100)
+    slow = np.linspace(0.0, 1.0, 100)[:, None, None]
+    found = of_short_blocks(wheel, rows, known, slow, rows, 100)
+    assert found.blocks.sum() == pytest.approx(0.0, abs=1e-9)
