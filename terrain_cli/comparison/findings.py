@@ -107,7 +107,11 @@ class Residuals:
             if name in self.scale
         }
         return ResidualEvidence(
-            residuals, slopes, values, self.first[index] + wheel.window[rows], block[rows]
+            residuals=residuals,
+            slopes=slopes,
+            drivers=values,
+            group=self.first[index] + wheel.window[rows],
+            block=block[rows],
         )
 
     def _codes(self, name: str, labels: Sequence[str], codes: Array) -> Array:

@@ -28,7 +28,7 @@ class Slopes:
     common: Array  # shape (n, m): by those common to all
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ResidualEvidence:
     """Residuals of one wheel, and what they may follow.
 

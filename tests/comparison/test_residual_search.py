@@ -20,7 +20,10 @@ def search_of(residual, drivers, *, soil=None):
     n = len(residual)
     slopes = {"torque": Slopes(np.ones((n, 1)) if soil is None else soil, np.zeros((n, 0)))}
     block = np.repeat(np.arange(BLOCKS), LONG)
-    evidence = ResidualEvidence({"torque": residual}, slopes, drivers, np.zeros(n, dtype=np.intp), block)
+    group = np.zeros(n, dtype=np.intp)
+    evidence = ResidualEvidence(
+        residuals={"torque": residual}, slopes=slopes, drivers=drivers, group=group, block=block
+    )
     every = [shape for name, values in drivers.items() for shape in shapes.of_number(name, values)]
     return Search([evidence], {"torque": every}, NOISE, precision=np.zeros((1, 1)), blocks=BLOCKS)
 
