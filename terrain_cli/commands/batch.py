@@ -163,7 +163,7 @@ Examples:
     metavar="S",
     help="With --watch: take a file when it has not grown for so long.",
 )
-@click.option("--seed", type=int, metavar="N", help="No effect here: batch draws nothing at random.")
+@click.option("--seed", type=int, metavar="N", help="No effect here; other verbs use it.")
 @options.quiet
 @options.verbose
 @click.pass_context

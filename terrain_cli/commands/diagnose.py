@@ -66,12 +66,11 @@ Examples:
 def command(context: click.Context, /, **_: Any) -> None:
     """Find out which physical effect a model lacks: its name, or those that the data cannot tell apart.
 
-    Every effect of the catalogue is tried, and those of --effect: fitted together with the soil, and
-    judged by the error on stretches of the data that were left out. One name is given only where this
-    very drive would show that effect and no other; otherwise a family, and the drive that would settle
-    it; or two effects, where both together explain what none does alone. Inputs of the same wheel are
-    joined. The first scores, before any fit, are on stderr. Exit code 0 whatever is found. See
-    docs/diagnose.md.
+    Each effect of the catalogue, and of --effect, is fitted together with the soil, and judged by its
+    error on stretches of the data that were left out. diagnose names one effect only if this drive
+    rules out all others. Otherwise it names the effects that remain and the drive that tells them apart,
+    or two effects that explain the misfit only together. Inputs of the same wheel are joined. The first
+    scores, before any fit, are on stderr. Exit code 0 whatever is found. See docs/diagnose.md.
     """
     import formats
     from terrain_cli import effects, models

@@ -111,7 +111,7 @@ Examples:
 )
 @options.force
 @options.jobs("Inputs read at the same time.")
-@click.option("--seed", type=int, metavar="N", help="No effect here: estimate draws nothing at random.")
+@click.option("--seed", type=int, metavar="N", help="No effect here; other verbs use it.")
 @options.quiet
 @options.verbose
 @click.pass_context

@@ -121,8 +121,7 @@ def _family(diagnosis: Diagnosis, first: Candidate) -> str:
         doubt = (
             f"{blocks} independent stretches of data are too few to be sure of the name"
             if blocks < comparison_criteria.FEWEST_BLOCKS
-            else "something is left over, or this very drive would not show it often enough to be sure of "
-            "the name"
+            else "another effect may be missing too, or this drive does not rule out all others"
         )
         return f"Probably {_told(first)}, but {doubt}.{better}"
     return f"{told}, or {listed(others, 'or')}: these data cannot tell.{better}"
