@@ -212,11 +212,15 @@ def _assumed(found: Screened, one: Hypothesis) -> None:
 
 
 def _short_blocks(wheel: FittedWheel, rows: Index, block: Index, blocks: int) -> tuple[Index, int]:
-    """Cut samples into many blocks, and count these; where points or runs are blocks, they remain so."""
+    """Cut samples into many blocks, and count these; where points or runs are blocks, they remain so.
+
+    The number is the same for all wheels, whose scores are drawn together: some of the blocks may be empty.
+    """
     run = wheel.windows.samples.labels.get("run")
+    count = max(blocks, _MOST_BLOCKS)
     if not wheel.ordered or (run is not None and len(run.names) >= comparison_criteria.ENOUGH_RUNS):
-        return block, blocks
-    return np.arange(len(rows)) * _MOST_BLOCKS // max(len(rows), _MOST_BLOCKS), _MOST_BLOCKS
+        return block, count
+    return np.arange(len(rows)) * _MOST_BLOCKS // max(len(rows), _MOST_BLOCKS), count
 
 
 @dataclass(frozen=True)

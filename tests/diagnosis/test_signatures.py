@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 
 from terrain_cli.comparison.bootstrap import max_test
 from terrain_cli.comparison.whitening import Whitening
+from terrain_cli.diagnosis import screening
 from terrain_cli.diagnosis.signatures import SignatureEvidence, of_short_blocks
 
 SAMPLES, KEPT = 300, 0.8
@@ -57,3 +58,17 @@ def test_samples_of_another_segment_are_no_neighbours():
     slow = np.linspace(0.0, 1.0, 100)[:, None, None]
     found = of_short_blocks(wheel, rows, known, slow, rows, 100)
     assert found.blocks.sum() == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(("blocks", "count"), [(17, screening._MOST_BLOCKS), (500, 500)])
+def test_points_and_drives_that_are_scored_together_have_as_many_blocks(blocks, count):
+    rows, block = np.arange(50), np.arange(50) * blocks // 50
+    samples = SimpleNamespace(labels={})
+    drive, points = (
+        SimpleNamespace(ordered=ordered, windows=SimpleNamespace(samples=samples)) for ordered in (True, False)
+    )
+    short, most = screening._short_blocks(drive, rows, block, blocks)
+    kept, least = screening._short_blocks(points, rows, block, blocks)
+    assert most == least == count
+    assert short.max() < count
+    np.testing.assert_array_equal(kept, block)
