@@ -65,7 +65,8 @@ def test_points_and_drives_that_are_scored_together_have_as_many_blocks(blocks, 
     rows, block = np.arange(50), np.arange(50) * blocks // 50
     samples = SimpleNamespace(labels={})
     drive, points = (
-        SimpleNamespace(ordered=ordered, windows=SimpleNamespace(samples=samples)) for ordered in (True, False)
+        SimpleNamespace(ordered=ordered, windows=SimpleNamespace(samples=samples))
+        for ordered in (True, False)
     )
     short, most = screening._short_blocks(drive, rows, block, blocks)
     kept, least = screening._short_blocks(points, rows, block, blocks)
