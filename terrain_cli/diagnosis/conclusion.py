@@ -152,7 +152,7 @@ def _unexplained(
     )
     few = found.blocks < comparison_criteria.FEWEST_BLOCKS
     if few:
-        why = f"{_stretches(found)} are too few to show why"
+        why = f"{_too_few(found)} to show why"
     then = _record(found, few=few)
     if found.verdict is None and not few:
         # Scores are no diagnosis, which also tries other soils and laws of its own.
@@ -167,15 +167,16 @@ def _unexplained(
 def _undecided(found: Evidence, above: Mapping[str, float], *, few: bool) -> Conclusion:
     if few:
         size = f" {_size(above)[0].upper()}{_size(above)[1:]}." if above else ""
-        told = f"{_stretches(found)} are too few to tell whether the model misses something.{size}"
+        told = f"{_too_few(found)} to tell whether the model misses something.{size}"
         return Conclusion("undecided", f"{told} Record a longer drive.")
     of = listed(list(found.ratios)) if found.ratios else "the sensors"
     told = f"No effect stands out, but the noise of {of} is not known. Repeat some test points to learn it."
     return Conclusion("undecided", told)
 
 
-def _stretches(found: Evidence) -> str:
-    return f"{counted(found.blocks, 'independent stretch', 'es')} of data"
+def _too_few(found: Evidence) -> str:
+    verb = "is" if found.blocks == 1 else "are"
+    return f"{counted(found.blocks, 'independent stretch', 'es')} of data {verb} too few"
 
 
 def _size(above: Mapping[str, float]) -> str:
