@@ -37,7 +37,9 @@ def webb_weights(draws: int, blocks: int, rng: np.random.Generator) -> Array:
     return np.concatenate([-WEBB, WEBB])[rng.integers(0, 6, (draws, blocks))]
 
 
-def max_test(scores: Array, *, shrunk: float = 1.0, draws: int = DRAWS, seed: int = 0) -> MaxTest:
+def max_test(
+    scores: Array, *, shrunk: float = 1.0, draws: int = DRAWS, seed: int = 0, chance: Array | None = None
+) -> MaxTest:
     """Test whether any of many scores is beyond chance.
 
     Blocks are taken as independent; nothing is assumed of what happens within one, nor of how
@@ -51,9 +53,13 @@ def max_test(scores: Array, *, shrunk: float = 1.0, draws: int = DRAWS, seed: in
     shrunk : float
         Standard deviation of the residuals behind the scores over that of the noise: a fit takes its
         share of them block by block, but nothing off a score's sum.
+    chance : ndarray, shape (blocks, m), optional
+        Scores of what is left when the strongest effect is taken off: what chance would give, where
+        something that is missing would pass for chance in the scores themselves.
     """
     blocks, count = scores.shape
-    squares = scores**2
+    noise = scores if chance is None else chance
+    squares = noise**2
     power = squares.sum(axis=0)
     known = power > 0.0
     t, p_values = np.zeros(count), np.ones(count)
@@ -61,8 +67,8 @@ def max_test(scores: Array, *, shrunk: float = 1.0, draws: int = DRAWS, seed: in
         return MaxTest(t, p_values)
     scale = np.sqrt(power[known])
     # Unit scale first: scores of different channels differ by orders of magnitude.
-    inside, squares = scores[:, known] / scale, squares[:, known] / scale**2
-    t[known] = shrunk * inside.sum(axis=0)
+    inside, squares = noise[:, known] / scale, squares[:, known] / scale**2
+    t[known] = shrunk * scores[:, known].sum(axis=0) / scale
     rng = np.random.default_rng(seed)
     largest = np.empty(draws)
     for start in range(0, draws, _SLAB):

@@ -154,7 +154,15 @@ def screen(
     found.blocks = np.concatenate(
         [one[:, part.testable] for one, part in zip(left, parts, strict=True)], axis=1
     )
-    tests = signatures.test([part.short for part in parts], [part.testable for part in parts], seed=seed)
+    chance = [part.short.blocks for part in parts]
+    for place, wheel in enumerate(wheels):
+        if not wheel.ordered:
+            # No draw of the signs of a few points exceeds the root of their number, however strong an effect.
+            chance[place] = np.zeros_like(chance[place])
+            chance[place][: len(left[place])] = left[place]
+    tests = signatures.test(
+        [part.short for part in parts], [part.testable for part in parts], chance, seed=seed
+    )
     for one in hypotheses:
         if not one.effects:
             _assumed(found, one)

@@ -236,15 +236,18 @@ def of_short_blocks(
 
 
 def test(
-    several: Sequence[Scores], testable: Sequence[NDArray[np.bool_]], *, seed: int
+    several: Sequence[Scores], testable: Sequence[NDArray[np.bool_]], chance: Sequence[Array], *, seed: int
 ) -> list[tuple[Array, Array]]:
     """Test all columns of all wheels, over the same blocks, together against chance.
 
-    Of each wheel: t and p-value of every column; 0 and 1 where it is not tested.
+    `chance` has the scores, shape (blocks, m), from which chance is drawn. Of each wheel: t and p-value of
+    every column; 0 and 1 where it is not tested.
     """
-    table = np.concatenate(
-        [np.where(use, one.blocks, 0.0) for one, use in zip(several, testable, strict=True)], axis=1
+    table, drawn = (
+        np.concatenate([np.where(use, one, 0.0) for one, use in zip(tables, testable, strict=True)], axis=1)
+        for tables in ([one.blocks for one in several], chance)
     )
-    found = max_test(table, shrunk=min(one.shrunk for one in several), draws=DRAWS, seed=seed)
+    shrunk = min(one.shrunk for one in several)
+    found = max_test(table, shrunk=shrunk, draws=DRAWS, seed=seed, chance=drawn)
     ends = np.cumsum([one.blocks.shape[1] for one in several])[:-1]
     return list(zip(np.split(found.t, ends), np.split(found.p_values, ends), strict=True))

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from terrain_cli.comparison.bootstrap import max_test
 from terrain_cli.comparison.whitening import Whitening
-from terrain_cli.diagnosis import screening
+from terrain_cli.diagnosis import screening, signatures
 from terrain_cli.diagnosis.signatures import SignatureEvidence, of_short_blocks
 
 SAMPLES, KEPT = 300, 0.8
@@ -73,3 +73,11 @@ def test_points_and_drives_that_are_scored_together_have_as_many_blocks(blocks, 
     assert most == least == count
     assert short.max() < count
     np.testing.assert_array_equal(kept, block)
+
+
+def test_a_few_points_show_a_strong_effect_beside_what_it_leaves_alone():
+    left = np.random.default_rng(5).normal(size=(5, 1))
+    wheel, use = SimpleNamespace(blocks=left + 10.0, shrunk=1.0), np.array([True])
+    ((_, own),) = signatures.test([wheel], [use], [wheel.blocks], seed=1)
+    ((_, beside),) = signatures.test([wheel], [use], [left], seed=1)
+    assert beside[0] < 0.01 < own[0]
