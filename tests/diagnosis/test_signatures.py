@@ -77,7 +77,8 @@ def test_points_and_drives_that_are_scored_together_have_as_many_blocks(blocks, 
 
 def test_a_few_points_show_a_strong_effect_beside_what_it_leaves_alone():
     left = np.random.default_rng(5).normal(size=(5, 1))
-    wheel, use = SimpleNamespace(blocks=left + 10.0, shrunk=1.0), np.array([True])
+    effect = np.array([[0.0], [1.0], [4.0], [9.0], [16.0]])
+    wheel, use = SimpleNamespace(blocks=left + effect, shrunk=1.0), np.array([True])
     ((_, own),) = signatures.test([wheel], [use], [wheel.blocks], seed=1)
     ((_, beside),) = signatures.test([wheel], [use], [left], seed=1)
-    assert beside[0] < 0.01 < own[0]
+    assert beside[0] < 0.01 < 0.05 < own[0]
