@@ -81,4 +81,5 @@ def test_a_few_points_show_a_strong_effect_beside_what_it_leaves_alone():
     wheel, use = SimpleNamespace(blocks=left + effect, shrunk=1.0), np.array([True])
     ((_, own),) = signatures.test([wheel], [use], [wheel.blocks], seed=1)
     ((_, beside),) = signatures.test([wheel], [use], [left], seed=1)
-    assert beside[0] < 0.01 < 0.05 < own[0]
+    assert beside[0] < 0.01
+    assert own[0] > 0.05
