@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import pydoc
 import subprocess
@@ -340,5 +341,5 @@ def test_help_lists_every_function():
     for name in functions:
         assert f"\n    {name}(" in text
         assert name in (terrain.__doc__ or "")
-        said = getattr(terrain, name).__doc__
-        assert all(f"\n    {part}\n" in said for part in ("Parameters", "Returns", "Raises"))
+        said = inspect.getdoc(getattr(terrain, name))
+        assert all(f"\n{part}\n" in said for part in ("Parameters", "Returns", "Raises"))
