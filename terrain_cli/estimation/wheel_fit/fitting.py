@@ -27,7 +27,7 @@ from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
-from terrain_cli.estimation.wheel_fit.window_search import enough_nodes, mend, search, settled_search
+from terrain_cli.estimation.wheel_fit.window_search import ENOUGH, enough_nodes, mend, search, settled_search
 from terrain_cli.mechanics.dual import value
 from terrain_cli.vocabulary.choices import FIT_SAMPLES
 
@@ -50,8 +50,6 @@ _BY_CHANCE = 0.01
 _MOST = 0.1
 #: Passes in which the true values of the inputs come to rest.
 _PASSES = 3
-#: Samples of a window that tell what leads its fit astray, and what other noise does to it.
-_ENOUGH = 200
 #: Samples of a window that tell noise from soil.
 _EACH = 30
 #: Rounds after which noise is left as it is where every window is lost: it does not settle on a misfit.
@@ -270,7 +268,7 @@ def _without_wild(problem: Problem, data: FitData, rows: Index) -> tuple[FitData
     None for few samples: there another noise may have its valley elsewhere, and to begin anew takes no time.
     """
     order = enough_nodes(problem.noise, data)
-    some = data.thinned(_ENOUGH)
+    some = data.thinned(ENOUGH)
     found = search(problem, some, order)
     wild = wild_samples(problem, data, found, order)
     ends = found if some.measured.shape[1] < data.measured.shape[1] else None
@@ -287,7 +285,7 @@ def _widened(problem: Problem, data: FitData, found: Posterior, others: Iterable
     It does nearly the same with some of the samples as with all. In the end no less is known than beforehand.
     """
     order = enough_nodes(problem.noise, data)
-    some = data.thinned(_ENOUGH)
+    some = data.thinned(ENOUGH)
     begun = settled_search(problem, some, initial(some, found.t, found.common), order)
     for noise in others:
         there = replace(begun, t=begun.t.copy(), common=begun.common.copy(), latent=begun.latent.copy())

@@ -55,9 +55,9 @@ _ROUNDS, _TOGETHER, _RAISED = 10, 2, 5.0
 _COARSE, _FINE = 6, 1e-3
 #: Samples of each window, and iterations, that bring the search near.
 _SOME, _ROUGH = 5, 3
-#: Samples of a window that tell where its search ends, and steps with all of them that take it there: with so
-#: many the way is a few standard errors.
-_ENOUGH, _LAST = 200, 8
+#: Samples of a window that tell where its search ends, and what leads it astray; and steps with all of them
+#: that take it there: with so many the way is a few standard errors.
+ENOUGH, _LAST = 200, 8
 #: Steps from elsewhere, and downhill in one round of many.
 _ELSEWHERE, _A_ROUND = 15, 10
 #: Standard deviations of χ² beyond which a window is sought again from elsewhere, and the share of
@@ -179,7 +179,7 @@ def _descended(
     problem: Problem, data: FitData, begun: Sequence[tuple[Array, Array]], order: int | None
 ) -> State:
     """Go down from several beginnings with some of the samples, and from the lowest end with all of them."""
-    some = data.thinned(_ENOUGH)
+    some = data.thinned(ENOUGH)
     best = _lowest([descend(problem, some, *one, order=order) for one in begun], some, problem)
     if len(some.measured[0]) == len(data.measured[0]):
         return best
@@ -248,7 +248,7 @@ def search(problem: Problem, data: FitData, order: int | None, begun: State | No
     Or only from where a search with nearly the same noise ended (`begun`): windows in which that one got lost
     are left to `mend`.
     """
-    some = data.thinned(_ENOUGH)
+    some = data.thinned(ENOUGH)
     state = _searched(problem, some, order) if begun is None else _again(problem, some, begun, order)
     if len(some.measured[0]) == len(data.measured[0]):
         return state
