@@ -66,11 +66,12 @@ Examples:
 def command(context: click.Context, /, **_: Any) -> None:
     """Find out which physical effect a model lacks: its name, or those that the data cannot tell apart.
 
-    Each effect of the catalogue, and of --effect, is scored. Those that may explain the misfit are fitted
-    together with the soil, and judged by their error on stretches of the data that were left out. diagnose names one effect only if this drive
-    rules out all others. Otherwise it names the effects that remain and the drive that tells them apart,
-    or two effects that explain the misfit only together. Inputs of the same wheel are joined. The first
-    scores, before any fit, are on stderr. Exit code 0 whatever is found. See docs/diagnose.md.
+    Each effect of the catalogue, and of --effect, is scored. Those that may explain the misfit are
+    fitted together with the soil, and judged by their error on stretches of the data that were left out.
+    diagnose names one effect only if this drive rules out all others. Otherwise it names the effects
+    that remain and the drive that tells them apart, or two effects that explain the misfit only
+    together. Inputs of the same wheel are joined. The first scores, before any fit, are on stderr. Exit
+    code 0 whatever is found. See docs/diagnose.md.
     """
     import formats
     from terrain_cli import effects, models
