@@ -161,6 +161,15 @@ KNOWN_EFFECTS = {
         found_within=0.0001,
         signature=(MOVED, UP, UP),
     ),
+    "sinkage-relaxation": KnownEffect(
+        kind="soil",
+        values={"length": 0.03},
+        # Lines through the rut are as long as a contact, and the length comes out longer by a sixteenth.
+        found_within=0.07,
+        signature=(DOWN, SAME, SAME),
+        same_within=0.01,
+        fast=True,
+    ),
     "sensor-lag": KnownEffect(
         kind="sensor",
         values={"torque_lag": 0.15, "drawbar_pull_lag": 0.1, "sinkage_lag": 0.05},

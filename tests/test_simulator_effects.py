@@ -31,12 +31,12 @@ from simulator.effects import OnGround, forces_with, freeze
 from simulator.wheel import Moment
 
 from terrain_cli.effects import catalogue
-from terrain_cli.mechanics.rates import rate, wheel_angle
+from terrain_cli.mechanics.rates import rate, rut_slope, wheel_angle
 from terrain_cli.mechanics.wheel_model import Model, WheelGeometry, predict
 
 WHEEL = Wheel(grouser_height=0.008, grouser_count=16)
 SOIL = base_contact(DRY_SAND)
-FAST = {"sensor-lag", "acceleration-torque", "grouser-ripple"}
+FAST = {"sinkage-relaxation", "sensor-lag", "acceleration-torque", "grouser-ripple"}
 
 
 def drive(effects, *, seconds=12.0, rate=4.0, **options):
@@ -93,6 +93,9 @@ def test_program_and_simulator_mean_the_same(name):
     one = np.zeros(len(columns["time"]))
     for channel in ("torque", "drawbar_pull", "sinkage", "angular_velocity"):
         columns[f"{channel}_rate"] = rate(columns["time"], one, columns[channel])
+    columns["rut_slope"] = rut_slope(
+        columns["time"], one, columns["sinkage"], columns["velocity"], radius=WHEEL.radius
+    )
     columns["wheel_angle"] = wheel_angle(columns["time"], one, columns["angular_velocity"])
     values = {
         "cohesion": SOIL.cohesion,

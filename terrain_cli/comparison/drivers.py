@@ -25,7 +25,7 @@ _LEFT_OUT = frozenset({"time", "torque", "drawbar_pull", "entry_angle", "motor_c
 #: The place, where x and y do not say it.
 _PLACE = frozenset({"longitude", "latitude"})
 #: Angle through which the wheel has turned: what grousers and an eccentric hub follow.
-ANGLE = "wheel_angle"
+ANGLE, _RUT = "wheel_angle", "rut_slope"
 #: Labels that tell one part of the data from another, and nothing of what drives a residual.
 PARTS = frozenset({"segment"})
 
@@ -41,8 +41,8 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
     backwards = at_rows(omega, rows) < 0.0 if omega is not None else np.zeros(len(rows), dtype=bool)
     found: dict[str, Driver] = {}
     for name, column in {**samples.drivers, **samples.channels}.items():
-        # Rates of channels are there only where an effect asked for them.
-        asked = name not in CHANNELS and name.removesuffix("_rate") in CHANNELS
+        # Rates of channels and slopes of the rut are there only where an effect asked for them.
+        asked = name == _RUT or (name not in CHANNELS and name.removesuffix("_rate") in CHANNELS)
         twice = name in _PLACE and "x" in samples.channels
         if name in _LEFT_OUT or name == ANGLE or asked or twice:
             continue

@@ -64,8 +64,8 @@ def diagnose(
     if not alarm.raised:
         return _silent(case, ranked.log, ranked.base, alarm)
     family = steps.family(case, ranked)
-    law, law_alone = steps.outside_the_catalogue(ranked, family)
     two = steps.two_at_once(case, ranked, family)
+    law, law_alone = steps.outside_the_catalogue(ranked, family, two)
     full = steps.on_full_stresses(case, ranked, two)
     decision = verdict.decide(
         verdict.Findings(

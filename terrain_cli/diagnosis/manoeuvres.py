@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli.comparison.comparison_outcome import UNITS
+from terrain_cli.telemetry.derive.effect_inputs import RUT
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -110,8 +111,11 @@ def drivers(channels: Collection[str]) -> frozenset[str]:
     """Return what drives channels: the speed for those of the wheel and its rates."""
     speed = {"velocity", "angular_velocity", "wheel_angle"}
     found = {"speed" if name in speed else name for name in channels}
-    if any(f"{name}_rate" in found for name in UNITS):
+    if RUT in found or any(f"{name}_rate" in found for name in UNITS):
         found.add("rates")
+    # A distance is a time at one speed, and not at another.
+    if RUT in found:
+        found.add("speed")
     return frozenset(found)
 
 
@@ -169,6 +173,14 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
             f"change the slip every 3 s from {quick[0]:.2f} to {quick[1]:.2f} and back, with {loaded}",
             "rates",
             slip={"steps": quick},
+        ),
+        made(
+            f"change the slip every 3 s from {quick[0]:.2f} to {quick[1]:.2f} and back, at {speeds} in turn "
+            f"with {loaded}",
+            "rates",
+            "speed",
+            slip={"steps": quick},
+            speed={"steps": [1.0, 0.4, 2.5]},
         ),
         made(
             f"accelerate and brake between {at.speed * 0.5:.2g} and {at.speed * 2.0:.2g} m/s, {here}",

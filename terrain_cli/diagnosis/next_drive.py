@@ -23,6 +23,7 @@ from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
 from terrain_cli.diagnosis.refit_ranking import FORMS, bent
 from terrain_cli.estimation.wheel_fit.normal_equations import explained, widened
 from terrain_cli.mechanics import rates
+from terrain_cli.telemetry.derive.effect_inputs import RUT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -207,7 +208,7 @@ def _views(
     reads = {name for side in sides for effect in side.solution.model.effects for name in effect.reads}
     # A sinkage from which a model predicts is the drive's own.
     there = reads & ground.part.inputs.keys() - {"sinkage"}
-    coupled = [name for name in there if name.removesuffix("_rate") in UNITS]
+    coupled = [name for name in there if name.removesuffix("_rate") in UNITS or name == RUT]
     # Where no rate of what is shown is needed, few samples tell as much as many.
     step = 1 if coupled else _STEP
     new = _measured(ground, truth, course, coupled, step)
@@ -250,10 +251,14 @@ def _measured(
     for _ in range(_ROUNDS if coupled else 0):
         found, _ = smoothed_model.forecast(truth.solution.model, new, numbers, order=smoothed_model.ORDER)
         for name in coupled:
-            shown = found.get(name.removesuffix("_rate"), np.zeros(n))
-            inputs[name] = (
-                shown if name in UNITS else rates.rate(course["time"], stretch, shown, reach=_REACH)
-            )
+            shown = found.get("sinkage" if name == RUT else name.removesuffix("_rate"), np.zeros(n))
+            if name == RUT:
+                radius, velocity = part.geometry.radius, course["velocity"]
+                inputs[name] = rates.rut_slope(course["time"], stretch, shown, velocity, radius=radius)
+            elif name in UNITS:
+                inputs[name] = shown
+            else:
+                inputs[name] = rates.rate(course["time"], stretch, shown, reach=_REACH)
     return new
 
 

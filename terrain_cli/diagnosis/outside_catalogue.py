@@ -158,11 +158,17 @@ def same_drivers(data: Ground, driver: str) -> tuple[str, ...]:
 
 
 def verdict(
-    base: Refit, effect: Refit, tried: Sequence[Tried], family: Sequence[str], same: Sequence[str] = ()
+    base: Refit,
+    effect: Refit,
+    tried: Sequence[Tried],
+    family: Sequence[str],
+    same: Sequence[str] = (),
+    pair: Refit | None = None,
 ) -> tuple[UnknownEffect | None, bool]:
     """Return a draft that predicts better than every effect, and whether it stands alone.
 
-    `same` are the drivers of which that of the draft is a function.
+    `same` are the drivers of which that of the draft is a function. Where a `pair` of effects predicts as
+    well as the draft, what is missing may be in the catalogue, though not all of it in one effect.
     """
     if not tried:
         return None, False
@@ -177,7 +183,8 @@ def verdict(
     errors = [one.heldout[channel] ** 2 for one in (base, effect, tried[0].refit)]
     # Where noise lasts, a misfit that lasts weighs little, and a small one that does not, as much as that.
     much = errors[1] - errors[2] >= criteria.DRAFT_LEFT * (errors[0] - errors[2])
-    alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much)
+    matched = pair is not None and refit_ranking.as_good(pair, tried[0].refit)
+    alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much and not matched)
     follows = f"follows {draft.driver.replace('_', ' ')}" if draft.driver else "is off by a constant"
     if same:
         named = listed([name.replace("_", " ") for name in same], "or")

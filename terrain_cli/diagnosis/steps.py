@@ -209,10 +209,11 @@ def family(case: Case, ranked: Ranked) -> Family:
     )
 
 
-def outside_the_catalogue(ranked: Ranked, found: Family) -> tuple[UnknownEffect | None, bool]:
+def outside_the_catalogue(ranked: Ranked, found: Family, two: Two) -> tuple[UnknownEffect | None, bool]:
     """Return a drafted law that explains what no effect does, and whether it stands alone."""
     same = outside_catalogue.same_drivers(ranked.data, ranked.drafts[0].draft.driver) if ranked.drafts else ()
-    return outside_catalogue.verdict(ranked.base, ranked.best, ranked.drafts, found.ids, same)
+    pair = two.fitted[0][1] if two.fitted else None
+    return outside_catalogue.verdict(ranked.base, ranked.best, ranked.drafts, found.ids, same, pair)
 
 
 def two_at_once(case: Case, ranked: Ranked, found: Family) -> Two:

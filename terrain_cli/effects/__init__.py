@@ -24,6 +24,7 @@ NAMES = (
     "bulldozing",
     "side-slip",
     "multi-pass",
+    "sinkage-relaxation",
     "drivetrain-friction",
     "gear-efficiency",
     "motor-temperature",
@@ -47,7 +48,8 @@ NAMES = (
 #: Entry points of other packages: each loads to an `Effect`, or to a function that returns one.
 GROUP = "terrain_est.effects"
 _RATE = "_rate"
-_ANGLE = "wheel_angle"
+#: What follows from channels and the time.
+_DERIVED = {"wheel_angle": {"angular_velocity"}, "rut_slope": {"sinkage", "velocity"}}
 
 
 def catalogue() -> dict[str, Effect]:
@@ -119,8 +121,8 @@ def missing(effect: Effect, available: Collection[str]) -> tuple[str, ...]:
 def _there(name: str, available: Collection[str]) -> bool:
     if name in available:
         return True
-    if name == _ANGLE:
-        return "angular_velocity" in available and "time" in available
+    if name in _DERIVED:
+        return {*available} >= {*_DERIVED[name], "time"}
     return name.endswith(_RATE) and name.removesuffix(_RATE) in available and "time" in available
 
 

@@ -224,8 +224,9 @@ class Effect:
         ``q[quantity]``, to rounding.
     needs : tuple of str
         Channels without which the effect cannot be computed. ``NAME_rate`` is the derivative by time
-        of a channel or further column, which needs `time`, and so does ``wheel_angle``, the integral
-        of the angular velocity; ``grouser_count`` and ``grouser_height`` are of rover.toml.
+        of a channel or further column, which needs `time`, and so do ``wheel_angle``, the integral
+        of the angular velocity, and ``rut_slope``, the derivative of the sinkage by the distance;
+        ``grouser_count`` and ``grouser_height`` are of rover.toml.
     any_of : tuple of str
         Channels at least one of which it needs besides.
     formula : str

@@ -19,6 +19,7 @@ from terrain_cli.mechanics.dual import seed, slopes, value
 from terrain_cli.mechanics.wheel_model import Model, predict
 from terrain_cli.simulation.course import plan, ride, standing
 from terrain_cli.simulation.profiles import STEP
+from terrain_cli.telemetry.derive.effect_inputs import RUT
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -36,6 +37,8 @@ _RATE_ROUNDS = 3
 _REACH = 10
 #: Turned round while the wheel drives backwards: the soil sees the same wheel as forwards.
 _MIRRORED = frozenset({"pitch", "roll", "acceleration"})
+#: Slope of a rut by which it is found how the sinkage follows it.
+_LEVEL = 1e-3
 _STOPPING = ("torque", "drawbar_pull")
 _UNKNOWN = "(measured value sought)"
 #: Rounds until measured values and predictions agree; a few are enough.
@@ -76,8 +79,24 @@ class Physics:
         changed = map(scenario.model.changes, ("load", "slip"))
         self.coupled = any(changed) or bool(reads & {"torque", "drawbar_pull"})
         self.rates: dict[str, Array] = {name: np.zeros(len(ride.time)) for name in wanted}
+        if RUT in reads:
+            self._roll_on()
         if wanted or "wheel_angle" in reads:
             self._along(wanted)
+
+    def _roll_on(self) -> None:
+        """Find the slope of the rut along the whole ride, with the sinkage that comes of it."""
+        time, depths = self.ride.time, []
+        for slope in (0.0, _LEVEL):
+            self.rates[RUT] = np.full(len(time), slope)
+            depths.append(self._travelling(time)["sinkage"])
+        steady, length = depths[0], (depths[0] - depths[1]) / _LEVEL
+        velocity = self._as_shown(self._travelling(time))["velocity"]
+        one = np.zeros(len(time), dtype=np.intp)
+        sinkage = rates.settling(rates.wheel_angle(time, one, np.abs(velocity)), steady, length)
+        rut = rates.rut_slope(time, one, sinkage, velocity, radius=self.scenario.geometry.radius)
+        # What the law has to read for a sinkage that stays as it is while the wheel stands.
+        self.rates[RUT] = np.divide(steady - sinkage, length, out=np.nan_to_num(rut), where=length != 0.0)
 
     def _along(self, wanted: list[str]) -> None:
         """Find the rates of what is shown, and the angle that the wheel has turned, along the whole ride."""

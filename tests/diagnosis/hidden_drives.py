@@ -72,6 +72,7 @@ FULL: dict[str, dict[str, float]] = {
     "sinkage-bias": {"offset": 0.0025},  # millimetres
     "drawbar-bias": {"offset": 2.5},  # on a real rover newtons: here 15 % of the pull
     "wheel-radius": {"relative_error": 0.05},  # 1 to 10 %
+    "sinkage-relaxation": {"length": 0.04},  # a third to all of the contact, r θ1: 0.06 m where z is 15 mm
     "sensor-lag": {"torque_lag": 0.2},  # 0.05 to 0.5 s
     "acceleration-torque": {"J": 0.5},  # a rotor of 1e-6 kg m² behind a gear of 700
     "shear-modulus": {"k1": 1.0},  # k from 1 to 40 mm: here from 18 to 36

@@ -250,3 +250,6 @@ def test_a_drive_needs_what_varies_in_it():
     lag = next(one for one in manoeuvres.library(AT, 60.0) if "rates" in one.varies)
     assert lag.possible({"torque_rate"})
     assert not lag.possible({"torque"})
+    way = next(one for one in manoeuvres.library(AT, 60.0) if one.varies == {"rates", "speed"})
+    assert way.possible({"rut_slope"})
+    assert not way.possible({"torque_rate"})

@@ -19,10 +19,11 @@ def fitted(loss, torque):
     )
 
 
-def judged(base, effect, draft, family=("drivetrain-friction",)):
+def judged(base, effect, draft, family=("drivetrain-friction",), pair=None):
     law = SimpleNamespace(changes="torque", driver="velocity", form="saturating", text="")
     tried = [SimpleNamespace(draft=law, refit=fitted(*draft))]
-    return outside_catalogue.verdict(fitted(*base), fitted(*effect), tried, family)
+    both = pair and fitted(*pair)
+    return outside_catalogue.verdict(fitted(*base), fitted(*effect), tried, family, pair=both)
 
 
 def test_a_law_stands_alone_where_every_effect_leaves_much_of_the_misfit():
@@ -46,8 +47,17 @@ def test_a_law_stands_beside_an_effect_that_leaves_little(effect, draft):
     assert unknown.sentence.startswith("A law of one driver predicts it better")
 
 
-def test_without_an_effect_the_law_is_alone():
-    assert judged((200.0, 0.40), (135.0, 0.16), (100.0, 0.15), family=())[1]
+@pytest.mark.parametrize(("pair", "alone"), [((98.0, 0.15), False), ((130.0, 0.2), True)])
+def test_a_law_stands_beside_effects_of_which_two_explain_as_much(pair, alone):
+    """Each of two that are missing leaves what the other would take."""
+    unknown, found = judged((200.0, 0.40), (150.0, 0.30), (100.0, 0.15), pair=pair)
+    assert found == alone
+    assert unknown.sentence.startswith("No effect" if alone else "A law of one driver predicts it better")
+
+
+@pytest.mark.parametrize("pair", [None, (98.0, 0.15)])
+def test_without_an_effect_the_law_is_alone(pair):
+    assert judged((200.0, 0.40), (135.0, 0.16), (100.0, 0.15), family=(), pair=pair)[1]
 
 
 def test_a_law_that_predicts_no_better_than_an_effect_is_not_told():

@@ -44,6 +44,7 @@ def channels():
         "pass_number": np.array([0.0, 1.0, 2.0, 0.0, 1.0, 3.0, 1.0]),
         "motor_temperature": 5.0 + 65.0 * ramp,
         "wheel_angle": 9.0 * ramp,
+        "rut_slope": -0.02 + 0.05 * ramp,
         "angular_velocity_rate": -0.2 + 0.5 * ramp,
         "torque_rate": 1.0 - 1.7 * ramp,
         "drawbar_pull_rate": -2.0 + 3.1 * ramp,

@@ -194,7 +194,7 @@ def test_a_missing_channel_is_named(name, wheel, channels, soil):
         without = there - {
             need,
             need.removesuffix("_rate"),
-            "angular_velocity" if need == "wheel_angle" else "",
+            {"wheel_angle": "angular_velocity", "rut_slope": "velocity"}.get(need, ""),
         }
         assert effects.missing(effect, without) == (need,)
     if effect.any_of:
@@ -231,6 +231,7 @@ def test_law_does_not_depend_on_the_units(name, wheel, channels, soil):
         "load": "N",
         "motor_temperature": "K",
         "wheel_angle": "1",
+        "rut_slope": "1",
         "depth": "m",
         "shear_displacement": "m",
     }

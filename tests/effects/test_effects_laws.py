@@ -8,6 +8,7 @@ from known_effects import KNOWN_EFFECTS, MOVED, SAME, UP
 
 from terrain_cli import effects
 from terrain_cli.effects.library.bulldozing import bearing_factors
+from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.effect import KINDS
 from terrain_cli.mechanics.wheel_model import Model, predict
 from terrain_cli.telemetry.derived_channels import slip as slip_of
@@ -22,6 +23,7 @@ def steady():
         "angular_velocity_rate": 0.4,
         "torque_rate": 0.5,
         "wheel_angle": 0.13,
+        "rut_slope": 0.01,
         "drawbar_pull_rate": 0.1,
         "sinkage_rate": 0.001,
     }
@@ -159,6 +161,44 @@ def test_a_lag_is_taken_out_of_a_slow_signal():
     assert np.max(np.abs(shown - late)) < 0.06 * np.max(np.abs(true - late))
     # A channel whose rate is not known is taken as it is.
     assert law({"torque": 2.0, "torque_lag": lag}) == 2.0
+
+
+def relaxed(time, steady, velocity, length):
+    """Roll on in steps so short that their order does not matter: length · dz/ds = steady − z."""
+    z, found = steady[0], []
+    for j in range(len(time)):
+        moved = abs(velocity[j]) * (time[j] - time[j - 1]) if j else 0.0
+        z += moved / length * (steady[j] - z)
+        found.append(z)
+    return np.array(found)
+
+
+def test_sinkage_follows_over_a_distance_at_whatever_speed():
+    time, length = np.arange(0.0, 60.0, 0.01), 0.03
+    steady = 0.015 + 0.005 * np.sin(time)
+    law = effects.find("sinkage-relaxation").laws["sinkage"]
+    one = np.zeros(len(time), dtype=int)
+    one_speed, varied = np.full(len(time), 0.1), 0.1 + 0.05 * np.sin(0.37 * time)
+    for velocity in (one_speed, varied, -one_speed):
+        shown = relaxed(time, steady, velocity, length)
+        slope = rates.rut_slope(time, one, shown, velocity, radius=0.03)
+        said = law({"sinkage": steady, "length": length, "rut_slope": slope})
+        inner = slice(100, -100)
+        assert np.max(np.abs(said - shown)[inner]) < 0.1 * np.max(np.abs(steady - shown)[inner])
+
+
+def test_a_late_sinkage_is_one_of_a_rut_at_one_speed_alone():
+    """A distance over the speed is a time: only where the speed varies do the two laws differ."""
+    lag, relaxation = effects.find("sensor-lag"), effects.find("sinkage-relaxation")
+    (other,) = lag.others
+    q = {"sinkage": 0.02, "rut_slope": np.array([0.01, -0.03, 0.02])}
+    for velocity, same in (([0.1, 0.1, 0.1], True), ([0.1, 0.05, 0.2], False)):
+        late = other["sinkage"](q | {"sinkage_lag": 0.3, "velocity": np.array(velocity)})
+        rolled = relaxation.laws["sinkage"](q | {"length": 0.03})
+        assert np.allclose(late, rolled, rtol=1e-12) == same
+    # Where no speed is known, it is the law of the model.
+    by_time = {"sinkage": 0.02, "sinkage_lag": 0.3, "sinkage_rate": 0.001}
+    assert other["sinkage"](by_time) == lag.laws["sinkage"](by_time)
 
 
 def test_ripple_passes_once_a_grouser(wheel, soil):

@@ -57,6 +57,9 @@ def measured(name, values):
     time = channels.pop("time")
     stretch = np.zeros(len(time), dtype=int)
     channels["wheel_angle"] = rates.wheel_angle(time, stretch, channels["angular_velocity"])
+    channels["rut_slope"] = rates.rut_slope(
+        time, stretch, channels["sinkage"], channels["velocity"], radius=WHEEL.radius
+    )
     for channel in ("torque", "drawbar_pull", "sinkage", "angular_velocity"):
         channels[f"{channel}_rate"] = rates.rate(time, stretch, channels[channel])
     return channels

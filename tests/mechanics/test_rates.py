@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from terrain_cli.mechanics import rates
-from terrain_cli.mechanics.rates import rate, wheel_angle
+from terrain_cli.mechanics.rates import rate, rut_slope, settling, wheel_angle
 
 TIME = np.arange(400) * 0.05
 ONE = np.zeros(400, dtype=int)
@@ -51,6 +51,68 @@ def test_stretches_are_no_neighbours():
     found = rate(TIME, stretch, np.where(stretch == 0, TIME, 50.0 - TIME))
     assert found == pytest.approx(np.where(stretch == 0, 1.0, -1.0), abs=1e-9)
     assert np.isnan(rate([0.0, 1.0], [0, 1], [0.0, 1.0])).all()
+
+
+RADIUS = 0.1
+
+
+@pytest.mark.parametrize("velocity", [0.1 + 0.0 * TIME, 0.1 + 0.08 * np.sin(TIME), -0.1 + 0.0 * TIME])
+def test_rut_has_its_slope_at_whatever_speed(velocity):
+    way = np.concatenate([[0.0], np.cumsum(0.5 * np.abs(velocity[1:] + velocity[:-1]) * 0.05)])
+    assert rut_slope(TIME, ONE, 0.01 + 0.03 * way, velocity, radius=RADIUS) == pytest.approx(0.03, abs=1e-9)
+
+
+def test_at_one_speed_a_rut_is_a_rate():
+    sinkage = 0.01 + 0.003 * np.sin(0.8 * TIME)
+    found = rut_slope(TIME, ONE, sinkage, np.full(400, 0.2), radius=RADIUS)
+    assert found[10:-10] == pytest.approx(0.003 * 0.8 * np.cos(0.8 * TIME)[10:-10] / 0.2, abs=2e-4)
+
+
+@pytest.mark.parametrize("stop", [20, 200])
+def test_a_wheel_that_stands_has_the_slope_of_its_rut_however_long(stop):
+    """Neither a jump nor a decay, whatever its noise is worth there."""
+    velocity = np.full(400, 0.1)
+    velocity[150 : 150 + stop] = 0.0
+    way = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * 0.05)])
+    sinkage = 0.01 + 0.03 * way
+    standing = slice(152, 148 + stop)
+    sinkage[standing] += 1e-4 * (-1.0) ** np.arange(stop - 4)
+    found = rut_slope(TIME, ONE, sinkage, velocity, radius=RADIUS)
+    assert found == pytest.approx(0.03, abs=1e-4)
+    assert np.ptp(found[standing]) == 0.0
+
+
+def test_rut_begins_anew_with_each_stretch():
+    stretch = np.repeat([0, 1], 200)
+    sinkage = np.where(stretch == 0, 0.002 * TIME, 0.5 - 0.002 * TIME)
+    found = rut_slope(TIME, stretch, sinkage, np.full(400, 0.1), radius=RADIUS)
+    assert found == pytest.approx(np.where(stretch == 0, 0.02, -0.02), abs=1e-9)
+
+
+def test_a_rut_that_nobody_drove_has_no_slope():
+    sinkage = 0.01 + 0.001 * TIME
+    assert np.isnan(rut_slope(TIME, ONE, sinkage, np.zeros(400), radius=RADIUS)).all()
+    assert np.isnan(rut_slope(TIME, ONE, np.full(400, np.nan), np.ones(400), radius=RADIUS)).all()
+    assert len(rut_slope([], [], [], [], radius=RADIUS)) == 0
+    sinkage[::7] = np.nan
+    found = rut_slope(TIME, ONE, sinkage, np.full(400, 0.1), radius=RADIUS)
+    assert np.isnan(found[::7]).all()
+    assert np.delete(found, np.s_[::7]) == pytest.approx(0.01, abs=1e-9)
+
+
+def test_settling_over_a_length_and_ahead_of_it():
+    way = np.linspace(0.0, 1.0, 2001)
+    steady = np.where(way < 0.5, 1.0, 2.0)
+    length = np.full(2001, 0.1)
+    found = settling(way, steady, length)
+    after = way[way > 0.5] - 0.5
+    assert found[way < 0.5] == pytest.approx(1.0)
+    assert found[way > 0.5] == pytest.approx(2.0 - np.exp(-after / 0.1), abs=6e-3)
+    ahead = settling(way, steady, -length)
+    assert ahead == pytest.approx(3.0 - settling(way, 3.0 - steady[::-1], length)[::-1])
+    # Without a length there is nothing to wait for; without a way, nothing happens.
+    assert settling(way, steady, 0.0 * length) == pytest.approx(steady)
+    assert settling(np.zeros(2001), steady, length) == pytest.approx(1.0)
 
 
 def test_wheel_angle_begins_anew_with_each_stretch():

@@ -239,6 +239,7 @@ KNOWN: dict[str, Known] = {
     "sinkage-bias": Known({"offset": 0.0}),
     "drawbar-bias": Known({"offset": 0.0}),
     "wheel-radius": Known({"relative_error": 0.0}, forms=("catalogue",)),
+    "sinkage-relaxation": Known({"length": 0.0}),
     "sensor-lag": Known({"torque_lag": 0.0, "drawbar_pull_lag": 0.0, "sinkage_lag": 0.0}),
     "acceleration-torque": Known({"J": 0.0}, forms=("catalogue",)),
     "grouser-ripple": Known(

@@ -173,31 +173,37 @@ def shown(
     channels["load"] = true["flat_load"] if changes_load(effects) else true["load"]
     for place, (name, form, numbers) in enumerate(effects):
         p, other = dict(numbers), form == "other"
+
+        def before(moved: Array, so_far: Frozen = effects[:place]) -> Channels:
+            return shown(so_far, moved, at, omega, wheel)
+
         if name == "sensor-lag":
-
-            def before(moved: Array, so_far: Frozen = effects[:place]) -> Channels:
-                return shown(so_far, moved, at, omega, wheel)
-
             for channel in ("torque", "drawbar_pull", "sinkage"):
                 if p[f"{channel}_lag"]:
                     channels[channel] = late(before, channel, time, p[f"{channel}_lag"], shifted=other)
+        elif name == "sinkage-relaxation":
+            channels["sinkage"] = rolled_on(before, time, p["length"], shifted=other)
         elif name == "grouser-ripple":
-            phase = wheel.grouser_count * turned(omega, time)
-            for key, channel, size in (
-                ("torque", "torque", true["load"] * wheel.radius),
-                ("pull", "drawbar_pull", true["load"]),
-                ("sinkage", "sinkage", channels["sinkage"]),
-            ):
-                wave = p[f"{key}_sine"] * np.sin(phase) + p[f"{key}_cosine"] * np.cos(phase)
-                if other:
-                    # Not a sine: its second harmonic is there too.
-                    wave = wave + 0.3 * (
-                        p[f"{key}_sine"] * np.sin(2.0 * phase) + p[f"{key}_cosine"] * np.cos(2.0 * phase)
-                    )
-                channels[channel] = channels[channel] + size * wave
+            ripple(channels, p, wheel.grouser_count * turned(omega, time), true["load"], wheel, other=other)
         elif name in SENSORS:
             SENSORS[name](channels, p, other, omega, time)
     return channels
+
+
+def ripple(channels: Channels, p: Numbers, phase: Array, load: Array, wheel: Wheel, *, other: bool) -> None:
+    """Add to the forces and the sinkage what goes up and down with every grouser."""
+    for key, channel, size in (
+        ("torque", "torque", load * wheel.radius),
+        ("pull", "drawbar_pull", load),
+        ("sinkage", "sinkage", channels["sinkage"]),
+    ):
+        wave = p[f"{key}_sine"] * np.sin(phase) + p[f"{key}_cosine"] * np.cos(phase)
+        if other:
+            # Not a sine: its second harmonic is there too.
+            wave = wave + 0.3 * (
+                p[f"{key}_sine"] * np.sin(2.0 * phase) + p[f"{key}_cosine"] * np.cos(2.0 * phase)
+            )
+        channels[channel] = channels[channel] + size * wave
 
 
 def changes_load(effects: Frozen) -> bool:
@@ -225,6 +231,30 @@ def late(at: Callable[[Array], Channels], channel: str, time: Array, lag: float,
     for j in range(1, len(grid)):
         filtered[j] = keep * filtered[j - 1] + (1.0 - keep - ahead) * true[j - 1] + ahead * true[j]
     return np.asarray(np.interp(time, grid, filtered))
+
+
+def rolled_on(at: Callable[[Array], Channels], time: Array, length: float, *, shifted: bool) -> Array:
+    """Return the sinkage of a wheel that sinks only as it rolls on, from a start at which it has settled.
+
+    Each step of the way takes away its share of what is lacking; or the sinkage is that of the place a
+    `length` back, where it is `shifted`.
+    """
+    end = float(time.max(initial=0.0)) + FILTER_STEP
+    grid = np.linspace(0.0, end, math.ceil(end / FILTER_STEP) + 1)
+    true = at(grid)
+    steady, pace = true["sinkage"].tolist(), np.abs(true["velocity"]).tolist()
+    way, depths = [0.0], [steady[0]]
+    for j in range(1, len(grid)):
+        moved = 0.5 * (pace[j - 1] + pace[j]) * (grid[j] - grid[j - 1])
+        way.append(way[-1] + moved)
+        # Half a step before and after: the implicit midpoint rule for length · dz/ds = steady − z.
+        share = moved / (length + 0.5 * moved) if length > 0.0 or moved > 0.0 else 0.0
+        lacking = 0.5 * (steady[j - 1] + steady[j]) - depths[-1]
+        depths.append(depths[-1] + share * lacking if length > 0.0 else steady[j])
+    if shifted:
+        here = np.interp(time, grid, way)
+        return np.asarray(np.interp(np.maximum(here - length, 0.0), way, steady))
+    return np.asarray(np.interp(time, grid, depths))
 
 
 def _friction(channels: Channels, p: Numbers, other: bool, _omega: Profile, _time: Array) -> None:

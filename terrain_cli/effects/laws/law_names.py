@@ -104,8 +104,9 @@ FILE = toml_files.table(
 
 #: Always known, whatever is measured.
 OF_THE_WHEEL = {"wheel_radius": "m", "width": "m", "gravity": "m/s²"}
-#: To be listed among the needs: rover.toml may lack them, and only a log with time has a wheel's angle.
-ON_DEMAND = {"grouser_height": "m", "grouser_count": "1", "wheel_angle": "rad"}
+#: To be listed among the needs: rover.toml may lack them, and only a log with time has a wheel's angle, or a
+#: rut with a slope.
+ON_DEMAND = {"grouser_height": "m", "grouser_count": "1", "wheel_angle": "rad", "rut_slope": "1"}
 #: Known once the radius is; at the nodes under the rim; with the shear stress.
 ENTRY_ANGLE = {"entry_angle": "rad"}
 UNDER_THE_RIM = {"angle": "rad", "depth": "m"}

@@ -39,6 +39,7 @@ _RANGES = {
     "grouser_height": (0.002, 0.02),
     "grouser_count": (8.0, 30.0),
     "wheel_angle": (0.0, 100.0),
+    "rut_slope": (-0.1, 0.1),
     "time": (0.0, 600.0),
     "angular_velocity": (-3.0, 3.0),
     "pitch": (-0.4, 0.4),

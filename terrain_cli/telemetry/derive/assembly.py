@@ -75,7 +75,7 @@ def assemble(
         restarts=restarts,
         max_gap=gap,
     )
-    drivers = effect_inputs.drivers(raw, wheel, np.flatnonzero(reasons.codes < 0), stretch, effects or ())
+    drivers = effect_inputs.drivers(raw, geometry, np.flatnonzero(reasons.codes < 0), stretch, effects or ())
     for name, values in drivers.items():
         reasons = usable_samples.also_aside(reasons, f"no {name}", ~np.isfinite(values))
     further = {name: as_numbers(column) for name, column in raw.extras.items() if name in columns}

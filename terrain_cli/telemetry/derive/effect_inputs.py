@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: Constants of a wheel, which rover.toml gives.
 CONSTANTS = ("wheel_radius", "width", "grouser_height", "grouser_count", "gravity")
-ANGLE = "wheel_angle"
+ANGLE, RUT = "wheel_angle", "rut_slope"
 #: What is told by the body, and turned where the wheel turns backwards: uphill is where it goes.
 WITH_COURSE = frozenset({"pitch", "roll"})
 _RATE = "_rate"
@@ -35,7 +35,7 @@ def sources(name: str) -> tuple[str, ...]:
     """Return the channels and columns, "time" among them, that a need is computed from.
 
     It is a channel, a further column, the rate of either (``torque_rate``), the angle through which the wheel
-    has turned (``wheel_angle``, see `rates`), or a constant of the wheel.
+    has turned (``wheel_angle``), the slope of its rut (``rut_slope``, see `rates`), or a constant of it.
     """
     if name in CHANNELS:
         return (name,)
@@ -43,6 +43,8 @@ def sources(name: str) -> tuple[str, ...]:
         return ()
     if name == ANGLE:
         return ("angular_velocity", "time")
+    if name == RUT:
+        return ("sinkage", "velocity", "time")
     if name.endswith(_RATE):
         return (name.removesuffix(_RATE), "time")
     return (name,)
@@ -91,7 +93,7 @@ def _there(raw: Raw) -> set[str]:
 
 
 def drivers(
-    raw: Raw, wheel: Wheel, rows: Index, stretch: Index, effects: Iterable[Effect]
+    raw: Raw, geometry: Geometry, rows: Index, stretch: Index, effects: Iterable[Effect]
 ) -> dict[str, Array]:
     """Compute what makes a difference to the effects of a model; nothing of what they need may be `lacking`.
 
@@ -99,15 +101,13 @@ def drivers(
     only uses if it is there, and is not. NaN where not known, and outside `rows`.
     """
     known = {**{name: as_numbers(column) for name, column in raw.extras.items()}, **raw.channels}
-    return _computed(known, raw.time, rows, stretch, wheel.grouser_count, effects)
+    return _computed(known, raw.time, rows, stretch, geometry, effects)
 
 
 def of_samples(samples: Samples, effects: Iterable[Effect]) -> dict[str, Array]:
     """Compute what makes a difference to further effects, where samples for a comparison tell it."""
     known = {**samples.drivers, **samples.channels}
-    found = _computed(
-        known, samples.time, samples.usable, samples.stretch, samples.geometry.grouser_count, effects
-    )
+    found = _computed(known, samples.time, samples.usable, samples.stretch, samples.geometry, effects)
     return {name: values for name, values in found.items() if np.isfinite(values).any()}
 
 
@@ -116,7 +116,7 @@ def _computed(
     time: Array | None,
     rows: Index,
     stretch: Index,
-    grousers: int,
+    geometry: Geometry,
     effects: Iterable[Effect],
 ) -> dict[str, Array]:
     known = dict(known)
@@ -138,7 +138,9 @@ def _computed(
         if name == ANGLE:
             values = rates.wheel_angle(columns[1], own, values)
             shown, beside = ([known[c][rows] for c in some if c in known] for some in (_RIPPLING, _BESIDE))
-            values = rates.aligned(values, own, grousers, shown, beside)
+            values = rates.aligned(values, own, geometry.grouser_count, shown, beside)
+        elif name == RUT:
+            values = rates.rut_slope(columns[2], own, columns[0], columns[1], radius=geometry.radius)
         elif len(columns) > 1:
             values = rates.rate(columns[1], own, values)
         if name in needed or np.isfinite(values).any():

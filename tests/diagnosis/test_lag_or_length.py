@@ -1,0 +1,32 @@
+"""A lag in time and one in distance: at one speed nobody can tell them apart, at several anybody can."""
+
+import pytest
+from hidden_drives import Kind, sized, windows_of
+
+from terrain_cli import effects
+from terrain_cli.diagnosis import diagnose
+from terrain_cli.models import ModelFile
+
+LAG = {"sensor-lag": {"sinkage_lag": 0.5}}
+ROLLS_ON = sized("sinkage-relaxation")
+AMONG = [effects.find(name) for name in ("sensor-lag", "sinkage-relaxation", "sinkage-bias")]
+SEED = 42000001
+
+
+def found(hidden, course):
+    return diagnose(windows_of(SEED, Kind(hidden, course=course)), ModelFile(), effects=AMONG)
+
+
+@pytest.mark.parametrize(("hidden", "name"), [(LAG, "sensor-lag"), (ROLLS_ON, "sinkage-relaxation")])
+def test_told_apart_where_the_speed_varies(hidden, name):
+    diagnosis = found(hidden, "rich")
+    assert (diagnosis.verdict, diagnosis.effect) == ("effect", name)
+
+
+def test_at_one_speed_a_family_and_the_drive_at_several():
+    diagnosis = found(LAG, "poor-speed")
+    assert diagnosis.verdict == "family"
+    assert {*diagnosis.family} == {"sensor-lag", "sinkage-relaxation"}
+    (drive,) = diagnosis.next_drive
+    assert drive.power > 0.9
+    assert len(drive.settings["speed"]["steps"]) > 2
