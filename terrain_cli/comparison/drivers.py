@@ -9,7 +9,7 @@ import numpy as np
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import Driver
 from terrain_cli.mechanics import rates
-from terrain_cli.telemetry.derive.effect_inputs import WITH_COURSE
+from terrain_cli.telemetry.derive.effect_inputs import RUT, WITH_COURSE
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 from terrain_cli.windows.cut_windows import at_rows
 
@@ -25,7 +25,7 @@ _LEFT_OUT = frozenset({"time", "torque", "drawbar_pull", "entry_angle", "motor_c
 #: The place, where x and y do not say it.
 _PLACE = frozenset({"longitude", "latitude"})
 #: Angle through which the wheel has turned: what grousers and an eccentric hub follow.
-ANGLE, _RUT = "wheel_angle", "rut_slope"
+ANGLE = "wheel_angle"
 #: Labels that tell one part of the data from another, and nothing of what drives a residual.
 PARTS = frozenset({"segment"})
 
@@ -42,7 +42,7 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
     found: dict[str, Driver] = {}
     for name, column in {**samples.drivers, **samples.channels}.items():
         # Rates of channels and slopes of the rut are there only where an effect asked for them.
-        asked = name == _RUT or (name not in CHANNELS and name.removesuffix("_rate") in CHANNELS)
+        asked = name == RUT or (name not in CHANNELS and name.removesuffix("_rate") in CHANNELS)
         twice = name in _PLACE and "x" in samples.channels
         if name in _LEFT_OUT or name == ANGLE or asked or twice:
             continue

@@ -8,6 +8,13 @@ from known_misfits import Kind, windows_of
 from terrain_cli.comparison import drivers
 
 
+def test_what_an_effect_derives_from_the_misfit_is_no_driver():
+    windows = windows_of(1, Kind())
+    derived = dict.fromkeys(("rut_slope", "sinkage_rate"), np.zeros(len(windows.samples)))
+    asked = replace(windows.samples, drivers={**windows.samples.drivers, **derived})
+    assert not derived.keys() & drivers.of_wheel(replace(windows, samples=asked)).keys()
+
+
 def test_pitch_and_roll_are_those_of_the_course():
     windows = windows_of(1, Kind())
     samples = windows.samples

@@ -163,6 +163,7 @@ class TestGood:
                 "N m",
                 ["grouser_count", "wheel_angle"],
             ),
+            ("sinkage", "sinkage - a * slip * rut_slope", "cm", ["rut_slope"]),
             ("torque", "torque + a * measured_drawbar_pull", "m", ["drawbar_pull"]),
             ("drawbar_pull", "drawbar_pull - a * torque / radius", "1", []),
             ("drawbar_pull", "drawbar_pull - a * load * time", "1/h", ["time"]),

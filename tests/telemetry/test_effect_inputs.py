@@ -172,10 +172,31 @@ def test_every_format_gives_the_same(write_log, name, tmp_path, rover_of):
     assert len(samples.usable) == len(samples) == 80
 
 
+def test_the_slope_of_the_rut_begins_anew_after_a_gap(write, rover_of):
+    late = np.arange(N) >= N // 2
+    depth = np.where(late, 0.05 - 0.002 * TIME, 0.01 + 0.002 * TIME)
+    path = write(time=TIME + 60.0 * late, sinkage=depth, yaw_rate=0.0)
+    drivers = read(path, rover_of(GEOMETRY), "rut_slope").drivers
+    assert set(drivers) >= {"rut_slope"}
+    # 2 mm/s at 0.1 m/s.
+    np.testing.assert_allclose(drivers["rut_slope"], np.where(late, -0.02, 0.02), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("lost", "message"),
+    [("time", r"needs time \(for rut_slope\)"), ("velocity", r"needs velocity \(for rut_slope\)")],
+)
+def test_the_slope_of_the_rut_needs_a_way(lost, message, write, rover_of):
+    further = {"slip": 0.2, "angular_velocity": None} if lost == "velocity" else {}
+    with pytest.raises(InputError, match=message):
+        read(write(**{lost: None, **further}), rover_of(GEOMETRY), "rut_slope")
+
+
 def test_where_a_need_comes_from():
     assert effect_inputs.sources("yaw_rate") == ("yaw_rate",)
     assert effect_inputs.sources("yaw_rate_rate") == ("yaw_rate", "time")
     assert effect_inputs.sources("wheel_angle") == ("angular_velocity", "time")
+    assert effect_inputs.sources("rut_slope") == ("sinkage", "velocity", "time")
     assert effect_inputs.sources("grouser_height") == ()
     assert effect_inputs.read([effect("slip_rate", any_of=("tether",), further=("wheel_angle",))]) == (
         {"slip", "time", "angular_velocity"}, {"tether"},
