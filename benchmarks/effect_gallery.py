@@ -22,7 +22,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "gallery.json"
 DRIVE = {"drive": "mixed", "duration": 240.0, "rate": 5.0, "noise": "3%", "seed": 1}
 OTHERWISE = {
     # What changes within a fifth of a second, and a trace that rises as fast as the slip
-    "sinkage-relaxation": {"rate": 10.0, "duration": 120.0},
+    "sinkage-relaxation": {"rate": 10.0},
     "sensor-lag": {"rate": 10.0, "duration": 120.0},
     "slip-sinkage": {"rate": 10.0, "duration": 120.0},
     "multi-pass": {"drive": "passes"},  # "mixed" never comes back to its own track
