@@ -258,10 +258,14 @@ def test_an_effect_that_does_not_pay_changes_nothing(folder, tmp_path):
     assert refused.model == terrain.load_model("wong-reece")
     assert list(tmp_path.iterdir()) == []
     assert isinstance(refused.plot(), Figure)
-    kept = terrain.add_effect("wong-reece", "slip-sinkage", clean, keep=True)
+    # Half of 120 samples makes no eight stretches of ten.
+    kept = terrain.add_effect("wong-reece", "slip-sinkage", clean, keep=True, keep_aside=0.5)
     assert (kept.kept, kept.pays) == (True, False)
     assert [effect.id for effect in kept.model.model.effects] == ["slip-sinkage"]
     assert kept.history[-1]["because"].startswith("--keep")
+    assert kept.history[-1]["proof"] == "same data"
+    assert kept.history[-1]["proof_because"] == "too short to keep any aside"
+    assert "clean.csv: too short to keep stretches aside: 120 samples, and it takes 160" in str(kept)
 
 
 def test_own_effects_are_found_from_the_model_file(folder, tmp_path, monkeypatch):

@@ -6,11 +6,13 @@ import tomllib
 from contextlib import chdir
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from changed_models import DIGS, write_all
 from scipy.special import chdtrc
 
 from terrain_cli import models, rover, telemetry
+from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, NextDrive
 from terrain_cli.improvement import Stopped, model_history, until_quiet
 from terrain_cli.improvement.change_trial import fitted
@@ -131,6 +133,25 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
         assert found["rivals"] == list(kept.rivals)
         assert found["next_drive"]["pair"] == ["drivetrain-friction", "slip-sinkage"]
     assert tomllib.loads(f"entry = {toml_files.value(entry)}")["entry"]["rivals"] == list(kept.rivals)
+
+
+def test_stretches_kept_aside_are_hidden_from_the_diagnosis_and_judge(sinks):
+    marked = kept_aside.marked(sinks, 0.5)
+    aside = marked[0].samples.aside
+    answer, shown = diagnosing(["slip-sinkage"]), []
+
+    def diagnose(wheels, file):
+        shown.append(np.isin(wheels[0].rows, np.flatnonzero(aside)).sum())
+        return answer(sinks, file)
+
+    kept, end = until_quiet(marked, models.resolve("wong-reece"), diagnose=diagnose)
+    assert shown == [0, 0]
+    assert (effects(end), kept.proof) == (["slip-sinkage"], "stretches kept aside")
+    assert kept.evidence.aside == aside.sum() == len(sinks[0].rows) // 2
+    assert "proof: stretches kept aside, 240 samples that diagnose" in change_text.loop_text([kept], end)
+    entry = model_history.entry(kept, "")
+    assert (entry["proof"], entry["data"]["kept_aside"]) == ("stretches kept aside", 240)
+    assert entry["proof_because"] is None
 
 
 def test_one_name_has_no_rivals(right):
