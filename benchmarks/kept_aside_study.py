@@ -32,10 +32,8 @@ from hidden_drives import FULL, Kind, sized, windows_of  # noqa: E402 - as above
 from terrain_cli import models  # noqa: E402 - as above
 from terrain_cli.comparison import kept_aside  # noqa: E402 - as above
 from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
-from terrain_cli.effects import catalogue  # noqa: E402 - as above
 from terrain_cli.improvement import tried  # noqa: E402 - as above
 from terrain_cli.improvement.held_out_gain import weigh  # noqa: E402 - as above
-from terrain_cli.windows.joined_inputs import by_wheel  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "kept_aside_study.txt"
 FIRST, FIRST_CLEAN = 41_000_000, 41_001_000
@@ -53,8 +51,8 @@ def run(number, *, clean):
         noise=NOISES[number // 2 % 2],
         course=COURSES[number % 3],
     )
-    wheels = by_wheel(windows_of(seed, kind), catalogue().values())
-    marked, _ = kept_aside.marked(wheels, SHARE)
+    wheels = windows_of(seed, kind)
+    marked = kept_aside.marked(wheels, SHARE)
     file = models.ModelFile()
     found = {"effect": effect, "size": SIZES[number % 2], "course": kind.course, "noise": kind.noise}
     for name, windows in (("whole", wheels), ("half", kept_aside.seen(marked))):

@@ -295,16 +295,17 @@ def thinned(windows: Windows, share: float) -> Windows:
 def pieces(windows: Windows, chosen: Index) -> Windows:
     """Keep some of the usable samples, rising indices of shape (m,), in the windows that they are of.
 
-    Samples between which others are left out belong to different stretches. A window of which nothing is left
-    is none.
+    Samples between which others are left out belong to different stretches, and so do those left out. A
+    window of which nothing is left is none.
     """
-    rows = windows.rows[chosen]
-    stretch = windows.samples.stretch.copy()
-    breaks = (np.diff(chosen) != 1) | (np.diff(stretch[rows]) != 0)
+    rows, stretch = windows.rows, windows.samples.stretch.copy()
+    kept = np.zeros(len(rows), dtype=bool)
+    kept[chosen] = True
+    breaks = np.diff(kept) | (np.diff(stretch[rows]) != 0)
     stretch[rows] = np.cumsum(np.concatenate([[False], breaks])[: len(rows)])
     return Windows(
         replace(windows.samples, stretch=stretch),
-        rows,
+        rows[chosen],
         np.unique(np.searchsorted(chosen, windows.bounds)),
         windows.x[chosen],
         windows.y[chosen],
