@@ -30,13 +30,11 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
     """Return a diagnosis as it is written to JSON; `draft` is the file of its law, if that was written."""
     comparison = diagnosis.comparison
     alarm, unknown = diagnosis.alarm, diagnosis.unknown
+    aside = kept_aside.number(wheel.samples for wheel in comparison.wheels)
     return {
         "format": FORMAT,
         "model": comparison.model,
-        "data": {
-            **comparison_text.data_document(comparison),
-            "kept_aside": kept_aside.number(wheel.samples for wheel in comparison.wheels),
-        },
+        "data": {**comparison_text.data_document(comparison), **({"kept_aside": aside} if aside else {})},
         "channels": {
             name: {
                 "unit": errors.unit,
