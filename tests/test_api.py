@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 import terrain_cli as terrain
 from terrain_cli import diagnosis, improvement, models
+from terrain_cli.api import diagnosis_result
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
 
 SAMPLE = Path(__file__).parent.parent / "sample_data"
@@ -222,6 +223,16 @@ def test_diagnose_is_the_command(folder, printed, monkeypatch):
     assert list(result.candidates["effect"]) == [one["effect"] for one in document["candidates"]]
     assert {"sinkage_heldout_rmse_m", "score"} <= {*result.candidates}
     assert result.sentence in result._repr_html_()
+
+
+def test_diagnose_does_not_see_what_is_kept_aside(wheels, monkeypatch):
+    shown = []
+    monkeypatch.setattr(diagnosis_result, "diagnosed", lambda some, *_, **__: shown.extend(some))
+    terrain.diagnose(wheels, keep_aside=0.5)
+    assert [one.samples.wheel for one in shown] == [one.wheel for one in wheels]
+    for one in shown:
+        assert len(one.rows) == pytest.approx(len(one.samples.usable) / 2, abs=8)
+        assert not one.samples.aside[one.rows].any()
 
 
 def test_add_effect_is_the_command(trial, folder, printed, terrain_est_here):

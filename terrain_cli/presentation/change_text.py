@@ -118,7 +118,7 @@ def _found(step: Step) -> str:
     return text
 
 
-def proof(step: Step) -> str:
+def proof(step: Step, ask: str = "--confirm LOG or --keep-aside SHARE") -> str:
     """Say on what a change was judged, and what would be a stricter proof."""
     if step.confirmation is not None:
         return f"proof: another drive, {listed(list(step.confirmation.sources))}"
@@ -128,7 +128,7 @@ def proof(step: Step) -> str:
     same = "proof: the stretches that may have named it"
     if step.evidence.too_short:
         return f"{same}: {model_history.same_stretches(step)}"
-    return f"{same}; for others give --confirm LOG or --keep-aside SHARE"
+    return f"{same}; for others give {ask}"
 
 
 def reason(step: Step) -> str:
@@ -306,7 +306,7 @@ def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -
             cells = [cell for v in (one.before, after[one.name]) for cell in _cells(v, what.factor)]
             noise = next(x.noise for x in last.channels if x.name == one.name)
             rows.append((what.label, *cells, quantities.number(noise * what.factor)))
-        lines += ["", *aligned(rows), "", proof(first)]
+        lines += ["", *aligned(rows), "", proof(first, "--keep-aside SHARE")]
     return "\n".join([*lines, _at_end(end, asked).sentence])
 
 

@@ -157,7 +157,10 @@ def test_stretches_kept_aside_are_hidden_from_the_diagnosis_and_judge(sinks):
 def test_one_name_has_no_rivals(right):
     (kept,), end = right
     assert (kept.rivals, kept.next_drive) == ((), None)
-    assert "do not tell" not in change_text.loop_text([kept], end)
+    told = change_text.loop_text([kept], end)
+    assert "do not tell" not in told
+    # Another drive is for effects that are named.
+    assert "proof: the stretches that may have named it; for others give --keep-aside SHARE\n" in told
     assert model_history.entry(kept, "")["rivals"] is None
 
 
