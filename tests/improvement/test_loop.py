@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from changed_models import DIGS, write_all
+from changed_models import DIGS, write_all, write_log
 from scipy.special import chdtrc
 
 from terrain_cli import models, rover, telemetry
@@ -171,17 +171,18 @@ def test_what_does_not_pay_is_never_kept(clean):
     assert "drivetrain-friction and load-bias did not" in end.because
 
 
-def test_an_effect_that_another_makes_needless_is_dropped(sinks):
-    """Shear-modulus follows slip as well, but not so well."""
-    steps, end = run(sinks, ["shear-modulus"], ["slip-sinkage"])
-    assert told(steps)[:2] == [("add", "shear-modulus", True), ("add", "slip-sinkage", True)]
-    assert [[one.effect for one in step.idle] for step in steps[:2]] == [[], ["shear-modulus"]]
-    assert "\nshear-modulus may as well be null now (p 0." in change_text.text(steps[1])
+def test_an_effect_that_another_makes_needless_is_dropped(folder):
+    """A gear that loses a share of the torque explains friction in part."""
+    write_log(folder / "rubs.csv", {"drivetrain-friction": {"Tc": 0.6, "Bv": 0.0}}, seed=3)
+    steps, end = run(cut(folder, "rubs.csv"), ["gear-efficiency"], ["drivetrain-friction"])
+    assert told(steps)[:2] == [("add", "gear-efficiency", True), ("add", "drivetrain-friction", True)]
+    assert [[one.effect for one in step.idle] for step in steps[:2]] == [[], ["gear-efficiency"]]
+    assert "\ngear-efficiency may as well be null now (p 0." in change_text.text(steps[1])
     (idle,) = change_text.loop(steps, end)["steps"][1]["idle"]
-    assert idle["effect"] == "shear-modulus"
+    assert idle["effect"] == "gear-efficiency"
     assert 0.01 < idle["p_value"] <= 1.0
-    assert ("remove", "shear-modulus", True) in told(steps)
-    assert effects(end) == ["slip-sinkage"]
+    assert ("remove", "gear-efficiency", True) in told(steps)
+    assert effects(end) == ["drivetrain-friction"]
     for one in steps:
         assert one.kept == (one.pays if one.action == "add" else not one.costs)
 
