@@ -43,8 +43,9 @@ from terrain_cli.windows.joined_inputs import by_wheel  # noqa: E402 - as above
 
 #: Seeds: below, thresholds were tuned; from here on, they are scored. And how far apart rows are.
 FIRST, APART = 6_000_000, 100
-#: And where clean drives of a class of noise begin, of which those at the others were learnt from.
-FIRST_ANEW = {"soil-unlabelled": 7_000_000}
+#: And where clean drives of a class of noise begin, of which those at the others were learnt from, and drives
+#: of other vehicles.
+FIRST_ANEW = {"soil-unlabelled": 7_000_000, "vehicles": 52_000_000}
 NOISES = ("white", "ar1", "soil", "soil-unlabelled")
 COURSES = ("rich", "poor-load", "rich", "poor", "rich", "poor-speed")
 SIZES = (0.5, 1.0, 2.0)
@@ -70,7 +71,8 @@ def jobs(section, number, first=FIRST):
     ones and further seeds.
     """
     for place, row in enumerate(_rows(section)):
-        begin = FIRST_ANEW.get(row.get("noise"), first) if (section, first) == ("clean", FIRST) else first
+        anew = row.get("noise") if section == "clean" else section
+        begin = FIRST_ANEW.get(anew, first) if first == FIRST else first
         often = 4 if row.get("course") == "rich" and row.get("size") == 1.0 else 1
         for drive in range(number * often):
             apart = 0 if section == "clean" else APART * place
@@ -357,4 +359,5 @@ _RUNS = {
     "next": _next,
     "vehicles": _vehicles,
 }
-SECTIONS = tuple(_RUNS)
+#: Those of the whole study, and the drives of other vehicles.
+SECTIONS, VEHICLE_DRIVES = tuple(_RUNS)[:-1], tuple(_RUNS)[-1]
