@@ -98,13 +98,14 @@ _UNITS: dict[str, dict[str, tuple[int, int]]] = {
     "load-bias": {"offset": (1, 0)},
     "sinkage-bias": {"offset": (0, 1)},
     "drawbar-bias": {"offset": (1, 0)},
+    "sinkage-relaxation": {"length": (0, 1)},
     "acceleration-torque": {"J": (1, 1)},
     "post-peak-softening": {"length": (0, 1)},
     "hardpan": {"modulus": (1, -3)},
     "crust": {"strength": (1, -2), "thickness": (0, 1)},
 }
 #: They say where or how fast an effect acts, not how much.
-SHAPES = {"length", "top", "thickness"}
+SHAPES = {("post-peak-softening", "length"), ("hardpan", "top"), ("crust", "thickness")}
 #: Beyond these a scaled parameter makes no sense: the greatest stress stays ahead of the lowest point.
 LEAST = {"c1": 0.05}
 
@@ -222,7 +223,7 @@ def sized(
     nulls = EFFECTS[effect].parameters
     given: dict[str, float | str] = {
         name: value
-        if name in SHAPES
+        if (effect, name) in SHAPES
         else max(nulls[name] + size * (value - nulls[name]), LEAST.get(name, -np.inf))
         for name, value in FULL[effect].items()
     }

@@ -52,7 +52,7 @@ def test_sizes_are_within_what_the_program_knows_and_scale_from_none(name):
         for parameter in FULL[name]:
             assert bounds[parameter].lower <= given[parameter] <= bounds[parameter].upper
             away = FULL[name][parameter] - nulls[parameter]
-            if parameter in SHAPES:
+            if (name, parameter) in SHAPES:
                 assert given[parameter] == FULL[name][parameter]
             elif parameter != "c1" or size < 2.0:
                 assert given[parameter] == pytest.approx(nulls[parameter] + size * away)
