@@ -157,7 +157,7 @@ def of_fitted(
     model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]
     levels = {name: _pooled_noise(fitted, name) for name in channels}
-    scale = {name: _scale(fitted, name, levels[name]) for name in channels}
+    scale = {name: scale_of(fitted, name, levels[name]) for name in channels}
     channels = [name for name in channels if scale[name] > 0.0]
     scale = {name: scale[name] for name in channels}
     made = _blocks(fitted) if like is None else _Blocks([one.blocks for one in like.wheels])
@@ -225,11 +225,9 @@ def _between_segments(
         return []
     common = [one for _, one, _ in chosen]
     names = [name for name in levels if any(name in wheel.measured for wheel in common)]
-    scale = {name: _scale(common, name, np.nan) for name in names}
+    scale = {name: size for name in names if (size := scale_of(common, name, np.nan)) > 0.0}
     known = {(finding.channel, finding.driver) for finding in before}
-    return Residuals(common, block, {n: s for n, s in scale.items() if s > 0.0}, found=known).findings(
-        levels, seed
-    )
+    return Residuals(common, block, scale, found=known).findings(levels, seed)
 
 
 def _why(wheels: Sequence[FittedWheel]) -> str:
@@ -263,7 +261,8 @@ def _pooled_noise(wheels: Sequence[FittedWheel], name: str) -> float:
     return float(np.sqrt(sum(count * level**2 for count, level in known) / total)) if total else np.nan
 
 
-def _scale(wheels: Sequence[FittedWheel], name: str, level: float) -> float:
+def scale_of(wheels: Sequence[FittedWheel], name: str, level: float) -> float:
+    """Return what weighs the residuals of a channel: its noise, if that is known, else their size."""
     errors = np.concatenate([wheel.residuals[name] for wheel in wheels if name in wheel.measured])
     errors = errors[np.isfinite(errors)]
     rms = float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0

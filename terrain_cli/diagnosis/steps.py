@@ -20,7 +20,6 @@ from terrain_cli.diagnosis import (
     refits,
     screening,
     signatures,
-    solved_wheel,
 )
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate, Size
@@ -322,7 +321,7 @@ def candidates(
 def _solved(log: DiagnosedLog, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
     """Return the wheels with what a refit found."""
     pairs = zip(log.data.wheels, refit.solutions, strict=True)
-    return [solved_wheel.of(wheel, solution, one.fixed) for wheel, solution in pairs]
+    return [refits.on_wheel(wheel, solution, one.fixed) for wheel, solution in pairs]
 
 
 def _held_out(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -> dict[str, float]:
@@ -335,10 +334,10 @@ def _held_out(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -
         for name, errors in log.comparison.channels.items()
     }
     if anew:
-        wheels = [solved_wheel.fitted(wheel, one) for wheel in log.data.wheels]
+        wheels = [refits.fitted_anew(wheel, one) for wheel in log.data.wheels]
     else:
         wheels = _solved(log, one, refit)
-    return solved_wheel.held_out_errors(wheels, log.block, levels)
+    return refits.held_out_errors(wheels, log.block, levels)
 
 
 def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -> float:
