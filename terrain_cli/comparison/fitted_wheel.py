@@ -19,8 +19,6 @@ from terrain_cli.comparison import (
     smoothed_model,
     whitening,
 )
-from terrain_cli.comparison.expected_forces import from_conditions
-from terrain_cli.comparison.neighbours import from_neighbours
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.windows.cut_windows import at_rows, by_terrain
@@ -274,7 +272,9 @@ class FittedWheel:
         read = dict(self.channels)
         for name in ("torque", "drawbar_pull"):
             if name in wanted and name in read:
-                read[name] = from_conditions(self.channels[name], self.channels, self.window)
+                read[name] = smoothed_channels.from_conditions(
+                    self.channels[name], self.channels, self.window
+                )
         return read
 
     @cached_property
@@ -333,7 +333,7 @@ class FittedWheel:
             return dict(self.read)
         reach = max(3, gap // 2)
         return {
-            name: from_neighbours(column, self.group, gap=gap, reach=reach)
+            name: smoothed_channels.from_neighbours(column, self.group, gap=gap, reach=reach)
             if name in (*smoothed_channels.NOISY, *_WITH_SLIP)
             else column
             for name, column in self.read.items()
