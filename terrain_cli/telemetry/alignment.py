@@ -89,12 +89,10 @@ def ascends(time: Array) -> bool:
 class Neighbours:
     """Where the times of a clock lie between the samples of a topic: the same for all its channels."""
 
-    #: The sample at each time, or the next; shape (n,).
-    after: Index
+    after: Index  # The sample at each time, or the next; shape (n,)
     #: How far the time is from the sample before to that; NaN where nothing may be interpolated; shape (n,).
     share: Array
-    #: The sample is of this very time; shape (n,).
-    exact: Mask
+    exact: Mask  # The sample is of this very time; shape (n,)
 
     def between(self, values: Array) -> Array:
         """Interpolate values of the samples, of which none is NaN."""
