@@ -64,34 +64,12 @@ def compare(
 ) -> Comparison:
     """Compare what a model predicts with what was measured, and find where it fails.
 
-    Each wheel is fitted on its own; segments whose soils predict no better than a single one are taken
-    as one. Blocks are the runs where there are enough of them, else
-    stretches so long that the noise forgets, and that the scores of neighbouring ones are unrelated.
-
-    Parameters
-    ----------
-    wheels : sequence of Windows
-        With usable samples.
-    fixed : mapping of str to float, optional
-        Parameters held; the others are fitted.
-    shared : collection of str
-        Parameters of the soil with one value for all windows of a wheel.
-    noise : Noise, optional
-        Of the sensors, for the fit; learnt from the data if not given.
-    like : Comparison, optional
-        Of another model with the same windows: take its blocks, so that `two_models` compares like with
-        like.
-    soils : EstimateRequest, optional
-        What `estimate` is asked for c and φ of the segments; of this model with its defaults if not given.
-    seed : int
-        Of the bootstraps.
-    progress : callable
-        Called with the name of each step before it begins.
-
-    Raises
-    ------
-    InputError
-        Nothing that the model predicts was measured.
+    Each wheel is fitted on its own; segments whose soils predict no better than a single one are taken as
+    one. Blocks are the runs where there are enough of them, else stretches so long that the noise forgets,
+    and that the scores of neighbouring ones are unrelated. They are those of `like`, another model with the
+    same windows, so that `two_models` compares like with like. Settings are as in `FitSettings`; `soils` is
+    what `estimate` is asked for c and φ of the segments, of this model with its defaults if not given. Raises
+    InputError where nothing that the model predicts was measured.
     """
     fitted, told = on_few_soils(
         wheels, model, FitSettings(fixed or {}, priors or {}, shared, noise), progress=progress
