@@ -41,6 +41,8 @@ _MAKERS: dict[str, Callable[[], Any]] = {
 CORRUPT = (ValueError, OSError, RuntimeError, zstd.ZstdError)
 #: What reading the records of a damaged file raises.
 DAMAGE = (*CORRUPT, EOFError, struct.error)
+#: Messages that are taken before their bytes are counted.
+_COUNTED = 64
 #: LZ4 packs 255 times at its best: as much as this cannot become more than 1 GiB.
 _LZ4_AT_ONCE = 4 << 20
 
@@ -129,7 +131,9 @@ class Messages:
 
 
 def of_payloads(
-    payloads: Sequence[bytes], times: Sequence[int] | None = None, order: Sequence[int] | None = None
+    payloads: Sequence[bytes],
+    times: Sequence[int] | Index | None = None,
+    order: Sequence[int] | Index | None = None,
 ) -> Messages:
     """Join single messages; log times are in ns, zero if not given, and `order` rises by one if not given."""
     rows = len(payloads)
@@ -139,18 +143,13 @@ def of_payloads(
     return Messages(b"".join(payloads), np.cumsum(sizes) - sizes, sizes, clock, places)
 
 
-def collected(
-    messages: Iterable[tuple[int, int, bytes]], size: int, most: int = 64
-) -> Iterator[dict[int, Messages]]:
-    """Collect messages (connection, log time in ns, payload) by connection, to pieces of so many bytes.
-
-    `most` messages are taken before their bytes are counted.
-    """
+def collected(messages: Iterable[tuple[int, int, bytes]], size: int) -> Iterator[dict[int, Messages]]:
+    """Collect messages (connection, log time in ns, payload) by connection, to pieces of so many bytes."""
     rows = iter(messages)
     done = 0
-    while waiting := list(islice(rows, most)):
+    while waiting := list(islice(rows, _COUNTED)):
         held = sum(len(row[2]) for row in waiting)
-        while held < size and (more := list(islice(rows, most))):
+        while held < size and (more := list(islice(rows, _COUNTED))):
             waiting += more
             held += sum(len(row[2]) for row in more)
         connections, times, payloads = zip(*waiting, strict=True)
