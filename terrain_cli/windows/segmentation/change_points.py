@@ -124,19 +124,11 @@ def _block_length(n: int, before: int) -> int:
     return LONG if length > _LONGEST and n >= _LONG_SAMPLES else min(length, _LONGEST)
 
 
-def needed(
-    x: Array,
-    y: Array,
-    drivers: Sequence[Array],
-    bounds: Bounds,
-    fixed: Index,
-    penalty: float = PENALTY,
-) -> Bounds:
+def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: Index) -> Bounds:
     """Return the bounds that are needed whatever y follows of some drivers.
 
     x and y are in Pa; drivers that are not known everywhere are passed over. The `fixed` bounds, breaks of
-    the series, stay. The penalty is what a change must gain, in units of the long-run variance of the
-    residuals.
+    the series, stay.
     """
     if len(np.setdiff1d(bounds[1:-1], fixed)) < _LEAST:
         return bounds
@@ -149,8 +141,8 @@ def needed(
         best, saved = None, 0.0
         for place, driver in enumerate(scaled):
             added = [driver, driver**2, driver * line]
-            joined, lost = _joined(_Lines(line, [*terms, *added], level, bounds), fixed, penalty)
-            gain = penalty * (len(bounds) - len(joined) - 1) - lost
+            joined, lost = _joined(_Lines(line, [*terms, *added], level, bounds), fixed)
+            gain = PENALTY * (len(bounds) - len(joined) - 1) - lost
             if gain > saved:
                 best, saved = (place, added, joined), gain
         if best is None:
@@ -201,7 +193,7 @@ class _Lines:
         return size**2 * correlation_factor(residuals / size, self.bounds[1:-1], fitted) if size else _RIDGE
 
 
-def _joined(lines: _Lines, fixed: Index, penalty: float) -> tuple[Bounds, float]:
+def _joined(lines: _Lines, fixed: Index) -> tuple[Bounds, float]:
     """Join windows; return the bounds that remain, and what the sum of squares rose by, in its unit."""
     bounds, moments = lines.bounds, lines.moments()
     unit = lines.scatter(moments)
@@ -214,7 +206,7 @@ def _joined(lines: _Lines, fixed: Index, penalty: float) -> tuple[Bounds, float]
         gain[np.isin(bounds[1:-1], fixed)] = np.inf
         # Of neighbours the one that gains less goes first: without it the other may be needed.
         ends = np.concatenate([[np.inf], gain, [np.inf]])
-        goes = (gain < penalty) & (gain <= ends[:-2]) & (gain < ends[2:])
+        goes = (gain < PENALTY) & (gain <= ends[:-2]) & (gain < ends[2:])
         if not goes.any():
             break
         stays = np.concatenate([[True], ~goes])
