@@ -14,7 +14,6 @@ from terrain_cli.comparison import (
     prediction,
     residual_noise,
     smoothed_channels,
-    smoothed_covariance,
     smoothed_fit,
     smoothed_model,
     whitening,
@@ -208,8 +207,8 @@ class FittedWheel:
     def take(self, solution: smoothed_fit.Solution, data: smoothed_model.SmoothedData) -> None:
         """Replace what was fitted."""
         self._forget()
-        self.fit = smoothed_covariance.as_fit(data, solution, self.fit)
-        self.parameters.update(smoothed_covariance.parameters(solution))
+        self.fit = smoothed_fit.as_fit(data, solution, self.fit)
+        self.parameters.update(smoothed_fit.parameters(solution))
 
     def _parameters(self, settings: FitSettings) -> dict[str, Array]:
         """Return every parameter of every window; those of windows without samples are never used."""

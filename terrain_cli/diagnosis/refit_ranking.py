@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import comparison_criteria, smoothed_covariance, smoothed_model
+from terrain_cli.comparison import comparison_criteria, smoothed_fit, smoothed_model
 from terrain_cli.comparison.bootstrap import resample, webb_weights
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
@@ -56,7 +56,7 @@ def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     """Tell whether an effect went, beyond doubt, to where nature has none: friction that drives, say."""
     bounded = [effect for effect in hypothesis.effects if effect.limits]
     for part, solution in zip(data.data, one.solutions, strict=True) if bounded else ():
-        _, covariance = smoothed_covariance.covariance(part, solution)
+        _, covariance = smoothed_fit.covariance(part, solution)
         fitted = zip(solution.unknowns.shared, solution.common, strict=True)
         values = {unknown.name: float(unknown.value(place)) for unknown, place in fitted}
         if any(any(effect.imitations(values, covariance)) for effect in bounded):
@@ -69,7 +69,7 @@ def left_open(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     own = hypothesis.parameters
     told = []
     for part, solution in zip(data.data, one.solutions, strict=True):
-        _, covariance = smoothed_covariance.covariance(part, solution)
+        _, covariance = smoothed_fit.covariance(part, solution)
         for column, unknown in enumerate(solution.unknowns.shared):
             if unknown.name in own and not own[unknown.name].shape:
                 told.append(float(covariance[column, column]) ** 0.5 < criteria.LEFT_OPEN * unknown.sd)

@@ -13,7 +13,6 @@ from terrain_cli.comparison import (
     comparison_criteria,
     held_out,
     residual_noise,
-    smoothed_covariance,
     smoothed_fit,
     smoothed_model,
     whitening,
@@ -323,7 +322,7 @@ def on_wheel(wheel: FittedWheel, solution: Solution, fixed: Mapping[str, float])
     solved.logarithmic = frozenset(u.name for u in (*local, *shared) if u.logarithm)
     solved.prior = {u.name: u.sd for u in (*local, *shared)}
     held = {name: np.full(len(wheel.windows), value) for name, value in fixed.items()}
-    solved.parameters = {**wheel.parameters, **held, **smoothed_covariance.parameters(solution)}
+    solved.parameters = {**wheel.parameters, **held, **smoothed_fit.parameters(solution)}
     return solved
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli import models, processes
-from terrain_cli.comparison import comparison_criteria, smoothed_covariance
+from terrain_cli.comparison import comparison_criteria, smoothed_fit
 from terrain_cli.diagnosis import (
     alarm,
     next_drive,
@@ -361,7 +361,7 @@ def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
     names = list(one.parameters or one.priors)
     pairs: dict[str, list[tuple[float, float]]] = {}
     for part, solution in zip(data.data, refit.solutions, strict=True):
-        covariance, _ = smoothed_covariance.covariance(part, solution)
+        covariance, _ = smoothed_fit.covariance(part, solution)
         sought = solution.unknowns
         for column, unknown in enumerate((*sought.local, *sought.shared)):
             if unknown.name not in names:
