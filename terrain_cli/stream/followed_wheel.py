@@ -38,7 +38,7 @@ LONGEST = 1 << 17
 #: What estimates and rows are made of; the effects of a model may need anything.
 _KEPT = {*NEEDED, "drawbar_pull", "x", "y", "longitude", "latitude"}
 #: The errors from what is assumed are found anew when a segment has grown by this factor: they hardly depend
-#: on it, and take ten times as long as the rest of an open row.
+#: on it, and take far longer than the rest of an open row.
 _GROWN = 1.5
 #: The model is set against samples that are this many seconds and `SETTLED` samples old: by then 95 % of the
 #: changes of soil before them are told, which are no fault of a model.

@@ -80,7 +80,7 @@ class Definition:
 
     @cached_property
     def store(self) -> Typestore:
-        """What decodes single messages; rosbags writes a class for each type, which takes it 1 ms."""
+        """What decodes single messages; for each type rosbags writes and compiles a class."""
         return self.compile()
 
     @property

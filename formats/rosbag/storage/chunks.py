@@ -167,7 +167,7 @@ def _locate(
     buffer = b"".join(pieces)
     for connection, parts in found.items():
         entries, *rest = zip(*parts, strict=True)
-        # Joined as bytes: NumPy compares the names of all fields first, which takes three times as long.
+        # Joined as bytes: NumPy would compare the names of all fields first.
         times, places = layout.entries(np.frombuffer(b"".join(entries), layout.entry))
         lengths = [len(of_chunk) for of_chunk in entries]
         bases, ends, ranks, firsts = (np.repeat(np.array(of_chunk), lengths) for of_chunk in rest)
