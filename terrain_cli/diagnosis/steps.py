@@ -15,7 +15,6 @@ from terrain_cli.diagnosis import (
     next_drive,
     outside_catalogue,
     pairs,
-    quick_scores,
     refit_ranking,
     refits,
     screening,
@@ -350,7 +349,7 @@ def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -
     ]
     found = screening.screen(wheels, log.block, others, case.seed)
     first = max(found.p_values, key=lambda name: found.explained[name], default="")
-    return quick_scores.of_scores(found, first) if first else 1.0
+    return alarm.of_scores(found, first) if first else 1.0
 
 
 def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
