@@ -12,7 +12,6 @@ import argparse
 import multiprocessing
 import os
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -25,18 +24,17 @@ sys.path[:0] = [
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import hidden_drives  # noqa: E402 - as above
 import numpy as np  # noqa: E402 - found through the path above
 from finding_study import percent  # noqa: E402 - as above
-from hidden_drives import FULL, LOAD, Kind, drive_of, samples_from, sized  # noqa: E402 - as above
+from hidden_drives import FULL, Kind, Rover, sized  # noqa: E402 - as above
 from scipy import stats  # noqa: E402 - as above
-from simulator import Wheel, simulate, undulation  # noqa: E402 - as above
+from simulator import Wheel, undulation  # noqa: E402 - as above
 from window_coverage_study import VEHICLES  # noqa: E402 - as above
 
 from terrain_cli import models  # noqa: E402 - as above
 from terrain_cli.diagnosis import diagnose, diagnosed_log, refits, steps  # noqa: E402 - as above
 from terrain_cli.effects import catalogue  # noqa: E402 - as above
-from terrain_cli.telemetry.wheel_samples import Geometry  # noqa: E402 - as above
-from terrain_cli.windows.cut_windows import cut  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "alarm_study.txt"
 #: Seeds of the drives, without and with an effect.
@@ -52,28 +50,20 @@ def windows_of(seed, effects):
     radius, width, load = VEHICLES[rng.integers(len(VEHICLES))]
     rate = RATES[rng.integers(len(RATES))]
     noise = NOISES[seed % len(NOISES)]
+    course, share = COURSES[rng.integers(len(COURSES))], rng.choice([0.01, 0.03])
+    rough = undulation(1.0, rng.choice([0.0, 0.25]), rng.uniform(0.5, 2.0), seed + 21)
+    wheel = Wheel(radius=radius, width=width, grouser_height=0.08 * radius, grouser_count=12)
     kind = Kind(
         effects,
         noise="ar1" if noise == "ar1" else "white",
         soils=2 if noise == "two soils" else 1,
-        course=COURSES[rng.integers(len(COURSES))],
-        share=rng.choice([0.01, 0.03]),
+        course=course,
+        share=share,
         seconds=SAMPLES / rate,
         rate=rate,
+        rover=Rover(wheel=wheel, load=load, rough=rough),
     )
-    drive = drive_of(seed, kind)
-    rough = undulation(1.0, rng.choice([0.0, 0.25]), rng.uniform(0.5, 2.0), seed + 21)
-    (track,) = drive.tracks
-    pull = drive.sensors["drawbar_pull"]
-    drive = replace(
-        drive,
-        tracks=[replace(track, load=lambda t: load / LOAD * track.load(t) * rough(t))],
-        wheel=Wheel(radius=radius, width=width, grouser_height=0.08 * radius, grouser_count=12),
-        sensors={**drive.sensors, "drawbar_pull": replace(pull, absolute=pull.absolute * load / LOAD)},
-    )
-    samples = samples_from(f"drive {seed}", simulate(drive).wheels["wheel"].aligned(), kind)
-    samples.geometry = Geometry(radius, width, 0.018, 0.08 * radius, 12)
-    return [cut(samples, "auto")]
+    return hidden_drives.windows_of(seed, kind)
 
 
 def p_values(seed):

@@ -14,10 +14,22 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "tests"), str(HERE.parent / "tests" / "diagnosis")]
 
 import numpy as np  # noqa: E402 - found through the path above
-from hidden_drives import FULL, PAIRS, SEPARABLE, Kind, sized, two, windows_of  # noqa: E402 - as above
+from hidden_drives import (  # noqa: E402 - as above
+    FULL,
+    PAIRS,
+    SEPARABLE,
+    WHEEL,
+    Kind,
+    Rover,
+    sized,
+    two,
+    windows_of,
+)
 from next_drives import appended  # noqa: E402 - as above
-from simulator import EFFECTS  # noqa: E402 - as above
+from simulator import EFFECTS, Wheel, base_contact, sinkage_under  # noqa: E402 - as above
+from simulator import SOILS as ALL_SOILS  # noqa: E402 - as above
 from uncatalogued import OUTSIDE  # noqa: E402 - as above
+from window_coverage_study import VEHICLES, wander  # noqa: E402 - as above
 
 from terrain_cli import models  # noqa: E402 - as above
 from terrain_cli.comparison.compare import fit_wheels  # noqa: E402 - as above
@@ -31,14 +43,19 @@ from terrain_cli.windows.joined_inputs import by_wheel  # noqa: E402 - as above
 
 #: Seeds: below, thresholds were tuned; from here on, they are scored. And how far apart rows are.
 FIRST, APART = 6_000_000, 100
-#: And where clean drives of a class of noise begin, of which those at the others were learnt from.
-FIRST_ANEW = {"soil-unlabelled": 7_000_000}
+#: And where clean drives of a class of noise begin, of which those at the others were learnt from, and drives
+#: of other vehicles.
+FIRST_ANEW = {"soil-unlabelled": 7_000_000, "vehicles": 52_000_000}
 NOISES = ("white", "ar1", "soil", "soil-unlabelled")
 COURSES = ("rich", "poor-load", "rich", "poor", "rich", "poor-speed")
 SIZES = (0.5, 1.0, 2.0)
 #: Drives of each row: of a class of noise; of an effect, its size, form and course; of a pair; …
-FULL_NUMBERS = {"clean": 400, "effects": 1, "pairs": 5, "removed": 2, "outside": 8, "next": 3}
-QUICK_NUMBERS = {"clean": 6, "effects": 1, "pairs": 1, "removed": 1, "outside": 1, "next": 1}
+FULL_NUMBERS = {"clean": 400, "effects": 1, "pairs": 5, "removed": 2, "outside": 8, "next": 3, "vehicles": 3}
+QUICK_NUMBERS = {"clean": 6, "effects": 1, "pairs": 1, "removed": 1, "outside": 1, "next": 1, "vehicles": 1}
+#: Drives of the vehicles with nothing hidden, of each three with an effect.
+NOTHING = 20
+#: k in m; the rover file says 18 mm of all.
+MODULI = (0.01, 0.018, 0.03)
 #: Candidates of which a note is kept.
 _NOTED = 5
 
@@ -54,7 +71,8 @@ def jobs(section, number, first=FIRST):
     ones and further seeds.
     """
     for place, row in enumerate(_rows(section)):
-        begin = FIRST_ANEW.get(row.get("noise"), first) if (section, first) == ("clean", FIRST) else first
+        anew = row.get("noise") if section == "clean" else section
+        begin = FIRST_ANEW.get(anew, first) if first == FIRST else first
         often = 4 if row.get("course") == "rich" and row.get("size") == 1.0 else 1
         for drive in range(number * often):
             apart = 0 if section == "clean" else APART * place
@@ -85,6 +103,7 @@ def _rows(section):
             for first, second, course in SEPARABLE
             for hidden, other in ((first, second), (second, first))
         ],
+        "vehicles": [{"effect": effect} for effect in FULL] + [{"effect": None}] * NOTHING,
     }[section]
 
 
@@ -199,6 +218,55 @@ def _effects(job):
     return noted
 
 
+def vehicle(seed):
+    """Draw what drives, on which soil, with which noise."""
+    rng = np.random.default_rng([13, seed])
+    while True:
+        radius, width, load = VEHICLES[rng.integers(len(VEHICLES))]
+        wheel = Wheel(radius=radius, width=width, grouser_height=0.08 * radius, grouser_count=12)
+        soil = list(ALL_SOILS.values())[rng.integers(len(ALL_SOILS))]
+        soil = replace(soil, shear_modulus=MODULI[rng.integers(len(MODULI))])
+        try:
+            deep = sinkage_under(base_contact(soil), wheel, 1.6 * load, 0.7)
+        except ValueError:
+            continue
+        if deep < 0.4 * radius:
+            break
+    kind = Kind(noise=("white", "ar1")[rng.integers(2)], share=float(rng.choice([0.01, 0.03, 0.06])))
+    roughness, steps = rng.choice(["white", "AR(1) 0.95", "smooth"]), int(kind.seconds * kind.rate) + 1
+    away = np.clip(1.0 + 0.15 * wander(roughness, rng, steps), 0.5, 1.6)
+    rover = Rover(
+        wheel=wheel,
+        load=load,
+        speed=Rover.speed * radius / WHEEL.radius,
+        soils=(soil, soil),
+        rough=lambda t: np.interp(t, np.arange(steps) / kind.rate, away),
+    )
+    return replace(kind, rover=rover)
+
+
+def _vehicles(job):
+    kind = vehicle(job["seed"])
+    effect = job["effect"]
+    kind = replace(kind, effects=sized(effect, rover=kind.rover) if effect else {})
+    wheels = by_wheel(windows_of(job["seed"], kind), catalogue().values())
+    found = diagnose(wheels, models.ModelFile(), seed=job["seed"])
+    noted = _noted(found, {effect})
+    noted["about"] = {
+        "radius": kind.rover.wheel.radius,
+        "soil": kind.rover.soils[0].name,
+        "modulus": kind.rover.soils[0].shear_modulus,
+        "share": kind.share,
+        "noise": kind.noise,
+    }
+    if effect:
+        bare = by_wheel(windows_of(job["seed"], replace(kind, effects={})), catalogue().values())
+        noted["after"] = _after(wheels, found, effect, job["seed"])
+        noted["bare"] = _errors(fitted(bare, models.ModelFile(), seed=job["seed"]))
+        noted["strength"] = strength(job["seed"], kind)
+    return noted
+
+
 def strength(seed, kind):
     """Return how much of an effect is left for anyone to see, once the soil has been fitted to it.
 
@@ -289,5 +357,7 @@ _RUNS = {
     "removed": _removed,
     "outside": _outside,
     "next": _next,
+    "vehicles": _vehicles,
 }
-SECTIONS = tuple(_RUNS)
+#: Those of the whole study, and the drives of other vehicles.
+SECTIONS, VEHICLE_DRIVES = tuple(_RUNS)[:-1], tuple(_RUNS)[-1]

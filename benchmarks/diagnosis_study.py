@@ -2,7 +2,8 @@
 
     python benchmarks/diagnosis_study.py [--quick] [--section NAME …] [--cache FOLDER] [--jobs N]
 
-prints the table and writes it to benchmarks/results/diagnosis_study.txt. What is found of each drive is
+prints the table and writes it to benchmarks/results/diagnosis_study.txt; `--section vehicles` drives six vehicles on
+ten soils instead, and writes benchmarks/results/diagnosis_vehicles.txt. What is found of each drive is
 kept in FOLDER (build/diagnosis_study by default), one line each: a study that was stopped goes on where
 it was, and `--table` makes the table of what is there. `--tuning` takes drives from below the seeds that
 are scored, for whoever works on thresholds; nothing is then written to results.
@@ -25,9 +26,10 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import diagnosis_drives  # noqa: E402 - found through the path above
-from diagnosis_table import table  # noqa: E402 - as above
+from diagnosis_table import table, vehicle_table  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "diagnosis_study.txt"
+VEHICLES_RESULT = HERE / "results" / "diagnosis_vehicles.txt"
 CACHE = HERE.parent / "build" / "diagnosis_study"
 
 
@@ -74,7 +76,10 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--quick", action="store_true", help="a few drives of each row")
     parser.add_argument(
-        "--section", action="append", choices=diagnosis_drives.SECTIONS, help="only this one (repeatable)"
+        "--section",
+        action="append",
+        choices=(*diagnosis_drives.SECTIONS, diagnosis_drives.VEHICLE_DRIVES),
+        help="only this one (repeatable)",
     )
     parser.add_argument("--number", type=int, help="drives of each row")
     parser.add_argument("--tuning", action="store_true", help="seeds below those that are scored")
@@ -104,11 +109,13 @@ def main(arguments=None):
             found[section] = [done[key(job)] for job in wanted if key(job) in done]
         else:
             found[section] = study(section, wanted, folder, given.jobs)
-    lines = list(table(found, planned))
+    vehicles = given.section == [diagnosis_drives.VEHICLE_DRIVES]
+    lines = list(vehicle_table(found[given.section[0]]) if vehicles else table(found, planned))
     print("\n".join(lines))
-    whole = not (given.tuning or given.quick or given.section or given.only or given.number)
-    if whole:
-        RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    some = given.tuning or given.quick or given.only or given.number
+    if not some and (vehicles or not given.section):
+        result = VEHICLES_RESULT if vehicles else RESULT
+        result.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -132,6 +132,7 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
     args : sequence of str, optional
         ``sys.argv[1:]`` if not given.
     """
+    processes.one_thread_of_algebra()
     with terminal.prepared():
         _run(args)
 

@@ -27,6 +27,9 @@ _CONTAINER = Path("/sys/fs/cgroup/memory.max")
 _SHARE = 8
 #: Bytes of a machine that does not say how many it has.
 _UNKNOWN = 8 << 30
+#: What NumPy's linear algebra asks for its number of threads. That of OpenMP also counts for Arrow, which
+#: reads files in as many.
+_ALGEBRA = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -56,6 +59,16 @@ def most_held() -> int:
 
         limits += [limit for limit in getrlimit(RLIMIT_AS)[:1] if limit != RLIM_INFINITY]
     return min(limits, default=_UNKNOWN) // _SHARE
+
+
+def one_thread_of_algebra() -> None:
+    """Keep linear algebra to one thread, unless the environment says how many; before NumPy is imported.
+
+    Matrices here are so small that threads wait for each other longer than they work, and the number of cores
+    would decide on the last digit of a sum.
+    """
+    for name in _ALGEBRA:
+        os.environ.setdefault(name, "1")
 
 
 @cache

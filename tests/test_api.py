@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 import terrain_cli as terrain
 from terrain_cli import diagnosis, improvement, models
+from terrain_cli.api import diagnosis_result
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
 
 SAMPLE = Path(__file__).parent.parent / "sample_data"
@@ -224,6 +225,16 @@ def test_diagnose_is_the_command(folder, printed, monkeypatch):
     assert result.sentence in result._repr_html_()
 
 
+def test_diagnose_does_not_see_what_is_kept_aside(wheels, monkeypatch):
+    shown = []
+    monkeypatch.setattr(diagnosis_result, "diagnosed", lambda some, *_, **__: shown.extend(some))
+    terrain.diagnose(wheels, keep_aside=0.5)
+    assert [one.samples.wheel for one in shown] == [one.wheel for one in wheels]
+    for one in shown:
+        assert len(one.rows) == pytest.approx(len(one.samples.usable) / 2, rel=0.05)
+        assert not one.samples.aside[one.rows].any()
+
+
 def test_add_effect_is_the_command(trial, folder, printed, terrain_est_here):
     assert (trial.kept, trial.pays) == (True, True)
     assert trial.path == folder / "model.toml"
@@ -258,10 +269,14 @@ def test_an_effect_that_does_not_pay_changes_nothing(folder, tmp_path):
     assert refused.model == terrain.load_model("wong-reece")
     assert list(tmp_path.iterdir()) == []
     assert isinstance(refused.plot(), Figure)
-    kept = terrain.add_effect("wong-reece", "slip-sinkage", clean, keep=True)
+    # Half of 120 samples makes no eight stretches of ten.
+    kept = terrain.add_effect("wong-reece", "slip-sinkage", clean, keep=True, keep_aside=0.5)
     assert (kept.kept, kept.pays) == (True, False)
     assert [effect.id for effect in kept.model.model.effects] == ["slip-sinkage"]
     assert kept.history[-1]["because"].startswith("--keep")
+    assert kept.history[-1]["proof"] == "same data"
+    assert kept.history[-1]["proof_because"] == "too short to keep any aside"
+    assert "clean.csv: too short to keep stretches aside: 120 samples, and it takes 160" in str(kept)
 
 
 def test_own_effects_are_found_from_the_model_file(folder, tmp_path, monkeypatch):

@@ -45,6 +45,37 @@ def test_pages_are_asked_for_once():
     assert kept < every / 4
 
 
+ALGEBRA = """
+import sys
+from terrain_cli import app
+print("numpy" in sys.modules)
+try:
+    app.main(["--version"])
+except SystemExit:
+    pass
+import os
+import numpy as np
+rows = np.ones((1000, 1000))
+rows @ rows
+print(len(os.listdir("/proc/self/task")))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems count threads in other ways")
+@pytest.mark.parametrize("asked", ["", "2"])
+def test_algebra_of_a_command_has_one_thread_or_as_many_as_asked_for(asked):
+    environment = {name: value for name, value in os.environ.items() if "NUM_THREADS" not in name}
+    if asked:
+        environment["OPENBLAS_NUM_THREADS"] = environment["MKL_NUM_THREADS"] = asked
+    done = subprocess.run(
+        [sys.executable, "-c", ALGEBRA], capture_output=True, text=True, check=True, env=environment
+    )
+    before, *_, threads = done.stdout.split("\n")[:-1]
+    assert before == "False"
+    # NumPy takes no more threads than there are cores.
+    assert int(threads) == (min(2, os.cpu_count()) if asked else 1)
+
+
 HELD = """
 import resource, sys
 limit = int(sys.argv[1])

@@ -10,6 +10,7 @@ from terrain_cli import effects as catalogues
 from terrain_cli import models, processes
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, silent, windows_of
+from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis import diagnose as diagnosed
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.presentation import diagnosis_text, terminal
@@ -145,6 +146,7 @@ def diagnose(
     effects: Sequence[str | Path] = (),
     rover: Rover | str | Path | None = None,
     smallest_share: float | None = None,
+    keep_aside: float | None = None,
     seed: int = 0,
     jobs: int = 1,
     progress: Callable[[str], None] | None = None,
@@ -168,6 +170,9 @@ def diagnose(
     smallest_share : float, optional
         Share of the root mean square of a channel, 0.003 by default. What is smaller in every channel raises
         no alarm.
+    keep_aside : float, optional
+        Share of each input that is not looked at, in eight stretches, so that `add_effect` with the same
+        share can judge on them what was named here.
     seed : int
         Of all that is drawn at random.
     jobs : int
@@ -186,6 +191,8 @@ def diagnose(
         No sample can be used, or nothing was measured that the model predicts.
     ConfigurationError
         A model file or the file of an effect is wrong.
+    UsageError
+        `keep_aside` is not between 0 and 1.
 
     See Also
     --------
@@ -203,7 +210,7 @@ def diagnose(
     with processes.jobs(jobs):
         windows = windows_of(data, file.model.effects, rover)
         found = diagnosed(
-            windows,
+            windows if keep_aside is None else kept_aside.seen(kept_aside.marked(windows, keep_aside)),
             file,
             effects=list(every.values()),
             seed=seed,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from terrain_cli import improvement, models, processes
 from terrain_cli.api import result_tables
 from terrain_cli.api.logs import as_model, silent, windows_of
+from terrain_cli.comparison import kept_aside
 from terrain_cli.improvement import model_history
 from terrain_cli.presentation import change_text, terminal
 from terrain_cli.presentation.terminal import escaped
@@ -151,6 +152,7 @@ def add_effect(
     *,
     path: str | Path | None = None,
     keep: bool = False,
+    keep_aside: float | None = None,
     rover: Rover | str | Path | None = None,
     seed: int = 0,
     jobs: int = 1,
@@ -175,6 +177,9 @@ def add_effect(
         Where to write the model file if the effect is kept. A file of this name is replaced.
     keep : bool
         Keep the effect even if the held-out error does not fall.
+    keep_aside : float, optional
+        Judge only on this share of each input, in eight stretches, which `diagnose` with the same share did
+        not see. By default on all of it.
     rover : Rover, str or Path, optional
         For a path or DataFrame, as for `read`.
     seed : int
@@ -193,7 +198,7 @@ def add_effect(
     Raises
     ------
     UsageError
-        There is no such effect, or the model has it already.
+        There is no such effect, or the model has it already; or `keep_aside` is not between 0 and 1.
     InputError
         No sample can be used, or the effect needs what was not measured.
     ConfigurationError
@@ -214,6 +219,8 @@ def add_effect(
     with processes.jobs(jobs):
         windows = windows_of(data, before.model.effects, rover)
         changed = models.added(before, names, windows[0].samples.geometry.shear_modulus)
+        if keep_aside is not None:
+            windows = kept_aside.marked(windows, keep_aside)
         step = improvement.tried(
             windows_of(windows, changed.file.model.effects),
             "add",

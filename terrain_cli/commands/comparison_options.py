@@ -51,7 +51,16 @@ _CUTTING = (
 #: Options that decide which samples are looked at, and how they are cut.
 _REPEATED = frozenset(
     {"rover", "wheels", "segments", "min_samples", "window_distance", "window_samples", "where"}
-    | {"salvage", "largest"}
+    | {"salvage", "largest", "keep_aside"}
+)
+
+
+keep_aside = click.option(
+    "--keep-aside",
+    type=options.Amount(0, 1, min_open=True, max_open=True),
+    metavar="SHARE",
+    help="Keep this share of each input aside, in eight stretches: diagnose does not see them, and model add "
+    "judges on them alone. Give both the same share, such as 0.5.  [none]",
 )
 
 
@@ -74,11 +83,13 @@ def read(
 ) -> list[Windows]:
     """Read every input, with all that the models need, and cut it into windows.
 
-    The context is of a verb with `cutting`, inputs, --rover and --wheel. InputError where no sample can be
+    The context is of a verb with `cutting`, inputs, --rover and --wheel; where it has --keep-aside, samples
+    of its own inputs are marked. InputError where no sample can be
     used.
     """
     import formats
     from terrain_cli import processes
+    from terrain_cli.comparison import kept_aside
     from terrain_cli.errors import InputError
     from terrain_cli.telemetry.long_logs import MOST_ROWS
 
@@ -102,7 +113,8 @@ def read(
             f"{', '.join(paths)}: no sample can be used",
             hint="terrain-est inspect shows what each channel is read from",
         )
-    return cut
+    share = context.params.get("keep_aside")
+    return cut if share is None or inputs is not None else kept_aside.marked(cut, share)
 
 
 def _cut(

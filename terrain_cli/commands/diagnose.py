@@ -23,6 +23,7 @@ Examples:
   terrain-est diagnose day1/*.mcap --model model.toml --json > diagnosis.json
   terrain-est diagnose run.csv --effect cable-drag.toml
   terrain-est diagnose run.csv --draft law.toml
+  terrain-est diagnose run.csv --keep-aside 0.5
 """,
 )
 @options.inputs
@@ -58,6 +59,7 @@ Examples:
     metavar="SHARE",
     help="Raise no alarm for what is less than this share of the root mean square of every channel.  [0.003]",
 )
+@comparison_options.keep_aside
 @options.wheel
 @comparison_options.cutting
 @options.as_json
@@ -76,6 +78,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     import formats
     from terrain_cli import effects, models
     from terrain_cli.commands.progress import Progress
+    from terrain_cli.comparison import kept_aside
     from terrain_cli.diagnosis import diagnose, verdict
     from terrain_cli.presentation import diagnosis_text, terminal
 
@@ -88,7 +91,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     with Progress(len(given["inputs"]) + 1, enabled=not given["quiet"]) as progress:
         cut = comparison_options.read(context, [file], progress)
         found = diagnose(
-            cut,
+            kept_aside.seen(cut),
             file,
             effects=list(candidates.values()),
             seed=given["seed"],

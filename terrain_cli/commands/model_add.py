@@ -31,6 +31,7 @@ Examples:
   terrain-est model add model.toml slip-sinkage --data day1/*.mcap
   terrain-est model add model.toml cable-drag.toml --data run.bag --json > change.json
   terrain-est model add model.toml slip-sinkage --data monday.csv --confirm tuesday.csv
+  terrain-est model add model.toml slip-sinkage --data run.csv --keep-aside 0.5
   terrain-est model add model.toml load-bias slope --data run.csv --segments none --keep
   terrain-est model add model.toml --until-quiet --data run.bag
   terrain-est model add model.toml hardpan
@@ -48,6 +49,7 @@ Examples:
     help="Another drive, which did not choose the effect (repeatable): FILE gets the effect only if the "
     "held-out error falls there too.",
 )
+@comparison_options.keep_aside
 @click.option("--keep", is_flag=True, help="Add it even if the held-out error does not fall.")
 @click.option(
     "--until-quiet",
@@ -70,8 +72,9 @@ def add(context: click.Context, /, **_: Any) -> None:
     EFFECT is an id of the catalogue (terrain-est effects list), the TOML file of an effect of your own
     or of a draft, or an assumption of the base that is lifted. With --data the model is fitted without
     and with it, c, φ and all, and both are compared on stretches of the data that were not fitted.
-    Several are added together. FILE gets the effect and an entry of its history, which says whether
-    the same data proved the effect or another drive (--confirm).
+    Several are added together. FILE gets the effect and an entry of its history, which says what
+    proved the effect: the stretches that may have named it, stretches that were kept aside
+    (--keep-aside), or another drive (--confirm).
 
     FILE is left as it is, unless --keep is given, if the held-out error falls significantly in no
     channel, rises in one by more than it falls in others, or falls only with a parameter that is
@@ -83,6 +86,8 @@ def add(context: click.Context, /, **_: Any) -> None:
     given = context.params
     if given["confirm"]:
         _check_confirm(given)
+    if given["keep_aside"] is not None and not given["inputs"]:
+        raise UsageError("--keep-aside needs --data", hint="it keeps a share of that aside")
     if given["until_quiet"]:
         if not given["inputs"]:
             raise UsageError("--until-quiet needs --data", hint="--data run.bag, or several inputs")
@@ -106,6 +111,8 @@ def _check_confirm(given: Mapping[str, Any]) -> None:
 
     if not given["inputs"]:
         raise UsageError("--confirm needs --data", hint="--data is the drive that the effect was named on")
+    if given["keep_aside"] is not None:
+        raise UsageError("--confirm and --keep-aside are two proofs", hint="give one of them")
     if given["until_quiet"]:
         raise UsageError(
             "--confirm is for effects that are named",

@@ -9,7 +9,7 @@ Those of an alarm and of a change are lower, without evidence; each has a second
 FEWEST_BLOCKS = criterion(
     8,
     "fewer: compare finds nothing, diagnose gives no single name and joins no more blocks, and a change of a "
-    "model is doubted for the misfit's memory",
+    "model is doubted for the misfit's memory; so as many stretches are kept aside",
 )
 FEWEST_JOINED_BLOCKS = criterion(
     16, "blocks are joined as long as so many are left: twice what a finding needs"

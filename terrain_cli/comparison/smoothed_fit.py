@@ -16,9 +16,11 @@ import numpy as np
 from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.estimation.wheel_fit import normal_equations
+from terrain_cli.estimation.wheel_fit.damped_search import damped
+from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, limits, newton
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.estimation.wheel_fit import Fit
@@ -27,13 +29,17 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-_ITERATIONS, _ROUNDS, _TRIES = 12, 2, 6
+_ITERATIONS, _ROUNDS = 24, 2
+#: Damping at first; the least factor by which a step that falls as promised eases it, and the factor by which
+#: one that does not fall raises it, twice as much each time (Madsen, Nielsen & Tingleff 2004, section 3.2).
+_DAMPING, _EASED, _HARDER = 1e-3, 1.0 / 3.0, 2.0
 #: Samples of a window with which a search is begun.
 _ROUGH = 400
 #: Times that a neutral soil's stiffness is corrected.
 _CARRIED = 3
-#: Change of the cost, as a share, at which the search is over.
-_SETTLED = 1e-5
+#: Fall of the cost that the next step promises, as a share, at which the search is over; and at which the
+#: beginning is known that leads lowest.
+_SETTLED, _ROUGHLY = 1e-5, 1e-3
 #: Share of a sinkage, and of the samples, from which on a change is more than a small one.
 _FAR = 0.1
 #: Independent values that a misfit has in a block.
@@ -124,41 +130,47 @@ def as_fit(data: SmoothedData, solution: Solution, fit: Fit) -> Fit:
 
 
 def solve(
-    model: Model, sought: Unknowns, data: SmoothedData, t: Array, common: Array, *, rounds: int = _ROUNDS
+    model: Model,
+    sought: Unknowns,
+    data: SmoothedData,
+    t: Array,
+    common: Array,
+    *,
+    rounds: int = _ROUNDS,
+    settled: float = _SETTLED,
 ) -> Solution:
     """Fit a model, by the method of Levenberg and Marquardt, from soils `t`, (w, q), and `common`, (m,).
 
-    The misfit is weighed against the prior anew at most `rounds` times.
+    The misfit is weighed against the prior anew at most `rounds` times. A search is over where the next step
+    promises a fall of the cost below the share `settled`.
     """
-    low, high = _range(sought.local), _range(sought.shared)
-    t, common = np.clip(t, *low), np.clip(common, *high)
+    within = _of_wheels(sought)
+    t, common = _inside(within.local, t), _inside(within.shared, common)
     guess = _carrying(model, sought, data, t, common)
     state = _linear(model, sought, data, t, common, guess)
     spread = _spread(data, state.left)
     for _ in range(rounds):
-        damping = 1e-3
+        damping, harder = _DAMPING, _HARDER
         cost = _cost(state.left, t, common, spread)
+        normal = _normal(data, state, spread)
         for _ in range(_ITERATIONS):
-            before = cost
-            for _ in range(_TRIES):
-                step, shift = _step(data, state, t, common, spread, damping)
-                new_t = np.clip(t + np.clip(step, -_steps(sought.local), _steps(sought.local)), *low)
-                new_common = np.clip(
-                    common + np.clip(shift, -_steps(sought.shared), _steps(sought.shared)), *high
-                )
-                trial = _linear(model, sought, data, new_t, new_common, state.sinkage)
-                if _far(trial.sinkage, state.sinkage):
-                    # Too far for one step of Newton: the soil may not carry the load at all.
-                    exact = _carrying(model, sought, data, new_t, new_common, state.sinkage)
-                    trial = _linear(model, sought, data, new_t, new_common, exact)
-                new_cost = _cost(trial.left, new_t, new_common, spread)
-                if new_cost < cost:
-                    t, common, state, cost = new_t, new_common, trial, new_cost
-                    damping = max(damping / 5.0, 1e-9)
-                    break
-                damping *= 8.0
-            if before - cost < _SETTLED * before:
+            here = damped(normal, np.full(len(t), damping))
+            step, shift, _ = newton(here, within, t, common)
+            promised = _promised(normal, t, common, step, shift)
+            if 0.0 <= promised < settled * cost:
                 break
+            trial = _linear(model, sought, data, t + step, common + shift, state.sinkage)
+            if _far(trial.sinkage, state.sinkage):
+                # Too far for one step of Newton: the soil may not carry the load at all.
+                exact = _carrying(model, sought, data, t + step, common + shift, state.sinkage)
+                trial = _linear(model, sought, data, t + step, common + shift, exact)
+            fall = cost - _cost(trial.left, t + step, common + shift, spread)
+            if fall > 0.0:
+                damping *= max(_EASED, 1.0 - (2.0 * fall / max(promised, fall) - 1.0) ** 3)
+                t, common, state, cost, harder = t + step, common + shift, trial, cost - fall, _HARDER
+                normal = _normal(data, state, spread)
+            else:
+                damping, harder = damping * harder, 2.0 * harder
         weighed = _spread(data, state.left)
         if abs(np.log(weighed / spread)) < 0.1:
             break
@@ -198,6 +210,7 @@ def search(
             neutral(model, sought, rough, common) if soil is None else soil,
             common,
             rounds=1,
+            settled=_ROUGHLY,
         )
         for soil, common in beginnings
     ]
@@ -223,7 +236,7 @@ def neutral(model: Model, sought: Unknowns, data: SmoothedData, common: Array) -
             own = off[(data.window == label) & data.use]
             usual = float(np.median(own[np.isfinite(own)])) if np.isfinite(own).any() else 1.0
             t[label, column] += np.clip(usual, -2.0, 2.0) / sought.local[column].sd
-    return np.clip(t, *_range(sought.local))
+    return _inside(_of_wheels(sought).local, t)
 
 
 class _State(NamedTuple):
@@ -300,24 +313,28 @@ def moments(design: Array, left: Array, cell: Index, cells: int) -> tuple[Array,
     return normal_equations.products(weighted, design, cell, cells), score[..., 0]
 
 
-def _step(
-    data: SmoothedData, state: _State, t: Array, common: Array, spread: float, damping: float
-) -> tuple[Array, Array]:
-    left, design, _ = state
-    q = t.shape[1]
-    information, score = moments(design, left, data.window, data.windows)
-    score /= spread
-    # Marquardt: every unknown is damped by a share of its own information.
-    damped = information / spread * (1.0 + damping * np.eye(design.shape[2]))
-    found, shared = normal_equations.arrow(damped, q, np.eye(design.shape[2]))
-    return found.solve(score[:, :q] - t, shared, score[:, q:].sum(axis=0) - common)
+def _normal(data: SmoothedData, state: _State, spread: float) -> Normal:
+    """Return the normal equations of each window as they count against the prior."""
+    information, score = moments(state.design, state.left, data.window, data.windows)
+    return Normal(information / spread, score / spread, np.zeros(data.windows))
 
 
-def _range(some: Sequence[Unknown]) -> tuple[Array, Array]:
-    # Friction never drives a wheel on.
-    low = [max(u.lower, -u.mean / u.sd) if u.name == "tan_phi" else u.lower for u in some]
-    return np.array(low), np.array([u.upper for u in some])
+def _promised(normal: Normal, t: Array, common: Array, step: Array, shift: Array) -> float:
+    """Return by how much the cost would fall in a step if residuals were linear."""
+    whole = np.hstack([step, np.broadcast_to(shift, (len(step), len(shift)))])
+    rise = np.einsum("wa,wab,wb->", whole, normal.information, whole) - 2.0 * np.sum(whole * normal.score)
+    return -float(rise + np.sum(step * (step + 2.0 * t)) + np.sum(shift * (shift + 2.0 * common)))
 
 
-def _steps(some: Sequence[Unknown]) -> Array:
-    return np.array([u.step for u in some])
+def _of_wheels(sought: Unknowns) -> Unknowns:
+    """Keep friction from driving a wheel on."""
+    local, shared = (
+        tuple(replace(u, lower=max(u.lower, -u.mean / u.sd)) if u.name == "tan_phi" else u for u in some)
+        for some in (sought.local, sought.shared)
+    )
+    return replace(sought, local=local, shared=shared)
+
+
+def _inside(some: tuple[Unknown, ...], t: Array) -> Array:
+    low, high, _ = limits(some)
+    return np.clip(t, low, high)

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import stdtrit
 
+from terrain_cli.comparison import kept_aside
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence, Interval
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from terrain_cli.comparison import Comparison
-    from terrain_cli.vocabulary.arrays import Array
+    from terrain_cli.vocabulary.arrays import Array, Mask
 
 
 #: Keeps the logarithm of an error of 0 finite.
@@ -23,10 +26,10 @@ _UNKNOWN = Interval(np.nan, np.nan, np.nan)
 def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], HeldOutEvidence]:
     """Tell by how much held-out errors differ: of every channel, and of all together.
 
-    Counted are the samples that both models predict. Each block is left out in turn, for both models and all
-    channels at once, so that what makes a block hard for both does not count; how much that moves a result
-    gives its standard error (the jackknife), and Student's t its 95 % interval. So a few blocks can prove
-    what is plain, and nothing else.
+    Counted are the samples that both models predict, and where some are kept aside only those. Each block is
+    left out in turn, for both models and all channels at once, so that what makes a block hard for both does
+    not count; how much that moves a result gives its standard error (the jackknife), and Student's t its 95 %
+    interval. So a few blocks can prove what is plain, and nothing else.
 
     Channels have different units, and one may miss by far more than its noise. So what is said of all
     together is the mean of the logarithms of the ratios of their errors, each weighted by its samples: the
@@ -61,7 +64,9 @@ def weigh(first: Comparison, second: Comparison) -> tuple[list[ChannelChange], H
                 name=name, unit=UNITS[name], before=before, after=after, noise=noise, difference=change
             )
         )
-    return channels, HeldOutEvidence(overall, len(sums), lost)
+    aside = 0 if _every(first) else sum(int(one.sum()) for one in _judging(first))
+    short = kept_aside.too_short(wheel.windows.samples for wheel in first.wheels)
+    return channels, HeldOutEvidence(overall, len(sums), lost, aside, short)
 
 
 def _sums(first: Comparison, second: Comparison, names: list[str]) -> tuple[Array, float]:
@@ -72,18 +77,31 @@ def _sums(first: Comparison, second: Comparison, names: list[str]) -> tuple[Arra
     count = 1 + max(int(wheel.blocks.max(initial=0)) for wheel in first.wheels)
     sums = np.zeros((count, len(names), 3))
     predicted = missing = 0
-    for a, b in zip(first.wheels, second.wheels, strict=True):
+    for a, b, judged in zip(first.wheels, second.wheels, _judging(first), strict=True):
         for column, name in enumerate(names):
             if name not in a.series or name not in b.series:
                 continue
             before, after = (one.series[name].measured - one.series[name].heldout for one in (a, b))
-            known = np.isfinite(before) & np.isfinite(after)
-            predicted += int(np.isfinite(before).sum())
-            missing += int(np.isfinite(before).sum() - known.sum())
+            there = np.isfinite(before) & judged
+            known = there & np.isfinite(after)
+            predicted += int(there.sum())
+            missing += int(there.sum() - known.sum())
             squares = before**2, after**2 + _other_noise(first, second, name), np.ones(len(known))
             for k, values in enumerate(squares):
                 sums[:, column, k] += np.bincount(a.blocks[known], values[known], count)
     return sums[sums[..., 2].sum(axis=1) > 0.0], missing / predicted if predicted else 0.0
+
+
+def _every(comparison: Comparison) -> bool:
+    return all(wheel.windows.samples.aside is None for wheel in comparison.wheels)
+
+
+def _judging(comparison: Comparison) -> Iterator[Mask]:
+    """Yield the samples of each wheel on which a change is judged: those kept aside, if any are."""
+    every = _every(comparison)
+    for wheel in comparison.wheels:
+        aside = wheel.windows.samples.aside
+        yield np.full(len(wheel.blocks), every) if aside is None else aside[wheel.windows.rows]
 
 
 def _other_base(first: Comparison, second: Comparison) -> bool:

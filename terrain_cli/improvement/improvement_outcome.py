@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from terrain_cli.models import ModelFile
 
 Action = Literal["add", "remove"]
+Proof = Literal["same data", "stretches kept aside", "another drive"]
 
 
 class Interval(NamedTuple):
@@ -121,6 +122,8 @@ class HeldOutEvidence:
     overall: Interval
     blocks: int  # Independent stretches that it rests on
     lost: float  # Share of the samples predicted before that cannot be predicted afterwards
+    aside: int = 0  # Samples kept aside, on which alone it rests; 0 where it rests on all
+    too_short: bool = False  # Whether an input is too short for stretches that were to be kept aside
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +162,13 @@ class Step:
     def confirmed(self) -> bool:
         """Whether no other drive speaks against it."""
         return self.confirmation is None or self.confirmation.pays
+
+    @property
+    def proof(self) -> Proof:
+        """On what it was judged."""
+        if self.confirmation is not None:
+            return "another drive"
+        return "stretches kept aside" if self.evidence.aside else "same data"
 
     @property
     def testable(self) -> bool:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from terrain_cli import models
+from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.change_trial import tried
@@ -41,11 +42,13 @@ def until_quiet(
     was added is taken out again by way of trial, and stays out unless the held-out error rises. `draft`
     writes the file of an effect for what no candidate explains, and returns its path, beginning in the folder
     of the model file, as do `paths` of candidates that are not in the catalogue; without it the loop ends
-    there. Yields every change that was tried, kept or not, and at last where it ended.
+    there. Stretches that are kept aside are not shown to `diagnose`. Yields every change that was tried, kept
+    or not, and at last where it ended.
     """
     modulus = wheels[0].samples.geometry.shear_modulus
     named = dict(paths or {})
     added: list[str] = []
+    every = all(one.samples.aside is None for one in wheels)
 
     def attempt(
         action: Action, names: Sequence[str], current: ModelFile, first: Comparison | None
@@ -70,13 +73,14 @@ def until_quiet(
     refused: tuple[str, ...] = ()
     while len(added) < criteria.MOST_EFFECTS:
         progress("diagnosis")
-        found = diagnose(wheels, file)
+        found = diagnose(kept_aside.seen(wheels), file)
         quiet = not found.alarm.raised
         choices, because = _candidates(found, draft)
         if not choices:
             break
         for names in choices:
-            step, file = attempt("add", [named.get(name, name) for name in names], file, found.comparison)
+            first = found.comparison if every else None
+            step, file = attempt("add", [named.get(name, name) for name in names], file, first)
             if step.kept:
                 rivals, drive = _rivals(found, names)
                 step = replace(step, rivals=rivals, next_drive=drive)

@@ -31,6 +31,7 @@ class Rung:
     action: str  # "add", "remove", or empty where the entry is of another hand
     label: str  # What changed: "+ slip-sinkage"
     because: str  # Why it was made
+    proof: str  # Why the stretches that may have named it judged it too; empty where others did
     data: str  # On what it was tried, for a person; empty if it was not
     channels: list[ChannelChange]  # Empty if it was not tried
 
@@ -55,16 +56,18 @@ def _rung(number: int, entry: Mapping[str, Any]) -> Rung:
             action="",
             label=", ".join(f"{key} {value}" for key, value in entry.items()),
             because="",
+            proof="",
             data="",
             channels=[],
         )
-    found = entry.get("channels", {})
+    found, same = entry.get("channels", {}), entry.get("proof_because")
     table = found if isinstance(found, dict) else {}
     return Rung(
         number=number,
         action=action,
         label=f"{_SIGNS[action]} {listed([str(name) for name in changed])}",
         because=str(entry.get("because", "")),
+        proof=f"judged on the same stretches: {same}" if same else "",
         data=_data(entry.get("data")),
         channels=[_channel(name, table[name]) for name in UNITS if isinstance(table.get(name), dict)],
     )
@@ -116,7 +119,8 @@ def entry(step: Step, because: str) -> dict[str, Any]:
     """Return the entry of a change that was tried on data; None, which TOML leaves out, where not known."""
     return _head(step.action, step.changed, step.after, because) | {
         "tested": True,
-        "proof": "same data" if step.confirmation is None else "another drive",
+        "proof": step.proof,
+        "proof_because": same_stretches(step) or None,
         "data": data(step),
         "channels": {one.name: channel(one) for one in step.channels},
         "ratio": number(step.evidence.overall.value),
@@ -128,6 +132,13 @@ def entry(step: Step, because: str) -> dict[str, Any]:
         "next_drive": drive(step.next_drive),
         "confirmation": confirmation(step),
     }
+
+
+def same_stretches(step: Step) -> str:
+    """Say why an effect was judged on the stretches that may have named it; nothing where it was not."""
+    if step.action == "remove" or step.proof != "same data":
+        return ""
+    return "too short to keep any aside" if step.evidence.too_short else "no others were kept aside"
 
 
 def confirmation(step: Step) -> dict[str, Any] | None:
@@ -166,6 +177,7 @@ def data(step: Step) -> dict[str, Any]:
         "samples": sum(len(wheel.windows.rows) for wheel in wheels),
         "segments": sum(len(segments) for segments in cut),
         "blocks": step.first.blocks,
+        **({"kept_aside": step.evidence.aside} if step.evidence.aside else {}),
     }
 
 

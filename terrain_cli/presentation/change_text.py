@@ -82,6 +82,10 @@ def doubt(step: Step) -> str:
 
 def found(step: Step) -> str:
     """Say what became of the held-out error, without a name."""
+    return f"{'on the stretches kept aside, ' * bool(step.evidence.aside)}{_found(step)}"
+
+
+def _found(step: Step) -> str:
     if not step.testable:
         n = step.evidence.blocks
         return f"only {counted(n, 'independent stretch', 'es')} of data: nothing can be told from chance"
@@ -112,6 +116,19 @@ def found(step: Step) -> str:
     if step.action == "add" and step.fell and not step.pays and not step.rose:
         text += f", but over all channels that may be chance: {ratio}"
     return text
+
+
+def proof(step: Step, ask: str = "--confirm LOG or --keep-aside SHARE") -> str:
+    """Say on what a change was judged, and what would be a stricter proof."""
+    if step.confirmation is not None:
+        return f"proof: another drive, {listed(list(step.confirmation.sources))}"
+    if step.evidence.aside:
+        some = counted(step.evidence.aside, "sample")
+        return f"proof: stretches kept aside, {some} that diagnose with the same --keep-aside does not see"
+    same = "proof: the stretches that may have named it"
+    if step.evidence.too_short:
+        return f"{same}: {model_history.same_stretches(step)}"
+    return f"{same}; for others give {ask}"
 
 
 def reason(step: Step) -> str:
@@ -149,6 +166,8 @@ def _change(step: Step) -> dict[str, Any]:
         "changed": list(step.changed),
         "sentence": verdict(step),
         "tested": True,
+        "proof": step.proof,
+        "proof_because": model_history.same_stretches(step) or None,
         "pays": step.pays if step.action == "add" else not step.costs,
         "kept": step.kept,
         "model": {"before": step.first.model, "after": step.second.model},
@@ -254,6 +273,7 @@ def text(step: Step, asked: Asked | None = None) -> str:
         lines += [f"on {listed(list(step.confirmation.sources))}:", *_errors(step.confirmation), ""]
     if step.parameters:
         lines += [*_parameters(step.parameters), ""]
+    lines += [proof(step)] * (step.action == "add")
     lines += [_moved(step), *_open(step), *_idle(step)]
     before, after = len(step.first.failures), len(step.second.failures)
     if before or after:
@@ -286,7 +306,7 @@ def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -
             cells = [cell for v in (one.before, after[one.name]) for cell in _cells(v, what.factor)]
             noise = next(x.noise for x in last.channels if x.name == one.name)
             rows.append((what.label, *cells, quantities.number(noise * what.factor)))
-        lines += ["", *aligned(rows), ""]
+        lines += ["", *aligned(rows), "", proof(first, "--keep-aside SHARE")]
     return "\n".join([*lines, _at_end(end, asked).sentence])
 
 

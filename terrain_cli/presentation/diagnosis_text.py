@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.presentation import comparison_text
@@ -29,10 +30,11 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
     """Return a diagnosis as it is written to JSON; `draft` is the file of its law, if that was written."""
     comparison = diagnosis.comparison
     alarm, unknown = diagnosis.alarm, diagnosis.unknown
+    aside = kept_aside.number(wheel.samples for wheel in comparison.wheels)
     return {
         "format": FORMAT,
         "model": comparison.model,
-        "data": comparison_text.data_document(comparison),
+        "data": {**comparison_text.data_document(comparison), **({"kept_aside": aside} if aside else {})},
         "channels": {
             name: {
                 "unit": errors.unit,

@@ -277,6 +277,7 @@ class Samples:
     # Shape (n,), or None: where only pieces of a log were kept: number of the continuous stretch of the log
     # that each sample is of. `stretch` then tells the pieces apart.
     drive: Index | None = None
+    aside: Mask | None = None  # Shape (n,), or None: kept aside from diagnosis, to judge what it names
     total: int | None = None  # Usable samples of the log, where only pieces of it were kept
 
     def __len__(self) -> int:
@@ -297,6 +298,7 @@ class Samples:
             set_aside=self.set_aside.take(rows),
             drivers={name: column[rows] for name, column in self.drivers.items()},
             drive=None if self.drive is None else self.drive[rows],
+            aside=None if self.aside is None else self.aside[rows],
         )
 
     def reasons(self) -> dict[str, int]:

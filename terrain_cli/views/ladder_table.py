@@ -41,10 +41,11 @@ def _value(interval: Interval, factor: float) -> tuple[str, str]:
 
 
 def remarks(ladder: Sequence[Rung]) -> list[str]:
-    """Return a line for each change: on what it was tried, and why it was made."""
+    """Return a line for each change: on what it was tried and judged, and why it was made."""
     return [
-        f"{rung.number}  {rung.label}: {'; '.join(filter(None, [rung.data or 'not tested', rung.because]))}"
+        f"{rung.number}  {rung.label}: {'; '.join(filter(None, told))}"
         for rung in ladder
+        for told in [[rung.data or "not tested", rung.proof, rung.because]]
         if rung.action
     ]
 

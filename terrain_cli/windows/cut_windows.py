@@ -266,24 +266,32 @@ def thinned(windows: Windows, share: float) -> Windows:
 
     Of short windows more is kept. Samples of different pieces belong to different stretches.
     """
-    kept, sizes = [], []
+    kept = []
     for start, stop in zip(windows.bounds[:-1], windows.bounds[1:], strict=True):
         size = int(stop - start)
         wanted = min(size, max(_LEAST_KEPT, round(size * share)))
-        pieces = max(_FEWEST, round(wanted / _PIECE)) if wanted < size else 1
-        length = wanted // pieces
-        begins = np.linspace(0, size - length, pieces).astype(int)
+        count = max(_FEWEST, round(wanted / _PIECE)) if wanted < size else 1
+        length = wanted // count
+        begins = np.linspace(0, size - length, count).astype(int)
         kept.append(start + (begins[:, None] + np.arange(length)).ravel())
-        sizes.append(pieces * length)
-    index = np.concatenate([np.zeros(0, dtype=np.intp), *kept])
-    rows = windows.rows[index]
-    stretch = windows.samples.stretch.copy()
-    breaks = (np.diff(index) != 1) | (np.diff(stretch[rows]) != 0)
+    return pieces(windows, np.concatenate([np.zeros(0, dtype=np.intp), *kept]))
+
+
+def pieces(windows: Windows, chosen: Index) -> Windows:
+    """Keep some of the usable samples, rising indices of shape (m,), in the windows that they are of.
+
+    Samples between which others are left out belong to different stretches, and so do those left out. A
+    window of which nothing is left is none.
+    """
+    rows, stretch = windows.rows, windows.samples.stretch.copy()
+    kept = np.zeros(len(rows), dtype=bool)
+    kept[chosen] = True
+    breaks = np.diff(kept) | (np.diff(stretch[rows]) != 0)
     stretch[rows] = np.cumsum(np.concatenate([[False], breaks])[: len(rows)])
     return Windows(
         replace(windows.samples, stretch=stretch),
-        rows,
-        np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp),
-        windows.x[index],
-        windows.y[index],
+        rows[chosen],
+        np.unique(np.searchsorted(chosen, windows.bounds)),
+        windows.x[chosen],
+        windows.y[chosen],
     )

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.effects import Effect
     from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Array, Index
+    from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 
 #: s between the end of an input and the start of the next.
@@ -106,6 +106,7 @@ def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
         channels=joined_columns(samples, lambda one: one.channels),
         labels=_labels(samples),
         drive=None,
+        aside=None if all(one.aside is None for one in samples) else np.concatenate([*map(_aside, samples)]),
         total=None,
         stretch=np.concatenate([one.stretch + at for one, at in zip(samples, stretches, strict=False)]),
         distance=None
@@ -125,6 +126,10 @@ def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
         np.concatenate([windows.x for windows in parts]),
         np.concatenate([windows.y for windows in parts]),
     )
+
+
+def _aside(samples: Samples) -> Mask:
+    return np.zeros(len(samples), dtype=bool) if samples.aside is None else samples.aside
 
 
 def _count(stretch: Index) -> int:

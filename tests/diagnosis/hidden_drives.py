@@ -22,7 +22,9 @@ from simulator import (
     SANDY_LOAM,
     UPLAND_SANDY_LOAM,
     Drive,
+    Profile,
     Sensor,
+    Soil,
     Track,
     Wheel,
     base_contact,
@@ -89,6 +91,17 @@ FULL: dict[str, dict[str, float]] = {
         "sinkage_cosine": -0.018,
     },
 }
+#: Powers of force and length in what is no share.
+_UNITS: dict[str, dict[str, tuple[int, int]]] = {
+    "drivetrain-friction": {"Tc": (1, 1), "Bv": (1, 1)},
+    "load-bias": {"offset": (1, 0)},
+    "sinkage-bias": {"offset": (0, 1)},
+    "drawbar-bias": {"offset": (1, 0)},
+    "acceleration-torque": {"J": (1, 1)},
+    "post-peak-softening": {"length": (0, 1)},
+    "hardpan": {"modulus": (1, -3)},
+    "crust": {"strength": (1, -2), "thickness": (0, 1)},
+}
 #: They say where or how fast an effect acts, not how much.
 SHAPES = {"length", "top", "thickness"}
 #: Beyond these a scaled parameter makes no sense: the greatest stress stays ahead of the lowest point.
@@ -123,6 +136,43 @@ SEPARABLE: tuple[tuple[str, str, Course], ...] = (
 
 
 @dataclass(frozen=True)
+class Rover:
+    """What drives, and on what.
+
+    Parameters
+    ----------
+    wheel : Wheel
+    load : float
+        Mean on the wheel, in N.
+    speed : float
+        Usual V in m/s.
+    soils : tuple of Soil
+        Of which a drive meets one, or two in turn.
+    told_modulus : float
+        k in m, as the rover file says it.
+    rough : Profile, optional
+        Factor of the load.
+    """
+
+    wheel: Wheel = WHEEL
+    load: float = LOAD
+    speed: float = SPEED
+    soils: tuple[Soil, ...] = SOILS
+    told_modulus: float = 0.018
+    rough: Profile = field(default_factory=lambda: constant(1.0))
+
+    @property
+    def force(self) -> float:
+        """Size of its forces in those of the usual rover."""
+        return self.load / LOAD
+
+    @property
+    def length(self) -> float:
+        """Size of its wheel in those of the usual rover."""
+        return self.wheel.radius / WHEEL.radius
+
+
+@dataclass(frozen=True)
 class Kind:
     """What the drives of one kind have in common.
 
@@ -145,6 +195,7 @@ class Kind:
         Length in s, samples per s.
     soils : int
         1 or 2; two take turns every 32 s.
+    rover : Rover
     """
 
     effects: Given = field(default_factory=dict)
@@ -156,12 +207,16 @@ class Kind:
     seconds: float = 128.0
     rate: float = 20.0
     soils: int = 1
+    rover: Rover = field(default_factory=Rover)
 
 
-def sized(effect: str, size: float = 1.0, form: str = "catalogue") -> dict[str, dict[str, float | str]]:
+def sized(
+    effect: str, size: float = 1.0, form: str = "catalogue", rover: Rover | None = None
+) -> dict[str, dict[str, float | str]]:
     """Return an effect at a size, 1 being full: parameters as far from where it is absent.
 
-    The form "other" is "catalogue" where the simulator has no other.
+    The form "other" is "catalogue" where the simulator has no other. What has a unit goes with the
+    size of the rover.
     """
     nulls = EFFECTS[effect].parameters
     given: dict[str, float | str] = {
@@ -170,6 +225,10 @@ def sized(effect: str, size: float = 1.0, form: str = "catalogue") -> dict[str, 
         else max(nulls[name] + size * (value - nulls[name]), LEAST.get(name, -np.inf))
         for name, value in FULL[effect].items()
     }
+    if rover is not None:
+        forces, lengths = _UNITS.get(effect, {}), rover.length
+        for name, (force, length) in forces.items():
+            given[name] *= rover.force**force * lengths**length
     return {effect: {**given, "form": form if form in EFFECTS[effect].forms else "catalogue"}}
 
 
@@ -204,16 +263,18 @@ def drive_of(seed: int, kind: Kind) -> Drive:
     noisy = Sensor(relative=kind.share, correlation_time=memory)
     return Drive(
         [track],
-        WHEEL,
+        kind.rover.wheel,
         course["speed"],
         course["pitch"],
         course["slip_angle"],
         course["yaw_rate"],
-        effects=_placed(kind.effects, soils),
+        effects=_placed(kind, soils),
         rate=kind.rate,
         sensors={
             **dict.fromkeys(("load", "torque", "sinkage", "slip"), noisy),
-            "drawbar_pull": Sensor(absolute=PULL_NOISE * kind.share, correlation_time=memory),
+            "drawbar_pull": Sensor(
+                absolute=PULL_NOISE * kind.share * kind.rover.force, correlation_time=memory
+            ),
         },
         channels=(*CHANNELS, *FURTHER),
         further={**further, **(outside.columns(kind.seconds, seed) if outside else {})},
@@ -224,15 +285,16 @@ def drive_of(seed: int, kind: Kind) -> Drive:
 
 def _soils(rng, seed, kind):
     """Return a soil, or two in turn, or one in some six varieties, few so that drives share tables."""
-    name, second = np.random.default_rng([6, seed]).permutation(len(SOILS))[:2]
-    soil = base_contact(SOILS[name])
+    some = kind.rover.soils
+    name, second = np.random.default_rng([6, seed]).permutation(len(some))[:2]
+    soil = base_contact(some[name])
     if kind.soils == 2:
-        other = base_contact(SOILS[second])
+        other = base_contact(some[second])
         turns = math.ceil(kind.seconds / 32.0)
         return [((soil, other)[j % 2], kind.seconds / turns) for j in range(turns)]
     if not kind.noise.startswith("soil"):
         return [(soil, kind.seconds)]
-    some = np.random.default_rng(name).normal(size=(6, 3))
+    away = np.random.default_rng(name).normal(size=(6, 3))
     varieties = [
         replace(
             soil,
@@ -241,7 +303,7 @@ def _soils(rng, seed, kind):
             frictional_modulus=soil.frictional_modulus * (1.0 + 0.1 * b),
             friction_angle=soil.friction_angle * (1.0 + 0.02 * c),
         )
-        for j, (a, b, c) in enumerate(some)
+        for j, (a, b, c) in enumerate(away)
     ]
     patches = math.ceil(kind.seconds / PATCH)
     return [(varieties[j], kind.seconds / patches) for j in rng.integers(len(varieties), size=patches)]
@@ -264,11 +326,12 @@ def _course(rng, seed, kind):
     uneven = undulation(1.0, 0.07, spans[0], seed)
     fast = undulation(1.0, 1.0, spans[2], seed + 3)
     first = int(rng.integers(3))
+    rover = kind.rover
     course = {
-        "load": lambda t: LOAD * stepped(t) * uneven(t),
+        "load": lambda t: rover.load * stepped(t) * uneven(t) * rover.rough(t),
         "slip": _sweep(spans[1], seed + 1, 0.05, 0.7),
         # From 0.02 to 0.2 m/s, as much time at low as at high speed.
-        "speed": lambda t: SPEED * np.exp(1.1 * (fast(t) - 1.0)),
+        "speed": lambda t: rover.speed * np.exp(1.1 * (fast(t) - 1.0)),
         "pitch": lambda t: undulation(0.2, 1.0, spans[3], seed + 4)(t) - 0.2,
         "yaw_rate": lambda t: undulation(0.08, 1.0, spans[4], seed + 5)(t) - 0.08,
         "slip_angle": lambda t: undulation(0.25, 1.0, spans[5], seed + 6)(t) - 0.25,
@@ -279,9 +342,9 @@ def _course(rng, seed, kind):
     }
     level = constant(0.0)
     if kind.course in {"poor", "poor-load"}:
-        course["load"] = constant(LOAD)
+        course["load"] = lambda t: rover.load * rover.rough(t)
     if kind.course in {"poor", "poor-speed"}:
-        course["speed"] = constant(SPEED)
+        course["speed"] = constant(rover.speed)
     if kind.course == "poor":
         course.update(pitch=level, yaw_rate=level, slip_angle=level, pass_number=level)
         course["motor_temperature"] = constant(30.0)
@@ -298,21 +361,22 @@ def _passes(first):
     return lambda t: (np.floor(np.maximum(t, 0.0) / (2.0 * PATCH)) + first) % 3.0
 
 
-def _placed(effects, soils):
+def _placed(kind, soils):
     """Put the top of a hardpan at 0.6 of the mean sinkage, where the wheel always reaches it."""
+    effects, rover = kind.effects, kind.rover
     if "hardpan" not in effects or "top" in effects["hardpan"]:
         return effects
-    return {**effects, "hardpan": {**effects["hardpan"], "top": _top(soils[0][0])}}
+    return {**effects, "hardpan": {**effects["hardpan"], "top": _top(soils[0][0], rover.wheel, rover.load)}}
 
 
 @lru_cache
-def _top(soil):
-    return round(0.6 * sinkage_under(soil, WHEEL, LOAD, 0.3), 5)
+def _top(soil, wheel, load):
+    return round(0.6 * sinkage_under(soil, wheel, load, 0.3), 5)
 
 
 def samples_from(source, columns, kind):
     """Return the samples of the wheel from its table."""
-    time = columns.pop("time")
+    time, wheel = columns.pop("time"), kind.rover.wheel
     n = len(time)
     patches = math.ceil(kind.seconds / PATCH)
     patch = np.minimum((time / PATCH).astype(np.int32), patches - 1)
@@ -320,7 +384,9 @@ def samples_from(source, columns, kind):
     return Samples(
         source=source,
         wheel="wheel",
-        geometry=Geometry(WHEEL.radius, WHEEL.width, 0.018, WHEEL.grouser_height, WHEEL.grouser_count),
+        geometry=Geometry(
+            wheel.radius, wheel.width, kind.rover.told_modulus, wheel.grouser_height, wheel.grouser_count
+        ),
         origin=0.0,
         time=time,
         channels=columns,

@@ -9,7 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden_drives import FULL, LOAD, SHAPES, Kind, drive_of, samples_of, sized
+from hidden_drives import (
+    FULL,
+    LOAD,
+    SHAPES,
+    WHEEL,
+    Kind,
+    Rover,
+    drive_of,
+    samples_of,
+    sized,
+    windows_of,
+)
 from next_drives import appended
 from simulator import EFFECTS, simulate
 from uncatalogued import OUTSIDE
@@ -213,3 +224,42 @@ def test_a_drive_that_fails_counts_as_missed():
     table = list(diagnosis_table.table({"effects": [failed]}))
     assert any("FAILED 1: ValueError: no" in line for line in table)
     assert any(line.startswith("rich drive, full size: detected") and " 0.0 " in line for line in table)
+
+
+# Other vehicles
+
+
+def test_what_has_a_unit_goes_with_the_size_of_the_rover():
+    rover = Rover(wheel=replace(WHEEL, radius=2.0 * WHEEL.radius), load=3.0 * LOAD)
+    friction, lag = (sized(name, rover=rover)[name] for name in ("drivetrain-friction", "sensor-lag"))
+    assert friction["Tc"] == pytest.approx(6.0 * FULL["drivetrain-friction"]["Tc"])
+    assert sized("crust", rover=rover)["crust"]["strength"] == pytest.approx(
+        3.0 / 4.0 * FULL["crust"]["strength"]
+    )
+    assert lag["torque_lag"] == FULL["sensor-lag"]["torque_lag"]
+
+
+def test_other_vehicles_are_carried_and_are_the_same_again():
+    jobs = list(diagnosis_drives.jobs("vehicles", 1))
+    assert len({job["seed"] for job in jobs}) == len(jobs)
+    kinds = [diagnosis_drives.vehicle(job["seed"]) for job in jobs]
+    assert len({kind.rover.wheel.radius for kind in kinds}) == 6
+    assert len({kind.rover.soils[0].name for kind in kinds}) > 6
+    rough = [
+        kind.rover.rough(np.linspace(0.0, 100.0, 50))
+        for kind in (kinds[0], diagnosis_drives.vehicle(52_000_000))
+    ]
+    np.testing.assert_array_equal(*rough)
+    (windows,) = windows_of(jobs[0]["seed"], replace(kinds[0], share=1e-6, seconds=16.0))
+    assert np.all(windows.samples.channels["sinkage"] < 0.4 * kinds[0].rover.wheel.radius)
+
+
+def test_the_table_of_other_vehicles_counts_what_a_drive_can_show():
+    job = {"section": "vehicles", "effect": "slope", "seed": 1, "seconds": 1.0, "code": "0"}
+    about = {"radius": 0.05, "soil": "snow", "modulus": 0.01, "share": 0.01, "noise": "white"}
+    weak, strong = ({**job, "found": {"strength": size, "about": about}} for size in (1.0, 9.0))
+    table = list(diagnosis_table.vehicle_table([weak, strong]))
+    shown = next(line for line in table if line.startswith("  of those that the drive can show"))
+    assert "of 1 " in shown
+    assert shown.endswith("missed")
+    assert any(line.startswith("snow ") and line.endswith("of 2") for line in table)

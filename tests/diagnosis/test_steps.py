@@ -350,7 +350,7 @@ def test_a_cohesion_below_nought_is_told_with_what_it_may_mean():
 
     (warning,) = told(Kind({"drivetrain-friction": {"Tc": -1.5}}, seconds=40.0))
     assert warning.startswith(
-        "the model as it is gives a cohesion of -8.7 kPa in 1 of 1 soil, which is physically impossible"
+        "the model as it is gives a cohesion of -9 kPa in 1 of 1 soil, which is physically impossible"
     )
     assert "measured wrongly" in warning
     assert told(Kind(seconds=40.0)) == []

@@ -415,6 +415,6 @@ def test_a_step_where_one_unknown_outweighs_the_others_by_all_digits():
     information = np.zeros((1, 3, 3))
     information[0, 1:, 1:] = 1e20
     normal = gauss_newton.Normal(information, np.ones((1, 3)), np.zeros(1))
-    step, shift = gauss_newton._unbounded(normal, np.zeros((1, 1)), np.zeros(2))
+    step, shift, _ = gauss_newton._unbounded(normal, np.zeros((1, 1)), np.zeros(2))
     assert np.isfinite(step).all()
     assert np.abs(shift).max() < 1e-15

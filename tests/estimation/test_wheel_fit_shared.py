@@ -34,8 +34,8 @@ SOFTENING = Effect(
 )
 
 
-def unknown(name, reach=1e9):
-    return Unknown(name=name, logarithm=False, mean=0.0, sd=1.0, lower=-reach, upper=reach, step=1e9)
+def unknown(name, reach=1e9, step=1e9):
+    return Unknown(name=name, logarithm=False, mean=0.0, sd=1.0, lower=-reach, upper=reach, step=step)
 
 
 @examples(20)
@@ -77,6 +77,21 @@ def test_an_unknown_stays_within_its_bounds_and_the_others_know_it():
     assert step[0, 0] == pytest.approx(0.5)
     information = normal.information[0] + np.eye(2)
     assert step[0, 1] == pytest.approx((3.0 - information[1, 0] * 0.5) / information[1, 1], rel=1e-6)
+
+
+@pytest.mark.parametrize("limit", [{"reach": 0.01}, {"step": 0.01}])
+def test_a_windows_own_unknowns_go_with_as_much_of_a_shared_step_as_is_taken(limit):
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((3, 4, 6))
+    normal = Normal(root @ np.swapaxes(root, 1, 2), rng.standard_normal((3, 4)), np.zeros(3))
+    sought = Unknowns((unknown("a"), unknown("b")), (unknown("c", **limit), unknown("d", **limit)), {})
+    t, common = rng.standard_normal((3, 2)), np.zeros(2)
+    step, shift, _ = newton(normal, sought, t, common)
+    assert np.abs(shift).max() == pytest.approx(0.01)
+    for w in range(3):
+        own = normal.information[w, :2, :2] + np.eye(2)
+        score = normal.score[w, :2] - t[w] - normal.information[w, :2, 2:] @ shift
+        np.testing.assert_allclose(step[w], np.linalg.solve(own, score), rtol=1e-6)
 
 
 def channels_with(model, values, *, seed, windows=24, size=16):

@@ -9,16 +9,18 @@ import numpy as np
 import pytest
 
 from terrain_cli.comparison.comparison_outcome import UNITS, Series
+from terrain_cli.comparison.kept_aside import TooShort
+from terrain_cli.improvement import model_history
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Estimated, HeldOutEvidence, Interval, Step
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.presentation.change_text import verdict
+from terrain_cli.presentation.change_text import proof, verdict
 
 N, BLOCKS = 400, 20
 BLOCK = np.repeat(np.arange(BLOCKS), N // BLOCKS)
 
 
-def outcome(errors, blocks=BLOCK, noise=1.0, base="wong-reece"):
+def outcome(errors, blocks=BLOCK, noise=1.0, base="wong-reece", aside=None, remarks=()):
     """Return a comparison as far as it is weighed: held-out errors by channel, of one wheel."""
     series = {
         name: Series(error, np.zeros(len(error)), np.zeros(len(error))) for name, error in errors.items()
@@ -29,7 +31,10 @@ def outcome(errors, blocks=BLOCK, noise=1.0, base="wong-reece"):
         )
         for name in errors
     }
-    wheel = SimpleNamespace(series=series, blocks=blocks, model=Model(base))
+    windows = SimpleNamespace(
+        samples=SimpleNamespace(aside=aside, remarks=list(remarks)), rows=np.arange(len(blocks))
+    )
+    wheel = SimpleNamespace(series=series, blocks=blocks, model=Model(base), windows=windows)
     return SimpleNamespace(channels=channels, wheels=[wheel])
 
 
@@ -69,6 +74,39 @@ def test_ratio_is_the_mean_of_logarithms_over_all_samples():
         assert one.after.value == pytest.approx(factors[one.name] * one.before.value)
         assert one.before.value == pytest.approx(np.sqrt(np.mean(errors[one.name] ** 2)))
     assert evidence.blocks == BLOCKS
+
+
+def test_only_stretches_kept_aside_count():
+    """What is better only where a diagnosis has seen it does not pay, and nothing is lost there."""
+    rng = np.random.default_rng(9)
+    aside = np.arange(N) % 100 >= 60
+    errors = drawn(rng, (1.0, 5.0, 1e-3))
+    better = {name: np.where(aside, 0.8, 0.1) * error for name, error in errors.items()}
+    better["torque"][~aside] = np.nan
+    channels, evidence = weigh(outcome(errors, aside=aside), outcome(better, aside=aside))
+    assert evidence.overall.value == pytest.approx(0.8)
+    assert (evidence.blocks, evidence.lost) == (8, 0.0)
+    assert (evidence.aside, evidence.too_short) == (160, False)
+    for one in channels:
+        assert one.before.value == pytest.approx(np.sqrt(np.mean(errors[one.name][aside] ** 2)))
+    named = {name: np.where(aside, 1.0, 0.1) * error for name, error in errors.items()}
+    assert step(outcome(errors), outcome(named)).pays
+    judged = step(outcome(errors, aside=aside), outcome(named, aside=aside))
+    assert (judged.pays, judged.proof) == (False, "stretches kept aside")
+    assert "(on the stretches kept aside, in no channel did it change significantly" in verdict(judged)
+
+
+def test_where_nothing_can_be_kept_aside_the_proof_says_so():
+    rng = np.random.default_rng(10)
+    errors = drawn(rng, (1.0, 5.0, 1e-3))
+    short = [TooShort("too short to keep stretches aside")]
+    one, same = (step(outcome(errors, remarks=some), outcome(errors, remarks=some)) for some in (short, ()))
+    assert (one.proof, same.proof) == ("same data", "same data")
+    assert proof(one) == "proof: the stretches that may have named it: too short to keep any aside"
+    assert proof(same).endswith("; for others give --confirm LOG or --keep-aside SHARE")
+    assert model_history.same_stretches(same) == "no others were kept aside"
+    # Nothing names what is taken out.
+    assert model_history.same_stretches(replace(one, action="remove")) == ""
 
 
 def test_interval_is_that_of_the_t_test_where_that_is_exact():

@@ -6,11 +6,13 @@ import tomllib
 from contextlib import chdir
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
-from changed_models import DIGS, write_all
+from changed_models import DIGS, write_all, write_log
 from scipy.special import chdtrc
 
 from terrain_cli import models, rover, telemetry
+from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, NextDrive
 from terrain_cli.improvement import Stopped, model_history, until_quiet
 from terrain_cli.improvement.change_trial import fitted
@@ -133,10 +135,32 @@ def test_the_next_of_a_family_is_tried_and_told_with_what_the_data_do_not_tell_i
     assert tomllib.loads(f"entry = {toml_files.value(entry)}")["entry"]["rivals"] == list(kept.rivals)
 
 
+def test_stretches_kept_aside_are_hidden_from_the_diagnosis_and_judge(sinks):
+    marked = kept_aside.marked(sinks, 0.5)
+    aside = marked[0].samples.aside
+    answer, shown = diagnosing(["slip-sinkage"]), []
+
+    def diagnose(wheels, file):
+        shown.append(np.isin(wheels[0].rows, np.flatnonzero(aside)).sum())
+        return answer(sinks, file)
+
+    kept, end = until_quiet(marked, models.resolve("wong-reece"), diagnose=diagnose)
+    assert shown == [0, 0]
+    assert (effects(end), kept.proof) == (["slip-sinkage"], "stretches kept aside")
+    assert kept.evidence.aside == aside.sum() == len(sinks[0].rows) // 2
+    assert "proof: stretches kept aside, 240 samples that diagnose" in change_text.loop_text([kept], end)
+    entry = model_history.entry(kept, "")
+    assert (entry["proof"], entry["data"]["kept_aside"]) == ("stretches kept aside", 240)
+    assert entry["proof_because"] is None
+
+
 def test_one_name_has_no_rivals(right):
     (kept,), end = right
     assert (kept.rivals, kept.next_drive) == ((), None)
-    assert "do not tell" not in change_text.loop_text([kept], end)
+    told = change_text.loop_text([kept], end)
+    assert "do not tell" not in told
+    # Another drive is for effects that are named.
+    assert "proof: the stretches that may have named it; for others give --keep-aside SHARE\n" in told
     assert model_history.entry(kept, "")["rivals"] is None
 
 
@@ -147,17 +171,18 @@ def test_what_does_not_pay_is_never_kept(clean):
     assert "drivetrain-friction and load-bias did not" in end.because
 
 
-def test_an_effect_that_another_makes_needless_is_dropped(sinks):
-    """Shear-modulus follows slip as well, but not so well."""
-    steps, end = run(sinks, ["shear-modulus"], ["slip-sinkage"])
-    assert told(steps)[:2] == [("add", "shear-modulus", True), ("add", "slip-sinkage", True)]
-    assert [[one.effect for one in step.idle] for step in steps[:2]] == [[], ["shear-modulus"]]
-    assert "\nshear-modulus may as well be null now (p 0." in change_text.text(steps[1])
+def test_an_effect_that_another_makes_needless_is_dropped(folder):
+    """A gear that loses a share of the torque explains friction in part."""
+    write_log(folder / "rubs.csv", {"drivetrain-friction": {"Tc": 0.6, "Bv": 0.0}}, seed=3)
+    steps, end = run(cut(folder, "rubs.csv"), ["gear-efficiency"], ["drivetrain-friction"])
+    assert told(steps)[:2] == [("add", "gear-efficiency", True), ("add", "drivetrain-friction", True)]
+    assert [[one.effect for one in step.idle] for step in steps[:2]] == [[], ["gear-efficiency"]]
+    assert "\ngear-efficiency may as well be null now (p 0." in change_text.text(steps[1])
     (idle,) = change_text.loop(steps, end)["steps"][1]["idle"]
-    assert idle["effect"] == "shear-modulus"
+    assert idle["effect"] == "gear-efficiency"
     assert 0.01 < idle["p_value"] <= 1.0
-    assert ("remove", "shear-modulus", True) in told(steps)
-    assert effects(end) == ["slip-sinkage"]
+    assert ("remove", "gear-efficiency", True) in told(steps)
+    assert effects(end) == ["drivetrain-friction"]
     for one in steps:
         assert one.kept == (one.pays if one.action == "add" else not one.costs)
 

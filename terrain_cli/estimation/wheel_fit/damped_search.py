@@ -141,7 +141,7 @@ def descend(
         if len(active) == 0 or state.converged.all():
             break
         part, rows = data.only(active), data.rows_of(active)
-        here = _damped(_some(normal, active), damping[active])
+        here = damped(_some(normal, active), damping[active])
         step, shift, _ = newton(here, sought, state.t[active], state.common)
         moved, moved_common = state.t[active] + step, state.common + shift
         latent = Ways(part, sought, ways[:, :, rows]).moved(state.latent[:, rows], step, shift)
@@ -193,7 +193,8 @@ def _some(normal: Normal, windows: Index) -> Normal:
     return Normal(normal.information[windows], normal.score[windows], normal.misfit[windows])
 
 
-def _damped(normal: Normal, damping: Array) -> Normal:
+def damped(normal: Normal, damping: Array) -> Normal:
+    """Damp every unknown of each window by a share of its information (Marquardt 1963)."""
     diagonal = 1.0 + np.einsum("waa->wa", normal.information)
     extra = (damping[:, None] * diagonal)[:, :, None] * np.eye(diagonal.shape[1])
     return replace(normal, information=normal.information + extra)

@@ -217,7 +217,8 @@ def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[A
     The length is squared, in posterior standard deviations; `normal` is at these unknowns.
     """
     local = t.shape[1]
-    step, shift = _unbounded(normal, t, common)
+    held = normal
+    step, shift, found = _unbounded(held, t, common)
     low, high, most = limits(sought.local)
     low_shared, high_shared, most_shared = limits(sought.shared)
     out = (t + step < low) | (t + step > high)
@@ -242,19 +243,25 @@ def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[A
             information=normal.information + hold[:, :, None] * np.eye(hold.shape[1]),
             score=normal.score + np.where(where, hold * np.where(where, to, 0.0), 0.0),
         )
-        step, shift = _unbounded(held, t, common)
-    step = np.clip(t + step, low, high) - t
-    shift = np.clip(common + shift, low_shared, high_shared) - common
-    step = step / np.maximum(np.max(np.abs(step) / most, axis=1, initial=1.0, keepdims=True), 1.0)
+        step, shift, found = _unbounded(held, t, common)
+    whole, shift = shift, np.clip(common + shift, low_shared, high_shared) - common
     shift = shift / max(np.max(np.abs(shift) / most_shared, initial=1.0), 1.0)
+    if not np.allclose(shift, whole, rtol=_NEAR, atol=_NEAR):
+        # The windows' own unknowns go with as much of it as is taken.
+        step = found.behind(held.score[:, :local] - t, shift)
+    step = np.clip(t + step, low, high) - t
+    step = step / np.maximum(np.max(np.abs(step) / most, axis=1, initial=1.0, keepdims=True), 1.0)
     own = normal.information[:, :local, :local] + np.eye(local)
     return step, shift, np.einsum("wa,wab,wb->w", step, own, step)
 
 
-def _unbounded(normal: Normal, t: Array, common: Array) -> tuple[Array, Array]:
+def _unbounded(normal: Normal, t: Array, common: Array) -> tuple[Array, Array, Eliminated]:
     local = t.shape[1]
     found, shared = _arrow(normal, local)
-    return found.solve(normal.score[:, :local] - t, shared, normal.score[:, local:].sum(axis=0) - common)
+    return (
+        *found.solve(normal.score[:, :local] - t, shared, normal.score[:, local:].sum(axis=0) - common),
+        found,
+    )
 
 
 def limits(sought: tuple[Unknown, ...]) -> tuple[Array, Array, Array]:
