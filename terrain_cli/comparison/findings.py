@@ -269,13 +269,17 @@ class Residuals:
             yield index, np.where(np.isfinite(evidence.residuals[channel]), part, np.nan)
 
     def _seen(self, one: Found, parts: Sequence[Array]) -> float:
-        """Return the part of a finding that shows in the residuals, as an amplitude."""
+        """Return the part of a finding that shows in the residuals of its channel.
+
+        Of a term b the fit leaves its part across all that the soil can do, s b in size over all channels:
+        along b that is s² b.
+        """
         missing = np.concatenate([part[np.isfinite(part)] for part in parts])
         # Of what follows a driver differences are told, whatever takes up the offset.
         away = missing if one.term.shape.name == "constant" else missing - missing.mean()
         whole = float(away @ away)
         shown = one.explained * self.scale[one.term.channel] ** 2
-        return float(np.sqrt(min(shown / whole, 1.0))) if whole > 0.0 else 1.0
+        return float(min(shown / whole, 1.0)) if whole > 0.0 else 1.0
 
     def _worst(self, missing: Sequence[tuple[int, Array]]) -> tuple[tuple[str, str, int], ...]:
         """Rank segments by the mean square of what the finding says is missing there."""

@@ -137,7 +137,7 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
     base = refits.refit(data, None)
     again = processes.each(partial(_again, data), several[: criteria.RIVALS + 2])
     again = sorted(again, key=lambda pair: float(pair[1].loss.sum()))
-    again = _plainest_first(_credible_first(data, base, again))
+    again = _in_order(data, base, again)
     rest = [(one, refits.weighed(data, refit)) for one, refit in several[criteria.RIVALS + 2 :]]
     drafts = [
         replace(one, refit=refits.refit(data, one.hypothesis, one.extra, one.refit.solutions))
@@ -266,21 +266,21 @@ def _again(data: Ground, pair: Fitted) -> Fitted:
     return one, refits.over_shapes(data, one, refits.refit(data, one, begun=before.solutions))
 
 
-def _credible_first(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
-    """Put effects whose size is not to be believed behind all others that predict better than the base."""
-    good = [
+def _in_order(data: Ground, base: Refit, ranked: list[Fitted]) -> list[Fitted]:
+    """Put effects whose size is not to be believed behind all others that predict better than the base.
+
+    In front is, of those that predict as well as the first, the one with fewest parameters.
+    """
+    credible = [
         pair for pair in ranked if refit_ranking.beats(pair[1], base) and not refit_ranking.doubt(data, *pair)
     ]
-    return good + [pair for pair in ranked if pair not in good]
-
-
-def _plainest_first(ranked: list[Fitted]) -> list[Fitted]:
-    """Put in front, of those that predict as well as the first, the one with fewest parameters."""
-    if not ranked:
-        return ranked
-    good = [pair for pair in ranked if refit_ranking.as_good(pair[1], ranked[0][1])]
+    leading = credible or ranked
+    if not leading:
+        return []
+    good = [pair for pair in leading if refit_ranking.as_good(pair[1], leading[0][1])]
     first = min(good, key=lambda pair: pair[0].free)
-    return [first, *(pair for pair in ranked if pair is not first)]
+    inside = [pair for pair in credible if pair is not first]
+    return [first, *inside, *(pair for pair in ranked if pair not in credible and pair is not first)]
 
 
 def candidates(

@@ -71,7 +71,8 @@ def decide(found: Findings, stresses: str) -> Decision:
                 verdict="family", family=found.family or found.pair, together=found.pair, tells_law=False
             )
         joined = found.pair if found.pair_is_best else tuple(dict.fromkeys((*found.pair, *found.family)))
-        return Decision(verdict="family", family=joined, together=found.pair, tells_law=False, rivals="")
+        rivals = "" if found.pair_is_best else "family"
+        return Decision(verdict="family", family=joined, together=found.pair, tells_law=False, rivals=rivals)
     if found.law_alone:
         return Decision(verdict="unknown", family=(), rivals="")
     return Decision(verdict="effect" if found.earned else "family", family=found.family)

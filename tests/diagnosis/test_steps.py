@@ -1,6 +1,7 @@
 """The parts of a diagnosis, each against what it has to be by other means."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -107,6 +108,37 @@ def test_friction_that_drives_the_wheel_is_not_named(torque, named):
     assert step.better
     assert step.pays == (named is not None)
     assert ("physically impossible" in change_text.verdict(step)) == (named is None)
+
+
+def test_what_cannot_be_is_never_first_however_plain(monkeypatch):
+    rng = np.random.default_rng(3)
+
+    def fitted(name, loss, free):
+        return (
+            SimpleNamespace(id=name, free=free),
+            SimpleNamespace(loss=loss + rng.normal(0.0, 1e-3, 20)),
+        )
+
+    base = fitted("", 9.0, 0)[1]
+    several = [
+        fitted("best", 1.0, 2),
+        fitted("driving", 1.0, 1),
+        fitted("plain", 1.0, 1),
+        fitted("idle", 9.0, 1),
+    ]
+    # Of those that predict alike, a thousandth is chance.
+    monkeypatch.setattr(
+        steps.refit_ranking, "as_good", lambda one, other: one.loss.sum() < other.loss.sum() + 1.0
+    )
+    monkeypatch.setattr(
+        steps.refit_ranking,
+        "doubt",
+        lambda _data, one, _refit: "physically impossible" * (one.id == "driving"),
+    )
+    ordered = [one.id for one, _ in steps._in_order(None, base, several)]
+    assert ordered == ["plain", "best", "driving", "idle"]
+    assert [one.id for one, _ in steps._in_order(None, base, several[1:2])] == ["driving"]
+    assert steps._in_order(None, base, []) == []
 
 
 def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out_all_the_same():

@@ -37,7 +37,7 @@ AB = ("a", "b")
         ),
         pytest.param(
             {"family": ("a", "p"), "clear": True, "earned": True, "pair": ("p", "q")},
-            "family", None, ("p", "q", "a"), ("p", "q"), False, "", id="a name stays beside a pair",
+            "family", None, ("p", "q", "a"), ("p", "q"), False, "family", id="a name stays beside a pair",
         ),
         pytest.param(
             {"family": ("a",), "clear": True, "earned": True, "pair": ("p", "q"), "on_full_stresses": AB},
