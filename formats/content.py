@@ -26,8 +26,7 @@ _PACKED = 1 << 10
 class FileKind(NamedTuple):
     """A kind of file that is read."""
 
-    #: As the head of an inspection calls it.
-    title: str
+    title: str  # As the head of an inspection calls it
     #: As a remark says that it was found.
     found: str
     endings: tuple[str, ...]
@@ -207,7 +206,7 @@ class TextStream(io.RawIOBase):
             self.nul_bytes += data.count(b"\0")
             data = data.replace(b"\0", b"")
         codes = np.frombuffer(data, np.uint8)
-        # Five times as fast as bytes.count where lines are short.
+        # Faster than bytes.count where lines are short.
         self._line += int(np.count_nonzero(codes == ord("\n")))
         if self.nul_bytes > NUL_BYTES:
             what = f"up to line {self._line} there are more than {NUL_BYTES:,} NUL bytes"

@@ -46,7 +46,7 @@ _VARINT = rb"[\x80-\xff]{0,8}[\x00-\x7f]"
 _STATISTICS = _fields((_STRUCT,), _fields_with(rb"(?!)"))
 #: A head with a checksum: it follows kind, size and packed size, an integer of 32 bits as they are.
 _CHECKSUM = re.compile(rb"(?:\x15%b){4}" % _VARINT)
-#: The head of a page as it is nearly always written: six times as fast as going through its fields.
+#: The head of a page as it is nearly always written: faster than going through its fields.
 _PLAIN_HEAD = re.compile(
     rb"\x15%b\x15(%b)\x15(%b)" % (_VARINT, _VARINT, _VARINT)
     + _fields_with(_fields((_STRUCT,), _fields_with(_STATISTICS))),

@@ -26,27 +26,21 @@ def told(remarks: Iterable[str]) -> list[str]:
 class Recovery:
     """What was found in a file that was read with salvage."""
 
-    #: What is counted: "messages", "rows" or "parts".
-    what: str = "messages"
+    what: str = "messages"  # What is counted: "messages", "rows" or "parts"
     #: What is wrong with the file, in the order of its bytes; nothing for a whole file.
     damage: list[str] = field(default_factory=list)
     read: int = 0
-    #: How many there were, where something tells it.
-    expected: int | None = None
-    #: Messages that are there, but cannot be trusted or decoded.
-    aside: int = 0
+    expected: int | None = None  # How many there were, where something tells it
+    aside: int = 0  # Messages that are there, but cannot be trusted or decoded
     #: Of the file: those that made sense, and those it had when it was whole (or has, where that cannot be
     #: known).
     bytes_read: int = 0
     bytes_expected: int | None = None
-    #: `bytes_expected` is the size of the whole file.
-    whole_known: bool = False
+    whole_known: bool = False  # `bytes_expected` is the size of the whole file
     #: Stretches of log time without what was lost, in ns; None where an end is not known.
     lost: list[tuple[int | None, int | None]] = field(default_factory=list)
-    #: The least log time that can be read, in ns.
-    first: int | None = None
-    #: A log time that was reached at least, where the end is not known, in ns.
-    goes_on: int | None = None
+    first: int | None = None  # The least log time that can be read, in ns
+    goes_on: int | None = None  # A log time that was reached at least, where the end is not known, in ns
     #: Checksums in the file vouch for each value. Otherwise a changed byte inside a value cannot be seen.
     checked: bool = False
 

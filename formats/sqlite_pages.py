@@ -35,15 +35,12 @@ class BrokenPageError(ValueError):
 class PageCell:
     """One row of a table, or one entry of an index."""
 
-    #: Its number; 0 in an index.
-    row: int
-    #: Bytes of its record.
-    size: int
+    row: int  # Its number; 0 in an index
+    size: int  # Bytes of its record
     #: Those of them that are in the page itself, as places in the file.
     begin: int
     end: int
-    #: The page with the others; 0 if there are none.
-    overflow: int
+    overflow: int  # The page with the others; 0 if there are none
 
 
 class Pages:

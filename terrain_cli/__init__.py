@@ -118,7 +118,7 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> Any:
-    # pandas takes half a second to import, which `terrain-est --help` must not wait for.
+    # `terrain-est --help` must not wait for the import of pandas.
     if name in __all__:
         check_formats()
         from terrain_cli import api

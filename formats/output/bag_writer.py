@@ -40,15 +40,13 @@ class Topic:
     """Messages of one topic, as columns."""
 
     name: str
-    #: As ROS 2 names it: ``sensor_msgs/msg/JointState``.
-    type: str
+    type: str  # As ROS 2 names it: ``sensor_msgs/msg/JointState``
     #: Log time in ns since 1970, rising; also the stamp of the header where the type has one; shape (n,).
     time: NDArray[np.int64]
     #: Dotted path of a field → one value per message, or one for all. A list in a message is a row of an
     #: array of shape (n, m), or a list of str. What is not named is zero or empty.
     columns: Mapping[str, Any] = field(default_factory=dict)
-    #: Text of the .msg file, of a type that does not come with ROS.
-    definition: str = ""
+    definition: str = ""  # Text of the .msg file, of a type that does not come with ROS
 
 
 def write_bag(topics: Sequence[Topic], destination: str, kind: str) -> None:

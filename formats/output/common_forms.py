@@ -34,8 +34,7 @@ class Cells:
     """One column."""
 
     kind: Literal["real", "integer", "text"]
-    #: float64 (NaN where empty), int64, or objects (str, None where empty); shape (n,).
-    values: NDArray[Any]
+    values: NDArray[Any]  # float64 (NaN where empty), int64, or objects (str, None where empty); shape (n,)
 
     def objects(self, rows: slice = slice(None)) -> list[Any]:
         """Return cells as Python objects, None where empty."""
@@ -77,8 +76,7 @@ class WktShape:
     """A point or a line."""
 
     kind: Literal["Point", "LineString"]
-    #: (x, y) or (x, y, z) each.
-    points: tuple[tuple[float, ...], ...]
+    points: tuple[tuple[float, ...], ...]  # (x, y) or (x, y, z) each
 
     def wkb(self) -> bytes:
         """Return the shape as well-known binary (ISO 19125)."""

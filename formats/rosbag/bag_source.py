@@ -154,8 +154,7 @@ class _Topic:
     stream: Stream
     decoders: dict[int, Decoder]
     unusable: dict[int, str]
-    #: The names of the elements of each list, where they have names.
-    names: dict[str, frozenset[str]]
+    names: dict[str, frozenset[str]]  # The names of the elements of each list, where they have names
 
 
 class BagSource(Source):
@@ -252,8 +251,7 @@ class BagSource(Source):
     def _elements(self, topics: Mapping[str, dict[int, Decoder]]) -> dict[str, dict[str, Elements]]:
         """Return the elements of each list in the first message of each topic, and whether they are names.
 
-        Topics that begin in one chunk are told together, so that it is unpacked once: a third of the
-        time of a short compressed bag.
+        Topics that begin in one chunk are told together, so that it is unpacked once.
         """
         told: dict[str, dict[str, Elements]] = {name: {} for name in topics}
         waiting = {name for name, decoders in topics.items() if any(map(_lists, decoders.values()))}

@@ -12,7 +12,7 @@ import numpy as np
 
 from formats.limits import CHUNK_BYTES, CONNECTIONS, Allowance, TooMuchError, unpacked_limit
 from formats.recovery import Recovery
-from formats.rosbag.storage.raw_messages import WILD, Messages, unpack
+from formats.rosbag.storage.raw_messages import CORRUPT, WILD, Messages, of_payloads, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -124,7 +124,7 @@ class SalvagedFile(ABC):
         self._allowance.take(min(size, unpacked_limit(stored)))
         try:
             return load()
-        except Exception as error:  # noqa: BLE001 - the libraries that unpack raise anything
+        except CORRUPT as error:
             return " ".join(str(error).split())[:120] or type(error).__name__
 
     def lose(self, damage: str) -> None:
@@ -234,11 +234,9 @@ def _parted(
 
 def joined(parts: Sequence[Messages]) -> Messages:
     """Join messages, in the order given, in one buffer that holds nothing else."""
-    buffer = b"".join(part.payload(row) for part in parts for row in range(len(part)))
-    sizes = np.concatenate([part.sizes for part in parts])
-    times = np.concatenate([part.times for part in parts])
-    order = np.concatenate([part.order for part in parts])
-    return Messages(buffer, np.cumsum(sizes) - sizes, sizes, times, order)
+    payloads = [part.payload(row) for part in parts for row in range(len(part))]
+    times, order = (np.concatenate([getattr(part, name) for part in parts]) for name in ("times", "order"))
+    return of_payloads(payloads, times, order)
 
 
 def rows_of(found: Sequence[tuple[int, int, int, int]]) -> Index:

@@ -2,7 +2,7 @@
 
 The parser of `delimited` tells of every odd row, for which it must work through the file in one
 thread and make texts, that become numbers afterwards. Here each piece goes to a thread, which makes
-numbers of its cells while it parses. On two cores that is 2 to 3 times as fast.
+numbers of its cells while it parses.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def numbers(cells: pa.Array, decimal: str) -> tuple[NDArray[Any], NDArray[np.boo
 def floats(values: pa.Array) -> NDArray[np.float64]:
     """Return numbers as they are, NaN where null; not to be written to.
 
-    pyarrow's own conversion imports pandas, which takes half a second.
+    pyarrow's own conversion imports pandas.
     """
     data = values.buffers()[1]
     if data is None:

@@ -28,12 +28,9 @@ class Dialect:
 
     delimiter: str
     decimal: str
-    #: One for each field of a row; empty where the header names none.
-    names: tuple[str, ...]
-    #: One for each field; None where its cells in the sample are all empty.
-    kinds: tuple[Kind | None, ...]
-    #: Number of the line on which the first row of data begins, from 1.
-    first_row: int
+    names: tuple[str, ...]  # One for each field of a row; empty where the header names none
+    kinds: tuple[Kind | None, ...]  # One for each field; None where its cells in the sample are all empty
+    first_row: int  # Number of the line on which the first row of data begins, from 1
     #: Bytes of UTF-8 before the first row of data.
     offset: int
     remarks: tuple[str, ...]

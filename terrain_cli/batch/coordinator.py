@@ -37,8 +37,7 @@ class _Case:
     begun: bool = False
     finished: bool = False
     restored: bool = False
-    #: What it is known under, where that is not what was asked for.
-    configuration: str | None = None
+    configuration: str | None = None  # What it is known under, where that is not what was asked for
 
 
 @dataclass(kw_only=True)

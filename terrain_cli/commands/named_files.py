@@ -83,8 +83,7 @@ class Sign(NamedTuple):
 
     #: The first columns of a table, of each kind that may be in the file.
     columns: Sequence[tuple[str, ...]] = ()
-    #: What is in the first bytes of a file that is no table.
-    mark: bytes = b""
+    mark: bytes = b""  # What is in the first bytes of a file that is no table
 
     def on(self, path: str) -> bool:
         """Tell whether a file has it, or holds nothing that could be lost."""

@@ -81,7 +81,7 @@ def max_test(
     return MaxTest(t, p_values)
 
 
-def resample(sums: Array, statistic: Callable[[Array], Array], *, draws: int = DRAWS, seed: int = 0) -> Array:
+def resample(sums: Array, statistic: Callable[[Array], Array], *, seed: int = 0) -> Array:
     """Resample whole blocks with replacement, and return the statistic of each draw, shape (draws,).
 
     `sums`, shape (blocks, m), is what each block adds to the sums of which the statistic is made; the
@@ -89,5 +89,5 @@ def resample(sums: Array, statistic: Callable[[Array], Array], *, draws: int = D
     """
     blocks = len(sums)
     rng = np.random.default_rng(seed)
-    chosen = rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=draws)
+    chosen = rng.multinomial(blocks, np.full(blocks, 1.0 / blocks), size=DRAWS)
     return statistic(chosen @ sums)

@@ -64,34 +64,12 @@ def compare(
 ) -> Comparison:
     """Compare what a model predicts with what was measured, and find where it fails.
 
-    Each wheel is fitted on its own; segments whose soils predict no better than a single one are taken
-    as one. Blocks are the runs where there are enough of them, else
-    stretches so long that the noise forgets, and that the scores of neighbouring ones are unrelated.
-
-    Parameters
-    ----------
-    wheels : sequence of Windows
-        With usable samples.
-    fixed : mapping of str to float, optional
-        Parameters held; the others are fitted.
-    shared : collection of str
-        Parameters of the soil with one value for all windows of a wheel.
-    noise : Noise, optional
-        Of the sensors, for the fit; learnt from the data if not given.
-    like : Comparison, optional
-        Of another model with the same windows: take its blocks, so that `two_models` compares like with
-        like.
-    soils : EstimateRequest, optional
-        What `estimate` is asked for c and φ of the segments; of this model with its defaults if not given.
-    seed : int
-        Of the bootstraps.
-    progress : callable
-        Called with the name of each step before it begins.
-
-    Raises
-    ------
-    InputError
-        Nothing that the model predicts was measured.
+    Each wheel is fitted on its own; segments whose soils predict no better than a single one are taken as
+    one. Blocks are the runs where there are enough of them, else stretches so long that the noise forgets,
+    and that the scores of neighbouring ones are unrelated. They are those of `like`, another model with the
+    same windows, so that `two_models` compares like with like. Settings are as in `FitSettings`; `soils` is
+    what `estimate` is asked for c and φ of the segments, of this model with its defaults if not given. Raises
+    InputError where nothing that the model predicts was measured.
     """
     fitted, told = on_few_soils(
         wheels, model, FitSettings(fixed or {}, priors or {}, shared, noise), progress=progress
@@ -157,7 +135,7 @@ def of_fitted(
     model, warnings = fitted[0].model, list(warnings)
     channels = [name for name in UNITS if any(name in wheel.measured for wheel in fitted)]
     levels = {name: _pooled_noise(fitted, name) for name in channels}
-    scale = {name: _scale(fitted, name, levels[name]) for name in channels}
+    scale = {name: scale_of(fitted, name, levels[name]) for name in channels}
     channels = [name for name in channels if scale[name] > 0.0]
     scale = {name: scale[name] for name in channels}
     made = _blocks(fitted) if like is None else _Blocks([one.blocks for one in like.wheels])
@@ -225,11 +203,9 @@ def _between_segments(
         return []
     common = [one for _, one, _ in chosen]
     names = [name for name in levels if any(name in wheel.measured for wheel in common)]
-    scale = {name: _scale(common, name, np.nan) for name in names}
+    scale = {name: size for name in names if (size := scale_of(common, name, np.nan)) > 0.0}
     known = {(finding.channel, finding.driver) for finding in before}
-    return Residuals(common, block, {n: s for n, s in scale.items() if s > 0.0}, found=known).findings(
-        levels, seed
-    )
+    return Residuals(common, block, scale, found=known).findings(levels, seed)
 
 
 def _why(wheels: Sequence[FittedWheel]) -> str:
@@ -263,7 +239,8 @@ def _pooled_noise(wheels: Sequence[FittedWheel], name: str) -> float:
     return float(np.sqrt(sum(count * level**2 for count, level in known) / total)) if total else np.nan
 
 
-def _scale(wheels: Sequence[FittedWheel], name: str, level: float) -> float:
+def scale_of(wheels: Sequence[FittedWheel], name: str, level: float) -> float:
+    """Return what weighs the residuals of a channel: its noise, if that is known, else their size."""
     errors = np.concatenate([wheel.residuals[name] for wheel in wheels if name in wheel.measured])
     errors = errors[np.isfinite(errors)]
     rms = float(np.sqrt(np.mean(errors**2))) if len(errors) else 0.0

@@ -25,33 +25,19 @@ UNITS = {"torque": "N m", "drawbar_pull": "N", "sinkage": "m"}
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelErrors:
-    """How well one channel is predicted, of one wheel or of all together.
-
-    Parameters
-    ----------
-    name, unit : str
-        Unit of the values below: SI.
-    n : int
-        Samples that are measured and predicted.
-    rmse, bias : float
-        Root mean square and mean of measured less predicted.
-    nrmse : float
-        `rmse` over the root mean square of what is measured.
-    noise : float
-        Standard deviation of what changes from sample to sample without following the drive, the
-        noise of slip, load and sinkage that reaches the prediction included; NaN where the data do
-        not tell.
-    heldout_rmse, heldout_low, heldout_high : float
-        On blocks that were left out of the fit, with a 95 % interval from resampled blocks.
-    """
+    """How well one channel is predicted, of one wheel or of all together; in SI."""
 
     name: str
     unit: str
-    n: int
+    n: int  # Samples that are measured and predicted
     rmse: float
-    bias: float
-    nrmse: float
+    bias: float  # Mean of measured less predicted
+    nrmse: float  # `rmse` over the root mean square of what is measured
+    # Standard deviation of what changes from sample to sample without following the drive, the noise of slip,
+    # load and sinkage that reaches the prediction included; NaN where the data do not tell
     noise: float
+    # heldout_rmse, heldout_low, heldout_high: on blocks left out of the fit, with a 95 % interval from
+    # resampled blocks
     heldout_rmse: float
     heldout_low: float
     heldout_high: float
@@ -59,145 +45,80 @@ class ChannelErrors:
 
 @dataclass(frozen=True)
 class Series:
-    """One channel of one wheel over its usable samples.
+    """One channel of one wheel over its usable samples; NaN where not measured, or not predictable."""
 
-    Parameters
-    ----------
-    measured, predicted, heldout : ndarray, shape (n,)
-        NaN where not measured, or not predictable; `heldout` by a fit without the sample's block.
-    se : ndarray or None
-        Standard error of the prediction, where known.
-    """
-
-    measured: Array
+    measured: Array  # shape (n,), as the others
     predicted: Array
-    heldout: Array
-    se: Array | None = None
+    heldout: Array  # Predicted by a fit without the sample's block
+    se: Array | None = None  # Standard error of the prediction, where known
 
 
 @dataclass(frozen=True)
 class Driver:
-    """Something that a residual may follow.
-
-    Parameters
-    ----------
-    name, unit : str
-        SI unit; empty where it is not known.
-    values : ndarray, shape (n,)
-        Of the usable samples; NaN where not known. Of a label its code.
-    labels : tuple of str
-        What the codes mean; empty for a number.
-    """
+    """Something that a residual may follow."""
 
     name: str
-    unit: str
-    values: Array
-    labels: tuple[str, ...] = ()
+    unit: str  # SI; empty where it is not known
+    values: Array  # shape (n,): of the usable samples; NaN where not known. Of a label its code
+    labels: tuple[str, ...] = ()  # What the codes mean; empty for a number
 
 
 @dataclass(frozen=True, kw_only=True)
 class WheelComparison:
-    """One wheel of one input.
-
-    Parameters
-    ----------
-    windows : Windows
-        Of one soil each; where one predicts as well as several, it joins several segments.
-    segments : Windows
-        The same samples as they were cut.
-    series : dict of str to Series
-        By channel.
-    blocks : ndarray of int, shape (n,)
-        Block of each usable sample, counted over all wheels.
-    """
+    """One wheel of one input."""
 
     source: str
     wheel: str
     samples: Samples
-    windows: Windows
-    segments: Windows
+    windows: Windows  # Of one soil each; where one predicts as well as several, it joins several segments
+    segments: Windows  # The same samples as they were cut
     fit: Fit
     model: Model
     series: dict[str, Series]
     errors: dict[str, ChannelErrors]
     drivers: dict[str, Driver]
-    blocks: NDArray[np.intp]
+    blocks: NDArray[np.intp]  # shape (n,): block of each usable sample, counted over all wheels
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One way in which the model fails.
-
-    Parameters
-    ----------
-    channel, driver, shape : str
-        `driver` is empty for an offset that follows none. Shapes: "constant", "linear", "quadratic",
-        "saturating", "step", "periodic", "label".
-    p_value : float
-        How often chance gives something as strong in any channel, driver and shape.
-    share : float
-        Part of the misfit that this accounts for: of the squared residuals beyond noise, of all
-        channels together, each in terms of its noise. What is wrong in one channel moves the soil
-        that is fitted, and is then seen in the others too.
-    amplitude : float
-        Measured less predicted: positive where the model predicts too little. Difference over the
-        driver's range; above a step; half the swing of a periodic shape.
-    unit : str
-        Of `amplitude`: SI.
-    at : float or None
-        Threshold of a step, scale of a saturating curve, or period, in the driver's SI unit.
-    sentence : str
-        The same for a person.
-    worst_segments : tuple of (str, str, int)
-        Source, wheel and segment (counted from 1) where it is largest, the worst first.
-    alternatives : tuple of str
-        Drivers that vary so much alike that it may be theirs.
-    seen : float
-        Part of `amplitude` that shows in the residuals: the fitted parameters take up the rest.
-    """
+    """One way in which the model fails."""
 
     channel: str
-    driver: str
-    shape: str
-    p_value: float
+    driver: str  # Empty for an offset that follows none
+    shape: str  # "constant", "linear", "quadratic", "saturating", "step", "periodic", "label"
+    p_value: float  # How often chance gives something as strong in any channel, driver and shape
+    # Part of the misfit that this accounts for: of the squared residuals beyond noise, of all channels
+    # together, each in terms of its noise. What is wrong in one channel moves the soil that is fitted, and is
+    # then seen in the others too
     share: float
+    # Measured less predicted: positive where the model predicts too little. Difference over the driver's
+    # range; above a step; half the swing of a periodic shape
     amplitude: float
-    unit: str
-    at: float | None
-    sentence: str
+    unit: str  # Of `amplitude`: SI
+    at: float | None  # Threshold of a step, scale of a saturating curve, or period, in the driver's SI unit
+    sentence: str  # The same for a person
+    # Source, wheel and segment (counted from 1) where it is largest, the worst first
     worst_segments: tuple[tuple[str, str, int], ...]
-    alternatives: tuple[str, ...] = ()
-    seen: float = 1.0
+    alternatives: tuple[str, ...] = ()  # Drivers that vary so much alike that it may be theirs
+    seen: float = 1.0  # Part of `amplitude` that the fitted parameters do not take up
 
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """What another model changes.
+    """What another model changes."""
 
-    Parameters
-    ----------
-    name, unit : str
-        A channel, whose held-out error is compared, or "c" or "phi" of one segment.
-    where : tuple of (str, str, int) or None
-        Source, wheel and segment (counted from 1); None for errors, which are over all wheels.
-    first, second : float
-        Values with the two models.
-    difference, low, high : float
-        Second less first, with a 95 % interval.
-    moved : bool
-        By more than three standard errors.
-    """
-
-    name: str
+    name: str  # A channel, whose held-out error is compared, or "c" or "phi" of one segment
     unit: str
+    # Source, wheel and segment (counted from 1); None for errors, which are over all wheels
     where: tuple[str, str, int] | None
     first: float
     second: float
-    difference: float
+    difference: float  # difference, low, high: second less first, with a 95 % interval
     low: float
     high: float
     se: float
-    moved: bool
+    moved: bool  # By more than three standard errors
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,28 +133,15 @@ class EffectScores:
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """A model against all measurements.
+    """A model against all measurements."""
 
-    Parameters
-    ----------
-    model : dict
-        "base" and "effects".
-    channels : dict of str to ChannelErrors
-        Over all wheels.
-    failures : list of Finding
-        The strongest first.
-    soils : EstimateRequest or None
-        What `estimate` says of the segments (`segment_soils.of`).
-    scores : callable or None
-        Returns the scores of effects, which are computed where they are asked for.
-    """
-
-    model: dict[str, Any]
+    model: dict[str, Any]  # "base" and "effects"
     wheels: list[WheelComparison]
-    channels: dict[str, ChannelErrors]
-    failures: list[Finding]
+    channels: dict[str, ChannelErrors]  # Over all wheels
+    failures: list[Finding]  # The strongest first
     warnings: list[str]
-    soils: EstimateRequest | None = None
+    soils: EstimateRequest | None = None  # What `estimate` says of the segments (`segment_soils.of`)
+    # The scores of effects, which are computed where they are asked for
     scores: Callable[[], EffectScores] | None = None
 
     @property

@@ -14,13 +14,10 @@ from terrain_cli.comparison import (
     prediction,
     residual_noise,
     smoothed_channels,
-    smoothed_covariance,
     smoothed_fit,
     smoothed_model,
     whitening,
 )
-from terrain_cli.comparison.expected_forces import from_conditions
-from terrain_cli.comparison.neighbours import from_neighbours
 from terrain_cli.estimation.wheel_fit import fit
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 from terrain_cli.windows.cut_windows import at_rows, by_terrain
@@ -210,8 +207,8 @@ class FittedWheel:
     def take(self, solution: smoothed_fit.Solution, data: smoothed_model.SmoothedData) -> None:
         """Replace what was fitted."""
         self._forget()
-        self.fit = smoothed_covariance.as_fit(data, solution, self.fit)
-        self.parameters.update(smoothed_covariance.parameters(solution))
+        self.fit = smoothed_fit.as_fit(data, solution, self.fit)
+        self.parameters.update(smoothed_fit.parameters(solution))
 
     def _parameters(self, settings: FitSettings) -> dict[str, Array]:
         """Return every parameter of every window; those of windows without samples are never used."""
@@ -274,7 +271,9 @@ class FittedWheel:
         read = dict(self.channels)
         for name in ("torque", "drawbar_pull"):
             if name in wanted and name in read:
-                read[name] = from_conditions(self.channels[name], self.channels, self.window)
+                read[name] = smoothed_channels.from_conditions(
+                    self.channels[name], self.channels, self.window
+                )
         return read
 
     @cached_property
@@ -333,7 +332,7 @@ class FittedWheel:
             return dict(self.read)
         reach = max(3, gap // 2)
         return {
-            name: from_neighbours(column, self.group, gap=gap, reach=reach)
+            name: smoothed_channels.from_neighbours(column, self.group, gap=gap, reach=reach)
             if name in (*smoothed_channels.NOISY, *_WITH_SLIP)
             else column
             for name, column in self.read.items()

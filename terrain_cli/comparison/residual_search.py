@@ -18,8 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.comparison.residual_evidence import ResidualEvidence
-    from terrain_cli.comparison.residual_scores import FittedTerms, ScoreCell
+    from terrain_cli.comparison.residual_scores import FittedTerms, ResidualEvidence, ScoreCell
     from terrain_cli.comparison.shapes import Shape
     from terrain_cli.vocabulary.arrays import Array, Index
 

@@ -1,4 +1,4 @@
-"""The input channels of a wheel's model, smoothed so that they are without their own noise."""
+"""Channels that a model and its effects read, without their own noise: from neighbours or conditions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison import residual_noise, whitening
-from terrain_cli.comparison.neighbours import from_neighbours
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,10 +27,14 @@ _WAYS = ((2, 3), (1, 2), (0, 1))
 _ANSWERS = {"sinkage": 0.75, "torque": 1.0}
 #: Most by which an interpolation is drawn out, as its neighbours flatten what changes fast.
 _MOST_SHARE = 1.5
-
-
 #: Samples left out on either side where channels are first interpolated from their neighbours.
 GAP = _WAYS[0][0]
+#: Channels that change pull and torque in proportion, beside slip.
+_CAUSES = ("load", "sinkage", "pitch", "acceleration")
+#: Places between which pull and torque are straight in slip, at most; and samples for each.
+_PLACES, _SAMPLES = 8, 40
+#: Samples of a window that tell what to expect, and samples of which that is computed at a time.
+_TELL, _SLAB = 4_000, 65_536
 
 
 @dataclass(frozen=True)
@@ -161,3 +164,90 @@ def _answered(record: RecordedWheel, name: str, growth: float) -> float:
     share = float(np.mean(own * other)) / max(abs(float(np.mean(answer[known]))), 1e-300)
     felt = share * float(np.mean(load[known])) / growth
     return float(np.clip(felt, 0.0, np.var(own)))
+
+
+def from_neighbours(values: Array, group: Index, *, gap: int, reach: int) -> Array:
+    """Interpolate each sample from its neighbours, itself and the nearest ones left out.
+
+    As far as noise is forgotten within `gap` samples, the result has none of the sample's own. Means
+    at distances g and 3 g on both sides weigh 9/16 and −1/16 each, which keeps a cubic; near the ends
+    of a group only the nearer ones count, or those of one side.
+
+    `gap` samples are left out on either side (0: only the sample itself), and `reach` averaged at each
+    place. Values, shape (n,), are NaN where not known, and the result where there is no neighbour. Samples of
+    different groups are no neighbours; a group is contiguous.
+    """
+    n = len(values)
+    if n == 0:
+        return np.zeros(0)
+    starts = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
+    lengths = np.diff(np.append(starts, n))
+    first, last = np.repeat(starts, lengths), np.repeat(starts + lengths, lengths)
+    known = np.isfinite(values)
+    middle = float(np.mean(values[known])) if known.any() else 0.0
+    # About the mean, so that running sums of long logs lose no digits.
+    total = np.concatenate([[0.0], np.cumsum(np.where(known, values - middle, 0.0))])
+    number = np.concatenate([[0], np.cumsum(known)])
+    place = np.arange(n)
+
+    def mean(low: Index, high: Index) -> Array:
+        low, high = np.maximum(low, first), np.minimum(high, last)
+        count = np.where(high > low, number[np.clip(high, 0, n)] - number[np.clip(low, 0, n)], 0)
+        side = total[np.clip(high, 0, n)] - total[np.clip(low, 0, n)]
+        return np.where(count > 0, side / np.maximum(count, 1), np.nan)
+
+    def both(skip: int) -> tuple[Array, Array]:
+        return mean(place - skip - reach, place - skip), mean(place + skip + 1, place + skip + 1 + reach)
+
+    before, after = both(gap)
+    # The middle of the nearer samples is gap + (reach + 1) / 2 away.
+    farther = sum(both(3 * gap + reach + 1))
+    near = 0.5 * (before + after)
+    near = np.where(np.isfinite(near), near, np.where(np.isfinite(before), before, after))
+    smooth = 1.125 * near - 0.0625 * farther
+    inside = np.isfinite(before) & np.isfinite(after) & np.isfinite(smooth)
+    return np.asarray(middle + np.where(inside, smooth, near))
+
+
+def from_conditions(values: Array, channels: Mapping[str, Array], window: Index) -> Array:
+    """Return what a channel is on average under the conditions of each sample, shape (n,).
+
+    An effect may read what is to be explained: load-transfer the drawbar pull. Fed with the pull as it was
+    measured, a model would predict the noise of a pull, or soil that varies, from themselves, and every such
+    effect would seem to help. So it is given the part that slip, load, slope and acceleration explain
+    (instrumental variables; Wooldridge 2010, Econometric Analysis of Cross Section and Panel Data, chapter
+    5).
+
+    `channels` are slip, and what else there is; each window has one soil. Values are NaN where not known;
+    the result is NaN where slip is not known, or nothing is known of the window.
+    """
+    result = np.full(len(values), np.nan)
+    if "slip" not in channels:
+        return result
+    slip = channels["slip"]
+    # Where the load is known, sinkage follows from it.
+    there = [name for name in _CAUSES if name in channels and not (name == "sinkage" and "load" in channels)]
+    causes = [np.nan_to_num(channels[name]) for name in there]
+    for label in range(int(window.max(initial=-1)) + 1):
+        rows = np.flatnonzero((window == label) & np.isfinite(slip))
+        known = rows[np.isfinite(values[rows])]
+        if len(known) == 0:
+            continue
+        known = known[:: max(1, len(known) // _TELL)]
+        count = int(np.clip(len(known) // _SAMPLES, 2, _PLACES))
+        places = np.unique(np.quantile(slip[known], np.linspace(0.0, 1.0, count)))
+        spans = [(float(np.mean(one[known])), float(np.std(one[known]))) for one in causes]
+        varied = [(one, *span) for one, span in zip(causes, spans, strict=True) if span[1] > 0.0]
+        found, *_ = np.linalg.lstsq(_table(slip, places, varied, known), values[known], rcond=1e-8)
+        for start in range(0, len(rows), _SLAB):
+            some = rows[start : start + _SLAB]
+            result[some] = _table(slip, places, varied, some) @ found
+    return result
+
+
+def _table(slip: Array, places: Array, causes: Sequence[tuple[Array, float, float]], rows: Index) -> Array:
+    """Return hats over slip, alone and times the first of the causes, and the causes."""
+    hats = np.stack([np.interp(slip[rows], places, one) for one in np.eye(len(places))], axis=1)
+    columns = [(one[rows] - middle) / deviation for one, middle, deviation in causes]
+    crossed = [hats * columns[0][:, None]] if columns else []
+    return np.concatenate([hats, *crossed, *(column[:, None] for column in columns[1:])], axis=1)

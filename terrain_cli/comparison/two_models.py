@@ -20,21 +20,11 @@ if TYPE_CHECKING:
 
 
 def against(first: Comparison, second: Comparison, *, seed: int = 0) -> list[Difference]:
-    """Tell what a second model changes on the same data.
+    """Tell what a second model changes on the same windows: channels, then c (Pa) and φ (rad) by segment.
 
-    Held-out errors are compared on the samples and blocks of the first, block by block, so that what
-    makes a block hard for both does not count. c and φ of a segment are compared with their standard
-    errors as if these were independent, which is too careful: the data are the same.
-
-    Parameters
-    ----------
-    first, second : Comparison
-        Of the same windows.
-
-    Returns
-    -------
-    list of Difference
-        Channels first, then c (Pa) and φ (rad) of every segment.
+    Held-out errors are compared on the samples and blocks of the first, block by block, so that what makes a
+    block hard for both does not count. c and φ of a segment are compared with their standard errors as if
+    these were independent, which is too careful: the data are the same.
     """
     errors = [one for one in (_error(first, second, name, seed) for name in UNITS) if one is not None]
     return [*errors, *between_soils(first, second)]

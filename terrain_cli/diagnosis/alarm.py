@@ -1,4 +1,4 @@
-"""p values: how often chance alone gives such a gain, such an order of points, or what a model leaves."""
+"""p values: how often chance alone gives such scores, such a gain, such an order of points, such a rest."""
 
 from __future__ import annotations
 
@@ -7,15 +7,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli import effects as catalogues
 from terrain_cli.comparison.bootstrap import DRAWS, max_test
+from terrain_cli.comparison.comparison_outcome import EffectScores
 from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis import drafted_laws, refit_ranking, signatures
+from terrain_cli.diagnosis import drafted_laws, refit_ranking, screening, signatures
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from terrain_cli.comparison.fitted_wheel import FittedWheel
     from terrain_cli.comparison.residual_noise import Between
     from terrain_cli.diagnosis.refits import Ground, Refit
-    from terrain_cli.vocabulary.arrays import Array
+    from terrain_cli.diagnosis.screening import Screened
+    from terrain_cli.effects import Effect
+    from terrain_cli.models import ModelFile
+    from terrain_cli.vocabulary.arrays import Array, Index
 
 
 #: Blocks of which all choices of signs are tried.
@@ -136,3 +144,36 @@ def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
         return 1.0, 0.0
     found_p = max_test(np.concatenate(tables, axis=1), shrunk=shrunk, seed=seed).p_values
     return float(found_p.min(initial=1.0)), most
+
+
+def missing_effects(file: ModelFile) -> list[Effect]:
+    """Return the effects of the catalogue that a model does not have."""
+    there = {effect.id for effect in file.model.effects}
+    return [effect for effect in catalogues.catalogue().values() if effect.id not in there]
+
+
+def score(wheels: Sequence[FittedWheel], block: Sequence[Index], file: ModelFile, seed: int) -> EffectScores:
+    """Score every effect of the catalogue on a model as it was fitted.
+
+    As in a diagnosis, chance must give neither the largest score nor a gain on held-out blocks, and the
+    effect must be large enough; here gain and size are to first order.
+    """
+    effects = missing_effects(file)
+    hypotheses, _ = screening.hypotheses(file, wheels, effects)
+    scored = [one for one in hypotheses if one.effects]
+    if any(wheel.one_soil for wheel in wheels):
+        scored, _ = screening.on_changing_soil(scored)
+    unrecorded = screening.unrecorded(effects, wheels)
+    if 1 + max(int(one.max(initial=-1)) for one in block) < criteria.BLOCKS_OF_ALARM or not scored:
+        return EffectScores(p_value=1.0, raised=False, unrecorded=unrecorded)
+    found = screening.screen(wheels, block, scored, seed)
+    order = sorted(found.p_values, key=lambda name: -found.explained[name])
+    p_value = of_scores(found, order[0]) if order else 1.0
+    raised = p_value < criteria.LEVEL and found.share(order[0]) >= criteria.SMALLEST_SHARE
+    return EffectScores(p_value=p_value, raised=raised, effects=tuple(order), unrecorded=unrecorded)
+
+
+def of_scores(found: Screened, first: str) -> float:
+    """Return how often chance gives such scores, and to the first effect such a gain on held-out blocks."""
+    gain = of_gain(found.held_out_gain(first))
+    return max(min(found.p_values.values()), gain * criteria.LEVEL / criteria.GAINED)

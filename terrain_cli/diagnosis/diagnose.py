@@ -94,7 +94,6 @@ def diagnose(
             next_drive=steps.next_drives(case, ranked, rivals),
             not_testable=list(log.not_testable),
             warnings=list(log.comparison.warnings),
-            sentence="",
             together=decision.together,
             unrecorded=screening.unrecorded(case.effects, log.data.wheels),
         ),
@@ -113,14 +112,9 @@ def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnos
         comparison=log.comparison,
         alarm=alarm,
         verdict="none",
-        effect=None,
-        family=(),
         candidates=steps.candidates(log, base, several, ()),
-        unknown=None,
-        next_drive=[],
         not_testable=list(log.not_testable),
         warnings=warnings,
-        sentence="",
         unrecorded=screening.unrecorded(case.effects, log.data.wheels),
     )
     return replace(diagnosis, sentence=verdict.sentence(diagnosis, log.failures))

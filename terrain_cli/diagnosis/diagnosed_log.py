@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import blocks, comparison_criteria
-from terrain_cli.comparison.compare import of_fitted, on_few_soils
+from terrain_cli.comparison.compare import of_fitted, on_few_soils, scale_of
 from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -156,14 +156,6 @@ def _findings(log: DiagnosedLog, seed: int) -> list[Finding]:
     """Search the residuals on other soils for findings."""
     wheels: Sequence[FittedWheel] = log.data.wheels
     levels = {name: errors.noise for name, errors in log.comparison.channels.items()}
-    scale = {
-        name: float(
-            np.sqrt(
-                np.nanmean(np.concatenate([w.residuals[name] for w in wheels if name in w.residuals]) ** 2)
-            )
-        )
-        for name in levels
-        if any(name in wheel.residuals for wheel in wheels)
-    }
-    scale = {name: size for name, size in scale.items() if size > 0.0}
+    names = [name for name in levels if any(name in wheel.measured for wheel in wheels)]
+    scale = {name: size for name in names if (size := scale_of(wheels, name, np.nan)) > 0.0}
     return Residuals(wheels, log.block, scale).findings(levels, seed) if scale else []

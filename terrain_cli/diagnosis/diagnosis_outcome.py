@@ -155,14 +155,14 @@ class Diagnosis:
     comparison: Comparison  # Of the model as it is
     alarm: Alarm
     verdict: Verdict
-    effect: str | None  # One name, only where the data support one
-    family: tuple[str, ...]  # Those that the data cannot tell apart, the best first
+    effect: str | None = None  # One name, only where the data support one
+    family: tuple[str, ...] = ()  # Those that the data cannot tell apart, the best first
     candidates: list[Candidate]  # The best first
-    unknown: UnknownEffect | None
-    next_drive: list[NextDrive]
+    unknown: UnknownEffect | None = None
+    next_drive: list[NextDrive] = field(default_factory=list)
     not_testable: list[NotTestable]
     warnings: list[str]
-    sentence: str
+    sentence: str = ""
     # Two effects that, both added, predict better than any alone, and than any draft; else none
     together: tuple[str, ...] = ()
     unrecorded: tuple[str, ...] = ()  # Channels that effects need, and nothing gives

@@ -85,9 +85,8 @@ def screen(
 ) -> Iterator[tuple[str, str, str, dict[str, Array]]]:
     """Yield the signatures of all drafts without writing them.
 
-    What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves. What a law Q + a h(driver)
-    leaves in the channels is h times what Q + a leaves: tables by channel, shape (n, columns). `values` are
-    the drivers' at the rows.
+    What a law Q + a h(driver) leaves in the channels is h times what Q + a leaves: tables by channel, shape
+    (n, columns). `values` are the drivers' at the rows.
     """
     shown = [name for name in SHOWN if name in wheel.measured]
     inner = [name for name in IN_THE_GROUND if name in wheel.model.soil]

@@ -20,7 +20,7 @@ from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import manoeuvres
 from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
-from terrain_cli.diagnosis.refit_ranking import FORMS, bent
+from terrain_cli.diagnosis.refit_ranking import FORMS, absent, bent
 from terrain_cli.estimation.wheel_fit.normal_equations import explained, widened
 from terrain_cli.mechanics import rates
 from terrain_cli.telemetry.derive.effect_inputs import RUT
@@ -102,11 +102,9 @@ class Side:
         """Predict with the effect, and without it."""
         numbers = self.solution.of_samples(part.window)
         predicted, known, sinkage = self._white(part, numbers)
-        own = self.hypothesis.parameters
-        if not own:
+        if not self.hypothesis.parameters:
             return Shown(predicted, np.zeros_like(predicted), known, sinkage)
-        absent = {name: np.full_like(v, own[name].null) if name in own else v for name, v in numbers.items()}
-        without, there, _ = self._white(part, absent)
+        without, there, _ = self._white(part, absent(self.hypothesis, numbers))
         return Shown(predicted, (predicted - without) * (known & there)[:, None], known, sinkage)
 
     def _white(

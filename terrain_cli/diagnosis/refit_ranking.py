@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import comparison_criteria, smoothed_covariance, smoothed_model
+from terrain_cli.comparison import comparison_criteria, smoothed_fit, smoothed_model
 from terrain_cli.comparison.bootstrap import resample, webb_weights
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
@@ -48,22 +48,15 @@ def as_good(one: Refit, other: Refit) -> bool:
 
 def at_bounds(hypothesis: Hypothesis, one: Refit) -> bool:
     """Tell whether a parameter of an effect ran to the end of what it can be."""
-    own = hypothesis.parameters
-    for solution in one.solutions:
-        for column, unknown in enumerate(solution.unknowns.shared):
-            parameter = own.get(unknown.name)
-            if parameter is None or parameter.shape:
-                continue
-            if parameter.at_bound(float(unknown.value(solution.common[column]))):
-                return True
-    return False
+    sizes = {name: parameter for name, parameter in hypothesis.parameters.items() if not parameter.shape}
+    return any(name in sizes and sizes[name].at_bound(value) for name, value in one.common())
 
 
 def imitates(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     """Tell whether an effect went, beyond doubt, to where nature has none: friction that drives, say."""
     bounded = [effect for effect in hypothesis.effects if effect.limits]
     for part, solution in zip(data.data, one.solutions, strict=True) if bounded else ():
-        _, covariance = smoothed_covariance.covariance(part, solution)
+        _, covariance = smoothed_fit.covariance(part, solution)
         fitted = zip(solution.unknowns.shared, solution.common, strict=True)
         values = {unknown.name: float(unknown.value(place)) for unknown, place in fitted}
         if any(any(effect.imitations(values, covariance)) for effect in bounded):
@@ -76,7 +69,7 @@ def left_open(data: Ground, hypothesis: Hypothesis, one: Refit) -> bool:
     own = hypothesis.parameters
     told = []
     for part, solution in zip(data.data, one.solutions, strict=True):
-        _, covariance = smoothed_covariance.covariance(part, solution)
+        _, covariance = smoothed_fit.covariance(part, solution)
         for column, unknown in enumerate(solution.unknowns.shared):
             if unknown.name in own and not own[unknown.name].shape:
                 told.append(float(covariance[column, column]) ** 0.5 < criteria.LEFT_OPEN * unknown.sd)
@@ -124,11 +117,7 @@ def judge(data: Ground, refits: Sequence[Refit], hypotheses: Sequence[Hypothesis
         for column, form in enumerate(FORMS):
             losses = np.stack(
                 [
-                    cell.losses(
-                        [_shown(cells[truth], part, form) for part in range(len(noise))],
-                        noise,
-                        weights,
-                    )
+                    cell.losses([part.shown(form) for part in cells[truth].parts], noise, weights)
                     for cell in cells
                 ],
                 axis=1,
@@ -164,13 +153,13 @@ class _Design:
         for index, solution in enumerate(refit.solutions):
             part, base = data.data[index], data.base[index]
             predicted = _white(part, solution.model, solution.of_samples(part.window))
-            if not hypothesis.effects:
-                absent = _white(part, base.model, base.of_samples(part.window))
+            if hypothesis.effects:
+                without = _white(part, solution.model, absent(hypothesis, solution.of_samples(part.window)))
             else:
-                absent = _white(part, solution.model, _absent(hypothesis, solution.of_samples(part.window)))
+                without = _white(part, base.model, base.of_samples(part.window))
             design = widened(solution.design, solution.t.shape[1], part.window, part.windows)
             self.parts.append(
-                _Part(predicted, predicted - absent, design, data.block[index], self.blocks, solution.spread)
+                _Part(predicted, predicted - without, design, data.block[index], self.blocks, solution.spread)
             )
 
     def losses(self, shown: Sequence[Array], noise: Sequence[Array], weights: Array) -> Array:
@@ -192,6 +181,10 @@ class _Part:
         self.information = products(design, design, block, blocks)
         whole = self.information.sum(axis=0) + spread * np.eye(design.shape[2])
         self.inverse = np.linalg.inv(whole - self.information)
+
+    def shown(self, form: float) -> Array:
+        """Return what would be seen were this the truth, its effect bent by a power of its own size."""
+        return np.asarray(self.predicted + bent(self.effect, form, self.effect))
 
     def scores(self, residual: Array) -> Array:
         """Return the products of the design and a residual, by block."""
@@ -219,16 +212,10 @@ def _white(part: SmoothedData, model: Model, numbers: Mapping[str, Array]) -> Ar
     return np.asarray(part.white({name: np.nan_to_num(column) for name, column in found.items()}, part.seen))
 
 
-def _absent(hypothesis: Hypothesis, numbers: Mapping[str, Array]) -> dict[str, Array]:
+def absent(hypothesis: Hypothesis, numbers: Mapping[str, Array]) -> dict[str, Array]:
     """Return parameters with the effect absent."""
     own = hypothesis.parameters
     return {name: np.full_like(v, own[name].null) if name in own else v for name, v in numbers.items()}
-
-
-def _shown(truth: _Design, part: int, form: float) -> Array:
-    """Return what a truth would show, its effect bent by a power of its own size."""
-    one = truth.parts[part]
-    return np.asarray(one.predicted + bent(one.effect, form, one.effect))
 
 
 def bent(effect: Array, form: float, like: Array) -> Array:

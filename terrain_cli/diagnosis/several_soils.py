@@ -75,7 +75,6 @@ def as_needed(
     *,
     without: ModelFile | None = None,
     effects: Sequence[Effect] = (),
-    progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[Windows], list[str]]:
     """Return the windows of a comparison on the soils that a model needs, and what has to be said about it.
 
@@ -86,7 +85,7 @@ def as_needed(
     if without is not None and len(effects) == 1 and any(len(one) > 1 for one in windows):
         cut = _ground(windows, block, without, effects)
         hypotheses, _ = screening.hypotheses(without, cut.wheels, effects)
-        fewer, _ = on_fewer(cut, block, hypotheses, progress)
+        fewer, _ = on_fewer(cut, block, hypotheses, lambda _: None)
         if any(len(a.windows) < len(b.windows) for a, b in zip(fewer.wheels, cut.wheels, strict=True)):
             soils = sum(len(wheel.windows) for wheel in fewer.wheels)
             enough = counted(soils, "soil")

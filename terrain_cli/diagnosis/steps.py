@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli import models, processes
-from terrain_cli.comparison import comparison_criteria, smoothed_covariance
+from terrain_cli.comparison import comparison_criteria, smoothed_fit
 from terrain_cli.diagnosis import (
     alarm,
     next_drive,
     outside_catalogue,
     pairs,
-    quick_scores,
     refit_ranking,
     refits,
     screening,
     signatures,
-    solved_wheel,
 )
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Candidate, Size
@@ -323,7 +321,7 @@ def candidates(
 def _solved(log: DiagnosedLog, one: Hypothesis, refit: Refit) -> list[FittedWheel]:
     """Return the wheels with what a refit found."""
     pairs = zip(log.data.wheels, refit.solutions, strict=True)
-    return [solved_wheel.of(wheel, solution, one.fixed) for wheel, solution in pairs]
+    return [refits.on_wheel(wheel, solution, one.fixed) for wheel, solution in pairs]
 
 
 def _held_out(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -> dict[str, float]:
@@ -336,10 +334,10 @@ def _held_out(log: DiagnosedLog, one: Hypothesis, refit: Refit, *, anew: bool) -
         for name, errors in log.comparison.channels.items()
     }
     if anew:
-        wheels = [solved_wheel.fitted(wheel, one) for wheel in log.data.wheels]
+        wheels = [refits.fitted_anew(wheel, one) for wheel in log.data.wheels]
     else:
         wheels = _solved(log, one, refit)
-    return solved_wheel.held_out_errors(wheels, log.block, levels)
+    return refits.held_out_errors(wheels, log.block, levels)
 
 
 def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -> float:
@@ -352,7 +350,7 @@ def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -
     ]
     found = screening.screen(wheels, log.block, others, case.seed)
     first = max(found.p_values, key=lambda name: found.explained[name], default="")
-    return quick_scores.of_scores(found, first) if first else 1.0
+    return alarm.of_scores(found, first) if first else 1.0
 
 
 def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
@@ -363,7 +361,7 @@ def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
     names = list(one.parameters or one.priors)
     pairs: dict[str, list[tuple[float, float]]] = {}
     for part, solution in zip(data.data, refit.solutions, strict=True):
-        covariance, _ = smoothed_covariance.covariance(part, solution)
+        covariance, _ = smoothed_fit.covariance(part, solution)
         sought = solution.unknowns
         for column, unknown in enumerate((*sought.local, *sought.shared)):
             if unknown.name not in names:

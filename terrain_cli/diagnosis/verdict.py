@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from terrain_cli.comparison import comparison_criteria
-from terrain_cli.comparison.finding_sentences import missed
+from terrain_cli.comparison.findings import missed
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.models import STRESSES
 from terrain_cli.vocabulary.quantities import counted, listed

@@ -14,8 +14,7 @@ from terrain_cli.comparison import comparison_criteria, segment_soils
 from terrain_cli.comparison.compare import of_fitted, on_few_soils
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.two_models import between_soils
-from terrain_cli.diagnosis import diagnosis_criteria, quick_scores, several_soils
-from terrain_cli.diagnosis.quick_scores import missing_effects
+from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
 from terrain_cli.estimation import estimators
 from terrain_cli.estimation.estimators import EstimateRequest
 from terrain_cli.improvement import improvement_criteria as criteria
@@ -61,7 +60,7 @@ def fitted(
     """
     held, priors, noise = estimators.assumed(wheels, file)
     settings = FitSettings(held, priors, [name for name in file.shared if name not in held], noise)
-    missing = missing_effects(file)
+    missing = alarm.missing_effects(file)
     further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
     known = with_inputs(wheels, [*file.model.effects, *missing])
     several, told = on_few_soils(known, file.model, settings, further=further, progress=progress)
@@ -70,7 +69,7 @@ def fitted(
     return replace(
         found,
         soils=soils or EstimateRequest(wheels=wheels, file=file),
-        scores=cache(partial(quick_scores.score, several, block, file, seed)),
+        scores=cache(partial(alarm.score, several, block, file, seed)),
     )
 
 

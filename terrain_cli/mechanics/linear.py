@@ -67,7 +67,7 @@ def _coefficients(
         y_T = 1/B,  a = −A/(c B),  w = r (θ1/2)² (1 + c)/(2 s²)
 
     where s²/(1 + c) stands for 1 − c, which would cancel at small θ1. Written without temporary
-    arrays: that and the square roots are 6 to 15 times as fast as the equations as printed.
+    arrays and trigonometric functions, as every sample of a log asks for them.
     """
     ratio = sinkage * (0.5 / radius)
     s = np.sqrt(ratio)

@@ -51,13 +51,7 @@ def load(path: str | Path | None) -> Rover:
 
 
 def of_text(text: str) -> Rover:
-    """Read what a rover file would hold.
-
-    Raises
-    ------
-    ConfigurationError
-        As for `load`.
-    """
+    """Read what a rover file would hold; raises as `load`."""
     path = Path(FILE_NAME)
     return replace(_rover(path, _FILE(toml_files.parse(text, path), f"{path}: ")), path=None)
 

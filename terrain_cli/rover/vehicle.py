@@ -37,8 +37,7 @@ class ChannelEntry:
     #: Which element of a list, by the text beside it or by its place.
     index: int | None = None
     constant: float | str | None = None
-    #: None where the header or the message type is to tell.
-    unit: Unit | None = None
+    unit: Unit | None = None  # None where the header or the message type is to tell
     #: The channel is unit(raw · scale + offset).
     scale: float = 1.0
     offset: float = 0.0
@@ -48,14 +47,10 @@ class ChannelEntry:
 class SensorNoise:
     """Standard deviation of a sensor's noise, whose relative and absolute parts add in quadrature."""
 
-    #: As a share of the value.
-    relative: float = 0.0
-    #: In the channel's SI unit.
-    absolute: float = 0.0
-    #: Standard deviation of a constant offset, in the same unit.
-    offset: float = 0.0
-    #: Whether the noise is known, and not the offset alone.
-    known: bool = True
+    relative: float = 0.0  # As a share of the value
+    absolute: float = 0.0  # In the channel's SI unit
+    offset: float = 0.0  # Standard deviation of a constant offset, in the same unit
+    known: bool = True  # Whether the noise is known, and not the offset alone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,20 +61,16 @@ class Motor:
     torque_constant: float
     gear_ratio: float = 1.0
     efficiency: float = 1.0
-    #: Relative change of the torque constant, 1/K.
-    temperature_coefficient: float = 0.0
-    #: °C.
-    reference_temperature: float = 25.0
-    #: A.
-    no_load_current: float = 0.0
+    temperature_coefficient: float = 0.0  # Relative change of the torque constant, 1/K
+    reference_temperature: float = 25.0  # °C
+    no_load_current: float = 0.0  # A
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vehicle:
     """Body of the rover, for the load of each wheel."""
 
-    #: kg, wheels and suspension included.
-    mass: float
+    mass: float  # kg, wheels and suspension included
     #: x forward, y left, z up in m, from the same origin as the positions of the wheels.
     centre_of_mass: Vector
     #: m/s².
@@ -94,14 +85,12 @@ class Vehicle:
 class Wheel:
     """One wheel; what its own table does not give is that of [wheel], [channels] and [motor]."""
 
-    #: Empty where rover.toml names no wheels.
-    name: str = ""
+    name: str = ""  # Empty where rover.toml names no wheels
     #: m.
     radius: float | None = None
     width: float | None = None
     grouser_count: int = 0
-    #: m.
-    grouser_height: float = 0.0
+    grouser_height: float = 0.0  # m
     #: Of the point of contact: x forward, y left, z up in m.
     position: Vector | None = None
     channels: Mapping[str, ChannelEntry] = field(default_factory=dict)
@@ -117,15 +106,12 @@ class Rover:
     default: Wheel = field(default_factory=Wheel)
     #: [wheels.NAME], complete with what they take from the default.
     wheels: Mapping[str, Wheel] = field(default_factory=dict)
-    #: k of [soil] in m.
-    shear_modulus: float | None = None
+    shear_modulus: float | None = None  # k of [soil] in m
     #: Within which it is expected to be right (one standard deviation).
     shear_modulus_factor: float = K_FACTOR
     vehicle: Vehicle | None = None
-    #: [sampling]: longest time in s over which a channel is interpolated.
-    max_gap: float | None = None
-    #: [sampling]: the rows of tables are steady test points, whatever columns they have.
-    steady: bool = False
+    max_gap: float | None = None  # [sampling]: longest time in s over which a channel is interpolated
+    steady: bool = False  # [sampling]: the rows of tables are steady test points, whatever columns they have
     #: [noise]: what is known of the sensors, by channel.
     noise: Mapping[str, SensorNoise] = field(default_factory=dict)
     #: [estimate]: long options of `terrain-est estimate` and their values.

@@ -99,6 +99,18 @@ def with_behind(part: Samples, usable: NDArray[np.intp]) -> tuple[Samples, int]:
     return replace(used, drivers={**used.drivers, BEHIND: behind}), ahead
 
 
+def windows_of(samples: Samples, given: Settings, before: int = 0) -> Windows:
+    """Cut samples as the settings say; so many usable ones of the first stretch came before these."""
+    return cut_windows.cut(
+        samples,
+        given.segments,
+        min_samples=given.min_samples,
+        window_samples=given.window_samples,
+        window_distance=given.window_distance,
+        before=before,
+    )
+
+
 class LongWheel:
     """The windows of one wheel so far, and the samples that are not yet in one."""
 
@@ -149,14 +161,7 @@ class LongWheel:
         given = self._settings
         samples = joined(self._pending)
         self._pending = []
-        cut = cut_windows.cut(
-            samples,
-            given.segments,
-            min_samples=given.min_samples,
-            window_samples=given.window_samples,
-            window_distance=given.window_distance,
-            before=self._ahead,
-        )
+        cut = windows_of(samples, given, self._ahead)
         n = len(samples)
         final = len(cut) if last else int(np.searchsorted(cut.bounds, n - SETTLED, side="right")) - 1
         if not last and n - cut.bounds[final] > LONGEST:

@@ -85,13 +85,7 @@ def run(
         outcome.rejects.append(segment_table.rejects(samples))
         if len(samples.usable) == 0:
             continue
-        cut = cut_windows.cut(
-            samples,
-            settings.segments,
-            min_samples=settings.min_samples,
-            window_samples=settings.window_samples,
-            window_distance=settings.window_distance,
-        )
+        cut = long_log.windows_of(samples, settings)
         count += len(cut)
         cut_windows.check_number(source.path, count)
         progress(f"wheel {samples.wheel}: estimates of {len(cut)}", (2 + 2 * number) / steps)
@@ -145,10 +139,8 @@ def _in_reaches(
             progress(f"{count:,} samples", count / rows if rows else 0.0)
             yield long_log.lean(part)
 
-    work_beside = long_log.work
-    if beside:
-        from terrain_cli.run.long_log import work_beside
-    wheels = work_beside(lean(), settings)
+    work = long_log.work_beside if beside else long_log.work
+    wheels = work(lean(), settings)
     done = [wheels[name] for name in sorted(wheels)]
     if not any(len(wheel) for wheel in done):
         where = f" where {settings.where}" if settings.where else ""

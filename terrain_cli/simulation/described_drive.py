@@ -93,29 +93,13 @@ def drive(
     hide: bool = False,
     bag: bool = False,
 ) -> SimulatedLog:
-    """Simulate what a file and options describe.
+    """Simulate what a TOML file and options describe.
 
-    Parameters
-    ----------
-    path : str or None
-        A TOML file.
-    options : mapping
-        As for `drive_file.read`.
-    label : str
-        What messages call the options.
-    hide : bool
-        Add an effect drawn at random; without a seed, by a new one.
-    bag : bool
-        As for `simulate`.
-
-    Raises
-    ------
-    UsageError
-        An option has an unknown name or an impossible value.
-    ConfigurationError
-        The same of the file, or an effect needs what the drive does not have.
-    InputError
-        A soil does not carry the load, the effects contradict each other, or none to be hidden shows.
+    Options are as for `drive_file.read`, and `label` is what messages call them; `bag` is as for `simulate`.
+    With `hide` an effect drawn at random is added; without a seed, by a new one. UsageError tells of an
+    option with an unknown name or an impossible value; ConfigurationError the same of the file, or of an
+    effect that needs what the drive does not have; InputError that a soil does not carry the load, that
+    effects contradict each other, or that none to be hidden shows.
     """
     # A riddle that comes again is none.
     seed = secrets.randbits(31) if hide else 0

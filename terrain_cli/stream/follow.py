@@ -64,19 +64,7 @@ class Follow:
         self._samples: ArrivingSamples | None = None
 
     def run(self, arriving: ArrivingBytes, path: str) -> None:
-        """Take all that arrives.
-
-        Parameters
-        ----------
-        arriving : ArrivingBytes
-            Of the input.
-        path : str
-            The input, as the user named it.
-
-        Raises
-        ------
-        formats.FormatError, InputError, ConfigurationError
-        """
+        """Take all that arrives from an input, which the user named `path`."""
         self._rows = ArrivingRows(path)
         began: float | None = None
         for block in arriving:

@@ -15,8 +15,8 @@ from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.presentation import segment_table
 from terrain_cli.run.long_log import BEHIND, with_behind
 from terrain_cli.stream.model_watch import ModelWatch
-from terrain_cli.stream.open_segment import OpenSegment
 from terrain_cli.telemetry.derive import effect_inputs
+from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows import cut_windows
@@ -38,7 +38,7 @@ LONGEST = 1 << 17
 #: What estimates and rows are made of; the effects of a model may need anything.
 _KEPT = {*NEEDED, "drawbar_pull", "x", "y", "longitude", "latitude"}
 #: The errors from what is assumed are found anew when a segment has grown by this factor: they hardly depend
-#: on it, and take ten times as long as the rest of an open row.
+#: on it, and take far longer than the rest of an open row.
 _GROWN = 1.5
 #: The model is set against samples that are this many seconds and `SETTLED` samples old: by then 95 % of the
 #: changes of soil before them are told, which are no fault of a model.
@@ -47,6 +47,10 @@ _WATCHED_AFTER = 25.0
 _LOOK = 5.0
 #: Samples that are taken at once where a model is watched.
 _TOGETHER = 64
+#: Pieces that are joined together: every sample is copied twice or so, however few come at a time.
+_PIECES = 32
+#: Samples of a piece that is not joined with small ones.
+_LARGE = 1024
 
 
 @dataclass
@@ -54,6 +58,54 @@ class CommonStress:
     """The stress at which all segments of a stream are compared, in Pa; that of the first if not given."""
 
     value: float | None
+
+
+class OpenSegment:
+    """Usable samples in the order of time; those set aside are counted behind the one before."""
+
+    def __init__(self) -> None:
+        self._large: list[Samples] = []
+        self._small: list[Samples] = []
+        #: Samples, and those set aside ahead of the first.
+        self.count = self.ahead = 0
+
+    def add(self, samples: Samples) -> None:
+        """Take the samples that follow, with what is behind each among their drivers."""
+        self.count += len(samples)
+        if len(samples) >= _LARGE:
+            self._join()
+            self._large.append(samples)
+        else:
+            self._small.append(samples)
+        if len(self._small) >= _PIECES:
+            self._join()
+        if len(self._large) >= _PIECES * _PIECES:
+            self._large = [joined(self._large)]
+
+    def _join(self) -> None:
+        if self._small:
+            self._large.append(joined(self._small))
+            self._small = []
+
+    def set_aside(self, count: int) -> None:
+        """Count samples that are set aside."""
+        if self.count:
+            (self._small or self._large)[-1].drivers[BEHIND][-1] += count
+        else:
+            self.ahead += count
+
+    def whole(self) -> Samples:
+        """Return all of it; one sample at least."""
+        self._join()
+        self._large = [joined(self._large)]
+        return self._large[0]
+
+    def split(self, first: int) -> Samples:
+        """Take the first so many samples away, and return them."""
+        whole = self.whole()
+        self._large = [] if first == self.count else [whole.taken(slice(first, None))]
+        self.count -= first
+        return whole if not self.count else whole.taken(slice(0, first))
 
 
 class FollowedWheel:

@@ -51,10 +51,8 @@ class ModelMiss(NamedTuple):
     """Something that a model misses."""
 
     channel: str
-    #: Measured less predicted, SI.
-    size: float
-    #: When it began, in s on the clock of the samples.
-    since: float
+    size: float  # Measured less predicted, SI
+    since: float  # When it began, in s on the clock of the samples
 
 
 @dataclass

@@ -28,6 +28,8 @@ _BEGINNING = 10_000
 FEW_TIMES = 3
 #: Clocks that differ by more than this, in s, are told apart (recordings played back, simulated time).
 CLOCK_TOLERANCE = 0.5
+#: Samples for which a clock has to run forward after it restarts.
+_LEAST = 10
 
 
 def default_gap(time: Array) -> float:
@@ -89,12 +91,10 @@ def ascends(time: Array) -> bool:
 class Neighbours:
     """Where the times of a clock lie between the samples of a topic: the same for all its channels."""
 
-    #: The sample at each time, or the next; shape (n,).
-    after: Index
+    after: Index  # The sample at each time, or the next; shape (n,)
     #: How far the time is from the sample before to that; NaN where nothing may be interpolated; shape (n,).
     share: Array
-    #: The sample is of this very time; shape (n,).
-    exact: Mask
+    exact: Mask  # The sample is of this very time; shape (n,)
 
     def between(self, values: Array) -> Array:
         """Interpolate values of the samples, of which none is NaN."""
@@ -175,10 +175,10 @@ def check_unit_of_time(
         )
 
 
-def split_clock(time: Array, least: int = 10) -> tuple[Index, Mask, Mask]:
+def split_clock(time: Array) -> tuple[Index, Mask, Mask]:
     """Find where a clock (s, NaN is passed over) restarts, steps back for a moment, or repeats itself.
 
-    A step back after which it runs forward for `least` samples, without reaching the time before, is a
+    A step back after which it runs forward for `_LEAST` samples, without reaching the time before, is a
     restart; others are samples out of order. Returns the indices at which a new clock begins, and which
     samples are out of order, or at the time of the one before.
     """
@@ -193,10 +193,10 @@ def split_clock(time: Array, least: int = 10) -> tuple[Index, Mask, Mask]:
     for fall in (np.flatnonzero(np.diff(t) < 0) + 1).tolist():
         if fall < accepted:
             continue
-        accepted = _resumes(t, fall, least)
+        accepted = _resumes(t, fall)
         astray[fall:accepted] = True
         if accepted < len(t) and t[accepted] <= t[fall - 1]:
-            before = np.arange(max(0, fall - least), fall)
+            before = np.arange(max(0, fall - _LEAST), fall)
             before = before[~astray[before]]
             later = t[before] > t[accepted]
             if later.all():
@@ -210,12 +210,12 @@ def split_clock(time: Array, least: int = 10) -> tuple[Index, Mask, Mask]:
     return np.array(restarts, dtype=np.intp), backwards, repeated
 
 
-def _resumes(t: Array, fall: int, least: int) -> int:
+def _resumes(t: Array, fall: int) -> int:
     """Return where a clock that fell back is ahead again, or runs forward from an earlier time."""
     top = t[fall - 1]
     for j in range(fall, len(t)):
-        ahead = t[j : j + least]
-        forward = len(ahead) == least and ahead.max() <= top and np.sum(np.diff(ahead) < 0) < least / 2
+        ahead = t[j : j + _LEAST]
+        forward = len(ahead) == _LEAST and ahead.max() <= top and np.sum(np.diff(ahead) < 0) < _LEAST / 2
         if ahead[0] > top or forward:
             return j
     return len(t)

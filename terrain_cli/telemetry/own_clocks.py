@@ -53,8 +53,7 @@ class OwnClocks:
     """The clocks of the columns of a wheel."""
 
     slowest: str
-    #: Its usual one, in s.
-    interval: float
+    interval: float  # Its usual one, in s
     #: Whether it ticks regularly, so that a lost value shows.
     regular: bool
     intervals: dict[str, float]

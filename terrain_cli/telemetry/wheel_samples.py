@@ -43,25 +43,20 @@ class Feed:
     """Where a channel comes from, and what turns it into SI."""
 
     channel: str
-    #: Empty for a table.
-    topic: str = ""
-    #: What to read; none for a constant.
-    fields: tuple[str, ...] = ()
+    topic: str = ""  # Empty for a table
+    fields: tuple[str, ...] = ()  # What to read; none for a constant
     #: Unit of ``raw · scale + offset``; none for labels and counts.
     unit: Unit | None = None
     scale: float = 1.0
     offset: float = 0.0
     constant: float | str | None = None
     combine: Callable[..., Array] | None = None
-    #: What a person should know: taken for granted, or converted.
-    note: str = ""
-    #: Of two feeds found without being asked for, the lower rank is used.
-    rank: int = 0
+    note: str = ""  # What a person should know: taken for granted, or converted
+    rank: int = 0  # Of two feeds found without being asked for, the lower rank is used
     #: Of the origin of the body, not of each wheel.
     of_body: bool = False
     asked: bool = False
-    #: rover.toml or the header states its unit.
-    stated: bool = False
+    stated: bool = False  # rover.toml or the header states its unit
 
     def si(self, raw: Sequence[Array]) -> Array:
         """Return the channel in SI units from its raw fields, in the order of `fields`."""
@@ -112,19 +107,15 @@ class Plan:
     """What will be read of one source."""
 
     source: Source
-    #: Channels of every wheel.
-    shared: dict[str, Feed] = field(default_factory=dict)
+    shared: dict[str, Feed] = field(default_factory=dict)  # Channels of every wheel
     #: Channels of one wheel only; they stand above the shared ones. In a table or topic with a column of
     #: wheel labels, the wheels are found when it is read.
     wheels: dict[str, dict[str, Feed]] = field(default_factory=dict)
-    #: topic → its column of wheel labels.
-    labels: dict[str, str] = field(default_factory=dict)
-    #: Further numeric columns of a table.
-    extras: tuple[str, ...] = ()
+    labels: dict[str, str] = field(default_factory=dict)  # topic → its column of wheel labels
+    extras: tuple[str, ...] = ()  # Further numeric columns of a table
     #: wheel ("" for any) → channel → feeds none of which may be preferred.
     doubtful: dict[str, dict[str, list[Feed]]] = field(default_factory=dict)
-    #: Why the rows of a table without time can hardly be steady test points.
-    no_time: InputError | None = None
+    no_time: InputError | None = None  # Why the rows of a table without time can hardly be steady test points
 
     @property
     def every_feed(self) -> list[Feed]:
@@ -215,10 +206,8 @@ class Geometry(NamedTuple):
     #: In m.
     grouser_height: float = 0.0
     grouser_count: int = 0
-    #: In m/s².
-    gravity: float = STANDARD_GRAVITY
-    #: Within which k is expected to be right (one standard deviation).
-    shear_modulus_factor: float = K_FACTOR
+    gravity: float = STANDARD_GRAVITY  # In m/s²
+    shear_modulus_factor: float = K_FACTOR  # Within which k is expected to be right (one standard deviation)
 
     @property
     def line(self) -> LineGeometry:
@@ -238,10 +227,8 @@ class Raw:
     """The channels of one wheel on one clock, before anything is derived or judged."""
 
     wheel: str
-    #: Whole seconds taken off the clock.
-    origin: float
-    #: In s; shape (n,).
-    time: Array | None
+    origin: float  # Whole seconds taken off the clock
+    time: Array | None  # In s; shape (n,)
     #: In SI units; shape (n,).
     channels: dict[str, Array]
     labels: dict[str, Labels]

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 MOST_POINTS = 5_000
 #: Quantiles of a band come from so many samples at the most.
 _BAND_SAMPLES = 1_000_000
+#: Bins of a band, and samples of one.
+_MOST_BINS, _LEAST = 24, 25
 #: A hole in a driver, as a share of its range, that a band does not bridge; a step of a driver that
 #: has few values is none.
 _HOLE, _FEW = 0.15, 12
@@ -86,17 +88,17 @@ def grid(x: Array, y: Array, bins: int = 60, *, square: bool = False) -> Grid:
     return Grid(*edges, counts.T)
 
 
-def band(driver: Array, values: Array, most_bins: int = 24, least: int = 25) -> Band:
-    """Follow the quantiles of values along a driver, in bins of equally many samples, at `least` so many."""
+def band(driver: Array, values: Array) -> Band:
+    """Follow the quantiles of values along a driver, in bins of equally many samples, `_LEAST` or more."""
     known = np.flatnonzero(np.isfinite(driver) & np.isfinite(values))
     known = known[some(len(known), _BAND_SAMPLES)]
     order = np.argsort(driver[known], kind="stable")
     x, v = driver[known][order], values[known][order]
     rows: list[tuple[float, ...]] = []
-    for start, end in _stretches(x, least):
+    for start, end in _stretches(x):
         if rows:
             rows.append((0.5 * (x[start - 1] + x[start]), np.nan, np.nan, np.nan))
-        bins = max(1, min(most_bins * (end - start) // len(x), (end - start) // least))
+        bins = max(1, min(_MOST_BINS * (end - start) // len(x), (end - start) // _LEAST))
         # A value of the driver is never split over two bins: it may have few of them.
         edges = np.searchsorted(x, x[np.linspace(start, end, bins + 1).astype(int)[1:-1]])
         rows += [
@@ -106,14 +108,14 @@ def band(driver: Array, values: Array, most_bins: int = 24, least: int = 25) -> 
     return Band(*np.array(rows).T) if rows else Band(*(np.empty(0),) * 4)
 
 
-def _stretches(x: Array, least: int) -> list[tuple[int, int]]:
+def _stretches(x: Array) -> list[tuple[int, int]]:
     """Find where rising values have no wide hole, and are many enough."""
     few = np.count_nonzero(np.diff(x)) < _FEW
     holes: list[int] = []
     if len(x) and not few:
         holes = (np.flatnonzero(np.diff(x) > _HOLE * (x[-1] - x[0])) + 1).tolist()
     ends = [0, *holes, len(x)]
-    return [(a, b) for a, b in pairwise(ends) if b - a >= least]
+    return [(a, b) for a, b in pairwise(ends) if b - a >= _LEAST]
 
 
 class Pairs(NamedTuple):

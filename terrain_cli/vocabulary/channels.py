@@ -29,8 +29,7 @@ class Channel:
     _: KW_ONLY
     #: Words, in lower case with underscores, apart by blanks: other names that can mean nothing else.
     aliases: str = ""
-    #: Symbols, which are this channel only as they are written.
-    letters: tuple[str, ...] = ()
+    letters: tuple[str, ...] = ()  # Symbols, which are this channel only as they are written
 
     @property
     def unit(self) -> Unit | None:
@@ -129,12 +128,9 @@ class Match:
     """The channel that a header means."""
 
     channel: str
-    #: Stated in the header, else the program's own; none for labels.
-    unit: Unit | None
-    #: The header has the channel's own name, not an alias.
-    exact: bool
-    #: The header has the unit.
-    stated: bool
+    unit: Unit | None  # Stated in the header, else the program's own; none for labels
+    exact: bool  # The header has the channel's own name, not an alias
+    stated: bool  # The header has the unit
 
 
 def _look_up(name: str, *, letters: bool) -> Channel | None:
@@ -281,10 +277,8 @@ _PARTS_OF_A_DAY = frozenset({"min", "minute", "minutes", "h", "hour", "hours"})
 class TimeName(NamedTuple):
     """Columns that may be the time."""
 
-    #: One, or whole seconds and what is beyond them.
-    headers: tuple[str, ...]
-    #: Of the last.
-    unit: Unit
+    headers: tuple[str, ...]  # One, or whole seconds and what is beyond them
+    unit: Unit  # Of the last
 
 
 def time_pairs(headers: Sequence[str]) -> list[TimeName]:

@@ -20,10 +20,8 @@ class DeclaredCriterion(NamedTuple):
 
     module: str
     name: str
-    #: What it answers, with others beside it.
-    question: str
-    #: Why the answers to one question differ.
-    remark: str
+    question: str  # What it answers, with others beside it
+    remark: str  # Why the answers to one question differ
     #: The one in force.
     value: float
     meaning: str

@@ -42,8 +42,7 @@ class Quantity(NamedTuple):
     words: str
     symbol: str
     unit: str
-    #: From SI to `unit`.
-    factor: float
+    factor: float  # From SI to `unit`
 
     @property
     def label(self) -> str:

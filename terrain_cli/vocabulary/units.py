@@ -27,8 +27,7 @@ class Unit:
     """A unit and how its values become the program's."""
 
     symbol: str
-    #: What it measures: "length", "torque", …
-    dimension: str
+    dimension: str  # What it measures: "length", "torque", …
     #: value in the program = value · factor + offset.
     factor: float = 1.0
     offset: float = 0.0

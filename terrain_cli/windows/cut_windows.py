@@ -158,27 +158,12 @@ def cut(
 ) -> Windows:
     """Cut the usable samples of a wheel into windows.
 
-    Parameters
-    ----------
-    method : {"auto", "fixed", "terrain", "none"}
-        Where the soil's line changes; every so many samples or metres; where the terrain label
-        changes; one window for each continuous stretch. Of a table of steady test points, and of
-        samples without torque, "auto" makes one window for each terrain label, or one of all.
-    min_samples : int, optional
-        Least number of samples of a window that "auto" makes; 10 if not given.
-    window_samples : int, optional
-        Length of the windows of "fixed".
-    window_distance : float, optional
-        The same in m; for "auto" the least length of a window.
-    before : int
-        Usable samples of the first stretch that came before these, which are a part of a long log.
-
-    Raises
-    ------
-    UsageError
-        "fixed" without a length.
-    InputError
-        "terrain" without terrain labels; a length in metres where no channel gives the distance.
+    "auto" cuts where the soil's line changes, into windows of `min_samples` and `window_distance` metres at
+    least; "fixed" every so many samples or metres; "terrain" where the label changes; "none" makes one window
+    for each continuous stretch. Of a table of steady test points, and of samples without torque, "auto" makes
+    one window for each terrain label, or one of all. `before` counts the usable samples of the first stretch
+    that came before these, which are a part of a long log. UsageError tells of "fixed" without a length,
+    InputError of "terrain" without labels, and of metres where no channel gives the distance.
     """
     rows = samples.usable
     labels = samples.labels.get("terrain")

@@ -54,10 +54,8 @@ class Places:
     path: str
     #: longitude and latitude in deg, x and y in m: one of the pairs, or both; shape (n,).
     position: dict[str, Array]
-    #: Those of `KEYS` that it has; shape (n,).
-    keys: dict[str, Array]
-    #: Whole seconds taken off the clock, and the seconds since, shape (n,).
-    time: tuple[float, Array] | None
+    keys: dict[str, Array]  # Those of `KEYS` that it has; shape (n,)
+    time: tuple[float, Array] | None  # Whole seconds taken off the clock, and the seconds since, shape (n,)
 
     @property
     def digest(self) -> str:
@@ -191,8 +189,7 @@ def _latitude(path: str, latitudes: Mapping[str, Array], crs: str | None) -> Arr
 class Placed(NamedTuple):
     """What became of the samples of a wheel."""
 
-    #: "clock", or the columns that were compared.
-    by: str
+    by: str  # "clock", or the columns that were compared
     #: Samples with a position, without one in the table, and with several.
     placed: int
     missed: int

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from terrain_cli.comparison import shapes
-from terrain_cli.comparison.residual_evidence import ResidualEvidence, Slopes
+from terrain_cli.comparison.residual_scores import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
 
 BLOCKS, LONG = 16, 50

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import time
 
 import numpy as np
 import pytest
@@ -42,3 +43,11 @@ def columns():
         "k_mm": np.full(4, math.nan),
         "WKT": [line, "POINT (137.5 -4.7)", None, line],
     }
+
+
+@pytest.fixture
+def soon():
+    """Whatever a file holds, it is refused or read within seconds."""
+    began = time.perf_counter()
+    yield
+    assert time.perf_counter() - began < 30.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from binascii import crc32
 
@@ -84,3 +85,12 @@ def column_bits(column):
     if hasattr(column, "codes"):
         return [column.names[code] if code >= 0 else None for code in column.codes]
     return column.view(np.int64).tolist()
+
+
+def told(source):
+    """Return what a source says of itself, once a machine could read it too."""
+    document = json.loads(json.dumps(source.recovery.document(), allow_nan=False))
+    assert document["read"] == source.recovery.read
+    assert document["fraction"] is None or 0.0 <= document["fraction"] <= 1.0
+    assert all("\n" not in remark for remark in source.remarks)
+    return "\n".join(source.remarks)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import sqlite3
 from collections import Counter
-from contextlib import closing
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -349,63 +347,3 @@ def test_an_index_that_lies(tmp_path, container):
     path.write_bytes(data)
     with pytest.raises(FormatError, match="corrupt or cut off"):
         list(BagSource(str(path), kind).read("/x", ["data"]))
-
-
-def test_runs_are_parted_by_time(tmp_path):
-    """Chunks that overlap in time: no message comes before one that was yielded earlier."""
-    late = [("/x", FLOAT, 10 * i + (500 if i % 7 == 0 else 0), {"data": float(i)}) for i in range(300)]
-    path = write_ros1(tmp_path / "run.bag", late, typestore(ros1=True), chunk=400)
-    file = ros1.Ros1File(path)
-    file.open()
-    times = [run[number].times for run in file.runs({0}, 1) for number in run]
-    file.close()
-    assert len(times) > 10
-    assert all(a[-1] <= b[0] for a, b in pairwise(times))
-    assert sorted(t for _, _, t, _ in late) == np.concatenate(times).tolist()
-
-
-@pytest.mark.parametrize("chunking", [True, False], ids=["chunks", "no chunks"])
-@pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
-@pytest.mark.parametrize("least", [40, 1 << 16])
-def test_mcap_without_any_index_is_read_as_rosbags_does(tmp_path, monkeypatch, chunking, compression, least):
-    from mcap.writer import CompressionType, IndexType, Writer
-
-    path = tmp_path / "run.mcap"
-    with path.open("wb") as file:
-        packing = getattr(CompressionType, compression.upper())
-        writer = Writer(file, 300, compression=packing, index_types=IndexType.NONE, use_chunking=chunking)
-        writer.start(profile="ros2")
-        types = {
-            "/x": ("std_msgs/msg/Float64", b"float64 data"),
-            "/name": ("std_msgs/msg/String", b"string data"),
-        }
-        numbers = {
-            topic: writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", text))
-            for topic, (name, text) in types.items()
-        }
-        for i in range(100):
-            time = 1_000 - i if i % 7 == 3 else 1_000 + i
-            writer.add_message(numbers["/x"], time, bytes([i]) * 12, time)
-            writer.add_message(numbers["/name"], 1_000 + i, b"x" * (i * 37 % 200), 1_000 + i)
-        writer.finish()
-    reader = McapReader(path)
-    reader.open()
-    with closing(reader):
-        known = [(c.topic, time, bytes(data)) for c, time, data in reader.messages_scan(reader.connections)]
-    monkeypatch.setattr(mcap, "_LEAST_READ", least)
-    file = mcap.McapFile(path)
-    file.open()
-    topics = {c.id: c.topic for c in file.connections}
-    assert set(topics.values()) == {"/x", "/name"}
-    for size in (1, 500, 1 << 20):
-        found = [
-            (topics[number], int(time), bytes(messages.payload(row)), int(messages.order[row]))
-            for run in file._walked(set(topics), size)
-            for number, messages in run.items()
-            for row, time in enumerate(messages.times)
-        ]
-        found.sort(key=lambda one: one[3])
-        assert [one[:3] for one in found] == known
-        (alone,) = {c for c, topic in topics.items() if topic == "/x"}
-        assert sum(len(run[alone]) for run in file._walked({alone}, size) if run) == 100
-    file.close()

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from formats import Source, Stream
-from terrain_cli import rover
+from terrain_cli import rover, telemetry
+from terrain_cli.telemetry.derive.unit_doubts import Doubt
 
 # The writers of bags stand with the tests of the formats.
 sys.path.insert(0, str(Path(__file__).parents[1] / "formats"))
@@ -77,3 +78,17 @@ def write_bag(request, tmp_path):
         return str(write_ros2(tmp_path / "run", rows, store, "mcap"))
 
     return write
+
+
+@pytest.fixture
+def judged(tmp_path):
+    """Return a function that reads a table and returns the doubts; errors pass."""
+    from wheel_bags import GEOMETRY
+
+    def judged(table, text=GEOMETRY, **options):
+        table.to_csv(tmp_path / "run.csv", index=False)
+        (tmp_path / "rover.toml").write_text(text, encoding="utf-8")
+        wheels = telemetry.read(str(tmp_path / "run.csv"), rover.load(tmp_path / "rover.toml"), **options)
+        return [remark for one in wheels for remark in one.remarks if isinstance(remark, Doubt)]
+
+    return judged

@@ -4,9 +4,9 @@ rosbags writes Python for each type and runs it, a line for each element of a li
 and its parser of IDL takes time that grows with 64 to the power of nested brackets. So a text is
 measured before it is parsed, and of what was parsed only checked names and numbers go on.
 
-Its parser of MSG tries every rule of the grammar at every place: 20 ms for the ten types of a rover's
-bag, a third of what reading one minute takes; that of `plain_types` 1 ms. rosbags is given what is more than
-names, lists, comments and whole-number constants, and everything that is wrong.
+Its parser of MSG tries every rule of the grammar at every place, which for a short bag takes longer than
+reading it: `plain_types` parses names, lists, comments and whole-number constants, and leaves all else, and
+everything that is wrong, to rosbags.
 """
 
 from __future__ import annotations

@@ -53,12 +53,9 @@ class Leaf:
     """One field of a message, or one list of numbers or texts."""
 
     kind: Kind
-    #: The base type, or `TIME` or `DURATION`.
-    base: str
-    #: The members that lead to the value or to the list.
-    path: Path
-    #: The members that lead on from each element, where the elements are messages.
-    inner: Path = ()
+    base: str  # The base type, or `TIME` or `DURATION`
+    path: Path  # The members that lead to the value or to the list
+    inner: Path = ()  # The members that lead on from each element, where the elements are messages
     #: What names the elements: the path of the list ``name`` beside a list of values, or ("name",) where each
     #: element is a message with the text ``name``.
     names: Path | None = None
@@ -73,21 +70,17 @@ class Leaf:
 class Definition:
     """How the messages of one connection are laid out."""
 
-    #: Name of the message type, as ``sensor_msgs/msg/JointState``.
-    type: str
-    #: Serialised as ROS 1 does; as CDR if not.
-    ros1: bool
+    type: str  # Name of the message type, as ``sensor_msgs/msg/JointState``
+    ros1: bool  # Serialised as ROS 1 does; as CDR if not
     #: This type and those it is made of, as rosbags parses them.
     types: Typesdict
     leaves: dict[str, Leaf]
-    #: Makes the store that decodes single messages.
-    compile: Callable[[], Typestore]
-    #: Where the definition is from, if not from the file.
-    origin: str = ""
+    compile: Callable[[], Typestore]  # Makes the store that decodes single messages
+    origin: str = ""  # Where the definition is from, if not from the file
 
     @cached_property
     def store(self) -> Typestore:
-        """What decodes single messages; rosbags writes a class for each type, which takes it 1 ms."""
+        """What decodes single messages; for each type rosbags writes and compiles a class."""
         return self.compile()
 
     @property

@@ -29,12 +29,9 @@ Values: TypeAlias = "NDArray[Any]"
 class FieldRequest:
     """What is asked of each message."""
 
-    #: As the caller wrote it.
-    asked: str
-    #: Name of the leaf.
-    field: str
-    #: What comes out, one per message.
-    kind: Kind
+    asked: str  # As the caller wrote it
+    field: str  # Name of the leaf
+    kind: Kind  # What comes out, one per message
     #: Which element of a list: its place or its name; None where the field is no list.
     key: int | str | None = None
 

@@ -3,7 +3,7 @@
 Both formats write messages in chunks, compressed or not, and an index: for each connection the log
 time of every message and its place in the chunk. Chunks are joined until they have `RUN_BYTES`, and
 what the index says of their messages is gathered and checked with NumPy: no message is touched in
-Python. Walking 385 k messages one by one takes rosbags 2 to 3 s, this 0.1 s without decompression.
+Python.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, TypeAlias
 import numpy as np
 
 from formats.limits import Allowance
-from formats.rosbag.storage.raw_messages import Messages
+from formats.rosbag.storage.raw_messages import DAMAGE, Messages
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -41,12 +41,9 @@ class Chunk:
     #: Of the bytes that `unpack` takes.
     position: int
     stored: int
-    #: Makes the contents of them.
-    unpack: Callable[[bytes], bytes | memoryview]
-    #: It is worth a thread.
-    slow: bool
-    #: The least log time in it, ns.
-    first: int
+    unpack: Callable[[bytes], bytes | memoryview]  # Makes the contents of them
+    slow: bool  # It is worth a thread
+    first: int  # The least log time in it, ns
     #: Of each connection its number, where its entries begin in the file, and how many there are. None if
     #: there is no index; the chunk is then walked.
     index: tuple[tuple[int, int, int], ...] | None
@@ -88,8 +85,8 @@ def runs(
     """Read the messages of some connections, each in the order of its log times.
 
     `wanted` are numbers of connections; chunks of `size` bytes are joined, with 1 as few as can be. No
-    message is earlier than one of its connection that was yielded before. A damaged file raises anything,
-    after what comes before the damage was yielded.
+    message is earlier than one of its connection that was yielded before. A damaged file raises one of
+    `DAMAGE`, after what comes before the damage was yielded.
     """
     chosen = sorted(
         (chunk.first, rank, chunk)
@@ -108,7 +105,7 @@ def runs(
         try:
             joined.append((rank, chunk, next(unpacked)))
             allowance.take(len(joined[-1][2]))
-        except Exception:
+        except DAMAGE:
             yield _split(_locate(file, joined, kept, wanted, layout), first)[0]
             raise
         length += len(joined[-1][2])
@@ -170,7 +167,7 @@ def _locate(
     buffer = b"".join(pieces)
     for connection, parts in found.items():
         entries, *rest = zip(*parts, strict=True)
-        # Joined as bytes: NumPy compares the names of all fields first, which takes three times as long.
+        # Joined as bytes: NumPy would compare the names of all fields first.
         times, places = layout.entries(np.frombuffer(b"".join(entries), layout.entry))
         lengths = [len(of_chunk) for of_chunk in entries]
         bases, ends, ranks, firsts = (np.repeat(np.array(of_chunk), lengths) for of_chunk in rest)

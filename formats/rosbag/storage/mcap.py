@@ -6,15 +6,14 @@ import os
 import struct
 from binascii import crc32
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rosbags.rosbag2.storage_mcap import McapReader
 
 from formats.limits import Allowance
-from formats.rosbag.rosbags_patches import storage_mcap
+from formats.rosbag.rosbags_patches import McapReader
 from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, opened, runs
-from formats.rosbag.storage.raw_messages import Messages, parts_at
+from formats.rosbag.storage.raw_messages import DAMAGE, Messages, parts_at, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -109,8 +108,7 @@ class McapFile(McapReader):
     def _walked(self, wanted: Collection[int], size: int) -> Iterator[Run]:
         """Read a file without an index of its chunks, or without chunks, in the order of the file.
 
-        Records are told apart one by one, and nothing else is done with each: 3.7 times as fast as rosbags
-        without chunks, 1.2 times with plain ones of small messages.
+        Records are told apart one by one, and nothing else is done with each.
         """
         done, length = 0, 0
         joined: list[tuple[bytes, list[int]]] = []
@@ -120,7 +118,7 @@ class McapFile(McapReader):
             while True:
                 try:
                     stretch = next(stretches, None)
-                except Exception:
+                except DAMAGE:
                     yield self._gathered(joined, wanted, done)
                     raise
                 if stretch is not None:
@@ -241,7 +239,7 @@ def _contents(record: memoryview) -> bytes | memoryview:
     packed = record[begin + 8 : begin + 8 + stored]
     if len(packed) < stored:
         raise ValueError("a chunk is longer than its record")
-    return storage_mcap.decompress(bytes(packed), packing, size, checksum)
+    return _checked(packed, packing, size, checksum)
 
 
 def _unpack(chunk: ChunkInfo, record: bytes) -> bytes | memoryview:
@@ -252,5 +250,12 @@ def _unpack(chunk: ChunkInfo, record: bytes) -> bytes | memoryview:
     contents = memoryview(record)[begin + 8 :]
     if (size, stored) != (chunk.uncompressed_size, chunk.compressed_size) or stored > len(contents):
         raise ValueError("a chunk is not as its index says")
-    # Whatever it is packed in, rosbags takes any bytes.
-    return storage_mcap.decompress(cast("bytes", contents[:stored]), chunk.compression, size, checksum)
+    return _checked(contents[:stored], chunk.compression, size, checksum)
+
+
+def _checked(packed: memoryview, packing: str, size: int, checksum: int) -> bytes | memoryview:
+    """Return the records of a chunk, unpacked."""
+    records = unpack(packed, packing) if packing else packed
+    if len(records) != size or (checksum and crc32(records) != checksum):
+        raise ValueError("a chunk is not what its size and checksum say")
+    return records

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import sys
 from bz2 import BZ2Decompressor
 from dataclasses import dataclass
@@ -36,6 +37,12 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     "bz2": BZ2Decompressor,
 }
 
+#: What unpacking raises of bytes that are cut off or corrupt: bz2 an OSError, lz4 a RuntimeError.
+CORRUPT = (ValueError, OSError, RuntimeError, zstd.ZstdError)
+#: What reading the records of a damaged file raises.
+DAMAGE = (*CORRUPT, EOFError, struct.error)
+#: Messages that are taken before their bytes are counted.
+_COUNTED = 64
 #: LZ4 packs 255 times at its best: as much as this cannot become more than 1 GiB.
 _LZ4_AT_ONCE = 4 << 20
 
@@ -44,7 +51,7 @@ def unpack(packed: bytes | memoryview, packing: str, most: int = CHUNK_BYTES) ->
     """Unpack a chunk or a message ("lz4", "zstd", "bz2", "none" or "") to so many bytes at the most.
 
     TooMuchError beyond that, or beyond `formats.limits.unpacked_limit`; ValueError where it is cut off, or
-    packed in an unknown way; of corrupt bytes what the library below raises.
+    packed in an unknown way; of corrupt bytes one of `CORRUPT`.
     """
     if packing in {"", "none"}:
         return bytes(packed)
@@ -71,7 +78,7 @@ def unpack(packed: bytes | memoryview, packing: str, most: int = CHUNK_BYTES) ->
 
 
 def _lz4_frame(data: bytes) -> tuple[bytes, bytes]:
-    """Unpack one frame in half the time of a decompressor; return what follows it too."""
+    """Unpack one frame at once, which is faster than a decompressor; return what follows it too."""
     try:
         part, read = lz4.frame.decompress(data, return_bytes_read=True)
     except RuntimeError as error:
@@ -90,7 +97,7 @@ def unpacks(packed: bytes, packing: str) -> bool:
     """Tell whether something can be unpacked."""
     try:
         unpack(packed, packing)
-    except Exception:  # noqa: BLE001 - the libraries raise anything
+    except CORRUPT:
         return False
     return True
 
@@ -99,15 +106,12 @@ def unpacks(packed: bytes, packing: str) -> bool:
 class Messages:
     """Messages of one connection, in the order of their log times."""
 
-    #: May hold more than these messages.
-    buffer: bytes | memoryview
+    buffer: bytes | memoryview  # May hold more than these messages
     #: Of each payload, in bytes; shape (n,).
     starts: Index
     sizes: Index
-    #: Log times, ns; shape (n,).
-    times: Index
-    #: Rising with the place in the file: what decides between equal times; shape (n,).
-    order: Index
+    times: Index  # Log times, ns; shape (n,)
+    order: Index  # Rising with the place in the file: what decides between equal times; shape (n,)
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -127,7 +131,9 @@ class Messages:
 
 
 def of_payloads(
-    payloads: Sequence[bytes], times: Sequence[int] | None = None, order: Sequence[int] | None = None
+    payloads: Sequence[bytes],
+    times: Sequence[int] | Index | None = None,
+    order: Sequence[int] | Index | None = None,
 ) -> Messages:
     """Join single messages; log times are in ns, zero if not given, and `order` rises by one if not given."""
     rows = len(payloads)
@@ -137,18 +143,13 @@ def of_payloads(
     return Messages(b"".join(payloads), np.cumsum(sizes) - sizes, sizes, clock, places)
 
 
-def collected(
-    messages: Iterable[tuple[int, int, bytes]], size: int, most: int = 64
-) -> Iterator[dict[int, Messages]]:
-    """Collect messages (connection, log time in ns, payload) by connection, to pieces of so many bytes.
-
-    `most` messages are taken before their bytes are counted.
-    """
+def collected(messages: Iterable[tuple[int, int, bytes]], size: int) -> Iterator[dict[int, Messages]]:
+    """Collect messages (connection, log time in ns, payload) by connection, to pieces of so many bytes."""
     rows = iter(messages)
     done = 0
-    while waiting := list(islice(rows, most)):
+    while waiting := list(islice(rows, _COUNTED)):
         held = sum(len(row[2]) for row in waiting)
-        while held < size and (more := list(islice(rows, most))):
+        while held < size and (more := list(islice(rows, _COUNTED))):
             waiting += more
             held += sum(len(row[2]) for row in more)
         connections, times, payloads = zip(*waiting, strict=True)
@@ -188,6 +189,6 @@ def numbers_at(buffer: bytes | memoryview | NDArray[np.uint8], places: Index, co
 
 
 def parts_at(buffer: bytes | memoryview | NDArray[np.uint8], places: Index, size: int) -> NDArray[np.uint8]:
-    """Copy equally long parts together: of some bytes here and there, twice as fast as number by number."""
+    """Copy equally long parts of some bytes together, which is faster than number by number."""
     count = max(0, len(buffer) - size + 1)
     return np.ndarray((count,), f"V{size}", buffer, strides=(1,))[places].view("u1")

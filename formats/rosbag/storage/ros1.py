@@ -41,10 +41,7 @@ _BOUNDED = {
 
 
 class Ros1File(Reader):
-    """One file. Its connections are read by rosbags, its index and its messages here.
-
-    rosbags makes an object of each entry of the index when it opens a file: 0.4 s for 385 k messages.
-    """
+    """One file. Its connections are read by rosbags, its messages here, and its index without objects."""
 
     entry = _ENTRY
 

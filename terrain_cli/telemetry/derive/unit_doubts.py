@@ -159,8 +159,7 @@ class Mend(NamedTuple):
 
     channel: str
     unit: str
-    #: To that unit: 0.001 kgf are grams.
-    scale: float = 1.0
+    scale: float = 1.0  # To that unit: 0.001 kgf are grams
 
     @property
     def factor(self) -> float:

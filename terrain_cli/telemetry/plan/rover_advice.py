@@ -45,8 +45,7 @@ class Lack(NamedTuple):
     #: A channel, "geometry" or "shear modulus".
     what: str
     because: str
-    #: Channels that would supply it; empty where rover.toml itself must say it.
-    ask: tuple[str, ...] = ()
+    ask: tuple[str, ...] = ()  # Channels that would supply it; empty where rover.toml itself must say it
     #: What to add to rover.toml, if not a channel: the header of a table, then its keys.
     lines: tuple[str, ...] = ()
 

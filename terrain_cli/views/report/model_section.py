@@ -10,7 +10,7 @@ import numpy as np
 from terrain_cli.views import shown_samples
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, MEDIAN
 from terrain_cli.views.report.page_parts import Chart, Section, Table
-from terrain_cli.views.report.sample_charts import CHOSEN, Sheet, scale
+from terrain_cli.views.report.sample_charts import CHOSEN, Sheet, scale, tips
 from terrain_cli.vocabulary import quantities
 
 if TYPE_CHECKING:
@@ -90,22 +90,16 @@ def _errors(models: Sequence[Alternative], name: str, what: Quantity) -> Chart:
     base = base.encode(y=y, color=colour)
     ends = scale(0.0, 1.08 * float(np.nanmax([*value, *high, *noise])))
     x = alt.X("value:Q", title=title, scale=ends)
-    tips = [
-        alt.Tooltip("label:N", title="model"),
-        alt.Tooltip("value:Q", title=title),
-        alt.Tooltip("low:Q", title="2.5 %"),
-        alt.Tooltip("high:Q", title="97.5 %"),
-        alt.Tooltip("noise:Q", title="noise"),
-    ]
+    told = tips(label="model", value=title, low="2.5 %", high="97.5 %", noise="noise")
     layers = [
         base.mark_tick(thickness=1.5, size=18).encode(x="noise:Q", color=alt.value(INK)),
         base.mark_rule(clip=True).encode(x=alt.X("low:Q", title=title), x2="high:Q"),
-        base.mark_point(filled=True, size=80, opacity=1.0).encode(x=x, tooltip=tips),
+        base.mark_point(filled=True, size=80, opacity=1.0).encode(x=x, tooltip=told),
     ]
-    told = "; ".join(f"{one.label}: {quantities.number(v)}" for one, v in zip(models, value, strict=True))
+    every = "; ".join(f"{one.label}: {quantities.number(v)}" for one, v in zip(models, value, strict=True))
     return Chart(
         f"Held-out error of {what.words} (tick: noise)",
-        f"Held-out rms error of {what.words}{what.in_unit} of each model. {told}.",
+        f"Held-out rms error of {what.words}{what.in_unit} of each model. {every}.",
         sheet.finished(layers, 40 + 26 * len(models)),
     )
 
@@ -146,19 +140,14 @@ def _misfit(bands: Sequence[Band], axis: str, label: str, own: str) -> Spec:
     x = alt.X("x:Q", title=axis, scale=scale(*shown_samples.limits(centre)))
     every = sheet.chart(x=centre, low=low, median=median, high=high, k=key).encode(x=x)
     chosen = every.transform_filter("datum.k == model")
-    tips = [
-        alt.Tooltip("x:Q", title=axis),
-        alt.Tooltip("median:Q", title="median"),
-        alt.Tooltip("low:Q", title="5 %"),
-        alt.Tooltip("high:Q", title="95 %"),
-    ]
+    told = tips(x=axis, median="median", low="5 %", high="95 %")
     reference = every.transform_filter(f"datum.k == '{own}'")
     layers = [
         chosen.mark_area(color=MEDIAN, opacity=0.22, clip=True).encode(y=alt.Y("low:Q"), y2="high:Q"),
         sheet.chart(y=[0.0]).mark_rule(color=INK, strokeWidth=1).encode(y="y:Q"),
         reference.mark_line(color=FAINT, strokeDash=[3, 3], clip=True).encode(y=y),
         chosen.mark_line(color=MEDIAN, point=alt.OverlayMarkDef(color=MEDIAN, size=22), clip=True).encode(
-            y=y, tooltip=tips
+            y=y, tooltip=told
         ),
     ]
     return sheet.finished(layers, 210)

@@ -32,6 +32,8 @@ CHOSEN = "#AA3377"
 MOST_BESIDE = 400
 #: Steps, in usual ones, that are a gap.
 _GAP = 8.0
+#: Fields that are no numbers.
+_TEXTS = frozenset({"name", "status", "label", "step", "when"})
 
 
 def rows(**columns: Sequence[Any] | NDArray[Any]) -> list[dict[str, Any]]:
@@ -114,6 +116,11 @@ def scale(low: float, high: float) -> alt.Scale:
     return alt.Scale(domain=[float(low), float(high)], nice=False, zero=False)
 
 
+def tips(**titles: Any) -> list[alt.Tooltip]:
+    """Return what a mark tells when it is pointed at: its fields, each under a title."""
+    return [alt.Tooltip(f"{name}:{'N' if name in _TEXTS else 'Q'}", title=t) for name, t in titles.items()]
+
+
 def course(
     along: Array, axis: str, pairs: Pairs, label: str, keys: Text, chosen: str, *, driven: bool
 ) -> Spec:
@@ -139,11 +146,7 @@ def course(
         .transform_filter("datum.s == segment")
         .encode(
             x=alt.X("x:Q", title=axis, scale=alt.Scale(zero=False, padding=0 if driven else 10)),
-            tooltip=[
-                alt.Tooltip("x:Q", title=axis),
-                alt.Tooltip("m:Q", title="measured"),
-                alt.Tooltip("p:Q", title="predicted"),
-            ],
+            tooltip=tips(x=axis, m="measured", p="predicted"),
         )
     )
     kinds = alt.Scale(domain=["measured", "predicted"], range=[INK, MEDIAN])
@@ -181,15 +184,9 @@ def residual(
     points = sheet.chart(x=shown(along.values[kept]), y=values[kept], s=keys[pooled.segment[kept]])
     points = points.encode(x=x, y=y)
     band = shown_samples.band(along.values, values)
-    bins = sheet.chart(x=shown(band.centre), low=band.low, y=band.median, high=band.high).encode(
-        x=x,
-        tooltip=[
-            alt.Tooltip("x:N" if along.labels else "x:Q", title=axis),
-            alt.Tooltip("y:Q", title="median"),
-            alt.Tooltip("low:Q", title="5 %"),
-            alt.Tooltip("high:Q", title="95 %"),
-        ],
-    )
+    bins = sheet.chart(x=shown(band.centre), low=band.low, y=band.median, high=band.high)
+    of_x = alt.Tooltip("x:N" if along.labels else "x:Q", title=axis)
+    bins = bins.encode(x=x, tooltip=[of_x, *tips(y="median", low="5 %", high="95 %")])
     spread: dict[str, Any] = {"color": MEDIAN, "opacity": 0.22, "clip": True}
     middle: dict[str, Any] = {"color": MEDIAN, "clip": True}
     layers = [points.mark_circle(size=10, color=FAINT, opacity=0.6, clip=True)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from terrain_cli.views import shown_samples, shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, SCALE
-from terrain_cli.views.report.sample_charts import CHOSEN, Sheet, scale
+from terrain_cli.views.report.sample_charts import CHOSEN, Sheet, scale, tips
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -67,7 +67,7 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
         y=alt.Y("y:Q", title=titles[1], scale=scale(*up), axis=alt.Axis(tickCount=5)),
         order="o:Q",
         detail="s:N",
-        tooltip=[alt.Tooltip("name:N", title="segment"), alt.Tooltip("v:Q", title=label)],
+        tooltip=tips(name="segment", v=label),
     )
     base = base.transform_filter("split(datum.s, ':')[0] == split(segment, ':')[0]")
     known = values[np.isfinite(values)]
@@ -120,11 +120,7 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
         ),
         color=_colour(kinds),
         tooltip=[
-            alt.Tooltip("name:N", title="segment"),
-            alt.Tooltip("x:Q", title="c (kPa)"),
-            alt.Tooltip("xe:Q", title="± s.e."),
-            alt.Tooltip("y:Q", title="φ (°)"),
-            alt.Tooltip("ye:Q", title="± s.e. (°)"),
+            *tips(name="segment", x="c (kPa)", xe="± s.e.", y="φ (°)", ye="± s.e. (°)"),
             alt.Tooltip("status:N"),
         ],
     )
@@ -179,13 +175,7 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
         x=alt.X("x:Q", title="normal stress σ (kPa)", scale=scale(*across)),
         y=alt.Y("y:Q", title="shear strength c + σ tan φ (kPa)", scale=scale(*up)),
         detail="s:N",
-        tooltip=[
-            alt.Tooltip("name:N", title="segment"),
-            alt.Tooltip("x:Q", title="σ (kPa)"),
-            alt.Tooltip("y:Q", title="strength (kPa)"),
-            alt.Tooltip("low:Q", title="95 % from"),
-            alt.Tooltip("high:Q", title="to"),
-        ],
+        tooltip=tips(name="segment", x="σ (kPa)", y="strength (kPa)", low="95 % from", high="to"),
     )
     dashes = alt.StrokeDash(
         "kind:N", title=None, scale=alt.Scale(domain=_unique(kinds), range=_some(_DASHES, kinds))
@@ -262,12 +252,7 @@ def _timeline(
     ).encode(
         x=alt.X("x:Q", title="time since the start (s)", scale=alt.Scale(zero=False, nice=False)),
         x2="x2:Q",
-        tooltip=[
-            alt.Tooltip("name:N", title="segment"),
-            alt.Tooltip("y:Q", title=title),
-            alt.Tooltip("e:Q", title="± s.e."),
-            alt.Tooltip("status:N"),
-        ],
+        tooltip=[*tips(name="segment", y=title, e="± s.e."), alt.Tooltip("status:N")],
     )
     known = np.isfinite(value)
     sure = known & np.isfinite(error)

@@ -123,7 +123,7 @@ def _spec(ladder: Sequence[Rung], name: str) -> Spec:
     import altair as alt
 
     from terrain_cli.views.chart_style import COLOURS, INK
-    from terrain_cli.views.report.sample_charts import Sheet, scale
+    from terrain_cli.views.report.sample_charts import Sheet, scale, tips
 
     known = views.measured(ladder, name)
     what = quantities.quantity(name, known[0][1].unit)
@@ -146,19 +146,12 @@ def _spec(ladder: Sequence[Rung], name: str) -> Spec:
     }
     title = f"rms error{what.in_unit}"
     y = alt.Y("value:Q", title=title, scale=scale(0.0, views.top(known) * what.factor))
-    tips = [
-        alt.Tooltip("step:N", title="change"),
-        alt.Tooltip("when:N", title=" "),
-        *(alt.Tooltip(f"{key}:Q", title=title) for key, title in _TIPS),
-    ]
+    told = tips(step="change", when=" ", value="held-out error", low="2.5 %", high="97.5 %")
     base = sheet.chart(**columns).encode(x=x, xOffset=aside)
     bars = base.mark_rule(color=COLOURS[0], clip=True).encode(y=alt.Y("low:Q", title=title), y2="high:Q")
-    points = base.mark_point(stroke=COLOURS[0], size=60, opacity=1.0).encode(y=y, tooltip=tips, **kind)
+    points = base.mark_point(stroke=COLOURS[0], size=60, opacity=1.0).encode(y=y, tooltip=told, **kind)
     noise = sheet.chart(step=steps, noise=[one.noise * what.factor for _, one in known])
     level = noise.mark_tick(color=INK, thickness=1.5, strokeDash=[2, 2]).encode(
-        x=x, y="noise:Q", tooltip=[alt.Tooltip("noise:Q", title=f"noise{what.in_unit}")]
+        x=x, y="noise:Q", tooltip=tips(noise=f"noise{what.in_unit}")
     )
     return sheet.finished([level, bars, points], _HEIGHT)
-
-
-_TIPS = (("value", "held-out error"), ("low", "2.5 %"), ("high", "97.5 %"))

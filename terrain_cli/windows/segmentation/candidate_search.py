@@ -45,8 +45,7 @@ class Limits:
 
     samples: int
     metres: float = 0.0
-    #: Metres up to each bound a window may have; shape (n + 1,).
-    driven: Array | None = None
+    driven: Array | None = None  # Metres up to each bound a window may have; shape (n + 1,)
 
     def met(self, first: Index, last: Index) -> Mask:
         """Return which of the windows [first, last) are long enough."""

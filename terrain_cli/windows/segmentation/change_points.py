@@ -69,49 +69,21 @@ def change_points(
     penalty: float | None = None,
     before: int = 0,
 ) -> Bounds:
-    """Find the windows in which one line y = c + x tan φ holds.
+    """Find the windows in which one line y = c + x tan φ holds: bounds, rising from 0 to n.
 
-    A step of load or slip moves (x, y) along the line of a soil and is no change. Constant load,
-    whose samples determine no line, is the rule and no special case. The same data give the same
-    windows; the time grows with the number of samples.
+    A step of load or slip moves (x, y) along the line of a soil and is no change. Constant load, whose
+    samples determine no line, is the rule and no special case. Two clouds of samples always lie on one line:
+    where load and slip are constant on both sides of a change of soil, it is found only if that line is none
+    a soil can have (`line_costs`). The same data give the same windows; the time grows with the number of
+    samples.
 
-    Parameters
-    ----------
-    x, y : array_like, shape (n,)
-        Samples of one wheel in the order of time, in Pa, from `mechanics.linear.line_coordinates`.
-        Finite; any one scale of both gives the same windows.
-    breaks : sequence of int
-        Samples before which the series is interrupted: a new run, or a gap. Always bounds; what
-        lies on either side is searched by itself.
-    distance : array_like, shape (n,), optional
-        Metres driven up to each sample, never falling.
-    min_samples : int
-        Least number of samples of a window.
-    min_distance : float
-        Least length of a window in m, where `distance` is given. A stretch between breaks that is
-        shorter is a window all the same.
-    penalty : float, optional
-        What splitting a window must gain, in units of the noise's (long-run) variance; more gives
-        fewer windows. By default 25.
-    before : int
-        Samples of the first stretch that came before these: the longer a stretch, the coarser the
-        first search.
-
-    Returns
-    -------
-    ndarray of int, shape (windows + 1,)
-        Window j is ``[bounds[j], bounds[j + 1])``. The first bound is 0, the last is n.
-
-    Raises
-    ------
-    ValueError
-        x and y differ in shape or are not finite, a break lies outside 0 to n, the distance is not
-        finite or falls, or a least size or the penalty is not positive.
-
-    Notes
-    -----
-    Two clouds of samples always lie on one line. Where load and slip are constant on both sides of
-    a change of soil, it is found only if that line is none a soil can have (`line_costs`).
+    x and y, shape (n,), in Pa and finite, are samples of one wheel in the order of time, from
+    `mechanics.linear.line_coordinates`; any one scale of both gives the same windows. `breaks` are samples
+    before which the series is interrupted, always bounds: what lies on either side is searched by itself, and
+    a stretch that is shorter than a window may be is a window all the same. `distance`, in m, never falls.
+    `penalty` is what splitting a window must gain, in units of the noise's (long-run) variance. `before`
+    counts the samples of the first stretch that came before these: the longer a stretch, the coarser the
+    first search.
     """
     keep_freed()
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
@@ -152,19 +124,11 @@ def _block_length(n: int, before: int) -> int:
     return LONG if length > _LONGEST and n >= _LONG_SAMPLES else min(length, _LONGEST)
 
 
-def needed(
-    x: Array,
-    y: Array,
-    drivers: Sequence[Array],
-    bounds: Bounds,
-    fixed: Index,
-    penalty: float = PENALTY,
-) -> Bounds:
+def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: Index) -> Bounds:
     """Return the bounds that are needed whatever y follows of some drivers.
 
     x and y are in Pa; drivers that are not known everywhere are passed over. The `fixed` bounds, breaks of
-    the series, stay. The penalty is what a change must gain, in units of the long-run variance of the
-    residuals.
+    the series, stay.
     """
     if len(np.setdiff1d(bounds[1:-1], fixed)) < _LEAST:
         return bounds
@@ -177,8 +141,8 @@ def needed(
         best, saved = None, 0.0
         for place, driver in enumerate(scaled):
             added = [driver, driver**2, driver * line]
-            joined, lost = _joined(_Lines(line, [*terms, *added], level, bounds), fixed, penalty)
-            gain = penalty * (len(bounds) - len(joined) - 1) - lost
+            joined, lost = _joined(_Lines(line, [*terms, *added], level, bounds), fixed)
+            gain = PENALTY * (len(bounds) - len(joined) - 1) - lost
             if gain > saved:
                 best, saved = (place, added, joined), gain
         if best is None:
@@ -229,7 +193,7 @@ class _Lines:
         return size**2 * correlation_factor(residuals / size, self.bounds[1:-1], fitted) if size else _RIDGE
 
 
-def _joined(lines: _Lines, fixed: Index, penalty: float) -> tuple[Bounds, float]:
+def _joined(lines: _Lines, fixed: Index) -> tuple[Bounds, float]:
     """Join windows; return the bounds that remain, and what the sum of squares rose by, in its unit."""
     bounds, moments = lines.bounds, lines.moments()
     unit = lines.scatter(moments)
@@ -242,7 +206,7 @@ def _joined(lines: _Lines, fixed: Index, penalty: float) -> tuple[Bounds, float]
         gain[np.isin(bounds[1:-1], fixed)] = np.inf
         # Of neighbours the one that gains less goes first: without it the other may be needed.
         ends = np.concatenate([[np.inf], gain, [np.inf]])
-        goes = (gain < penalty) & (gain <= ends[:-2]) & (gain < ends[2:])
+        goes = (gain < PENALTY) & (gain <= ends[:-2]) & (gain < ends[2:])
         if not goes.any():
             break
         stays = np.concatenate([[True], ~goes])

@@ -65,20 +65,10 @@ def possible_slopes(moments: Array) -> Slopes:
 def best_line(moments: Array, slopes: Slopes | None = None) -> tuple[Array, Array]:
     """Find the slope that makes the scatter across the line least, in units of the noise across it.
 
-    The structural line of errors in variables: ordinary least squares would take the slope of the
-    noise. The derivative of the ratio is zero where a t² + b t + c = 0, and one root is the minimum.
-
-    Parameters
-    ----------
-    moments : ndarray, shape (10, k)
-    slopes : pair of ndarray, shape (k,), optional
-        Bounds besides `possible_slopes`.
-
-    Returns
-    -------
-    slope : ndarray, shape (k,)
-    misfit : ndarray, shape (k,)
-        Sum of squares across the line, in units of the noise's variance across it.
+    The structural line of errors in variables: ordinary least squares would take the slope of the noise. The
+    derivative of the ratio is zero where a t² + b t + c = 0, and one root is the minimum. Moments are of
+    shape (10, k); `slopes`, (k,) each, are bounds besides `possible_slopes`. Returned are the slope and the
+    sum of squares across the line, in units of the noise's variance across it, (k,) each.
     """
     # Without scatter there is no root, and comparisons with it are false; windows without samples,
     # and those that are far too small, are nobody's choice.
@@ -121,24 +111,13 @@ def slope_error(moments: Array, slope: Array) -> Array:
 def split_gain(left: Array, right: Array, slopes: Slopes | None = None) -> tuple[Array, Array]:
     """Return how much better two lines fit than one, and what it is worth that a line is off.
 
-    A score test of one line against two. With t the slope of the one line, g = y − t x is what is
-    across it, and ℓ = x + κ g the coordinate along it whose noise is uncorrelated with that of g.
-    Regressing g on ℓ in either part gains χ² with two degrees of freedom where one soil lies below
-    both, however far its load has moved along the line and however little it varies in either part.
-
-    Parameters
-    ----------
-    left, right : ndarray, shape (10, k)
-        Moments of the two parts.
-    slopes : pair of ndarray, shape (k,), optional
-        Bounds of the slope of the one line besides `possible_slopes`.
-
-    Returns
-    -------
-    gain : ndarray, shape (k,)
-        Fall of the sum of squares, in units of the noise's variance.
-    worth : ndarray, shape (k,)
-        Gain for each Pa² of the squared distance between two parallel lines.
+    A score test of one line against two. With t the slope of the one line, g = y − t x is what is across it,
+    and ℓ = x + κ g the coordinate along it whose noise is uncorrelated with that of g. Regressing g on ℓ in
+    either part gains χ² with two degrees of freedom where one soil lies below both, however far its load has
+    moved along the line and however little it varies in either part. Moments of the parts are of shape (10,
+    k), and `slopes` as for `best_line`. The gain, (k,), is the fall of the sum of squares in units of the
+    noise's variance; the worth, (k,), the gain for each Pa² of the squared distance between two parallel
+    lines.
     """
     both = left + right
     slope, _ = best_line(both, slopes)

@@ -38,10 +38,8 @@ _TOGETHER = 512
 class Criterion:
     """Gain that makes a bound a change of soil."""
 
-    #: What chance may gain, in units of the noise's variance.
-    penalty: float
-    #: Distance between two lines, as a share of the strength, that one soil may show.
-    tolerance: float
+    penalty: float  # What chance may gain, in units of the noise's variance
+    tolerance: float  # Distance between two lines, as a share of the strength, that one soil may show
 
     def ratio(self, left: Array, right: Array, slopes: line_costs.Slopes | None = None) -> Array:
         """Return the gain of two lines over one, where 1 is just enough."""
@@ -58,12 +56,9 @@ class Criterion:
 class Criteria:
     """What a change of soil must meet."""
 
-    #: For the two windows.
-    always: Criterion
-    #: For their samples beside the bound alone ...
-    beside: Criterion
-    #: ... or else this for the windows.
-    gradual: Criterion
+    always: Criterion  # For the two windows
+    beside: Criterion  # For their samples beside the bound alone ..
+    gradual: Criterion  # ... or else this for the windows
 
 
 class _Known:

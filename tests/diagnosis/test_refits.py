@@ -6,7 +6,7 @@ from hidden_drives import Kind, windows_of
 
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.diagnosis import solved_wheel
+from terrain_cli.diagnosis import refits
 from terrain_cli.mechanics.wheel_model import Model
 
 
@@ -19,7 +19,7 @@ def wheel():
 def test_a_right_model_leaves_the_noise_also_of_a_channel_of_which_no_level_is_known(wheel):
     block = np.arange(len(wheel)) * 8 // len(wheel)
     levels = {name: wheel.noise[name].deviation for name in ("torque", "drawbar_pull")}
-    found = solved_wheel.held_out_errors([wheel], [block], levels)
+    found = refits.held_out_errors([wheel], [block], levels)
     assert found.keys() == wheel.measured.keys() > levels.keys()
     for name, error in found.items():
         assert error == pytest.approx(wheel.noise[name].deviation, rel=0.1)

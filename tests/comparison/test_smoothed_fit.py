@@ -7,7 +7,7 @@ import pytest
 from known_misfits import Kind, samples_of
 
 from terrain_cli import effects
-from terrain_cli.comparison import smoothed_covariance, smoothed_fit, smoothed_model
+from terrain_cli.comparison import smoothed_fit, smoothed_model
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.mechanics.wheel_model import Model
@@ -44,7 +44,7 @@ def test_covariance_is_the_inverse_of_the_information_by_differences(wheel, solu
     columns = [(residual(x + step * e) - residual(x - step * e)) / (2.0 * step) for e in np.eye(len(x))]
     design = np.stack(columns, axis=1)
     expected = np.linalg.inv(design.T @ design / found.spread + np.eye(len(x)))
-    own, common = smoothed_covariance.covariance(data, found)
+    own, common = smoothed_fit.covariance(data, found)
     slope = [u.slope(found.t[:, j]) for j, u in enumerate(found.unknowns.local)]
     outside = [float(u.slope(found.common[j])) for j, u in enumerate(found.unknowns.shared)]
     for window in range(w):
@@ -58,8 +58,8 @@ def test_covariance_is_the_inverse_of_the_information_by_differences(wheel, solu
 
 def test_strength_is_told_at_the_stress_where_it_is_known_best(wheel, solution):
     data, found = solution
-    fit = smoothed_covariance.as_fit(data, found, wheel.fit)
-    numbers = smoothed_covariance.parameters(found)
+    fit = smoothed_fit.as_fit(data, found, wheel.fit)
+    numbers = smoothed_fit.parameters(found)
     c, tan = (fit.names.index(name) for name in ("cohesion", "tan_phi"))
     assert np.all(fit.sigma_star > 0.0)
 
@@ -76,7 +76,7 @@ def test_strength_is_told_at_the_stress_where_it_is_known_best(wheel, solution):
 
 def test_what_windows_share_has_one_value_and_one_error(wheel, solution):
     data, found = solution
-    fit, numbers = smoothed_covariance.as_fit(data, found, wheel.fit), smoothed_covariance.parameters(found)
+    fit, numbers = smoothed_fit.as_fit(data, found, wheel.fit), smoothed_fit.parameters(found)
     for place, unknown in enumerate(found.unknowns.shared):
         assert np.ptp(numbers[unknown.name]) == 0.0
         assert fit.shared[unknown.name] == numbers[unknown.name][0]

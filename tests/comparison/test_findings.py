@@ -1,0 +1,72 @@
+"""Findings in words."""
+
+import math
+
+import pytest
+
+from terrain_cli.comparison import shapes
+from terrain_cli.comparison.findings import sentence_of
+from terrain_cli.comparison.shapes import Shape
+
+STEP = Shape(driver="slip", name="step", at=0.4, low=0.1, high=0.6, span=1.0)
+
+
+@pytest.mark.parametrize(
+    ("channel", "shape", "amplitude", "unit", "sentence"),
+    [
+        ("torque", STEP, 0.9, "1", "torque is under-predicted by 0.9 N m above slip 0.4"),
+        ("sinkage", shapes.constant(), -0.0021, "", "sinkage is over-predicted by 2.1 mm throughout"),
+        (
+            "drawbar_pull",
+            Shape(driver="load", name="linear", at=None, low=60.0, high=100.0, span=1.0),
+            4.0,
+            "N",
+            "drawbar pull is more and more under-predicted as load rises: by 4 N from 60 N to 100 N",
+        ),
+        (
+            "torque",
+            Shape(driver="wheel_angle", name="periodic", at=math.pi / 6.0, low=0.0, high=6.3, span=1.0),
+            0.5,
+            "rad",
+            "torque swings by ± 0.5 N m about its prediction, 12 times in a turn of the wheel",
+        ),
+        (
+            "torque",
+            Shape(driver="pitch", name="step", at=0.1, low=-0.2, high=0.2, span=1.0),
+            0.9,
+            "rad",
+            "torque is under-predicted by 0.9 N m above pitch 5.7°",
+        ),
+        (
+            "torque",
+            Shape(driver="motor_temperature", name="saturating", at=5.0, low=20.0, high=60.0, span=1.0),
+            -0.2,
+            "°C",
+            (
+                "torque is more and more over-predicted as motor temperature rises: "
+                "by 0.2 N m from 20 °C to 60 °C, most of it in the first 5 °C"
+            ),
+        ),
+    ],
+)
+def test_sentences(channel, shape, amplitude, unit, sentence):
+    assert sentence_of(channel, shape, amplitude, "", (), unit) == sentence
+
+
+def test_what_varied_alike_is_said():
+    text = sentence_of("torque", STEP, 0.9, "", ("time", "motor_temperature"), "1")
+    assert text.endswith("(or with time or motor temperature, which varied alike)")
+
+
+def test_what_the_soil_hides_of_it_is_said():
+    text = sentence_of("torque", STEP, 0.9, "", ("time",), "1", 0.1)
+    assert "by 0.9 N m" in text
+    assert "; the fitted soil takes up all but 0.09 N m of that (or with time" in text
+    assert "takes up" not in sentence_of("torque", STEP, 0.9, "", (), "1", 0.5)
+
+
+def test_a_label_is_named():
+    shape = Shape(driver="terrain", name="label", at=1.0, low=0.0, high=1.0, span=1.0)
+    assert sentence_of("torque", shape, 0.3, "gravel", (), "") == (
+        "torque is under-predicted by 0.3 N m where terrain is gravel, against the others"
+    )
