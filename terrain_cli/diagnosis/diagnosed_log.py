@@ -72,7 +72,7 @@ class DiagnosedLog:
 def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
     """Fit the model, and find how many soils the data speak for."""
     read = notes([windows.samples for windows in wheels])
-    joined = joined_inputs.by_wheel(wheels, case.effects)
+    joined = joined_inputs.by_wheel(wheels, [*case.file.model.effects, *case.effects])
     held, priors, noise = estimators.assumed(joined, case.file)
     settings = FitSettings(held, priors, [name for name in case.file.shared if name not in held], noise)
     further = tuple(dict.fromkeys(name for effect in case.effects for name in effect.reads))

@@ -44,6 +44,19 @@ def test_inputs_of_a_wheel_are_joined_with_soils_and_runs_of_their_own():
     assert np.isfinite(joined.samples.drivers["torque_rate"]).all()
 
 
+@pytest.mark.parametrize(
+    ("name", "parameter", "size"), [("sensor-lag", "torque_lag", 0.2), ("acceleration-torque", "J", 0.5)]
+)
+def test_what_the_models_own_effects_need_is_computed_too(name, parameter, size):
+    """In a loop the windows were read for the model as it was at first."""
+    model = Model(effects=(effects.catalogue()[name],))
+    case = diagnosed_log.Case(file=ModelFile(model=model), effects=[], seed=0, progress=lambda _: None)
+    log = diagnosed_log.soils(case, windows_of(5, Kind(sized(name), seconds=16.0), "none"))
+    (solution,) = log.data.base
+    found = solution.of_samples(np.zeros(1, dtype=np.intp))[f"{name}.{parameter}"]
+    assert found == pytest.approx(size, rel=0.5)
+
+
 def test_different_wheels_stay_apart():
     first, second = (samples_of(seed, Kind(seconds=16.0)) for seed in (1, 2))
     second.wheel = "rear"
@@ -114,10 +127,8 @@ def test_what_cannot_be_is_never_first_however_plain(monkeypatch):
     rng = np.random.default_rng(3)
 
     def fitted(name, loss, free):
-        return (
-            SimpleNamespace(id=name, free=free),
-            SimpleNamespace(loss=loss + rng.normal(0.0, 1e-3, 20)),
-        )
+        noise = rng.normal(0.0, 1e-3, 20)
+        return SimpleNamespace(id=name, free=free), SimpleNamespace(loss=loss + noise)
 
     base = fitted("", 9.0, 0)[1]
     several = [
