@@ -137,11 +137,13 @@ def _predict(
     load_given: bool,
     by: Sequence[str] = (),
 ) -> Prediction:
-    return predict(
-        model,
-        wheel,
-        {name: column[rows] for name, column in channels.items()},
-        parameters(rows),
-        given="load" if load_given else "sinkage",
-        by=by,
-    )
+    # An effect far from what it can be may leave no contact: no prediction, and no warning.
+    with np.errstate(all="ignore"):
+        return predict(
+            model,
+            wheel,
+            {name: column[rows] for name, column in channels.items()},
+            parameters(rows),
+            given="load" if load_given else "sinkage",
+            by=by,
+        )

@@ -9,7 +9,8 @@ from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.effects import catalogue
 from terrain_cli.estimation.wheel_fit import fit
-from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.mechanics.effect import Effect, Parameter
+from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 SETTINGS = FitSettings({}, {}, (), None)
 
@@ -105,3 +106,35 @@ def test_derivatives_are_those_of_the_predictions():
         for channel, slopes in table.items():
             expected = (up[channel] - down[channel]) / step
             assert slopes[:, column] == pytest.approx(expected, rel=1e-3, abs=1e-6 * np.abs(expected).max())
+
+
+def test_no_contact_is_no_prediction_and_no_warning():
+    gives_way = Effect(
+        id="gives-way",
+        title="The rim gives way, at worst beyond the axle",
+        kind="contact",
+        parameters=(Parameter("by", "m", 0.0, 0.1),),
+        laws={"radius": lambda q: q["radius"] - q["by"]},
+    )
+    channels = {"slip": 0.2, "load": 60.0, "sinkage": 0.01, "torque": 1.0}
+    soil = {
+        "cohesion": 1e3,
+        "tan_phi": 0.6,
+        "shear_modulus": 0.018,
+        "stiffness": 1e6,
+        "sinkage_exponent": 0.9,
+    }
+    numbers = {
+        **{name: np.full(2, number) for name, number in soil.items()},
+        "gives-way.by": np.array([0.0, 0.2]),
+    }
+    with np.errstate(all="raise"):
+        table = prediction.derivatives(
+            Model(effects=(gives_way,)),
+            WheelGeometry(0.125, 0.1),
+            {name: np.full(2, number) for name, number in channels.items()},
+            lambda rows: {name: column[rows] for name, column in numbers.items()},
+            ["cohesion"],
+        )
+    assert table["torque"][0, 0] > 0.0
+    assert np.isfinite(table["torque"]).all()
