@@ -266,15 +266,24 @@ class FittedWheel:
 
     @cached_property
     def read(self) -> dict[str, Array]:
-        """The channels from which to predict: torque and pull, if effects read them, from the conditions."""
+        """The channels from which to predict: torque and pull, if effects read them, from the conditions.
+
+        Of these without their own noise: an effect that reads a pull with the noise of the load would take
+        that noise off the load.
+        """
+        return self._read(smoothed_channels.GAP)
+
+    def _read(self, gap: int) -> dict[str, Array]:
         wanted = {*self.further, *(name for effect in self.model.effects for name in effect.reads)}
         read = dict(self.channels)
         for name in ("torque", "drawbar_pull"):
             if name in wanted and name in read:
-                read[name] = smoothed_channels.from_conditions(
-                    self.channels[name], self.channels, self.window
-                )
+                column = smoothed_channels.from_conditions(self.channels[name], self.channels, self.window)
+                read[name] = self._from_neighbours(column, gap) if self.ordered else column
         return read
+
+    def _from_neighbours(self, column: Array, gap: int) -> Array:
+        return smoothed_channels.from_neighbours(column, self.group, gap=gap, reach=max(3, gap // 2))
 
     @cached_property
     def measured(self) -> dict[str, Array]:
@@ -330,12 +339,11 @@ class FittedWheel:
         """
         if not self.ordered:
             return dict(self.read)
-        reach = max(3, gap // 2)
         return {
-            name: smoothed_channels.from_neighbours(column, self.group, gap=gap, reach=reach)
+            name: self._from_neighbours(column, gap)
             if name in (*smoothed_channels.NOISY, *_WITH_SLIP)
             else column
-            for name, column in self.read.items()
+            for name, column in self._read(gap).items()
         }
 
     def smoothed(self, gap: int, rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:

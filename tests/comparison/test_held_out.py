@@ -138,3 +138,18 @@ def test_no_contact_is_no_prediction_and_no_warning():
         )
     assert table["torque"][0, 0] > 0.0
     assert np.isfinite(table["torque"]).all()
+
+
+def test_the_pull_that_an_effect_reads_has_no_noise_of_the_load_and_the_slip():
+    """Else load-transfer would take the noise off a measured load, and be found where nothing is missing."""
+    windows = windows_of(4, Kind(), "none")
+    model = Model(effects=(catalogue()["load-transfer"],))
+    place = int(windows.rows[len(windows.rows) // 2])
+    read = []
+    for jump in (1.0, 1.1):
+        channels = dict(windows.samples.channels)
+        for name in ("load", "slip"):
+            channels[name] = channels[name] * np.where(np.arange(len(channels[name])) == place, jump, 1.0)
+        moved = replace(windows, samples=replace(windows.samples, channels=channels))
+        read.append(FittedWheel(moved, model, SETTINGS).read["drawbar_pull"][len(windows.rows) // 2])
+    assert read[1] == pytest.approx(read[0], rel=1e-3)

@@ -247,7 +247,7 @@ def test_other_vehicles_are_carried_and_are_the_same_again():
     assert len({kind.rover.soils[0].name for kind in kinds}) > 6
     rough = [
         kind.rover.rough(np.linspace(0.0, 100.0, 50))
-        for kind in (kinds[0], diagnosis_drives.vehicle(52_000_000))
+        for kind in (kinds[0], diagnosis_drives.vehicle(jobs[0]["seed"]))
     ]
     np.testing.assert_array_equal(*rough)
     (windows,) = windows_of(jobs[0]["seed"], replace(kinds[0], share=1e-6, seconds=16.0))
