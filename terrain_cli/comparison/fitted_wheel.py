@@ -279,7 +279,9 @@ class FittedWheel:
         for name in ("torque", "drawbar_pull"):
             if name in wanted and name in read:
                 column = smoothed_channels.from_conditions(self.channels[name], self.channels, self.window)
-                read[name] = self._from_neighbours(column, gap) if self.ordered else column
+                around = self._from_neighbours(column, gap) if self.ordered else column
+                # A sample without a neighbour has nothing else.
+                read[name] = np.where(np.isfinite(around), around, column)
         return read
 
     def _from_neighbours(self, column: Array, gap: int) -> Array:
