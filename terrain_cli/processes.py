@@ -29,7 +29,7 @@ _SHARE = 8
 _UNKNOWN = 8 << 30
 #: What NumPy's linear algebra asks for its number of threads. That of OpenMP also counts for Arrow, which
 #: reads files in as many.
-_ALGEBRA = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+ALGEBRA = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -67,7 +67,7 @@ def one_thread_of_algebra() -> None:
     Matrices here are so small that threads wait for each other longer than they work, and the number of cores
     would decide on the last digit of a sum.
     """
-    for name in _ALGEBRA:
+    for name in ALGEBRA:
         os.environ.setdefault(name, "1")
 
 

@@ -19,6 +19,7 @@ import time
 from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any, Protocol
 
+from terrain_cli import processes
 from terrain_cli.batch.worker_tasks import Failure, Reply, failure
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ serve(link, parent, memory)
 """
 #: One worker for each core is enough: threads of their own would only be in each other's way, and
 #: their number must not decide on the last digit of a sum.
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+_THREADS = ("OMP_NUM_THREADS", *processes.ALGEBRA)
 
 
 class Child:

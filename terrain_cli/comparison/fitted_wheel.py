@@ -273,15 +273,22 @@ class FittedWheel:
         """
         return self._read(smoothed_channels.GAP)
 
-    def _read(self, gap: int) -> dict[str, Array]:
+    @cached_property
+    def _from_conditions(self) -> dict[str, Array]:
+        """Torque and pull as slip, load and what else there is explain them, if effects read them."""
         wanted = {*self.further, *(name for effect in self.model.effects for name in effect.reads)}
-        read = dict(self.channels)
-        for name in ("torque", "drawbar_pull"):
-            if name in wanted and name in read:
-                column = smoothed_channels.from_conditions(self.channels[name], self.channels, self.window)
-                around = self._from_neighbours(column, gap) if self.ordered else column
-                # A sample without a neighbour has nothing else.
-                read[name] = np.where(np.isfinite(around), around, column)
+        return {
+            name: smoothed_channels.from_conditions(self.channels[name], self.channels, self.window)
+            for name in ("torque", "drawbar_pull")
+            if name in wanted and name in self.channels
+        }
+
+    def _read(self, gap: int) -> dict[str, Array]:
+        read = self.channels | self._from_conditions
+        for name, column in self._from_conditions.items() if self.ordered else ():
+            around = self._from_neighbours(column, gap)
+            # A sample without a neighbour has nothing else.
+            read[name] = np.where(np.isfinite(around), around, column)
         return read
 
     def _from_neighbours(self, column: Array, gap: int) -> Array:
