@@ -35,8 +35,6 @@ ITERATIONS = 40
 TOLERANCE = 0.1
 #: Iterations after which steps that turn back without shrinking to half are shortened, and how far.
 _PATIENCE, _SHORTEST = 5, 0.1
-#: What holds an unknown at its bound.
-_STIFF = 1e12
 #: At its bound is what is no further from it, in prior standard deviations.
 _NEAR = 1e-9
 #: Deviations by which a peak is taken to be outside at the most: the model is not normal that far.
@@ -217,42 +215,40 @@ def newton(normal: Normal, sought: Unknowns, t: Array, common: Array) -> tuple[A
     The length is squared, in posterior standard deviations; `normal` is at these unknowns.
     """
     local = t.shape[1]
-    held = normal
-    step, shift, found = _unbounded(held, t, common)
+    step, shift, found = _unbounded(normal, t, common)
     low, high, most = limits(sought.local)
     low_shared, high_shared, most_shared = limits(sought.shared)
     out = (t + step < low) | (t + step > high)
     out_shared = (common + shift < low_shared) | (common + shift > high_shared)
-    if out.any() or out_shared.any():
-        # Hold at their bounds those that would leave, and solve again for the others.
-        out_shared = np.broadcast_to(out_shared, (len(t), len(common)))
-        where = np.concatenate([out, out_shared], axis=1)
-        to = np.concatenate(
-            [
-                np.where(step < 0.0, low, high) - t,
-                np.broadcast_to(
-                    np.where(shift < 0.0, low_shared, high_shared) - common, (len(t), len(common))
-                ),
-            ],
-            axis=1,
-        )
-        diagonal = np.einsum("waa->wa", normal.information)
-        hold = np.where(where, _STIFF * (1.0 + diagonal), 0.0)
-        held = replace(
-            normal,
-            information=normal.information + hold[:, :, None] * np.eye(hold.shape[1]),
-            score=normal.score + np.where(where, hold * np.where(where, to, 0.0), 0.0),
-        )
-        step, shift, found = _unbounded(held, t, common)
+    hold = np.hstack([out, np.broadcast_to(out_shared, (len(t), len(common)))])
+    # Hold at their bounds those that would leave, and solve again for the others.
+    to = np.where(out, np.where(step < 0.0, low, high) - t, 0.0)
+    to_shared = np.where(out_shared, np.where(shift < 0.0, low_shared, high_shared) - common, 0.0)
+    if hold.any():
+        step, shift, found = _unbounded(_held(normal, hold, to, to_shared, t, common), t, common)
     whole, shift = shift, np.clip(common + shift, low_shared, high_shared) - common
     shift = shift / max(np.max(np.abs(shift) / most_shared, initial=1.0), 1.0)
     if not np.allclose(shift, whole, rtol=_NEAR, atol=_NEAR):
         # The windows' own unknowns go with as much of it as is taken.
+        held = _held(normal, hold, to, np.where(out_shared, shift, 0.0), t, common)
         step = found.behind(held.score[:, :local] - t, shift)
     step = np.clip(t + step, low, high) - t
     step = step / np.maximum(np.max(np.abs(step) / most, axis=1, initial=1.0, keepdims=True), 1.0)
     own = normal.information[:, :local, :local] + np.eye(local)
     return step, shift, np.einsum("wa,wab,wb->w", step, own, step)
+
+
+def _held(normal: Normal, hold: Mask, to: Array, to_shared: Array, t: Array, common: Array) -> Normal:
+    """Return equations in which some unknowns step to where they are held, whatever the others do.
+
+    They are taken out of the equations of the others: a weight that held them would take digits of all.
+    `hold`, shape (w, p + q), tells which, and `to` and `to_shared` are their steps, 0 for the others.
+    """
+    every = np.hstack([to, np.broadcast_to(to_shared, (len(t), len(common)))])
+    there = np.hstack([to + t, np.broadcast_to((to_shared + common) / max(len(t), 1), (len(t), len(common)))])
+    score = normal.score - np.einsum("wab,wb->wa", normal.information, every)
+    information = np.where(hold[:, :, None] | hold[:, None, :], 0.0, normal.information)
+    return replace(normal, information=information, score=np.where(hold, there, score))
 
 
 def _unbounded(normal: Normal, t: Array, common: Array) -> tuple[Array, Array, Eliminated]:

@@ -99,14 +99,25 @@ def posterior(
     at_mode, noise = few.at_mode()
     own, gain, shared = eliminate(at_mode, local)
     held = posterior_covariance(shared)
-    move, move_shared = _to_mean(few, at_mode, own, gain, held)
-    # Where little is known the posterior is far from normal, and the way to its mean is not told.
-    missed = data.excess > 1.0
-    move[missed] = 0.0
+    way, way_shared = _to_mean(few, at_mode, own, gain, held)
 
     last = _Last(data, own, gain, held)
-    t, common = _within(problem, state.t + move, state.common + move_shared)
-    normal = accumulate(problem, data, t, common, state.latent, order=order, each=last.keep)
+    # Where little is known the posterior is far from normal, and the way to its mean is not told.
+    way[data.excess > 1.0] = 0.0
+    for last_try in (False, True):
+        move = way + gain @ way_shared
+        t, common = _within(problem, state.t + move, state.common + way_shared)
+        latent = state.latent.copy()
+        normal = accumulate(problem, data, t, common, latent, order=order, each=last.keep)
+        # At the mean the squares exceed those at the mode by less than 1 for each unknown: where they rise
+        # more, the posterior bends, and the way is shortened.
+        unknowns = float(at_mode.score.shape[1])
+        risen = np.maximum(normal.misfit + np.sum(t**2, axis=1) - state.merit, unknowns)
+        if last_try or not (risen > unknowns).any():
+            break
+        share = np.sqrt(unknowns / risen)
+        way, way_shared = share[:, None] * way, share.min(initial=1.0) * way_shared
+    state.latent[:] = latent
     taken = np.einsum("wab,wba->w", normal.information[:, :local, :local], eliminate(normal, local)[0])
     dof = segment_sum(data.seen.sum(axis=0).astype(float), data.bounds) - taken
 
@@ -116,7 +127,7 @@ def posterior(
     # A step of the search from there leads back to the mode, and tells how far away it still was.
     step, shift, _ = newton(honest, problem.unknowns, t, common)
     t = t + _bounded(step + move, own)
-    common = common + _bounded((shift + move_shared)[None], held[None])[0]
+    common = common + _bounded((shift + way_shared)[None], held[None])[0]
     t, common = _within(problem, t, common)
     beyond = overshoot(honest, problem.unknowns.local, t)
 
@@ -125,7 +136,7 @@ def posterior(
     if correlated:
         lasting, lasting_shared = last.memory()
         # Their noise is that of their long run already.
-        lasting = np.where(missed, 1.0, lasting)
+        lasting = np.where(data.excess > 1.0, 1.0, lasting)
     inner = honest.information[:, :local, :local]
     number = data.count.astype(float)
     lengthened = _lengthen(scatter * inner, last.axes, _surely(lasting, number).T)
@@ -245,7 +256,7 @@ class _Last:
 
 
 def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -> tuple[Array, Array]:
-    """Return the way from the mode to the mean."""
+    """Return the way from the mode to the mean, of own unknowns with the shared ones held, and of these."""
     local = own.shape[1]
 
     def volume(normal: Normal) -> tuple[Array, float]:
@@ -267,7 +278,7 @@ def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -
         # Not a correction of second order any more, and for unknowns that all windows share there is
         # no other window to average it out: the mode is kept.
         move_shared[:] = 0.0
-    return move + gain @ move_shared, move_shared
+    return move, move_shared
 
 
 def _within(problem: Problem, t: Array, common: Array) -> tuple[Array, Array]:

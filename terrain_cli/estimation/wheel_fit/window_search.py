@@ -86,7 +86,7 @@ def mend(
     if lost.any():
         at = np.flatnonzero(lost | bool(unknowns.shared))
         part = data.only(at)
-        ends = _best(problem, part, state.t[at], state.common, order)
+        ends = _best(problem, part, state.only(at), order)
         put(state, ends, at, data.rows_of(at))
         found = _put(found, posterior(problem, part, ends, order=order, correlated=correlated), at)
     # What is shared follows from all windows, and few times suffice for that.
@@ -143,16 +143,20 @@ def _held(unknowns: Unknowns, state: State) -> Unknowns:
     return Unknowns(unknowns.local, (), {**unknowns.fixed, **held})
 
 
-def _best(problem: Problem, data: FitData, t: Array, common: Array, order: int | None) -> State:
+def _best(problem: Problem, data: FitData, ended: State, order: int | None) -> State:
     """Go down from where the search ended or from another beginning, whichever leads lowest."""
     rows, count = data.thin(_TRIED)
     some = data.take(rows, count, np.arange(len(count)))
     centre, nothing = damped_search.centre(problem, some)
-    begun = [(t, common), (centre, nothing)]
+    begun = [(ended.t, ended.common), (centre, nothing)]
     begun += [(other, nothing) for other in damped_search.others(problem, some, nothing)]
     rough = [descend(problem, some, *one, order=order, iterations=_ROUGHLY) for one in begun]
     best = _lowest(rough, some, problem)
-    return _descended(problem, data, [(best.t, best.common)], order)
+    ends = _descended(problem, data, [(best.t, best.common)], order)
+    if np.any(ends.merit > ended.merit):
+        # A few samples lead elsewhere than all of them, and not always lower.
+        ends = _lowest([ends, _descended(problem, data, begun[:1], order)], data, problem)
+    return ends
 
 
 def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:

@@ -1,0 +1,43 @@
+"""Steps of the search for the most probable unknowns."""
+
+import numpy as np
+import pytest
+
+from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, newton
+from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+
+FAR = 1e12
+
+
+def unknown(name, *, lower=-FAR, step=FAR):
+    return Unknown(name=name, logarithm=False, mean=0.0, sd=1.0, lower=lower, upper=FAR, step=step)
+
+
+@pytest.mark.parametrize("bound", ["own", "shared"])
+def test_the_others_step_as_if_what_is_held_were_fixed(bound):
+    """Two windows of two unknowns each, and two that they share; one would leave its bound."""
+    rng = np.random.default_rng(1)
+    # What one tells of the others differs by six digits in size.
+    root = rng.standard_normal((2, 4, 12)) + 1e3 * np.array([0.0, 1.0, 1.0, 1.0])[:, None]
+    information, score = root @ np.swapaxes(root, 1, 2), 1e3 * rng.standard_normal((2, 4))
+    sought = Unknowns(
+        (unknown("a"), unknown("b", lower=0.0 if bound == "own" else -FAR)),
+        (unknown("c"), unknown("d", lower=0.0 if bound == "shared" else -FAR)),
+        {},
+    )
+    t, common = np.array([[0.1, 0.5], [-0.2, 0.4]]), np.array([0.3, 0.6])
+    held = [1, 3] if bound == "own" else [5]
+    at = np.concatenate([t.ravel(), common])
+    whole, right = np.eye(6), -at
+    for window, places in enumerate(([0, 1, 4, 5], [2, 3, 4, 5])):
+        whole[np.ix_(places, places)] += information[window]
+        right[places] += score[window]
+    # Far beyond the bound.
+    score[:, 1 if bound == "own" else 3] -= 1e9
+    free = [place for place in range(6) if place not in held]
+    expected = -at
+    expected[free] = np.linalg.solve(
+        whole[np.ix_(free, free)], right[free] + whole[np.ix_(free, held)] @ at[held]
+    )
+    step, shift, _ = newton(Normal(information, score, np.zeros(2)), sought, t, common)
+    np.testing.assert_allclose(np.concatenate([step.ravel(), shift]), expected, rtol=1e-6, atol=1e-9)
