@@ -226,3 +226,20 @@ def test_the_last_digit_of_the_data_is_of_no_consequence(effect, varied):
         assert second.values[name] == pytest.approx(value, abs=0.05 * float(first.errors[name][0])), name
     for name, size in first.rmse.items():
         assert second.rmse[name] == pytest.approx(size, rel=0.01), name
+
+
+@pytest.mark.parametrize("effect", ["bulldozing", "drawbar-bias"])
+def test_nor_is_it_of_a_few_points_at_the_bounds(effect):
+    columns, _ = drive(effect, 10**9, varied=True)
+    rows = np.linspace(0, len(columns["time"]) - 1, 12).astype(int)
+    channels = {name: columns[name][rows] for name in ("load", "torque", "sinkage", "slip", "drawbar_pull")}
+    model = Model(effects=tuple(effect_of(name) for name in ("max-stress-angle", "rear-contact")))
+    rng = np.random.default_rng(1)
+    rounded = {name: column * (1.0 + 1e-13 * rng.normal(size=12)) for name, column in channels.items()}
+    first, second = (
+        fit(model, GEOMETRY, one, [0, 12], local=model.parameters, correlated=False)
+        for one in (channels, rounded)
+    )
+    assert second.status == first.status
+    for name, value in first.values.items():
+        assert second.values[name] == pytest.approx(value, abs=0.05 * float(first.errors[name][0])), name

@@ -24,6 +24,7 @@ from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
 from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, limits, solve
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
 from terrain_cli.estimation.wheel_fit.linearised import Problem
+from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes
 from terrain_cli.estimation.wheel_fit.normal_equations import inverse, no_wider
 from terrain_cli.estimation.wheel_fit.posterior import Posterior, posterior
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -179,36 +180,30 @@ def fit(
         noise=noise or Noise(),
         robust=robust or not by_differences,
     )
-    size = len(sought.local) + len(sought.shared)
     learner: LikelyNoise | ScaledDifferences | None = None
+    likely = [Learnt(problem=problem)]
     if noise is None:
         learner = (
             ScaledDifferences(data, ordered=correlated)
             if by_differences
-            else LikelyNoise(data, size, ordered=correlated, near=True)
+            else _likely_noise(problem, data, ordered=correlated, near=True)
         )
-    dof = np.inf
-    if learner is not None:
         problem, dof, state = _learn(problem, data, learner)
-    begun: State | None = None
+        likely = [Learnt(problem=problem, dof=dof, others=learner.others())]
     if not by_differences:
         data, rows, begun = _without_wild(problem, data, rows)
         problem = replace(problem, robust=robust)
-        # Noise that no window tells is told by more of their samples no better.
-        if learner is not None and not (len(state.lost) and state.lost.all()):
-            # Anew where the first one was lost: its end hangs on the last digit.
-            certain = bool(state.converged.all())
-            learner = LikelyNoise(data, size, ordered=correlated, begun=problem.noise if certain else None)
-            problem, dof, _ = _learn(problem, data, learner, begun if certain else None)
+        likely = [replace(likely[0], problem=problem, begun=begun)]
+        if learner is not None:
+            likely = _anew(likely[0], data, state, ordered=correlated)
+    fits = [_fitted(one, data, correlated=correlated, tempered=by_differences) for one in likely]
+    found, problem = mixed([part for part, _ in fits], likely), likely[0].problem
     order = enough_nodes(problem.noise, data)
-    found, converged = _all(problem, data, order, correlated=correlated, tempered=by_differences, begun=begun)
-    if isinstance(learner, LikelyNoise):
-        found = _widened(problem, data, found, learner.others())
     if not by_differences:
         own, t = no_wider(found.own, found.t)
         low, high, _ = limits(problem.unknowns.local)
         found = replace(found, t=np.clip(t, low, high), own=own)
-    spread = float(student(np.array([dof]))[0]) / 1.959964 if learner else 1.0
+    spread = float(student(np.array([likely[0].dof]))[0]) / 1.959964 if learner else 1.0
     filled = data.count > 0
     about = parameters((*model.soil, *local), sought, found, filled, spread)
     residuals, prediction, rmse, slow = _residuals(
@@ -228,22 +223,46 @@ def fit(
         prediction=prediction,
         rmse=rmse,
         slow=slow if correlated else np.zeros(len(data.windows)),
-        converged=converged,
+        converged=fits[0][1],
         min_samples=min_samples,
         grids=valley.grids(problem, data, found, about, joint, order),
     )
 
 
-def _all(
-    problem: Problem,
-    data: FitData,
-    order: int | None,
-    *,
-    correlated: bool,
-    tempered: bool,
-    begun: State | None,
-) -> tuple[Posterior, Mask]:
-    """Fit all windows: together where they share something, else in groups that bound the memory."""
+def _anew(near: Learnt, data: FitData, ended: State, *, ordered: bool) -> list[Learnt]:
+    """Learn the noise of samples without wild ones, to the end; of few samples every noise that is likely.
+
+    `near` is what was learnt of all samples, and `ended` where the last search for it did.
+    """
+    problem = near.problem
+    if 0 < data.measured.shape[1] <= FEW:
+        usual = replace(problem, noise=_likely_noise(problem, data, ordered=ordered).noise)
+        learners = [(_likely_noise(problem, data, ordered=ordered), one) for one in beginnings(usual, data)]
+        found = modes(data, ((learner, *_learn(problem, data, learner, one)) for learner, one in learners))
+        if found:
+            return found
+    # Noise that no window tells is told by more of their samples no better.
+    if len(ended.lost) and ended.lost.all():
+        return [near]
+    # Anew where the first one was lost: its end hangs on the last digit.
+    certain = bool(ended.converged.all())
+    learner = _likely_noise(problem, data, ordered=ordered, begun=problem.noise if certain else None)
+    problem, dof, _ = _learn(problem, data, learner, near.begun if certain else None)
+    return [replace(near, problem=problem, dof=dof, others=learner.others())]
+
+
+def _likely_noise(
+    problem: Problem, data: FitData, *, ordered: bool, near: bool = False, begun: Noise | None = None
+) -> LikelyNoise:
+    size = len(problem.unknowns.local) + len(problem.unknowns.shared)
+    return LikelyNoise(data, size, ordered=ordered, near=near, begun=begun)
+
+
+def _fitted(learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool) -> tuple[Posterior, Mask]:
+    """Fit all windows, and tell which converged: together where they share something, else in groups."""
+    data = replace(data, excess=data.excess.copy())
+    order = enough_nodes(learnt.problem.noise, data)
+    problem, begun = learnt.problem, learnt.begun
     groups = [np.arange(len(data.windows))] if problem.unknowns.shared else list(data.blocks(_GROUP))
     parts, converged = [], []
     for group in groups or [np.arange(0)]:
@@ -259,7 +278,8 @@ def _all(
         else np.concatenate([getattr(part, f.name) for part in parts])
         for f in fields(one)
     }
-    return Posterior(**together), np.concatenate(converged)
+    found = _widened(problem, data, Posterior(**together), learnt.others)
+    return found, np.concatenate(converged)
 
 
 def _without_wild(problem: Problem, data: FitData, rows: Index) -> tuple[FitData, Index, State | None]:
@@ -270,6 +290,9 @@ def _without_wild(problem: Problem, data: FitData, rows: Index) -> tuple[FitData
     order = enough_nodes(problem.noise, data)
     some = data.thinned(ENOUGH)
     found = search(problem, some, order)
+    if not found.converged.all():
+        # Far from a fit that is lost are the best of samples.
+        found = settled_search(problem, some, found, order)
     wild = wild_samples(problem, data, found, order)
     ends = found if some.measured.shape[1] < data.measured.shape[1] else None
     if not wild.any():

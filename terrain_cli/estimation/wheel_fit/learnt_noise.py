@@ -298,6 +298,12 @@ class LikelyNoise:
         longest = min(longest, MISSED)
         return 0.5 * (longest + 1.0 / longest)
 
+    @property
+    def log_weight(self) -> float:
+        """Logarithm of what the prior makes of this noise, and of how many others are as good."""
+        squares = self._steps @ self._prior.precision @ self._steps
+        return 0.5 * float(np.linalg.slogdet(self._known)[1] - squares)
+
     def others(self) -> tuple[Noise, ...]:
         """Return noise one standard error away, along the axes in which it is not known well."""
         variances, axes = np.linalg.eigh(self._known)

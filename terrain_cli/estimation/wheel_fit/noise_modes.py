@@ -1,0 +1,127 @@
+"""Where few samples leave several noises likely, each with a soil of its own: all of them, by their weight.
+
+Ten standard deviations of noise and some eight unknowns are learnt together. Few samples may go with a
+slip that errs and one soil, or with a torque that errs and another; which of them a search meets hangs on
+the last digit. The posterior is then a mixture of normal distributions, one about each mode (Laplace's
+approximation at each: Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 13.3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from terrain_cli.estimation.wheel_fit import damped_search
+from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate
+from terrain_cli.estimation.wheel_fit.normal_equations import covariance, inverse
+from terrain_cli.estimation.wheel_fit.window_search import enough_nodes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from terrain_cli.estimation.wheel_fit.fit_data import FitData, Noise
+    from terrain_cli.estimation.wheel_fit.gauss_newton import State
+    from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise
+    from terrain_cli.estimation.wheel_fit.linearised import Equations, Problem
+    from terrain_cli.estimation.wheel_fit.posterior import Posterior
+    from terrain_cli.vocabulary.arrays import Array, Index
+
+
+#: Samples of all windows together up to which noise and soil are sought from several beginnings. Of the six
+#: points of Ding et al. 2011, on a soil of 31.9°, one beginning says 21.9 ± 4.0°, and all 28.0 ± 10.3°. Where
+#: the model is right they agree: of 108 windows each of 6 to 60 samples 94 to 100 % are covered either way.
+FEW = 30
+#: Two modes are one where no unknown, in prior standard deviations, differs by more.
+_SAME = 0.05
+#: Weight beside the likeliest one from which on a mode counts.
+_COUNTS = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learnt:
+    """What is to be fitted, with its noise."""
+
+    problem: Problem
+    dof: float = np.inf  # Degrees of freedom that tell the noise; infinite where it was given
+    begun: State | None = None  # Where a search with nearly this noise ended
+    others: tuple[Noise, ...] = ()  # Noise one standard error away
+    log_weight: float = 0.0  # Logarithm of the part of the posterior, up to what all modes have in common
+
+
+def beginnings(problem: Problem, data: FitData) -> Iterator[State]:
+    """Yield soils at which learning may begin: downhill from far apart."""
+    centre, common = damped_search.centre(problem, data)
+    order = enough_nodes(problem.noise, data)
+    for t in (centre, *damped_search.others(problem, data, common)):
+        state = damped_search.descend(problem, data, t, common, order=order)
+        state.converged[:] = True
+        yield state
+
+
+def modes(data: FitData, ends: Iterable[tuple[LikelyNoise, Problem, float, State]]) -> list[Learnt]:
+    """Return the different ends of learning, the likeliest first, without those that hardly count."""
+    found: list[Learnt] = []
+    for learner, problem, dof, state in ends:
+        known = any(one.begun is not None and _same(one.begun, state) for one in found)
+        weight = _log_weight(problem, data, state, learner)
+        if state.converged.all() and not known and np.isfinite(weight):
+            others = learner.others()
+            found.append(Learnt(problem=problem, dof=dof, begun=state, others=others, log_weight=weight))
+    found.sort(key=lambda one: -one.log_weight)
+    return [one for one in found if one.log_weight >= found[0].log_weight + np.log(_COUNTS)]
+
+
+def _same(one: State, other: State) -> bool:
+    away = np.concatenate([(one.t - other.t).ravel(), one.common - other.common])
+    return bool(np.all(np.abs(away) < _SAME))
+
+
+def _log_weight(problem: Problem, data: FitData, state: State, learner: LikelyNoise) -> float:
+    """Return the logarithm of the posterior about a mode: its height, and its width in unknowns and noise."""
+    sizes = []
+
+    def keep(_: Index, part: FitData, found: Equations) -> None:
+        sizes.append(float(np.sum(np.log(np.einsum("aan->an", found.factor)), where=part.seen)))
+
+    order = enough_nodes(problem.noise, data)
+    normal = accumulate(problem, data, state.t, state.common, state.latent.copy(), order=order, each=keep)
+    local = state.t.shape[1]
+    own, _, shared = eliminate(normal, local)
+    squares = float(normal.misfit.sum() + np.sum(state.t**2) + np.sum(state.common**2))
+    width = float(np.linalg.slogdet(own)[1].sum() - np.linalg.slogdet(shared)[1])
+    return 0.5 * (width - squares) - sum(sizes) + learner.log_weight
+
+
+def mixed(parts: Sequence[Posterior], likely: Sequence[Learnt]) -> Posterior:
+    """Return a normal distribution with the mean and the covariance of a mixture; all else of the first."""
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+    weight = np.exp([one.log_weight - likely[0].log_weight for one in likely])
+    weight /= weight.sum()
+
+    def mean(of: Callable[[Posterior], Array]) -> Array:
+        return np.asarray(np.tensordot(weight, np.array([of(part) for part in parts]), axes=1))
+
+    def both(part: Posterior) -> Array:
+        return np.hstack([part.t, np.broadcast_to(part.common, (len(part.t), len(part.common)))])
+
+    local, middle = first.t.shape[1], mean(both)
+    between = mean(lambda part: (both(part) - middle)[:, :, None] * (both(part) - middle)[:, None, :])
+    whole = mean(lambda part: covariance(part.own, part.gain, part.shared)) + between
+    common = mean(lambda part: part.common)
+    shared = mean(lambda part: part.shared + np.outer(part.common - common, part.common - common))
+    gain = whole[:, :local, local:] @ inverse(shared)
+    apart = np.einsum("waa->wa", between)
+    return replace(
+        first,
+        t=middle[:, :local],
+        common=common,
+        gain=gain,
+        own=whole[:, :local, :local] - gain @ shared @ np.swapaxes(gain, 1, 2),
+        shared=shared,
+        sure=np.sqrt(mean(lambda part: part.sure**2) + apart),
+        wide=np.sqrt(mean(lambda part: part.wide**2) + apart),
+    )
