@@ -29,9 +29,10 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-#: Samples of all windows together up to which noise and soil are sought from several beginnings. Of the six
-#: points of Ding et al. 2011, on a soil of some 32°, one beginning says 21.9 ± 4.0°, and all 26.0 ± 7.8°. Where
-#: the model is right they agree: of 108 windows each of 6 to 60 samples 94 to 100 % are covered either way.
+#: Samples of all windows together up to which noise and soil are sought from several beginnings. Of the
+#: six points of Ding et al. 2011, on a soil of some 32°, one beginning says 21.9 ± 4.0°, and all say
+#: 26.0 ± 7.8°. Where the model is right they agree: of 108 windows each of 6 to 60 samples, 94 to 100 % are
+#: covered either way.
 FEW = 30
 #: Two modes are one where no unknown, in prior standard deviations, differs by more.
 _SAME = 0.05
