@@ -153,7 +153,8 @@ def _best(problem: Problem, data: FitData, ended: State, order: int | None) -> S
     rough = [descend(problem, some, *one, order=order, iterations=_ROUGHLY) for one in begun]
     best = _lowest(rough, some, problem)
     ends = _descended(problem, data, [(best.t, best.common)], order)
-    if np.any(ends.merit > ended.merit):
+    together = bool(problem.unknowns.shared)
+    if ends.merit.sum() > ended.merit.sum() if together else np.any(ends.merit > ended.merit):
         # A few samples lead elsewhere than all of them, and not always lower.
         ends = _lowest([ends, _descended(problem, data, begun[:1], order)], data, problem)
     return ends
