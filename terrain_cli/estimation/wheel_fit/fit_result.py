@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -148,7 +149,22 @@ class Fit(Parameters):
     def missed(self) -> Mask:
         """Whether what the model leaves lasts for many samples of noise, and is not small beside it."""
         large = (self.slow > SLOW) | (self.chi2 * (1.0 - SLOW) > self.dof)
-        return np.asarray((self.excess > 1.0) | ((self.inflation > MISSED) & large))
+        return np.asarray((self.excess > 1.0) | ((self.inflation > MISSED) & large) | self._imitates)
+
+    @cached_property
+    def _imitates(self) -> Mask:
+        """Whether an effect of a window's own is as nature has none: it imitates what is missing."""
+        found = np.zeros(len(self), dtype=bool)
+        for effect in self.model.effects:
+            places = [place for place, name in enumerate(self.names) if name.startswith(f"{effect.id}.")]
+            names = [self.names[place] for place in places if self.names[place] in self.priors]
+            for window in np.flatnonzero(self.n > 0) if names else ():
+                values = {
+                    self.names[place]: float(self.values[self.names[place]][window]) for place in places
+                }
+                covariance = self.covariance[window][np.ix_(places, places)]
+                found[window] |= any(effect.imitations(values, covariance))
+        return found
 
     @property
     def _told(self) -> Mask:

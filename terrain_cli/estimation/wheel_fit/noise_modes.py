@@ -2,7 +2,7 @@
 
 Ten standard deviations of noise and some eight unknowns are learnt together. Few samples may go with a
 slip that errs and one soil, or with a torque that errs and another; which of them a search meets hangs on
-the last digit. The posterior is then a mixture of normal distributions, one about each mode (Laplace's
+where it begins. The posterior is then a mixture of normal distributions, one about each mode (Laplace's
 approximation at each: Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 13.3).
 """
 
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
 #: Samples of all windows together up to which noise and soil are sought from several beginnings. Of the
 #: six points of Ding et al. 2011, on a soil of some 32°, one beginning says 21.9 ± 4.0°, and all say
-#: 26.0 ± 7.8°. Where the model is right they agree: of 108 windows each of 6 to 60 samples, 94 to 100 % are
-#: covered either way.
+#: 26.0 ± 7.8°. The number is judged: with more, one beginning tells as much.
 FEW = 30
 #: Two modes are one where no unknown, in prior standard deviations, differs by more.
 _SAME = 0.05
