@@ -190,6 +190,12 @@ def test_a_pull_changes_as_the_torque_over_the_radius(name, pulling, judged):
     assert judged(spoil(pulling), f"{GEOMETRY}[channels]\n{entry[0]}", effects=(), compared=True) == []
 
 
+def test_a_pull_that_falls_as_the_wheel_digs_in_is_no_pull_in_pounds(pulling, judged):
+    """With slip-sinkage on wet clay the pull changes by 0.35 of what it does on firm ground."""
+    digging = pulling.assign(drawbar_pull=0.37 * pulling["drawbar_pull"])
+    assert judged(digging, effects=(), compared=True) == []
+
+
 @pytest.mark.parametrize("name", ["torque", "drawbar_pull", "load", "sinkage"])
 def test_a_channel_that_is_frozen_for_a_part(name, pulling, judged):
     frozen = pulling.copy()
