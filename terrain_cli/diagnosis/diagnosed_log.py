@@ -13,7 +13,6 @@ from terrain_cli.comparison.findings import Residuals
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, several_soils
-from terrain_cli.estimation import estimators
 from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.vocabulary.quantities import counted
 from terrain_cli.windows import joined_inputs
@@ -73,8 +72,7 @@ def soils(case: Case, wheels: Sequence[Windows]) -> DiagnosedLog:
     """Fit the model, and find how many soils the data speak for."""
     read = notes([windows.samples for windows in wheels])
     joined = joined_inputs.by_wheel(wheels, [*case.file.model.effects, *case.effects])
-    held, priors, noise = estimators.assumed(joined, case.file)
-    settings = FitSettings(held, priors, [name for name in case.file.shared if name not in held], noise)
+    settings = FitSettings.of(joined, case.file)
     further = tuple(dict.fromkeys(name for effect in case.effects for name in effect.reads))
     few, warnings = on_few_soils(joined, case.file.model, settings, further=further, progress=case.progress)
     comparison = of_fitted(few, seed=case.seed, warnings=[*read, *warnings], progress=case.progress)

@@ -277,7 +277,6 @@ def suggest(
     pairs: Sequence[tuple[Hypothesis, Refit]],
     *,
     most: int = 3,
-    seconds: float = SECONDS,
 ) -> list[NextDrive]:
     """Find the drive that tells the best of a family, which comes first, from each of the others.
 
@@ -295,7 +294,7 @@ def suggest(
     sides = [Side(ground, hypothesis, refit.solutions[wheel]) for hypothesis, refit in pairs[: most + 1]]
     at = manoeuvres.Conditions.of(part)
     channels = set(part.inputs) | set(part.measured)
-    known = [one for one in manoeuvres.library(at, seconds) if one.possible(channels)]
+    known = [one for one in manoeuvres.library(at, SECONDS) if one.possible(channels)]
     table = np.array([margins(ground, sides, one.drive(at)) for one in known])
     every = [_Pair(sides[a], sides[b], _both(table, a, b)) for a, b in combinations(range(len(sides)), 2)]
     whole = np.mean([np.minimum(pair.worst, criteria.SURE_OF_BENT_LAWS) for pair in every], axis=0)

@@ -17,7 +17,6 @@ from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
-from terrain_cli.estimation import estimators
 from terrain_cli.estimation.wheel_fit.normal_equations import explained
 from terrain_cli.vocabulary.quantities import counted
 
@@ -100,8 +99,7 @@ def as_needed(
 def _ground(
     windows: Sequence[Windows], block: Sequence[Index], file: ModelFile, effects: Sequence[Effect] = ()
 ) -> Ground:
-    held, priors, noise = estimators.assumed(windows, file)
-    settings = FitSettings(held, priors, [name for name in file.shared if name not in held], noise)
+    settings = FitSettings.of(windows, file)
     further = {name for effect in effects for name in effect.reads}
     return refits.ground(fit_wheels(windows, file.model, settings, further=further)[0], block, MOST_SAMPLES)
 

@@ -15,7 +15,6 @@ from terrain_cli.comparison.compare import of_fitted, on_few_soils
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
-from terrain_cli.estimation import estimators
 from terrain_cli.estimation.estimators import EstimateRequest
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
@@ -58,8 +57,7 @@ def fitted(
     `soils` are of the same windows and file; without options if not given. Effects that the model does not
     have are scored where that is asked for.
     """
-    held, priors, noise = estimators.assumed(wheels, file)
-    settings = FitSettings(held, priors, [name for name in file.shared if name not in held], noise)
+    settings = FitSettings.of(wheels, file)
     missing = alarm.missing_effects(file)
     further = tuple(dict.fromkeys(name for effect in missing for name in effect.reads))
     known = with_inputs(wheels, [*file.model.effects, *missing])

@@ -125,7 +125,7 @@ class RecursiveLine:
         slope = (products[X, Y] - n * x * y) / spread
         return float(level[Y] + y - slope * (level[X] + x)), float(slope)
 
-    def trace(self, *, correlated: bool = True) -> Trace:
+    def trace(self) -> Trace:
         """Return c, φ and their errors by now, shape (1,); one sample at least."""
         count = np.array([float(self.count)])
         mean = self._total / self.count
@@ -138,7 +138,7 @@ class RecursiveLine:
             about += max(self.count - lag, 0) * mean[a] * mean[b]
             products[lag, a, b] = np.array([about - 0.5 * (mean[a] * both[b] + mean[b] * both[a])])
         moments = WindowMoments(count, self._origin + mean[:, None], products)
-        return Trace(*_states(moments, correlated=correlated))
+        return Trace(*_states(moments, correlated=True))
 
 
 def _states(moments: WindowMoments, *, correlated: bool) -> tuple[Array, ...]:
