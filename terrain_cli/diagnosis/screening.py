@@ -160,9 +160,18 @@ def screen(
             # No draw of the signs of a few points exceeds the root of their number, however strong an effect.
             chance[place] = np.zeros_like(chance[place])
             chance[place][: len(left[place])] = left[place]
-    tests = signatures.test(
-        [part.short for part in parts], [part.testable for part in parts], chance, seed=seed
+    # The signs of points are drawn of what the strongest effect leaves, which no weight makes even.
+    even = [part.testable & wheel.ordered for part, wheel in zip(parts, wheels, strict=True)]
+    found_of = signatures.test(
+        [*(part.short for part in parts), *(part.even for part in parts)],
+        [*(part.testable for part in parts), *even],
+        [*chance, *(part.even.blocks for part in parts)],
+        seed=seed,
     )
+    tests = [
+        (np.where(np.abs(t_even) > np.abs(t), t_even, t), np.minimum(p, p_even))
+        for (t, p), (t_even, p_even) in zip(found_of[: len(parts)], found_of[len(parts) :], strict=True)
+    ]
     for one in hypotheses:
         if not one.effects:
             _assumed(found, one)
@@ -266,7 +275,7 @@ class _Columns:
         )
         power = np.sqrt(np.maximum(np.diag(self.scores.cross), 0.0)) * np.sqrt(step)
         short, count = _short_blocks(wheel, rows, self.block, blocks)
-        self.short = signatures.of_short_blocks(wheel, rows, known, columns, short, count)
+        self.short, self.even = signatures.of_short_blocks(wheel, rows, known, columns, short, count)
         self.testable = (self.scores.surviving > criteria.SIGNATURE_SURVIVES) & (
             3.0 * power > criteria.TESTABLE
         )

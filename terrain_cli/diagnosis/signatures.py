@@ -213,11 +213,15 @@ def scores(
 
 def of_short_blocks(
     wheel: FittedWheel, rows: Index, known: SignatureEvidence, columns: Array, block: Index, blocks: int
-) -> Scores:
+) -> tuple[Scores, Scores]:
     """Score columns in blocks that may be far shorter than the memory of the noise.
 
     What a sample's noise has in common with that of the sample before is taken off first, of residuals and
     signatures alike (Prais & Winsten 1954, Cowles Commission Discussion Paper 383).
+
+    Second are the scores of the same columns where each block weighs 1 over 1 + what a typical size of the
+    effect adds to its sum of squares: nearly all of a large effect may fall into a few blocks, which chance
+    gives the same sign easily.
     """
     step = int(rows[1] - rows[0]) if len(rows) > 1 else 1
     memory, window = wheel.memory, wheel.window[rows]
@@ -232,7 +236,11 @@ def of_short_blocks(
         return changed
 
     residual, soil, own_columns = map(own, (known.residual, known.soil, columns))
-    return scores(residual, soil, own_columns, window, block, blocks)[0]
+    found, rest = scores(residual, soil, own_columns, window, block, blocks)
+    power = np.zeros((blocks, rest.shape[2]))
+    np.add.at(power, block, (rest**2).sum(axis=1))
+    even = rest / (1.0 + power)[block][:, None, :]
+    return found, scores(residual, soil, even, window, block, blocks)[0]
 
 
 def test(
