@@ -252,7 +252,7 @@ def test_memory_does_not_grow_with_the_log(tmp_path):
     (tmp_path / "short.py").write_text(SHORT)
     peaks = []
     table = drive((15_000,) * 8)
-    for rounds in (4, 14):
+    for rounds in (2, 12):
         path = tmp_path / f"{rounds}.parquet"
         long = pd.concat([table.assign(time=table["time"] + 6000.0 * k) for k in range(rounds)])
         long.to_parquet(path, index=False, row_group_size=20_000)
