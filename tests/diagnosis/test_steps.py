@@ -117,6 +117,7 @@ def test_friction_that_drives_the_wheel_is_not_named(torque, named):
         ["drivetrain-friction"],
         ModelFile(),
         added(ModelFile(), ["drivetrain-friction"], 0.01).file,
+        first=found.comparison,
     )
     assert step.better
     assert step.pays == (named is not None)
