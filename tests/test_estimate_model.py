@@ -299,44 +299,6 @@ def test_model_and_method_say_the_same(terrain_est_here, here, plain):
     assert terrain_est_here(*options, env={"TERRAIN_EST_MODEL": "linear"}).stdout != base.stdout
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "message"),
-    [
-        (
-            ["--model", "linear", "--method", "wong-reece"],
-            2,
-            "--method wong-reece is not for the base linear",
-        ),
-        (["--model", "wong-reece", "--method", "ridge"], 2, "--method ridge is an estimator of the line"),
-        (
-            ["--model", "wong-reece", "--method", "recursive"],
-            2,
-            "--method recursive is an estimator of the line",
-        ),
-        (["--robust", "--method", "ridge"], 2, "--robust is for the full model"),
-        (["--model", "gone.toml"], 78, "gone.toml: no such model file"),
-        (["--model", "bad.toml"], 78, "bad.toml: format is missing"),
-        (["--model", "lateral.toml"], 65, "run.csv: effect side-slip needs slip_angle, and nothing gives it"),
-        (["--model", "grousers.toml"], 78, "effect grousers needs grouser_height of rover.toml"),
-    ],
-)
-def test_what_does_not_go_together(terrain_est_here, here, plain, options, code, message):
-    write_csv(plain, here / "run.csv")
-    (here / "bad.toml").write_text('base = "linear"\n', "utf-8")
-    (here / "lateral.toml").write_text(MODEL + 'effects = ["side-slip"]\n', "utf-8")
-    (here / "grousers.toml").write_text(MODEL + 'effects = ["grousers"]\n', "utf-8")
-    done = terrain_est_here("estimate", "run.csv", *options)
-    assert (done.returncode, done.stdout) == (code, "")
-    assert message in done.stderr.splitlines()[0]
-
-
-def test_the_hint_says_how_to_supply_a_channel(terrain_est_here, here, plain):
-    write_csv(plain, here / "run.csv")
-    (here / "lateral.toml").write_text(MODEL + 'effects = ["side-slip"]\n', "utf-8")
-    done = terrain_est_here("estimate", "run.csv", "--model", "lateral.toml")
-    assert 'slip_angle = { column = "…", unit = "rad" }' in done.stderr
-
-
 def test_known_noise_is_used(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv", terrain=True)
     given = "".join(f"{name} = {{ relative = 0.01 }}\n" for name in ("load", "torque", "sinkage", "slip"))
