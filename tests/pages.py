@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parent.parent
 NUMBER = re.compile(r"(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e-?\d+)?")
 #: Another version of NumPy or SciPy may end a fit elsewhere within this.
 SHARE = 0.01
-#: A line in which a shell has nothing to do but to start the command.
-PLAIN = re.compile(r"terrain-est ([^|&;<>$*?~`]+)")
+#: A line in which a shell has nothing to do but to start the command, and to keep what it prints.
+PLAIN = re.compile(r"terrain-est ([^|&;<>$*?~`]+?)(?: > ([\w.-]+))?")
 
 
 def text_of(name):
@@ -61,6 +61,8 @@ def run(page, folder, bin_folder, terrain_est_here, *, remarks=False):
     for line in lines(page):
         if plain := PLAIN.fullmatch(line):
             done = terrain_est_here(*shlex.split(plain[1]), cwd=folder, env=quiet)
+            if plain[2]:
+                (folder / plain[2]).write_text(done.stdout, "utf-8")
         else:
             # A shell for each line; it begins in the folder where that before it ended.
             command = ["bash", "-euo", "pipefail", "-c", f"{line}\npwd >'{where}'"]

@@ -199,31 +199,22 @@ def test_the_line_cannot_use_a_wheel_that_skids(set_aside):
 
 def test_reasons_are_counted_beside_each_other(set_aside):
     rows = changed(torque=([1, 2], ""), load=([2, 3], "-1"), sinkage=([5], "inf"))
-    set_aside(
-        write("run.csv", text(rows)), {"no torque": 2, "load not positive": 1, "sinkage is infinite": 1}
-    )
+    told = {"no torque": 2, "load not positive": 1, "sinkage is infinite": 1}
+    set_aside(write("run.csv", text(rows)), told)
 
 
 def test_texts_in_numbers_are_told_with_their_row(set_aside):
     rows = changed(load=([4, 9], "overload"))
-    set_aside(
-        write("run.csv", text(rows)), {"no load": 2}, says=["row 6: load is 'overload', not a number (2 such"]
-    )
+    says = ["row 6: load is 'overload', not a number (2 such"]
+    set_aside(write("run.csv", text(rows)), {"no load": 2}, says=says)
 
 
 def test_rows_of_unequal_length(set_aside):
     rows = good()
     rows[10] = rows[10][:3]
     rows[20] = [*rows[20], "1", "2"]
-    set_aside(
-        write("run.csv", text(rows)),
-        {"no sinkage": 1},
-        samples=N - 1,
-        says=[
-            "row 12 has 3 of 6 fields: the others are empty",
-            "row 22 has 8 fields where the header names 6",
-        ],
-    )
+    says = ("row 12 has 3 of 6 fields: the others are empty", "row 22 has 8 fields where the header names 6")
+    set_aside(write("run.csv", text(rows)), {"no sinkage": 1}, samples=N - 1, says=says)
 
 
 def test_nothing_that_can_be_used(folder, refused):
@@ -355,11 +346,8 @@ def test_a_parquet_footer_that_is_corrupt(refused):
 
 
 def test_a_packed_table_that_is_cut(refused):
-    refused(
-        write("run.csv.gz", gzip.compress(text(good()).encode())[:-500]),
-        65,
-        "is cut off: its gzip data end too early",
-    )
+    cut = gzip.compress(text(good()).encode())[:-500]
+    refused(write("run.csv.gz", cut), 65, "is cut off: its gzip data end too early")
 
 
 def test_no_such_input(refused):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-import time
+import signal
 from pathlib import Path
 
 import pytest
@@ -143,6 +143,14 @@ class TestCheck:
         assert "null = -1 is not between" in shown["files"][1]["error"]
 
 
+@pytest.fixture
+def within_seconds():
+    """Have the system end this process, whatever it is at, where a test takes more than ten seconds."""
+    signal.alarm(10)
+    yield
+    signal.alarm(0)
+
+
 HOSTILE = {
     "attribute": "drawbar_pull.__class__.__base__",
     "attribute of a parameter": "drawbar_pull - cd.real",
@@ -178,19 +186,18 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("what", HOSTILE)
-def test_hostile_law(what, tmp_path, terrain_est):
+@pytest.mark.usefixtures("within_seconds")
+def test_hostile_law(what, tmp_path, terrain_est_here):
     path, flag = tmp_path / "hostile.toml", tmp_path / "flag"
     law = HOSTILE[what].replace("{flag}", str(flag))
     path.write_text(EXAMPLE.replace("drawbar_pull - cd * abs(yaw_rate)", law), "utf-8")
     assert law in path.read_text("utf-8")
-    start = time.monotonic()
-    done = terrain_est("effects", "check", path, timeout=20)
+    done = terrain_est_here("effects", "check", path)
     assert (done.returncode, done.stdout) == (78, "")
     assert done.stderr.startswith(f"terrain-est: {path}: law: ")
     assert "Traceback" not in done.stderr
     assert len(done.stderr) < 700
     assert not flag.exists()
-    assert time.monotonic() - start < 10
 
 
 @pytest.mark.parametrize(
@@ -218,12 +225,11 @@ def test_hostile_law(what, tmp_path, terrain_est):
     ],
     ids=lambda content: repr(content[:20]),
 )
-def test_hostile_file(content, tmp_path, terrain_est):
+@pytest.mark.usefixtures("within_seconds")
+def test_hostile_file(content, tmp_path, terrain_est_here):
     path = tmp_path / "hostile.toml"
     path.write_text(content, "utf-8")
-    start = time.monotonic()
-    done = terrain_est("effects", "check", path, timeout=20)
-    assert time.monotonic() - start < 10
+    done = terrain_est_here("effects", "check", path)
     assert (done.returncode, done.stdout) == (78, "")
     assert done.stderr.startswith(f"terrain-est: {path}: ")
     assert "Traceback" not in done.stderr

@@ -246,15 +246,17 @@ def test_what_a_parameter_needs_may_be_missing(terrain_est_here, here):
     assert abs(parameters["slip-sinkage.n1"]["value"] - 0.4) < 3.0 * parameters["slip-sinkage.n1"]["se"]
 
 
-def test_each_wheel_and_input_is_fitted_on_its_own(terrain_est, here, plain, affected):
+def test_each_wheel_and_input_is_fitted_on_its_own(terrain_est_here, here, plain, affected):
     write_csv(plain, here / "a.csv", terrain=True)
     write_csv(affected, here / "b.csv", terrain=True)
     # One drive hardly tells n1 from S.
     held = 'effects = ["slip-sinkage"]\n[fixed]\n"slip-sinkage.S" = 0.0\n'
     (here / "model.toml").write_text(MODEL + held, "utf-8")
     options = ("--segments", "terrain", "--model", "model.toml", "--quiet")
-    both = table(terrain_est("estimate", "a.csv", "b.csv", "--jobs", "2", *options, "--summary", "s.json"))
-    alone = [table(terrain_est("estimate", name, *options)) for name in ("a.csv", "b.csv")]
+    both = table(
+        terrain_est_here("estimate", "a.csv", "b.csv", "--jobs", "2", *options, "--summary", "s.json")
+    )
+    alone = [table(terrain_est_here("estimate", name, *options)) for name in ("a.csv", "b.csv")]
     pd.testing.assert_frame_equal(both, pd.concat(alone, ignore_index=True))
     models = [entry["wheels"][0]["model"] for entry in summary()["inputs"]]
     assert [m["parameters"]["slip-sinkage.n1"]["value"] for m in models] == pytest.approx([0.0, 0.4], abs=0.1)
@@ -273,14 +275,14 @@ def test_effects_on_the_linear_base(terrain_est_here, here, affected):
     assert set(by_wheel(summary())["parameters"]) == {"drivetrain-friction.Tc", "drivetrain-friction.Bv"}
 
 
-def test_the_linear_model_is_the_line(terrain_est, here, plain):
+def test_the_linear_model_is_the_line(terrain_est_here, here, plain):
     write_csv(plain, here / "run.csv")
-    line = terrain_est("estimate", "run.csv", "--quiet", "--model", "linear")
+    line = terrain_est_here("estimate", "run.csv", "--quiet", "--model", "linear")
     assert line.returncode == 0
     assert set(table(line)["method"]) <= {"least-squares", "ridge"}
     (here / "line.toml").write_text(MODEL.replace("wong-reece", "linear"), "utf-8")
-    assert terrain_est("estimate", "run.csv", "--quiet", "--model", "line.toml").stdout == line.stdout
-    assert terrain_est("estimate", "run.csv", "--quiet").stdout != line.stdout
+    assert terrain_est_here("estimate", "run.csv", "--quiet", "--model", "line.toml").stdout == line.stdout
+    assert terrain_est_here("estimate", "run.csv", "--quiet").stdout != line.stdout
 
 
 def test_model_and_method_say_the_same(terrain_est_here, here, plain):
@@ -295,44 +297,6 @@ def test_model_and_method_say_the_same(terrain_est_here, here, plain):
     (here / "full.toml").write_text(MODEL, "utf-8")
     assert terrain_est_here(*options).stdout == base.stdout
     assert terrain_est_here(*options, env={"TERRAIN_EST_MODEL": "linear"}).stdout != base.stdout
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "message"),
-    [
-        (
-            ["--model", "linear", "--method", "wong-reece"],
-            2,
-            "--method wong-reece is not for the base linear",
-        ),
-        (["--model", "wong-reece", "--method", "ridge"], 2, "--method ridge is an estimator of the line"),
-        (
-            ["--model", "wong-reece", "--method", "recursive"],
-            2,
-            "--method recursive is an estimator of the line",
-        ),
-        (["--robust", "--method", "ridge"], 2, "--robust is for the full model"),
-        (["--model", "gone.toml"], 78, "gone.toml: no such model file"),
-        (["--model", "bad.toml"], 78, "bad.toml: format is missing"),
-        (["--model", "lateral.toml"], 65, "run.csv: effect side-slip needs slip_angle, and nothing gives it"),
-        (["--model", "grousers.toml"], 78, "effect grousers needs grouser_height of rover.toml"),
-    ],
-)
-def test_what_does_not_go_together(terrain_est_here, here, plain, options, code, message):
-    write_csv(plain, here / "run.csv")
-    (here / "bad.toml").write_text('base = "linear"\n', "utf-8")
-    (here / "lateral.toml").write_text(MODEL + 'effects = ["side-slip"]\n', "utf-8")
-    (here / "grousers.toml").write_text(MODEL + 'effects = ["grousers"]\n', "utf-8")
-    done = terrain_est_here("estimate", "run.csv", *options)
-    assert (done.returncode, done.stdout) == (code, "")
-    assert message in done.stderr.splitlines()[0]
-
-
-def test_the_hint_says_how_to_supply_a_channel(terrain_est_here, here, plain):
-    write_csv(plain, here / "run.csv")
-    (here / "lateral.toml").write_text(MODEL + 'effects = ["side-slip"]\n', "utf-8")
-    done = terrain_est_here("estimate", "run.csv", "--model", "lateral.toml")
-    assert 'slip_angle = { column = "…", unit = "rad" }' in done.stderr
 
 
 def test_known_noise_is_used(terrain_est_here, here, plain):

@@ -46,9 +46,9 @@ def test_a_terminal_shows_the_table_to_read_once_and_no_csv(shown, quiet):
     assert err == ""
 
 
-def test_csv_can_be_asked_for(shown, terrain_est, log):
+def test_csv_can_be_asked_for(shown, terrain_est_here, log):
     out, err = shown("--csv")
-    piped = terrain_est("estimate", log)
+    piped = terrain_est_here("estimate", log)
     assert out == piped.stdout
     assert err == piped.stderr
     (row,) = csv.DictReader(io.StringIO(out))
@@ -57,10 +57,10 @@ def test_csv_can_be_asked_for(shown, terrain_est, log):
     assert shown("-o", "-")[0] == piped.stdout
 
 
-def test_a_file_takes_the_csv_and_the_table_is_shown_once(shown, tmp_path, terrain_est, log):
+def test_a_file_takes_the_csv_and_the_table_is_shown_once(shown, tmp_path, terrain_est_here, log):
     out, err = shown("-o", "soil.csv")
     assert (out, err.count(LINE)) == ("", 1)
-    assert (tmp_path / "soil.csv").read_text() == terrain_est("estimate", log).stdout
+    assert (tmp_path / "soil.csv").read_text() == terrain_est_here("estimate", log).stdout
     assert shown("-o", "soil.csv", "--quiet") == ("", "")
 
 
@@ -71,8 +71,8 @@ def test_a_pipe_gets_csv_alone(terrain_est, log):
     assert done.stderr == ""
 
 
-def test_csv_beside_a_file_is_wrong_use(terrain_est, log):
-    done = terrain_est("estimate", log, "--csv", "-o", "soil.csv")
+def test_csv_beside_a_file_is_wrong_use(terrain_est_here, log):
+    done = terrain_est_here("estimate", log, "--csv", "-o", "soil.csv")
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.startswith("terrain-est: --csv and -o both say where the table goes")
 

@@ -1,8 +1,10 @@
-"""Where the output goes: a pipe that closes, a disk that is full. Each in a process of its own."""
+"""Where the output goes: a pipe that closes, a disk that is full."""
 
 from __future__ import annotations
 
 import os
+import resource
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -67,13 +69,17 @@ def test_a_full_disk_under_the_standard_output(folder, terrain_est, verb):
     }
 
 
-LIMIT = """\
-import resource, signal, sys
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
-from terrain_cli.app import main
-main(sys.argv[1:])
-"""
+@pytest.fixture
+def limit(monkeypatch):
+    """Limit the size of files in this process to 4 KiB."""
+    # Python would keep the part of a compiled module that it may write, and trip over it for ever.
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    signal.signal(signal.SIGXFSZ, before)
 
 
 @pytest.mark.parametrize(
@@ -83,24 +89,11 @@ main(sys.argv[1:])
         for kind in ("csv", "parquet", "json", "geojson", "geojsonl", "geojsons", "gpkg", "mcap")
     ],
 )
-def test_a_full_disk_under_a_file(folder, many, output):
+def test_a_full_disk_under_a_file(folder, many, output, request, terrain_est_here):
     """A limit on the size of files fails a write in the middle, as a full disk does."""
     write(output, "as it was")
-    command = [
-        sys.executable,
-        "-c",
-        LIMIT,
-        "estimate",
-        str(many),
-        "--segments",
-        "none",
-        "-o",
-        output,
-        "--force",
-    ]
-    # Python would keep the part of a compiled module that it may write, and trip over it for ever.
-    env = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
-    result = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, check=False)
+    request.getfixturevalue("limit")
+    result = terrain_est_here("estimate", many, "--segments", "none", "-o", output, "--force")
     assert result.returncode == 73, result.stderr
     message, *hint = result.stderr.splitlines()
     assert message.startswith(f"terrain-est: {output}: ")

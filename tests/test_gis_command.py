@@ -221,14 +221,14 @@ def test_refused_before_the_work(folder, terrain_est_here, args, code, message):
     assert (done.stdout, sorted(folder.iterdir())) == ("", before)
 
 
-def test_steady_test_points_are_no_messages(folder, terrain_est):
+def test_steady_test_points_are_no_messages(folder, terrain_est_here):
     pd.read_csv("run.csv").drop(columns="time").to_csv("bench.csv", index=False)
     quickest = ("estimate", "bench.csv", "--method", "least-squares")
-    done = terrain_est(*quickest, "-o", "soil.mcap")
+    done = terrain_est_here(*quickest, "-o", "soil.mcap")
     assert done.returncode == 65
     assert "segments have no time, which every message needs" in done.stderr
     assert not Path("soil.mcap").exists()
-    done = terrain_est(
+    done = terrain_est_here(
         "estimate", "bench.csv", "--method", "least-squares", "--places", "places.csv", "--crs", MARS
     )
     assert done.returncode == 65

@@ -2,46 +2,25 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
+import pages
 import pytest
 
 from formats import output_kind
 from terrain_cli.presentation import segment_files, segment_table
 
-ROOT = Path(__file__).resolve().parent.parent
-PAGE = (ROOT / "docs" / "gis.md").read_text("utf-8")
-LINES = [
-    line
-    for block in re.findall(r"^```sh\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
-    for line in block.splitlines()
-]
+PAGE = pages.text_of("gis.md")
 
 
 @pytest.mark.real("ogr2ogr", "awk")
-def test_commands_run(tmp_path, bin_folder):
-    shutil.copytree(ROOT / "sample_data", tmp_path / "sample_data")
+def test_commands_run(tmp_path, bin_folder, terrain_est_here):
     # The python3 of the page is the one in which this package is installed.
-    path = f"{bin_folder}:{Path(sys.executable).parent}:{os.environ['PATH']}"
-    for line in LINES:
-        done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", line],
-            cwd=tmp_path,
-            env={**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, f"{line}\n{done.stderr}"
-        if "geopandas" in line:
-            assert done.stdout.startswith("Mars (2015) - Sphere / Ocentric\n")
-            assert "LINESTRING (137.4" in done.stdout
-    written = {name for line in LINES for name in re.findall(r"soil\.(?!crs)\w+|\w+\.gpkg", line)}
+    outputs, _ = pages.run(PAGE, tmp_path, bin_folder, terrain_est_here)
+    (shown,) = (text for line, text in outputs.items() if "geopandas" in line)
+    assert shown.startswith("Mars (2015) - Sphere / Ocentric\n")
+    assert "LINESTRING (137.4" in shown
+    written = {name for line in outputs for name in re.findall(r"soil\.(?!crs)\w+|\w+\.gpkg", line)}
     assert written <= {file.name for file in tmp_path.iterdir()}
     assert len(written) >= 7
 

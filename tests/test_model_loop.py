@@ -56,8 +56,8 @@ def test_a_wheel_that_sinks_as_it_slips(terrain_est_here, here):
     assert not [key for key in found if f"`{key}`" not in text]
 
 
-def test_a_clean_log_leaves_the_file_as_it_is(terrain_est, here):
-    done = terrain_est("model", "add", "model.toml", "--until-quiet", *CUT, "--data", "clean.csv")
+def test_a_clean_log_leaves_the_file_as_it_is(terrain_est_here, here):
+    done = terrain_est_here("model", "add", "model.toml", "--until-quiet", *CUT, "--data", "clean.csv")
     assert done.returncode == 0
     assert done.stdout.startswith("model.toml: the alarm is silent")
     assert "The model fits to the noise: the held-out error is at most 1.0" in done.stdout.splitlines()[-1]

@@ -162,10 +162,10 @@ def folder(tmp_path_factory):
 
 # A comparison shares out its wheels, a diagnosis its effects.
 @pytest.mark.parametrize("command", [("compare", "sinks.csv", "clean.csv"), ("diagnose", "sinks.csv")])
-def test_verbs_say_the_same(terrain_est, terrain_est_here, folder, command):
+def test_verbs_say_the_same(terrain_est_here, folder, command):
     arguments = (*command, "--segments", "none", "--json")
     alone = terrain_est_here(*arguments, cwd=folder)
-    together = terrain_est(*arguments, "--jobs", "2", cwd=folder)
+    together = terrain_est_here(*arguments, "--jobs", "2", cwd=folder)
     assert alone.returncode == together.returncode == 0, together.stderr
     assert together.stdout == alone.stdout
     assert json.loads(alone.stdout)["channels"]

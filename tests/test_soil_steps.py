@@ -15,7 +15,7 @@ STIFFER = replace(
     cohesive_modulus=3.0 * DRY_SAND.cohesive_modulus,
     frictional_modulus=3.0 * DRY_SAND.frictional_modulus,
 )
-SECONDS = 32.0
+SECONDS = 24.0
 HIDDEN = {
     "clean": {},
     "sinks": {"slip-sinkage": {"n1": 0.4}},

@@ -9,6 +9,7 @@ import tempfile
 import time
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from hashlib import sha256
 from importlib.metadata import entry_points, version
 from pathlib import Path
@@ -108,8 +109,14 @@ def versions() -> dict[str, str]:
     return {
         "terrain-est": __version__,
         "python": platform.python_version(),
-        **{name: version(name) for name in _LIBRARIES},
+        **{name: _installed(name) for name in _LIBRARIES},
     }
+
+
+@cache
+def _installed(library: str) -> str:
+    # Asked for before each input; to read what a package says of itself takes longer than a small log.
+    return version(library)
 
 
 @dataclass(frozen=True)

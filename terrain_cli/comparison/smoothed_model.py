@@ -8,6 +8,7 @@ the load. What is left of torque, pull and sinkage is in units of its noise, and
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,7 +54,7 @@ class SmoothedData:
     windows: int
     blocks: int
 
-    @property
+    @cached_property
     def seen(self) -> NDArray[np.bool_]:
         """Which channels are known of which samples, shape (n, c)."""
         return np.stack([np.isfinite(self.measured[n]) & self.use for n in self.white.channels], axis=1)

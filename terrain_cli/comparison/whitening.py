@@ -7,7 +7,7 @@ of a root of their covariance: what is left has variance 1 in every channel and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,6 +34,10 @@ class Whitening:
 
     channels: tuple[str, ...]
     covariance: Array  # shape (c, c)
+    # Asked for at every step of a search, while the covariance stays.
+    _roots: dict[tuple[bytes, bool], Array] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def __call__(self, tables: Mapping[str, Array], known: NDArray[np.bool_]) -> Array:
         """Whiten what stands in the place of residuals, (n, ...) by channel, to (n, c, ...).
@@ -52,17 +56,22 @@ class Whitening:
         result = np.zeros_like(stacked)
         if known.all():
             # Nothing to pick out, which costs more than the product.
-            root = np.linalg.cholesky(self.covariance)
-            matrix = np.linalg.inv(root) if inverse else root
-            return _each(matrix, stacked)
+            return _each(self._root(np.arange(len(self.channels)), inverse=inverse), stacked)
         pattern = known @ (1 << np.arange(len(self.channels)))
         for code in np.unique(pattern[pattern > 0]):
             rows = np.flatnonzero(pattern == code)
             there = np.flatnonzero(known[rows[0]])
-            root = np.linalg.cholesky(self.covariance[np.ix_(there, there)])
-            matrix = np.linalg.inv(root) if inverse else root
+            matrix = self._root(there, inverse=inverse)
             result[np.ix_(rows, there)] = _each(matrix, stacked[np.ix_(rows, there)])
         return result
+
+    def _root(self, there: Index, *, inverse: bool) -> Array:
+        """Return the root of the covariance of the channels that are there, or its inverse."""
+        key = there.tobytes(), inverse
+        if key not in self._roots:
+            root = np.linalg.cholesky(self.covariance[np.ix_(there, there)])
+            self._roots[key] = np.asarray(np.linalg.inv(root) if inverse else root)
+        return self._roots[key]
 
 
 def _each(matrix: NDArray[Any], stacked: Array) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from terrain_cli import estimation
 from terrain_cli.estimation.further_unknowns import offsets
 from terrain_cli.estimation.line.moments import segment_sum
-from terrain_cli.estimation.line.window_estimates import LARGEST_PHI_SE
+from terrain_cli.estimation.line.window_estimates import LARGEST_PHI_SE, soils
 from terrain_cli.mechanics import contact, linear
 from terrain_cli.vocabulary.choices import LARGEST_PHI
 
@@ -133,17 +133,7 @@ def _deviations(found: Array, windows: Windows, method: LineMethod) -> Array:
         channels = cast("Measured", {**measured, **changed})
         of_wheel = geometry._replace(shear_modulus=shear_modulus).line
         x, y = linear.line_coordinates(**channels, **of_wheel)
-        ends = estimation.estimate_windows(
-            x,
-            y,
-            windows.bounds,
-            **channels,
-            **of_wheel,
-            method=method,
-            min_samples=3,
-            correlated=samples.time is not None,
-        )
-        return np.array([ends.c, np.tan(ends.phi)])
+        return soils(x, y, windows.bounds, method)
 
     k, factor = geometry.shear_modulus, geometry.shear_modulus_factor
     moved = [0.5 * (line(k * factor) - line(k / factor))]

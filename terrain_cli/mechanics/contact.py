@@ -51,6 +51,16 @@ def nodes(order: int = ORDER) -> tuple[Array, Array]:
     return u[:, None], w[:, None]
 
 
+@cache
+def _sums(order: int) -> tuple[Array, Array]:
+    """Return what sums values at the nodes, each times 1 and times u: as an integral, and plainly.
+
+    Of shape (2, order).
+    """
+    u, w = nodes(order)
+    return np.stack([w[:, 0], (w * u)[:, 0]]), np.stack([np.ones(order), u[:, 0]])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact:
     """What the forces follow from: each a number, or one value per sample."""
@@ -168,8 +178,8 @@ class _Rim:
         tau = np.multiply(strength, mobilised, out=stresses[2])
         np.multiply(tau, cos, out=stresses[3])
         np.multiply(tau, sin, out=stresses[4])
-        ways = np.stack([w[:, 0], (w * u)[:, 0]])
-        self.sums = np.moveaxis(ways @ stresses, 2, 0)
+        integral, self.plain_sum = _sums(order)
+        self.sums = (integral @ stresses).transpose(2, 0, 1, 3)
         self.lengths = np.stack([front, rear])
         press, shear = self.sums[0, :2], self.sums[0, 2:]
         #: Change of the forces as an arc gets longer, its nodes and their stresses kept.
@@ -177,7 +187,7 @@ class _Rim:
             [r * press[0] + R * shear[2], R * R * shear[0], R * shear[1] - r * press[1]]
         )
         self.values = self.of_length[:, 0] * front + self.of_length[:, 1] * rear
-        self.contact, self.width, self.u, self.w = contact, width, u, w
+        self.contact, self.width, self.w = contact, width, w
         self.advance, self.half, self.s1, self.c1 = advance, half, s1, c1
         self.rise, self.run, self.cos, self.sin = rise, run, cos, sin
         self.log_depth, self.sigma, self.travel = log_depth, sigma, travel
@@ -232,14 +242,13 @@ class _Rim:
         Shape (2, 3, 2, n).
         """
         r, R = self.contact.radius, self.contact.shear_radius
-        ways = np.stack([np.ones(len(self.u)), self.u[:, 0]])
         bend = self.advance * r * self.cos - R
-        change = np.moveaxis(ways @ (self.per_travel * bend), 2, 0)
+        change = (self.plain_sum @ (self.per_travel * bend)).transpose(2, 0, 1, 3)
         share = self.width * self.lengths
         change[:, 0] += share * (R * self.sums[:, 3] - r * self.sums[:, 1])
         change[:, 2] -= share * (R * self.sums[:, 4] + r * self.sums[:, 0])
         # The pressure behind θm is that in front of it, so that only those nodes change it.
-        change[:, :, 0] -= np.moveaxis(ways @ (self.deepened * self.sin[0]), 1, 0)
+        change[:, :, 0] -= (self.plain_sum @ (self.deepened * self.sin[0])).transpose(1, 0, 2)
         return np.asarray(change)
 
     def by_entry_angle(self) -> Array:

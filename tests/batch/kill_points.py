@@ -8,11 +8,13 @@ an undisturbed one.
 from __future__ import annotations
 
 import errno
+import importlib
 import json
 import os
 import shutil
 import signal
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -23,7 +25,6 @@ import missions  # noqa: E402
 from formats.errors import CannotWriteError  # noqa: E402
 from terrain_cli.batch import batch_run  # noqa: E402
 from terrain_cli.errors import TerrainError  # noqa: E402
-from terrain_cli.run import one_log  # noqa: E402, F401 - before the forks
 
 #: What changes files. All that batch and formats write goes through these, but for the content of
 #: files under a temporary name.
@@ -68,6 +69,8 @@ def attempt(source, output, point=0, mode=""):
                 disturb(point, mode)
             missions.batch([source, *(source / day for day in ("day1", "day2"))], output)
             code = 0
+            if not point:
+                (source.parent / "modules").write_text("\n".join(sys.modules))
         except (CannotWriteError, TerrainError) as error:
             code = error.exit_code
         finally:
@@ -80,6 +83,10 @@ def main(mode, folder, first=1, step=1):
     source = missions.mission(folder / "in")
     if attempt(source, folder / "undisturbed"):
         raise SystemExit("the undisturbed run failed")
+    # Those that come after need not import what it did.
+    for name in (folder / "modules").read_text().splitlines():
+        with suppress(ImportError):
+            importlib.import_module(name)
     wanted = missions.files(folder / "undisturbed")
     wrong, point, ends = [], first, []
     while True:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import shutil
@@ -95,11 +94,20 @@ class DaskCluster:
 
 
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    cluster = DaskCluster(tmp_path_factory.mktemp("cluster"))
-    cluster.worker()
-    yield cluster
-    cluster.close()
+def clusters():
+    started = []
+    yield started
+    for cluster in started:
+        cluster.close()
+
+
+@pytest.fixture
+def cluster(clusters, tmp_path_factory):
+    """Return a cluster of one worker: that of the other tests, unless its scheduler has gone."""
+    if not clusters or clusters[-1].processes[0].poll() is not None:
+        clusters.append(DaskCluster(tmp_path_factory.mktemp("cluster")))
+        clusters[-1].worker()
+    return clusters[-1]
 
 
 @pytest.fixture(scope="module")
@@ -214,20 +222,17 @@ def test_no_scheduler(folder):
     assert "no scheduler answers" in err
 
 
-def test_a_scheduler_that_goes(folder, here, tmp_path_factory):
-    own = DaskCluster(tmp_path_factory.mktemp("own"))
-    with contextlib.closing(own):
-        own.worker()
-        own.slow(600)
-        with start(folder, "left", "--scheduler", own.address) as process:
-            end = time.monotonic() + 60
-            while not own.begun():
-                assert time.monotonic() < end
-                time.sleep(0.02)
-            own.processes[0].kill()
-            err = process.communicate(timeout=120)[1]
-        assert process.returncode == 66, err
-        assert f"{own.address}: the scheduler has gone" in err
+def test_a_scheduler_that_goes(cluster, folder, here):
+    cluster.slow(600)
+    with start(folder, "left", "--scheduler", cluster.address) as process:
+        end = time.monotonic() + 60
+        while not cluster.begun():
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        cluster.processes[0].kill()
+        err = process.communicate(timeout=120)[1]
+    assert process.returncode == 66, err
+    assert f"{cluster.address}: the scheduler has gone" in err
     # What is done is kept, and the rest can be done here.
     assert batch(folder, "left")[0] == 75
     assert missions.files(folder / "left") == here

@@ -63,7 +63,9 @@ def bucket(store, tmp_path):
 
 
 def batch(folder, *args, **environment):
-    command = [sys.executable, "-m", "terrain_cli", "batch", *args, "-o", "out", "--rover", "in/rover.toml"]
+    # One worker, unless a test asks for more: each takes a while to begin.
+    command = [sys.executable, "-m", "terrain_cli", "batch", "--jobs", "1", *args]
+    command += ["-o", "out", "--rover", "in/rover.toml"]
     env = {**os.environ, **KEYS, "PYTHONPATH": str(ROOT), **environment}
     done = subprocess.run(
         command, cwd=folder, env=env, capture_output=True, text=True, timeout=120, check=False
@@ -74,7 +76,7 @@ def batch(folder, *args, **environment):
 
 def test_s3(bucket, store, tmp_path):
     there = ("s3://rover/in/", "s3://rover/in/day*/*.csv")
-    code, err = batch(tmp_path, *there, AWS_ENDPOINT_URL=store)
+    code, err = batch(tmp_path, *there, "--jobs", "2", AWS_ENDPOINT_URL=store)
     assert code == 75, err
     assert "3 done, 1 duplicates, 1 failed" in err
     assert "failed (65): s3://rover/in/empty.csv: is empty" in err

@@ -337,7 +337,7 @@ def _course(rng, seed, kind):
         "pitch": lambda t: undulation(0.2, 1.0, spans[3], seed + 4)(t) - 0.2,
         "yaw_rate": lambda t: undulation(0.08, 1.0, spans[4], seed + 5)(t) - 0.08,
         "slip_angle": lambda t: undulation(0.25, 1.0, spans[5], seed + 6)(t) - 0.25,
-        "pass_number": _passes(first),
+        "pass_number": lambda t: (np.floor(np.maximum(t, 0.0) / (2.0 * PATCH)) + first) % 3.0,
         "motor_temperature": lambda t: (
             25.0 + 35.0 * t / kind.seconds + undulation(5.0, 1.0, 25.0, seed + 2)(t)
         ),
@@ -357,10 +357,6 @@ def _sweep(span, seed, low, high):
     """Return a slip that goes up and down between bounds, denser where it is low, where soils differ most."""
     wave = undulation(1.0, 1.0, span, seed)
     return lambda t: low + (high - low) * np.clip(0.5 + 0.75 * (wave(t) - 1.0), 0.0, 1.0) ** 1.3
-
-
-def _passes(first):
-    return lambda t: (np.floor(np.maximum(t, 0.0) / (2.0 * PATCH)) + first) % 3.0
 
 
 def _placed(kind, soils):

@@ -69,7 +69,7 @@ def test_from_load_and_sinkage_the_full_model_has_derivatives_that_keep_the_load
 
 
 def test_what_the_stresses_hide_is_found_behind_them():
-    kind = Kind(sized("drivetrain-friction", form="other"), course="rich")
+    kind = Kind(sized("drivetrain-friction", form="other"), course="rich", seconds=64.0)
     found = diagnose(windows_of(6, kind), ModelFile(model=Model("linear")))
     assert (found.verdict, found.effect) == ("family", None)
     assert found.together == ("linearised-stresses", "drivetrain-friction")

@@ -142,9 +142,9 @@ def records():
         {"section": "outside", "effect": "eccentric", "noise": "white", "seed": 78},
     ]
     jobs = [{**job, **length} for job in jobs]
-    # Two that segments take for eleven soils, and for a drift.
+    # Two that segments take for five soils, and for a drift.
     jobs += [
-        {"section": "outside", "effect": effect, "noise": "white", "seed": seed}
+        {"section": "outside", "effect": effect, "noise": "white", "seed": seed, "length": 64.0}
         for effect, seed in (("drill", 1500), ("warm-cell", 1200))
     ]
     return [diagnosis_drives.run(job) for job in jobs]

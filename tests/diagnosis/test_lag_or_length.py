@@ -14,7 +14,7 @@ SEED = 42000001
 
 
 def found(hidden, course):
-    return diagnose(windows_of(SEED, Kind(hidden, course=course)), ModelFile(), effects=AMONG)
+    return diagnose(windows_of(SEED, Kind(hidden, course=course, seconds=64.0)), ModelFile(), effects=AMONG)
 
 
 @pytest.mark.parametrize(("hidden", "name"), [(LAG, "sensor-lag"), (ROLLS_ON, "sinkage-relaxation")])

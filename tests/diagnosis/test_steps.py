@@ -117,6 +117,7 @@ def test_friction_that_drives_the_wheel_is_not_named(torque, named):
         ["drivetrain-friction"],
         ModelFile(),
         added(ModelFile(), ["drivetrain-friction"], 0.01).file,
+        first=found.comparison,
     )
     assert step.better
     assert step.pays == (named is not None)
@@ -156,7 +157,7 @@ def test_an_effect_that_the_soil_takes_nearly_whole_is_tried_where_it_stands_out
     """Free angles of the largest stress leave a thousandth of a bias of the sinkage: enough."""
     hidden = {**sized("max-stress-angle"), **sized("sinkage-bias")}
     base = ModelFile(model=Model(effects=(effects.catalogue()["max-stress-angle"],)))
-    found = diagnose(windows_of(3_000_202, Kind(hidden)), base)
+    found = diagnose(windows_of(3_000_202, Kind(hidden, seconds=48.0)), base)
     assert found.alarm.raised
     assert found.family[0] == "sinkage-bias"
 
@@ -283,7 +284,7 @@ def test_a_draft_is_written_whatever_its_driver_is_called(changes, driver):
 
 def test_where_the_soil_changes_passes_cannot_be_told():
     """Soils of 8 s each follow the passes a little, by chance."""
-    found = diagnose(windows_of(4, Kind(noise="soil-unlabelled")), ModelFile(model=Model()))
+    found = diagnose(windows_of(4, Kind(noise="soil-unlabelled", seconds=48.0)), ModelFile())
     assert found.verdict == "none"
     (passes,) = [one for one in found.not_testable if one.effect == "multi-pass"]
     assert "the soil changes along this drive" in passes.because

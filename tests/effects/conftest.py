@@ -1,10 +1,12 @@
-"""Samples on which laws are tried: one wheel, one soil, every channel that an effect may ask for."""
+"""Files of effects, and samples on which laws are tried: one wheel, one soil, every channel."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from terrain_cli.effects.laws import effect_file
+from terrain_cli.errors import ConfigurationError
 from terrain_cli.mechanics.wheel_model import WheelGeometry
 
 SAMPLES = 7
@@ -50,3 +52,33 @@ def channels():
         "drawbar_pull_rate": -2.0 + 3.1 * ramp,
         "sinkage_rate": -0.002 + 0.005 * ramp,
     }
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(content):
+        path = tmp_path / "effect.toml"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+@pytest.fixture
+def refused(write):
+    """Return a function that asserts that a file is refused in one line, and returns the error."""
+
+    def refused(content, *says):
+        path = write(content)
+        with pytest.raises(ConfigurationError) as error:
+            effect_file.load(path)
+        assert error.value.exit_code == 78
+        message = str(error.value)
+        assert message.startswith(f"{path}: ")
+        assert "\n" not in message
+        assert len(message) < 400 + len(str(path))
+        for words in says:
+            assert words in message + "\n" + error.value.hint
+        return error.value
+
+    return refused

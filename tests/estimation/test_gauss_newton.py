@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, newton
+from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, _unbounded, newton
 from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
 
 FAR = 1e12
@@ -41,3 +41,12 @@ def test_the_others_step_as_if_what_is_held_were_fixed(bound):
     )
     step, shift, _ = newton(Normal(information, score, np.zeros(2)), sought, t, common)
     np.testing.assert_allclose(np.concatenate([step.ravel(), shift]), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_a_step_where_one_unknown_outweighs_the_others_by_all_digits():
+    information = np.zeros((1, 3, 3))
+    information[0, 1:, 1:] = 1e20
+    normal = Normal(information, np.ones((1, 3)), np.zeros(1))
+    step, shift, _ = _unbounded(normal, np.zeros((1, 1)), np.zeros(2))
+    assert np.isfinite(step).all()
+    assert np.abs(shift).max() < 1e-15

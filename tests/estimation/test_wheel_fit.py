@@ -10,9 +10,8 @@ from profiles import examples
 from simulator.paper import TABLE_II
 from wheel_samples import WHEEL, free, paper
 
-from terrain_cli.errors import ConfigurationError, InputError, UsageError
 from terrain_cli.estimation import estimate_windows
-from terrain_cli.estimation.wheel_fit import Noise, Prior, as_window_estimates, fit, gauss_newton
+from terrain_cli.estimation.wheel_fit import Noise, Prior, as_window_estimates, fit
 from terrain_cli.estimation.wheel_fit.fit_data import collect
 from terrain_cli.estimation.wheel_fit.linearised import Problem, equations
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
@@ -377,44 +376,3 @@ def test_stronger_soil_under_a_heavier_wheel_is_the_same_fit(factor):
     np.testing.assert_allclose(result.phi, plain.phi, atol=1e-3)
     np.testing.assert_allclose(result.strength, plain.strength * factor, rtol=1e-2)
     np.testing.assert_allclose(result.phi_se, plain.phi_se, rtol=2e-2)
-
-
-def test_what_cannot_be_fitted_is_said_in_one_line():
-    truth = free(2, 5, 15)
-    channels = truth.measured(1, 0.0)
-    with pytest.raises(InputError, match="without sinkage") as error:
-        run(channels, truth.bounds, leave_out=("sinkage",))
-    assert "load" in error.value.hint
-    with pytest.raises(InputError, match="without slip"):
-        run(channels, truth.bounds, leave_out=("slip",))
-    with pytest.raises(InputError, match="nothing to fit"):
-        run(channels, truth.bounds, leave_out=("load", "torque", "drawbar_pull"))
-    halves = np.arange(10) % 2 == 0
-    gaps = {
-        **channels,
-        "sinkage": np.where(halves, channels["sinkage"], np.nan),
-        "slip": np.where(halves, np.nan, channels["slip"]),
-    }
-    with pytest.raises(InputError, match="no sample has sinkage and slip"):
-        run(gaps, truth.bounds)
-    with pytest.raises(ConfigurationError, match="no parameter 'phi'"):
-        run(channels, truth.bounds, fixed={"phi": 0.5})
-    with pytest.raises(ConfigurationError, match="prior of stiffness"):
-        run(channels, truth.bounds, priors={"stiffness": Prior(-1.0, 1.0)})
-    with pytest.raises(UsageError, match="fixed cohesion"):
-        run(channels, truth.bounds, fixed={"cohesion": np.array([1.0, 2.0, 3.0])})
-    with pytest.raises(UsageError, match="must be positive"):
-        run(channels, truth.bounds, fixed={"shear_modulus": 0.0})
-    with pytest.raises(ValueError, match="as long as the bounds"):
-        run(channels, [0, 5])
-    with pytest.raises(ValueError, match="bounds must rise"):
-        run(channels, [0, 8, 4, 10])
-
-
-def test_a_step_where_one_unknown_outweighs_the_others_by_all_digits():
-    information = np.zeros((1, 3, 3))
-    information[0, 1:, 1:] = 1e20
-    normal = gauss_newton.Normal(information, np.ones((1, 3)), np.zeros(1))
-    step, shift, _ = gauss_newton._unbounded(normal, np.zeros((1, 1)), np.zeros(2))
-    assert np.isfinite(step).all()
-    assert np.abs(shift).max() < 1e-15

@@ -33,6 +33,8 @@ from terrain_cli.mechanics.wheel_model import Model, WheelGeometry
 
 WHEEL = Wheel(0.125, 0.1)
 GEOMETRY = WheelGeometry(WHEEL.radius, WHEEL.width)
+#: Samples of a drive.
+WHOLE = 320
 HIDDEN = {
     "bulldozing": {"factor": 0.3},
     "slip-sinkage": {"n1": 0.5},
@@ -73,6 +75,12 @@ def drive(effect: str, samples: int, *, varied: bool, seed: int = 1):
     return columns, np.append(np.arange(0, n, samples)[: n // samples], n)
 
 
+@cache
+def fitted(effect: str, samples: int, *, varied: bool):
+    """Return what the model without effects makes of that drive."""
+    return fit(Model(), GEOMETRY, *drive(effect, samples, varied=varied))
+
+
 def possible(result):
     """Check that every soil is one, or that its status says why it is not."""
     filled = result.n > 0
@@ -91,12 +99,11 @@ def possible(result):
     assert not np.isin(result.status[filled & at_bound], ("ok", "ill-conditioned")).any()
 
 
-@pytest.mark.parametrize("samples", [8, 30, 320])
+@pytest.mark.parametrize("samples", [8, 30, WHOLE])
 @pytest.mark.parametrize("varied", [True, False], ids=["rich", "poor"])
 @pytest.mark.parametrize("effect", HIDDEN)
 def test_soils_are_possible_where_an_effect_is_missing(effect, varied, samples):
-    channels, bounds = drive(effect, samples, varied=varied)
-    possible(fit(Model(), GEOMETRY, channels, bounds))
+    possible(fitted(effect, samples, varied=varied))
 
 
 @pytest.mark.parametrize("wrong", ["drivetrain-friction", "load-bias"])
@@ -110,8 +117,8 @@ def test_so_they_are_with_the_wrong_effect_in_the_model(effect, wrong):
 
 
 def test_no_other_beginning_leads_lower():
-    channels, bounds = drive("slip-sinkage", 320, varied=True)
-    result = fit(Model(), GEOMETRY, channels, bounds)
+    channels, bounds = drive("slip-sinkage", WHOLE, varied=True)
+    result = fitted("slip-sinkage", WHOLE, varied=True)
     # Held at soils far apart, the others are fitted: no such fit may be much better.
     for c in (0.0, 2e3, 6e3):
         for tan_phi in (0.2, 0.5, 0.9):
@@ -212,12 +219,11 @@ def test_a_normal_distribution_is_cut_off_at_a_bound(outside):
 @pytest.mark.parametrize("varied", [True, False], ids=["varied", "steady"])
 @pytest.mark.parametrize("effect", HIDDEN)
 def test_the_last_digit_of_the_data_is_of_no_consequence(effect, varied):
-    columns, _ = drive(effect, 10**9, varied=varied)
-    n = len(columns["time"])
+    columns, bounds = drive(effect, WHOLE, varied=varied)
     channels = {name: columns[name] for name in ("load", "torque", "sinkage", "slip", "drawbar_pull")}
     rng = np.random.default_rng(1)
-    rounded = {name: column * (1.0 + 1e-13 * rng.normal(size=n)) for name, column in channels.items()}
-    first, second = (fit(Model(), GEOMETRY, one, [0, n]) for one in (channels, rounded))
+    rounded = {name: column * (1.0 + 1e-13 * rng.normal(size=WHOLE)) for name, column in channels.items()}
+    first, second = fitted(effect, WHOLE, varied=varied), fit(Model(), GEOMETRY, rounded, bounds)
     # The noise is the sensors' with what the model misses, not what a search that is lost makes of it.
     noise, again = (np.sqrt(np.mean(one.noise.variance("load", channels["load"]))) for one in (first, second))
     assert 0.02 < noise / channels["load"].mean() < 0.25
@@ -230,7 +236,7 @@ def test_the_last_digit_of_the_data_is_of_no_consequence(effect, varied):
 
 @pytest.mark.parametrize("effect", ["bulldozing", "drawbar-bias"])
 def test_nor_is_it_of_a_few_points_at_the_bounds(effect):
-    columns, _ = drive(effect, 10**9, varied=True)
+    columns, _ = drive(effect, WHOLE, varied=True)
     rows = np.linspace(0, len(columns["time"]) - 1, 12).astype(int)
     channels = {name: columns[name][rows] for name in ("load", "torque", "sinkage", "slip", "drawbar_pull")}
     model = Model(effects=tuple(effect_of(name) for name in ("max-stress-angle", "rear-contact")))

@@ -268,6 +268,15 @@ def test_unit_of_stress_does_not_matter(seed, unit):
         assert getattr(other, name)[0] == pytest.approx(unit * getattr(pascal, name)[0], rel=1e-6)
 
 
+@pytest.mark.parametrize("method", ["auto", "least-squares", "ridge", "recursive"])
+def test_soils_alone_are_those_with_their_errors(method):
+    run = drive(40, 30, 3, kind="steps", share=0.02, noises=0.03)
+    bounds = np.concatenate([[0, 0, 1, 3], run.bounds[1:]])
+    result = estimate(run, bounds=bounds, method=method)
+    alone = window_estimates.soils(*line_coordinates(**run.channels, **GEOMETRY), bounds, method)
+    np.testing.assert_array_equal(alone, [result.c, np.tan(result.phi)])
+
+
 def test_wrong_use():
     run = drive(1, 10, 0, kind="steps", share=0.2)
     with pytest.raises(UsageError, match="no method 'ols'"):

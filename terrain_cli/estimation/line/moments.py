@@ -81,9 +81,9 @@ def window_products(weighted: Array, rows: Array, bounds: Bounds) -> Array:
     total = np.empty((len(bounds) - 1, *rows.shape[:-3], size, size))
     if n < _SHORT * len(total):
         for a in range(size):
-            for b in range(a + 1):
-                product = (weighted[..., a, :] * rows[..., b, :]).sum(axis=-2)
-                total[..., a, b] = total[..., b, a] = np.moveaxis(segment_sum(product, bounds), -1, 0)
+            product = (weighted[..., a, None, :] * rows[..., : a + 1, :]).sum(axis=-3)
+            sums = np.moveaxis(segment_sum(product, bounds), -1, 0)
+            total[..., a, : a + 1] = total[..., : a + 1, a] = sums
         return total
     turned = np.swapaxes(rows, -1, -2)
     for j, (first, last) in enumerate(pairwise(bounds)):

@@ -10,7 +10,7 @@ import numpy as np
 from terrain_cli.errors import UsageError
 from terrain_cli.estimation.line import moments as moments_of
 from terrain_cli.estimation.line import ridge
-from terrain_cli.estimation.line.moments import X, Y, fit_line, of_windows, segment_sum
+from terrain_cli.estimation.line.moments import KEYS, LINE, X, Y, fit_line, of_windows, segment_sum
 from terrain_cli.estimation.line.uncertainty import uncertainty
 from terrain_cli.mechanics import linear
 from terrain_cli.vocabulary.choices import FIT_SAMPLES, LARGEST_PHI, LineMethod
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+    from terrain_cli.estimation.line.moments import Key, Line, WindowMoments
+    from terrain_cli.estimation.line.ridge import Ridge
     from terrain_cli.vocabulary.arrays import Array, Bounds, Index, Mask
 
     Text = NDArray[np.str_]
@@ -214,6 +216,50 @@ def estimate_windows(
     return join(parts)
 
 
+def soils(x: Array, y: Array, bounds: Bounds, method: LineMethod) -> Array:
+    """Return c and tan φ of every window, shape (2, w), as `estimate_windows` has them.
+
+    Their errors cost more than they do: where lines are fitted again and again, nobody asks for them.
+    """
+    found = []
+    for first in range(0, max(len(bounds) - 1, 1), _TOGETHER):
+        inner = bounds[first : first + _TOGETHER + 1]
+        moments, losses = _measured([x, y], inner, LINE, penalised=method in {"auto", "ridge"})
+        line = fit_line(moments)
+        cohesion, tan_phi = line.cohesion, line.tan_phi
+        if losses:
+            cohesion, tan_phi, _ = _chosen(
+                line, ridge.choose(moments, np.concatenate(losses, axis=1)), method
+            )
+        known = np.where(np.diff(inner) > 1, 1.0, np.nan)
+        found.append([cohesion * known, np.tan(np.arctan(tan_phi) * known)])
+    return np.concatenate(found, axis=1)
+
+
+def _measured(
+    rows: Sequence[Array], bounds: Bounds, keys: Sequence[Key], *, penalised: bool, folds: int | None = None
+) -> tuple[WindowMoments, list[Array]]:
+    """Return moments of some windows and, if wanted, the losses of penalised lines, block by block.
+
+    `rows` are those of `moments`, with these keys.
+    """
+    measured, losses = [], []
+    for columns, inner, _, _ in _blocks(rows, bounds):
+        measured.append(of_windows(columns, inner, keys))
+        if penalised:
+            losses.append(ridge.losses(columns[X], columns[Y], inner, measured[-1], folds=folds))
+    return moments_of.join(measured), losses
+
+
+def _chosen(line: Line, penalty: Ridge, method: LineMethod) -> tuple[Array, Array, Mask]:
+    """Return c and tan φ of the windows, and which of them have the penalised line."""
+    penalised = np.full(len(line.tan_phi), method == "ridge")
+    if method == "auto":
+        penalised = line.condition_number > LARGEST_CONDITION
+    cohesion = np.where(penalised, penalty.cohesion, line.cohesion)
+    return cohesion, np.where(penalised, penalty.tan_phi, line.tan_phi), penalised
+
+
 def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
     if len(parts) == 1:
         return parts[0]
@@ -255,19 +301,9 @@ def _estimate(
     folds: int | None,
 ) -> WindowEstimates:
     """Estimate some windows; `rows` are those of `moments`."""
-    measured, losses = [], []
-    for columns, inner, _, _ in _blocks(rows, bounds):
-        measured.append(of_windows(columns, inner))
-        losses.append(ridge.losses(columns[X], columns[Y], inner, measured[-1], folds=folds))
-    moments = moments_of.join(measured)
-    line = fit_line(moments)
-    penalty = ridge.choose(moments, np.concatenate(losses, axis=1))
-
-    penalised = np.full(len(line.tan_phi), method == "ridge")
-    if method == "auto":
-        penalised = line.condition_number > LARGEST_CONDITION
-    cohesion = np.where(penalised, penalty.cohesion, line.cohesion)
-    tan_phi = np.where(penalised, penalty.tan_phi, line.tan_phi)
+    moments, losses = _measured(rows, bounds, KEYS, penalised=True, folds=folds)
+    line, penalty = fit_line(moments), ridge.choose(moments, np.concatenate(losses, axis=1))
+    cohesion, tan_phi, penalised = _chosen(line, penalty, method)
     gain = np.where(penalised, penalty.gain, np.eye(2)[:, :, None])
     errors = uncertainty(moments, line, cohesion, tan_phi, gain, correlated=correlated)
 

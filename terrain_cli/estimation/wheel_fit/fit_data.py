@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,7 +89,7 @@ class FitData:
     # unless the model misses a window by more than noise
     excess: Array
 
-    @property
+    @cached_property
     def count(self) -> Index:
         """Samples of each window."""
         return np.diff(self.bounds)

@@ -67,14 +67,14 @@ class Sheet:
 
     def finished(self, layers: Sequence[alt.Chart], height: int, width: int | str = "container") -> Spec:
         """Return the layers, from the lowest to the highest, as one specification; sizes are in pixels."""
-        chart = alt.layer(*layers)
-        if self._chosen is not None:
-            bind = alt.BindDirect(element=f"#{self._control}", event="change")
-            chart = chart.add_params(alt.param(name=self._control, value=self._chosen, bind=bind))
-        spec: Spec = chart.to_dict(validate=False)
+        spec: Spec = alt.layer(*layers).to_dict(validate=False)
         # The schema's address is no use to a page that is not to look anything up.
         spec.pop("$schema", None)
         # Each of these, set by Altair, is a copy of the whole chart.
+        if self._chosen is not None:
+            bind = alt.BindDirect(element=f"#{self._control}", event="change")
+            choice = alt.VariableParameter(name=self._control, value=self._chosen, bind=bind)
+            spec["params"] = [*spec.get("params", []), choice.to_dict(validate=False)]
         size = {"width": width, "height": height, "background": "transparent"}
         return {**spec, **size, "config": _settings(), "datasets": self._datasets}
 
