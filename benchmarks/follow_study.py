@@ -54,7 +54,8 @@ def long_drive(seed, kind):
 def follow(one, chunk=64):
     """Return the bounds told as the samples arrive, and how long after it each was told, in s."""
     n = len(one.x)
-    columns = np.array([np.arange(n), np.arange(n) / one.rate, one.x, one.y, one.distance])
+    line = (np.arange(n), np.arange(n) / one.rate, one.x, one.y, one.distance)
+    columns = np.array([*line, *np.full((3, n), np.nan)])
     cuts, found, delays = online_cuts.OnlineCuts(), [], []
     for first in range(0, n, chunk):
         told = cuts.add(columns[:, first : first + chunk])

@@ -213,6 +213,7 @@ class FollowedWheel:
                 (nothing if piece.time is None else piece.time)[rows],
                 *line,
                 (nothing if piece.distance is None else piece.distance)[rows],
+                *(piece.channels[name][rows] for name in ("load", "sinkage")),
                 *(piece.channels[name][rows] for name in cut_windows.FOLLOWED if name in piece.channels),
             ]
         )

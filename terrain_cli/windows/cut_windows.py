@@ -42,6 +42,13 @@ class Measured(TypedDict):
     slip: Array
 
 
+class _Limits(TypedDict):
+    distance: Array | None
+    min_samples: int
+    min_distance: float
+    before: int
+
+
 @dataclass(frozen=True)
 class Windows:
     """The windows of one wheel."""
@@ -205,18 +212,19 @@ def cut(
     elif method == "auto":
         lined_up = which(driving, len(rows))
         own = breaks if len(driving) == len(rows) else np.flatnonzero(np.diff(stretch[lined_up])) + 1
-        changes = segmentation.change_points(
-            x[lined_up],
-            y[lined_up],
-            breaks=own,
+        limits = _Limits(
             distance=None if distance is None else distance[lined_up],
             min_samples=CUT_SAMPLES if min_samples is None else min_samples,
             min_distance=MIN_DISTANCE if window_distance is None else window_distance,
             before=before,
         )
-        changes = segmentation.needed(
-            x[lined_up], y[lined_up], [column[lined_up] for column in _followed(samples, index)], changes, own
+        followed = [column[lined_up] for column in _followed(samples, index)]
+        load, sinkage, slip = (
+            samples.channels[name][index][lined_up] for name in ("load", "sinkage", "slip")
         )
+        changes = segmentation.change_points(x[lined_up], y[lined_up], breaks=own, **limits)
+        changes = segmentation.needed(x[lined_up], y[lined_up], followed, changes, own)
+        changes = segmentation.sinkage_changes(load, sinkage, slip, followed, changes, **limits)
         # A wheel that skids between two soils belongs to the first: no line tells.
         inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
         bounds = segmentation.whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))

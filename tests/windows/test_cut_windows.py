@@ -10,6 +10,7 @@ import pytest
 from simulator import (
     DRY_SAND,
     LETE_SAND,
+    SANDY_LOAM,
     UPLAND_SANDY_LOAM,
     WET_CLAYEY_SOIL,
     Drive,
@@ -66,6 +67,15 @@ def test_changes_of_soil_are_found_within_a_second(model):
         false += int((~near.any(axis=1)).sum())
     assert found >= 0.95 * (found + missed)
     assert false <= 0.05 * (found + missed)
+
+
+def test_two_soils_as_strong_are_told_by_their_sinkage():
+    """Sandy loam is as strong as dry sand under this wheel, and the wheel sinks half as deep."""
+    drive = one_wheel(
+        [(DRY_SAND, 20.0), (SANDY_LOAM, 20.0)] * 2, load=undulation(80.0, 0.2, 7.0), noise=0.02, rate=20.0
+    )
+    wheel, log = samples_of(drive)
+    np.testing.assert_allclose(cuts(wheel), log.boundaries, atol=1.0)
 
 
 @pytest.mark.parametrize("model", ["linear", "wong-reece"])

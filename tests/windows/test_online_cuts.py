@@ -14,7 +14,8 @@ WAVES = Kind("waves", "waves")
 
 def columns_of(one, first=0.0):
     n = len(one.x)
-    return np.array([np.arange(n), first + np.arange(n) / one.rate, one.x, one.y, one.distance])
+    unknown = np.full((3, n), np.nan)
+    return np.array([np.arange(n), first + np.arange(n) / one.rate, one.x, one.y, one.distance, *unknown])
 
 
 def follow(columns, chunk):
@@ -90,7 +91,7 @@ def test_what_is_recorded_may_explain_a_change():
     x = 1e4 * (1.0 + 0.2 * np.sin(np.arange(n) / 15.0))
     y = (1e3 + 0.6 * x) * (1.0 + 0.25 * driver)
     x, y = (column * (1.0 + 0.02 * rng.standard_normal(n)) for column in (x, y))
-    columns = np.array([np.arange(n), np.arange(n) / rate, x, y, np.full(n, np.nan)])
+    columns = np.array([np.arange(n), np.arange(n) / rate, x, y, *np.full((4, n), np.nan)])
     without, _ = follow(columns, 100)
     known, _ = follow(np.vstack([columns, driver]), 100)
     assert len(without) == 11

@@ -2,6 +2,7 @@
 
 from terrain_cli.windows.segmentation.change_points import PENALTY, TOLERANCE, change_points, needed
 from terrain_cli.windows.segmentation.plain_windows import fixed_windows, label_windows, whole_windows
+from terrain_cli.windows.segmentation.sinkage_changes import sinkage_changes
 
 __all__ = [
     "PENALTY",
@@ -10,5 +11,6 @@ __all__ = [
     "fixed_windows",
     "label_windows",
     "needed",
+    "sinkage_changes",
     "whole_windows",
 ]

@@ -141,7 +141,7 @@ def needed(x: Array, y: Array, drivers: Sequence[Array], bounds: Bounds, fixed: 
         best, saved = None, 0.0
         for place, driver in enumerate(scaled):
             added = [driver, driver**2, driver * line]
-            joined, lost = _joined(_Lines(line, [*terms, *added], level, bounds), fixed)
+            joined, lost = _joined(Lines(line, [*terms, *added], level, bounds), fixed)
             gain = PENALTY * (len(bounds) - len(joined) - 1) - lost
             if gain > saved:
                 best, saved = (place, added, joined), gain
@@ -161,7 +161,7 @@ def _standard(values: Array) -> Array | None:
 
 
 @dataclass(frozen=True)
-class _Lines:
+class Lines:
     """One line for each window, and terms that all share."""
 
     x: Array
@@ -181,7 +181,7 @@ class _Lines:
 
     def scatter(self, moments: Array) -> float:
         """Return the long-run variance of the residuals."""
-        shared = _solved(_without_lines(moments).sum(axis=0))
+        shared = solved(_without_lines(moments).sum(axis=0))
         own = np.linalg.solve(
             _regular(moments[:, :2, :2]), (moments[:, :2, -1] - moments[:, :2, 2:-1] @ shared)[..., None]
         )
@@ -193,7 +193,7 @@ class _Lines:
         return size**2 * correlation_factor(residuals / size, self.bounds[1:-1], fitted) if size else _RIDGE
 
 
-def _joined(lines: _Lines, fixed: Index) -> tuple[Bounds, float]:
+def _joined(lines: Lines, fixed: Index) -> tuple[Bounds, float]:
     """Join windows; return the bounds that remain, and what the sum of squares rose by, in its unit."""
     bounds, moments = lines.bounds, lines.moments()
     unit = lines.scatter(moments)
@@ -223,7 +223,7 @@ def _without_lines(moments: Array) -> Array:
     return np.asarray(moments[:, 2:, 2:] - moments[:, 2:, :2] @ lines)
 
 
-def _solved(moments: Array) -> Array:
+def solved(moments: Array) -> Array:
     """Return the coefficients of the shared terms."""
     return np.asarray(
         np.linalg.solve(_regular(moments[..., :-1, :-1]), moments[..., :-1, -1:])[..., 0], float
@@ -232,7 +232,7 @@ def _solved(moments: Array) -> Array:
 
 def _left(moments: Array) -> Array:
     """Return the sum of squares that lines and shared terms leave."""
-    return np.asarray(moments[..., -1, -1] - np.sum(moments[..., :-1, -1] * _solved(moments), axis=-1))
+    return np.asarray(moments[..., -1, -1] - np.sum(moments[..., :-1, -1] * solved(moments), axis=-1))
 
 
 def _regular(matrices: Array) -> Array:

@@ -19,6 +19,7 @@ import numpy as np
 
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows.segmentation.change_points import change_points, needed
+from terrain_cli.windows.segmentation.sinkage_changes import sinkage_changes
 
 if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
@@ -33,9 +34,9 @@ EVERY_SECONDS, EVERY_SAMPLES = 5.0, 20
 #: Samples by which a bound may differ from the same one in the search before.
 _SAME = 60
 #: Rows of what is added: the place of a sample among all, which bounds are told in; time in s, x and y in Pa,
-#: metres driven (NaN where not known). Any further ones are what the line may follow (`needed`).
-PLACE, TIME, X, Y, DRIVEN = range(5)
-_FOLLOWED = 5
+#: metres driven, load in N, sinkage in m (NaN where not known). Any further ones are what the line may follow
+#: (`needed`), of which the first is slip.
+PLACE, TIME, X, Y, DRIVEN, LOAD, SINKAGE, SLIP = range(8)
 
 
 class OnlineCuts:
@@ -117,6 +118,7 @@ class OnlineCuts:
             min_distance=self._min_distance,
         )
         inner = self._needed(recent, first, found[1:-1])
+        inner = self._deeper(recent, first, inner)
         if self._filled:
             self._last = (float(recent[TIME, -1]), self.count)
         final = []
@@ -134,10 +136,23 @@ class OnlineCuts:
     def _needed(self, recent: Array, first: int, inner: Index) -> Index:
         """Return the bounds that nothing recorded explains, in the light of those told before."""
         self._bounds = [bound for bound in self._bounds if bound > first]
-        if not len(inner) or len(recent) == _FOLLOWED:
+        if not len(inner):
             return inner
         every = np.array([first, *self._bounds, *inner.tolist(), self.count], dtype=np.intp)
-        kept = needed(
-            recent[X], recent[Y], list(recent[_FOLLOWED:]), every - first, np.empty(0, dtype=np.intp)
-        )
+        kept = needed(recent[X], recent[Y], list(recent[SLIP:]), every - first, np.empty(0, dtype=np.intp))
         return inner[np.isin(inner, kept + first)]
+
+    def _deeper(self, recent: Array, first: int, inner: Index) -> Index:
+        """Add the bounds at which the wheel begins to sink deeper, or less, behind those told before."""
+        every = np.array([first, *self._bounds, *inner.tolist(), self.count], dtype=np.intp)
+        found = first + sinkage_changes(
+            recent[LOAD],
+            recent[SINKAGE],
+            recent[SLIP],
+            list(recent[SLIP:]),
+            every - first,
+            distance=None if np.isnan(recent[DRIVEN]).any() else recent[DRIVEN],
+            min_samples=self._min_samples,
+            min_distance=self._min_distance,
+        )
+        return found[(found > max(self.begin, first)) & (found < self.count)]
