@@ -77,6 +77,7 @@ def test_many_samples_are_counted(many):
     figure = figures.predicted_measured(many)
     drawn(figure)
     assert [axes.get_xlabel() for axes in figure.axes].count("samples") == 3
+    assert "\\mathdefault" not in texts(figure)
     counts = figure.axes[0].collections[0].get_array()
     # All but the rarest, which would leave the rest a line.
     assert counts.sum() == pytest.approx(0.998 * sum(len(wheel.windows.rows) for wheel in many.wheels), abs=2)

@@ -54,7 +54,9 @@ def predicted_measured(comparison: Comparison) -> Figure:
         names = wheels if 1 < len(wheels) <= len(_WHEELS) else ()
         mesh = _along(axes, along, pooled, errors.noise * what.factor, names)
         if mesh is not None:
-            figure.colorbar(mesh, ax=axes, label="samples", location="bottom", shrink=0.8, aspect=30)
+            figure.colorbar(
+                mesh, ax=axes, label="samples", format="%d", location="bottom", shrink=0.8, aspect=30
+            )
         axes.set(
             ylim=_usual(pooled.residual),
             xlabel=f"predicted {what.label}",
