@@ -35,11 +35,11 @@ def page() -> str:
     lines = [
         "# What decides",
         "",
-        "Every number that changes what `compare`, `diagnose` or `model add` tell. `make man` writes this",
-        "page from `comparison_criteria.py`, `diagnosis_criteria.py` and `improvement_criteria.py`.",
-        f"Of {len(every)}, {len(every) - judged} have evidence: arithmetic, or what came out with the value,",
-        "which does not say that another is worse. The rest are judged. What becomes of a few drives when",
-        "one is moved is in",
+        "These numbers decide what `compare`, `diagnose` and `model add` report. `make man` writes this page",
+        "from `comparison_criteria.py`, `diagnosis_criteria.py` and `improvement_criteria.py`.",
+        f"Of {len(every)} numbers, {len(every) - judged} have evidence: arithmetic, or a study that used the",
+        "value. Such a study does not show that another value is worse. The others are judged: chosen",
+        "without a study. How a few drives respond to another value:",
         "[benchmarks/results/criteria_study.txt](../benchmarks/results/criteria_study.txt).",
     ]
     for question in dict.fromkeys(one.question for one in every):

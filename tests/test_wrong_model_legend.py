@@ -20,10 +20,10 @@ def table(strength, error, status="not-separable"):
 @pytest.mark.parametrize(
     ("strength", "error", "says"),
     [
-        ([3.0, 2.0], [0.1, 0.3], "k too uncertain; the strength holds"),
-        ([3.0, 2.0], [0.1, 2.3], "k too uncertain; the strength holds where its error is small"),
-        ([3.0, -2.0], [9.0, 0.3], "k too uncertain; nor does it tell the strength"),
-        ([np.nan], [np.nan], "k too uncertain; nor does it tell the strength"),
+        ([3.0, 2.0], [0.1, 0.3], "k is uncertain; the strength holds"),
+        ([3.0, 2.0], [0.1, 2.3], "k is uncertain; the strength holds where its error is small"),
+        ([3.0, -2.0], [9.0, 0.3], "k is uncertain; the strength is not known either"),
+        ([np.nan], [np.nan], "k is uncertain; the strength is not known either"),
     ],
 )
 def test_the_strength_holds_only_where_it_is_known(strength, error, says):

@@ -118,7 +118,7 @@ Examples:
     type=click.Choice(("parquet", "csv")),
     default="parquet",
     show_default=True,
-    help="Of the result of each input.",
+    help="Format of the result of each input.",
 )
 @click.option(
     "--also",
@@ -142,7 +142,7 @@ Examples:
     "--timeout",
     type=options.POSITIVE,
     metavar="S",
-    help="Give up an input after so many seconds.  [never]",
+    help="Give up an input after this many seconds.  [never]",
 )
 @click.option(
     "--memory",
@@ -150,18 +150,18 @@ Examples:
     metavar="GB",
     help="Give up an input whose worker needs more address space than this.  [no limit]",
 )
-@click.option("--force", is_flag=True, help="Do again what is done.")
-@click.option("--retry-failed", is_flag=True, help="Do again what failed, although nothing has changed.")
+@click.option("--force", is_flag=True, help="Process all inputs again.")
+@click.option("--retry-failed", is_flag=True, help="Try failed inputs again, although nothing has changed.")
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @click.option("--dry-run", is_flag=True, help="Only list what would be done, and why.")
-@click.option("--watch", is_flag=True, help="Go on taking what arrives, until interrupted.")
+@click.option("--watch", is_flag=True, help="Process new inputs as they arrive, until interrupted.")
 @click.option(
     "--settle",
     type=options.Amount(0),
     default=5.0,
     show_default=True,
     metavar="S",
-    help="With --watch: take a file when it has not grown for so long.",
+    help="With --watch: take a file when it has not changed for this many seconds.",
 )
 @click.option("--seed", type=int, metavar="N", help="No effect here; other verbs use it.")
 @options.quiet
@@ -171,10 +171,10 @@ def command(context: click.Context, /, **_: Any) -> int:
     """Estimate many inputs, each as estimate does, into one folder.
 
     INPUT is a file, a folder, a pattern, or the address of a store (s3://…, https://…; extra:
-    remote). Run again, only what is new or changed is done: inputs, options, rover file, model,
+    remote). A second run processes only what is new or changed: inputs, options, rover file, model,
     version. A file that fails is listed, and does not stop the rest.
 
-    However it ends, nothing that was done is lost: the same command goes on from there.
+    However a batch ends, no finished work is lost: the same command continues it.
     """
     from formats.limits import largest_copy
     from terrain_cli.batch import batch_inputs, batch_run, worker_tasks

@@ -41,7 +41,7 @@ _CUTTING = (
         default=0,
         show_default=True,
         metavar="N",
-        help="Of the resampling behind intervals and tests.",
+        help="Seed of the resampling behind intervals and tests.",
     ),
     options.jobs("Processes that fit wheels and effects; what comes out is the same."),
     options.verbose,

@@ -131,7 +131,7 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
 
     The law may hold arithmetic and the usual functions, and nothing else. Its units must match, it
     may read only what is known where it is used, and with every parameter at its null value it must
-    give back what it changes. What is wrong is told with line and column.
+    give back what it changes. Errors come with line and column.
     """
     from formats import FormatError
     from terrain_cli import effects

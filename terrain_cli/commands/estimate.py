@@ -100,14 +100,14 @@ Examples:
     "--every",
     type=options.Duration(),
     metavar="TIME",
-    help="With --follow: also write the segments that are still open, every 1s or so; the last column, open, "
-    "tells them.",
+    help="With --follow: also write the segments that are still open, every 1s or so; the last column, "
+    "open, marks them.",
 )
 @click.option(
     "--idle-timeout",
     type=options.Duration(),
     metavar="TIME",
-    help="With --follow: end when nothing has arrived for so long.  [never]",
+    help="With --follow: end when nothing has arrived for this long.  [never]",
 )
 @options.force
 @options.jobs("Inputs read at the same time.")

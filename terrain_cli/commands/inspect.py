@@ -46,8 +46,8 @@ def command(
 
     Where something is missing it gives the lines of rover.toml that would supply it. Rates, gaps
     and the samples that would be set aside are counted by reading the file. A file that cannot be
-    opened is named with what is wrong with it; the others are shown. Where a rover file does not fit
-    a log, or its columns contradict each other, what there is comes first, then the problem.
+    opened is named with what is wrong with it; the others are shown. If a rover file does not fit a
+    log, or columns contradict each other, the content comes first and then the problem.
     """
     import formats
     from terrain_cli.commands.progress import Progress

@@ -78,7 +78,7 @@ def add(context: click.Context, /, **_: Any) -> None:
 
     FILE is left as it is, unless --keep is given, if the held-out error falls significantly in no
     channel, rises in one by more than it falls in others, or falls only with a parameter that is
-    physically impossible (friction that drives the wheel). The reason is told; the exit code is 0.
+    physically impossible (friction that drives the wheel). The reason is printed; the exit code is 0.
     Without --data the effect is added untested, which the history says too.
     """
     from terrain_cli.errors import UsageError

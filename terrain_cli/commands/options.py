@@ -194,7 +194,7 @@ as_json = click.option(
     "--json", "as_json", is_flag=True, envvar="TERRAIN_EST_JSON", help="Write JSON instead of tables."
 )
 force = click.option(
-    "--force", is_flag=True, help="Replace files that are there, also those that are no earlier result."
+    "--force", is_flag=True, help="Replace existing files, even those that are not earlier results."
 )
 quiet = click.option("-q", "--quiet", is_flag=True, help="Say nothing on stderr but errors.")
 verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr where each channel comes from.")

@@ -55,7 +55,7 @@ Examples:
 @options.quiet
 @click.pass_context
 def command(context: click.Context, /, **_: Any) -> None:
-    """Write one page of HTML: errors, the soil on a map, predicted against measured, where it fails.
+    """Write one page of HTML: errors, the soil on a map, the misfit, and where the model fails.
 
     INPUT is a file (CSV, Parquet, ROS 1 or ROS 2 bag), a folder, a pattern, or - for the standard
     input. On the page, a reader can switch between the model, its earlier steps and the likeliest

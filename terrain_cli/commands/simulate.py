@@ -92,8 +92,8 @@ Examples:
     type=paths.EFFECT,
     metavar="EFFECT",
     shell_complete=suggestions.effects,
-    help="Add an effect (repeatable): ID, ID:NAME=VALUE,… or FILE.toml. What is not said has its "
-    "typical size.",
+    help="Add an effect (repeatable): ID, ID:NAME=VALUE,… or FILE.toml. A parameter that is not "
+    "given has its typical size.",
 )
 @click.option(
     "--hide",
@@ -129,10 +129,10 @@ Examples:
 def command(context: click.Context, /, **_: Any) -> None:
     """Make telemetry of a drive whose soils, effects and noise are known.
 
-    A drive is said on the command line, or as a whole in DRIVE.toml; options take precedence. The
+    Describe the drive on the command line or in DRIVE.toml; options take precedence. The
     truth goes to a file of its own, and never into the log. A rover file that fits is written
-    beside it, so that `terrain-est estimate` works at once. No file that is there is replaced, unless
-    --force is given; but for such a rover file that nobody has changed.
+    beside it, so that `terrain-est estimate` works at once. Existing files are replaced only with
+    --force, except such a rover file that nobody has changed.
     """
     from terrain_cli import simulation
     from terrain_cli.simulation import simulation_files

@@ -157,7 +157,8 @@ def _unexplained(
     if found.verdict is None and not few:
         # Scores are no diagnosis, which also tries other soils and laws of its own.
         command = looked("diagnose", asked)
-        told = f"The model misses something: {size}, and the first scores do not say why. Next: {command}"
+        why = "a first check of the effects finds no cause"
+        told = f"The model misses something: {size}, and {why}. Next: {command}"
         return Conclusion("unexplained", told, command, found.unrecorded)
     return Conclusion(
         "unexplained", f"The model misses something: {size}, and {why}. {then}", "", found.unrecorded

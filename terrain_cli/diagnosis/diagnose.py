@@ -106,7 +106,7 @@ def _silent(case: Case, log: DiagnosedLog, base: Refit, alarm: Alarm) -> Diagnos
     warnings = list(log.comparison.warnings)
     if log.data.blocks < criteria.BLOCKS_OF_ALARM:
         data = counted(log.data.blocks, "independent stretch", "es")
-        warnings.append(f"only {data} of data: nothing can be told from chance")
+        warnings.append(f"only {data} of data: too few to tell an effect from chance")
     several = steps.refitted(case, log) if few else []
     diagnosis = Diagnosis(
         comparison=log.comparison,

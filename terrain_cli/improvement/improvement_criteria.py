@@ -5,28 +5,32 @@ from __future__ import annotations
 from terrain_cli.vocabulary.criterion import criterion
 
 """How many blocks are enough?"""
-BLOCKS_OF_CHANGE = criterion(3, "fewer: a change of a model is not tested")
+BLOCKS_OF_CHANGE = criterion(3, "blocks needed to test a change of a model")
 
 """When is an error more than noise?"""
-NOISE = criterion(1.05, "error of a channel over its noise that a model which misses nothing may come to")
+NOISE = criterion(1.05, "error of a channel over its noise up to which a model counts as complete")
 
-"""How many standard errors are beyond doubt?"""
+"""How many standard errors are significant?"""
 DOUBTED = criterion(
     2.0,
-    "by which a parameter may lie where nature has none; a diagnosis grants more, as it tries many effects",
-    "simulated drives: of 20 right effects none came out on the wrong side at all",
+    "a parameter may be physically impossible by this much; diagnose allows more, because it tries many "
+    "effects",
+    "simulated drives: none of 20 right effects came out impossible at all",
 )
 
-"""How many are looked at?"""
-MOST_EFFECTS = criterion(8, "effects after which it is no longer the model that is at fault")
+"""How many are considered?"""
+MOST_EFFECTS = criterion(8, "effects in a model; if more seem to be missing, the model is not the cause")
 
-"""By how much does an error change?"""
-LEAST_CHANGE = criterion(0.02, "share of a channel's error that counts: sensors' noise feigns less in a fit")
+"""Which change of an error counts?"""
+LEAST_CHANGE = criterion(
+    0.02,
+    "smallest change of a channel's error that counts: in a fit, sensor noise causes less",
+)
 MUCH = criterion(
     0.05,
-    "share of a rise that may outweigh another's fall: a soil that the better model takes back may have "
-    "hidden what is missing besides",
+    "rise of a channel's error that counts against the fall of another; a smaller one is allowed: a "
+    "wrong soil in the old model may have hidden another missing effect",
 )
-TRADED = criterion(0.25, "part of that fall that it has to be, both as logarithms")
-PLAIN = criterion(0.9, "ratio of errors whose 95 % interval, below it, says so by itself")
-CERTAIN = criterion(1.5, "times the reach of its 95 % interval by which a channel's fall says so by itself")
+TRADED = criterion(0.25, "share of the fall that such a rise may reach, both as logarithms")
+PLAIN = criterion(0.9, "ratio of errors: a 95 % interval below it is proof enough")
+CERTAIN = criterion(1.5, "a fall of this many times the half-width of its 95 % interval is proof enough")

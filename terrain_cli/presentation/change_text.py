@@ -88,7 +88,9 @@ def found(step: Step) -> str:
 def _found(step: Step) -> str:
     if not step.testable:
         n = step.evidence.blocks
-        return f"only {counted(n, 'independent stretch', 'es')} of data: nothing can be told from chance"
+        return (
+            f"only {counted(n, 'independent stretch', 'es')} of data: too few to tell an effect from chance"
+        )
     if step.evidence.lost > comparison_criteria.UNPREDICTED:
         return f"{step.evidence.lost:.0%} of the samples cannot be predicted any more"
     moved: list[str] = []
@@ -372,7 +374,7 @@ def _open(step: Step) -> Iterator[str]:
     if step.lost:
         shown = ", ".join(f"{one.wheel} {one.segment} ({one.after})" for one in step.lost[:_MOST_ROWS])
         more = " …" * (len(step.lost) > _MOST_ROWS)
-        yield f"c and φ cannot be told any more in {counted(len(step.lost), 'segment')}: {shown}{more}"
+        yield f"c and φ can no longer be separated in {counted(len(step.lost), 'segment')}: {shown}{more}"
 
 
 def _idle(step: Step) -> Iterator[str]:

@@ -145,8 +145,10 @@ def order(candidates: Sequence[Candidate]) -> list[str]:
         told.append("effects whose size is doubtful (in brackets) stand behind the others")
     chance = [one.effect for one in behind if not one.doubt]
     if chance:
-        stand, gain = ("stands", "its gain") if len(chance) == 1 else ("stand", "their gains")
-        told.append(f"{listed(chance)} {stand} further down than the errors would say: {gain} may be chance")
+        stand, gain, its = (
+            ("stands", "its gain", "its") if len(chance) == 1 else ("stand", "their gains", "their")
+        )
+        told.append(f"{listed(chance)} {stand} lower than {its} errors suggest: {gain} may be chance")
     return told
 
 

@@ -140,7 +140,9 @@ def _addition(name: str, table: Table) -> str:
     if known.all():
         return "; the strength holds"
     return (
-        "; the strength holds where its error is small" if known.any() else "; nor does it tell the strength"
+        "; the strength holds where its error is small"
+        if known.any()
+        else "; the strength is not known either"
     )
 
 
@@ -219,10 +221,10 @@ _MAPPED = ("strength_at_stress_kPa", "strength_at_stress_se_kPa", "stress_kPa")
 _KNOWN = 0.5
 MEANINGS = {
     "ill-conditioned": "c and φ depend on the penalty of the ridge; trust the strength",
-    "not-separable": "c and φ cannot be told apart here: loads too alike for the noise, or k too uncertain",
+    "not-separable": "c and φ cannot be separated: loads differ too little for the noise, or k is uncertain",
     "out-of-range": "c is negative or φ outside 0 to 60°: noise if within its error, else a wrong model",
     "at-bound": "a parameter is at the edge of what soils have; try `terrain-est diagnose`",
-    "prior-bound": "c or φ is not told by the data, and left empty",
+    "prior-bound": "the data do not determine c or φ, which is left empty",
     "model-misses": "the model does not fit these samples; try `terrain-est diagnose`",
     "too-few-samples": "windows with fewer samples than --min-samples",
 }

@@ -77,10 +77,9 @@ def limits(*columns: Array, margin: float = 0.03) -> tuple[float, float]:
     return low - space, high + space
 
 
-def grid(x: Array, y: Array, bins: int = 60, *, square: bool = False) -> Grid:
-    """Count points, all finite, in a grid over their range; `square` has the same range for both."""
-    across, up = (limits(x, y),) * 2 if square else (limits(x), limits(y))
-    edges = np.linspace(*across, bins + 1), np.linspace(*up, bins + 1)
+def grid(x: Array, y: Array, bins: int = 50) -> Grid:
+    """Count points, all finite, in a grid over their range."""
+    edges = np.linspace(*limits(x), bins + 1), np.linspace(*limits(y), bins + 1)
     counts = np.zeros((bins, bins))
     for start in range(0, len(x), _BLOCK):
         part = slice(start, start + _BLOCK)

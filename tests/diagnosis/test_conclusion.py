@@ -107,7 +107,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF),
             "unexplained",
-            MISSES + "the first scores do not say why.",
+            MISSES + "a first check of the effects finds no cause.",
             LOOK,
             id="scores silent",
         ),

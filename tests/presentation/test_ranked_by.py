@@ -42,7 +42,7 @@ def test_a_plainer_first_one_and_one_that_stands_behind_are_told():
 def test_a_gain_that_may_be_chance_is_told_apart_from_a_doubted_size():
     several = [candidate("a", -3.0), candidate("b", -1.0), candidate("c", -2.0), candidate("d", -1.5)]
     assert diagnosis_text.order(several) == [
-        "c and d stand further down than the errors would say: their gains may be chance"
+        "c and d stand lower than their errors suggest: their gains may be chance"
     ]
 
 

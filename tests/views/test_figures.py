@@ -42,19 +42,30 @@ def texts(figure):
     return " ".join(text.get_text() for text in figure.findobj(Text))
 
 
-def test_predicted_against_measured(comparison):
+def test_measured_less_predicted_over_the_predicted(comparison):
     figure = figures.predicted_measured(comparison)
     drawn(figure)
     assert labels(figure) == {
-        ("measured torque T (N m)", "predicted torque T (N m)"),
-        ("measured drawbar pull DP (N)", "predicted drawbar pull DP (N)"),
-        ("measured sinkage z (mm)", "predicted sinkage z (mm)"),
+        ("predicted torque T (N m)", "measured − predicted torque T (N m)"),
+        ("predicted drawbar pull DP (N)", "measured − predicted drawbar pull DP (N)"),
+        ("predicted sinkage z (mm)", "measured − predicted sinkage z (mm)"),
     }
-    assert {"front-left", "front-right", "predicted = measured"} <= {
-        text.get_text() for text in figure.axes[0].get_legend().get_texts()
+    assert {"front-left", "front-right", "median", "5 to 95 %", "± 1.96 × noise"} <= {
+        text.get_text() for text in figure.legends[0].get_texts()
     }
     # Sinkages are some centimetres: shown in mm.
     assert 5.0 < figure.axes[2].get_xlim()[1] < 100.0
+
+
+def test_median_lies_over_the_points_in_a_colour_of_its_own(comparison):
+    figure = figures.predicted_measured(comparison)
+    for axes, name in zip(figure.axes, shown_samples.channels(comparison), strict=True):
+        *others, median = axes.lines
+        assert median.get_label() in ("median", "_median")
+        assert median.get_color() not in {line.get_color() for line in others}
+        pooled = shown_samples.pairs(comparison, name)
+        band = shown_samples.band(pooled.predicted, pooled.residual)
+        np.testing.assert_array_equal(median.get_xydata().T, [band.centre, band.median])
 
 
 @pytest.fixture
@@ -66,8 +77,10 @@ def test_many_samples_are_counted(many):
     figure = figures.predicted_measured(many)
     drawn(figure)
     assert [axes.get_xlabel() for axes in figure.axes].count("samples") == 3
+    assert "\\mathdefault" not in texts(figure)
     counts = figure.axes[0].collections[0].get_array()
-    assert counts.sum() == sum(len(wheel.windows.rows) for wheel in many.wheels)
+    # All but the rarest, which would leave the rest a line.
+    assert counts.sum() == pytest.approx(0.998 * sum(len(wheel.windows.rows) for wheel in many.wheels), abs=2)
 
 
 def test_residual_against_its_drivers(comparison):

@@ -23,7 +23,7 @@ from terrain_cli.run.one_log import Outcome
 from terrain_cli.views import plots, shown_segments
 
 EXPECTED = {
-    "predicted-measured": ("measured torque T (N m)", "predicted sinkage z (mm)"),
+    "predicted-measured": ("predicted torque T (N m)", "measured − predicted sinkage z (mm)"),
     "residual-torque": ("slip i", "measured − predicted torque T (N m)"),
     "residual-drawbar-pull": ("load W (N)", "measured − predicted drawbar pull DP (N)"),
     "residual-sinkage": ("time t (s)", "measured − predicted sinkage z (mm)"),

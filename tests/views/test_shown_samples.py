@@ -34,12 +34,6 @@ def test_rows_of_the_grid_go_with_y():
     np.testing.assert_array_equal(grid.counts, [[2, 0], [0, 1]])
 
 
-def test_square_grid_has_one_range():
-    grid = shown_samples.grid(np.array([0.0, 1.0]), np.array([5.0, 9.0]), 3, square=True)
-    np.testing.assert_array_equal(grid.x, grid.y)
-    assert grid.counts.sum() == 2
-
-
 @pytest.mark.parametrize(("n", "most"), [(10, 20), (20, 20), (21, 20), (10_000, 17)])
 def test_some_are_different_and_in_order(n, most):
     chosen = shown_samples.some(n, most)

@@ -31,58 +31,55 @@ if TYPE_CHECKING:
 MOST_DRAWN = 500
 #: Drivers in one picture.
 MOST_DRIVERS = 9
+#: Of wheels, under a median.
+_WHEELS = tuple(colour for colour in COLOURS if colour != MEDIAN)
 #: Distance of before and after from the middle of their step.
 _APART = 0.18
 
 
 def predicted_measured(comparison: Comparison) -> Figure:
-    """Draw what was predicted against what was measured, a panel for each channel."""
+    """Draw measured less predicted over the predicted value, a panel for each channel.
+
+    Not over the measured value: its noise is in the residual too, and would look like a failure.
+    """
     shown = shown_samples.channels(comparison)
+    wheels = [wheel.wheel for wheel in comparison.wheels]
     figure = Picture(figsize=(3.4 * len(shown), 3.9))
-    for axes, name in zip(np.ravel(figure.subplots(1, len(shown))), shown, strict=True):
+    grid = figure.subplots(1, len(shown), squeeze=False)[0]
+    for axes, name in zip(grid, shown, strict=True):
         errors = comparison.channels[name]
         what = quantities.quantity(name, errors.unit)
         pooled = shown_samples.pairs(comparison, name)
-        if len(pooled.measured) > shown_samples.MOST_POINTS:
-            mesh = _counts(axes, shown_samples.grid(pooled.measured, pooled.predicted, square=True))
-            figure.colorbar(mesh, ax=axes, label="samples", location="bottom", shrink=0.8, aspect=30)
-        else:
-            _points(axes, comparison, pooled)
-        ends = shown_samples.limits(pooled.measured, pooled.predicted)
-        axes.plot(ends, ends, color=INK, linewidth=0.8, label="predicted = measured")
+        along = shown_samples.Along(what, pooled.predicted, ())
+        names = wheels if 1 < len(wheels) <= len(_WHEELS) else ()
+        mesh = _along(axes, along, pooled, errors.noise * what.factor, names)
+        if mesh is not None:
+            figure.colorbar(
+                mesh, ax=axes, label="samples", format="%d", location="bottom", shrink=0.8, aspect=30
+            )
         axes.set(
-            xlim=ends,
-            ylim=ends,
-            aspect="equal",
-            xlabel=f"measured {what.label}",
-            ylabel=f"predicted {what.label}",
+            ylim=_usual(pooled.residual),
+            xlabel=f"predicted {what.label}",
+            ylabel=f"measured − predicted {what.label}",
             title=f"rms error {quantities.number(errors.rmse * what.factor)}, "
             f"held out {quantities.number(errors.heldout_rmse * what.factor)} {what.unit}\n"
             f"noise {quantities.number(errors.noise * what.factor)} {what.unit}, "
             f"{len(pooled.measured):,} samples",
         )
-        axes.legend(loc="upper left", handletextpad=0.4)
+    _legend(figure, grid[0], 3 * len(shown))
     return figure
 
 
-def _points(axes: Axes, comparison: Comparison, pooled: shown_samples.Pairs) -> None:
-    for index, wheel in enumerate(comparison.wheels):
-        here = pooled.wheel == index
-        label = wheel.wheel if 1 < len(comparison.wheels) <= len(COLOURS) else None
-        style = index if label else 0
-        axes.plot(
-            pooled.measured[here],
-            pooled.predicted[here],
-            linestyle="none",
-            marker=MARKERS[style],
-            markersize=3.0,
-            markerfacecolor="none",
-            markeredgewidth=0.6,
-            color=COLOURS[style],
-            alpha=0.7,
-            label=label,
-            rasterized=bool(here.sum() > MOST_DRAWN),
-        )
+def _usual(residual: Array) -> tuple[float, float]:
+    """Return the range of a residual and of zero, without its rarest values."""
+    ends = np.percentile(residual, [0.2, 99.8]) if len(residual) else np.empty(0)
+    return shown_samples.limits(np.append(ends, 0.0), margin=0.1)
+
+
+def _legend(figure: Figure, axes: Axes, most: int) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper left", ncols=min(len(labels), most))
 
 
 def _counts(axes: Axes, grid: shown_samples.Grid) -> QuadMesh:
@@ -103,40 +100,48 @@ def residuals(comparison: Comparison, channel: str) -> Figure:
     rows = math.ceil(len(shown) / columns) or 1
     figure = Picture(figsize=(3.2 * columns + 0.3, 2.4 * rows + 0.7))
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
-    residual = pooled.residual
     for axes in grid.flat[len(shown) :]:
         axes.remove()
     for axes, driver in zip(grid.flat, shown, strict=False):
         along = shown_samples.driver(comparison, driver, pooled)
-        _along(axes, along, residual, errors.noise * what.factor)
+        _along(axes, along, pooled, errors.noise * what.factor)
         axes.set_xlabel(along.quantity.label)
-    if len(residual):
-        low, high = np.percentile(residual, [0.2, 99.8])
-        grid[0, 0].set_ylim(*shown_samples.limits(np.array([low, high, 0.0]), margin=0.1))
+    grid[0, 0].set_ylim(*_usual(pooled.residual))
     figure.supylabel(f"measured − predicted {what.label}", fontsize=9.0)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
+    _legend(figure, grid[0, 0], 3)
     return figure
 
 
-def _along(axes: Axes, along: shown_samples.Along, residual: Array, noise: float) -> None:
-    driver = along.values
+def _along(
+    axes: Axes,
+    along: shown_samples.Along,
+    pooled: shown_samples.Pairs,
+    noise: float,
+    wheels: Sequence[str] = (),
+) -> QuadMesh | None:
+    """Draw residuals, their median on top; points of `wheels` apart, or counts, which are returned."""
+    driver, residual = along.values, pooled.residual
     known = np.flatnonzero(np.isfinite(driver))
+    mesh = None
     if len(known) > shown_samples.MOST_POINTS:
         low, high = np.percentile(residual[known], [0.1, 99.9])
         near = known[(residual[known] >= low) & (residual[known] <= high)]
-        _counts(axes, shown_samples.grid(driver[near], residual[near], 50))
+        mesh = _counts(axes, shown_samples.grid(driver[near], residual[near]))
     else:
-        axes.plot(
-            driver[known],
-            residual[known],
-            ".",
-            color=FAINT,
-            markersize=2.5,
-            alpha=0.6,
-            rasterized=len(known) > MOST_DRAWN,
-        )
+        for index, label in enumerate(wheels or [None]):
+            here = known[pooled.wheel[known] == index] if wheels else known
+            axes.plot(
+                driver[here],
+                residual[here],
+                linestyle="none",
+                marker=MARKERS[index] if wheels else ".",
+                color=_WHEELS[index] if wheels else FAINT,
+                markersize=2.5,
+                markeredgewidth=0.0,
+                alpha=0.6,
+                label=label,
+                rasterized=len(here) > MOST_DRAWN,
+            )
     if math.isfinite(noise):
         for sign in (-1.0, 1.0):
             axes.axhline(
@@ -166,6 +171,7 @@ def _along(axes: Axes, along: shown_samples.Along, residual: Array, noise: float
         axes.plot(
             band.centre, band.median, color=MEDIAN, marker="o", markersize=2.5, linewidth=1.4, label="median"
         )
+    return mesh
 
 
 def errors(ladder: Sequence[Rung]) -> Figure | None:

@@ -68,8 +68,8 @@ def _table(models: Sequence[Alternative]) -> Table:
                 quantities.number(errors.heldout_rmse / errors.noise, 2) if errors.noise > 0.0 else "–",
             ]
     note = (
-        "Noise is the part of the error that a model holds for unpredictable. A wrong model may put some of "
-        "what it misses there."
+        "Noise is estimated with each model: the part of the error that it treats as unpredictable. A wrong "
+        "model may count some of its misfit as noise."
     )
     return Table("Held-out errors, model by model", head, rows, frozenset(range(1, len(head))), note)
 

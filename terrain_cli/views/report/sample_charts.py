@@ -193,8 +193,8 @@ def residual(
     if not along.labels:
         layers = [layers[0].interactive(name="zoom")]
     marked = points.mark_circle(size=24, color=CHOSEN, clip=True).transform_filter("datum.s == segment")
-    # Below the median, which is what is to be read.
-    layers.append(marked)
+    # Below the median, which is what is to be read. A lone segment is no choice.
+    layers += [marked] if len(keys) > 1 else []
     ends: dict[str, Any] = {"y": alt.Y("low:Q"), "y2": "high:Q"}
     if along.labels:
         layers.append(bins.mark_bar(size=18, **spread).encode(**ends))
@@ -206,5 +206,7 @@ def residual(
     layers.append(sheet.chart(y=[0.0]).mark_rule(color=INK, strokeWidth=1).encode(y="y:Q"))
     if np.isfinite(noise):
         rules = sheet.chart(y=[-1.96 * noise, 1.96 * noise])
-        layers.append(rules.mark_rule(color=COLOURS[0], strokeDash=[2, 3], clip=True).encode(y="y:Q"))
+        layers.append(
+            rules.mark_rule(color=COLOURS[0], strokeWidth=1.5, strokeDash=[2, 3], clip=True).encode(y="y:Q")
+        )
     return sheet.finished(layers, height)

@@ -259,16 +259,17 @@ def _timeline(
     if sure.any():
         sure &= error <= np.median(error[sure]) * _UNSURE
     ends = np.concatenate([value[known], (value - 1.96 * error)[sure], (value + 1.96 * error)[sure]])
-    scale = alt.Scale(domain=[float(np.nanmin(ends)), float(np.nanmax(ends))], zero=False)
-    y = alt.Y("y:Q", title=title, scale=scale)
+    # With a margin: the band of a lone segment would be the whole picture.
+    ends_shown = scale(*shown_samples.limits(ends, margin=0.1))
+    y = alt.Y("y:Q", title=title, scale=ends_shown)
     colours = alt.Scale(domain=unique, range=list(COLOURS[: len(unique)]))
     # One name for all is no legend.
-    legend = alt.Legend(title=None) if len(unique) > 1 else None
+    legend = alt.Legend(title=None, symbolOpacity=1.0) if len(unique) > 1 else None
     colour = alt.Color("kind:N", scale=colours, legend=legend)
     # What is not ok is faint, as in the other pictures.
     opacity = alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35))
     band = base.mark_rect(opacity=0.16, clip=True).encode(
-        y=alt.Y("low:Q", title=title, scale=scale), y2="high:Q", color=colour
+        y=alt.Y("low:Q", title=title, scale=ends_shown), y2="high:Q", color=colour
     )
     lines = base.mark_rule(strokeWidth=4, clip=True).encode(y=y, color=colour, opacity=opacity)
     marked = base.mark_rule(strokeWidth=9, color=CHOSEN, clip=True).encode(y=y)
