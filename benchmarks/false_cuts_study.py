@@ -1,4 +1,4 @@
-"""How often one soil is cut in two where the model lacks an effect: with and without `needed` cuts.
+"""How often one soil is cut in two where the model lacks an effect: by the line alone, and by all that cuts.
 
     python benchmarks/false_cuts_study.py [DRIVES]
 
@@ -23,24 +23,27 @@ from hidden_drives import FULL, Kind, sized, windows_of  # noqa: E402 - found th
 from terrain_cli.windows import segmentation  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "false_cuts_study.txt"
-NEEDED = segmentation.needed
-FIRST, SECONDS, TURN = 9_000_000, 200.0, 200.0 / 7.0
+CUTS = segmentation.needed, segmentation.sinkage_changes
+FIRST, SECONDS, TURN = 9_500_000, 200.0, 200.0 / 7.0
 #: A change counts as found within so many seconds.
 NEAR = 2.0
 
 
-def _all(*given):
-    return given[3]
+def _not_joined(_x, _y, _drivers, bounds, _fixed):
+    return bounds
+
+
+def _not_cut(_load, _sinkage, _slip, _drivers, bounds, **_):
+    return bounds
 
 
 def counted(job):
-    """Return the changes found and the false ones, without and with what explains cuts away."""
+    """Return the changes found and the false ones, of the line alone and with all that joins and cuts."""
     effect, seed, course, share, soils = job
     hidden = sized(effect) if effect else {}
     true = TURN * np.arange(1, 7) if soils == 2 else np.zeros(0)
     counts = []
-    for needed in (_all, NEEDED):
-        segmentation.needed = needed
+    for segmentation.needed, segmentation.sinkage_changes in ((_not_joined, _not_cut), CUTS):
         kind = Kind(effects=hidden, course=course, share=share, seconds=SECONDS, soils=soils)
         (windows,) = windows_of(seed, kind)
         times = windows.samples.time[windows.rows][windows.bounds[1:-1]]
@@ -53,8 +56,8 @@ def lines(drives, run):
     yield "One soil, and two that take turns, under an effect that the model lacks: changes found and false ones"
     yield ""
     yield f"{drives} courses of {SECONDS:.0f} s a row, each at 1 and 3 % of noise, with loads that vary and that do not."
-    yield "before: change points alone; after: without those that slip, speed or attitude explain. multi-pass is no"
-    yield "false cut: the soil is another in every pass."
+    yield "before: change points of the line alone; after: without those that slip, speed or attitude explain, and with"
+    yield "those that the sinkage shows. multi-pass is no false cut: the soil is another in every pass."
     yield ""
     yield f"{'':22}{'one soil: false':>24}{'two soils: found':>30}{'two soils: false':>22}"
     yield f"{'effect':22}{'before':>14}{'after':>10}{'before':>20}{'after':>10}{'before':>12}{'after':>10}"
