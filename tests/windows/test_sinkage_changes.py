@@ -26,8 +26,8 @@ def drive(seed, *, stiffer=1.0, digging=0.0, steps=False):
     return tuple(column * own for column, own in zip((load, sinkage, slip), noise, strict=True))
 
 
-def cut(load, sinkage, slip, bounds=WHOLE, drivers=()):
-    return sinkage_changes(load, sinkage, slip, drivers, bounds, **LIMITS)
+def cut(load, sinkage, slip, bounds=WHOLE, drivers=(), **limits):
+    return sinkage_changes(load, sinkage, slip, drivers, bounds, **LIMITS | limits)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -42,6 +42,13 @@ def test_a_stiffer_soil_is_another(seed, steps):
 def test_load_and_slip_are_no_soil(seed, steps):
     load, sinkage, slip = drive(seed, digging=2.0, steps=steps)
     assert cut(load, sinkage, slip, drivers=[slip]).tolist() == WHOLE.tolist()
+
+
+def test_uneven_ground_is_no_soil():
+    load, sinkage, slip = drive(0)
+    driven = 0.05 * np.arange(N) / RATE
+    uneven = sinkage * (1.0 + 0.42 * np.sin(2.0 * np.pi * driven / 0.35))
+    assert cut(load, uneven, slip, distance=driven).tolist() == WHOLE.tolist()
 
 
 def test_a_soil_hardly_stiffer_is_the_same():
