@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Bounds, Index
 
 #: Share of the logarithms that stands in for a strength: lines that differ by 5 and 8 % are sinkages that
-#: differ by 15 and 24 %. In 164 drives over one soil neither a third nor a half nor the whole made a false cut.
-#: The line finds 237 of 384 changes between two soils, each of the three 376; false cuts are 89; 96, 109, 102.
+#: differ by 15 and 24 %. In 164 drives over one soil neither a third nor a half nor the whole made a false
+#: cut. The line finds 237 of 384 changes between two soils, each of the three 376; false cuts are 89 by the
+#: line, and 96, 109 and 102.
 _SHARE = 1.0 / 3.0
 #: Samples and metres of such a soil at least: what is shorter is uneven ground. Where the sinkage rises and
 #: falls by 42 % in 0.35 m on one line, 10 samples and 0.1 m made 171 cuts, 60 samples and 0.3 m or more none.
