@@ -111,7 +111,7 @@ segments = click.option(
     type=click.Choice(SEGMENTS),
     default=SEGMENTS[0],
     show_default=True,
-    help="Windows: where the soil's line changes, of a fixed length, by terrain label, or none.",
+    help="Windows: where the soil changes, of a fixed length, by terrain label, or none.",
 )
 window_distance = click.option(
     "--window-distance",

@@ -14,7 +14,7 @@ SEGMENTS: tuple[Segments, ...] = get_args(Segments)
 #: Models that need no file.
 Base = Literal["linear", "wong-reece"]
 BASES: tuple[Base, ...] = get_args(Base)
-#: Fewest samples of a window that is cut where the soil's line changes.
+#: Fewest samples of a window that is cut where the soil changes.
 CUT_SAMPLES = 10
 #: Fewest samples that say something of a line and of the scatter about it.
 FIT_SAMPLES = 5

@@ -165,7 +165,7 @@ def cut(
 ) -> Windows:
     """Cut the usable samples of a wheel into windows.
 
-    "auto" cuts where the soil's line changes, into windows of `min_samples` and `window_distance` metres at
+    "auto" cuts where the soil changes, into windows of `min_samples` and `window_distance` metres at
     least; "fixed" every so many samples or metres; "terrain" where the label changes; "none" makes one window
     for each continuous stretch. Of a table of steady test points, and of samples without torque, "auto" makes
     one window for each terrain label, or one of all. `before` counts the usable samples of the first stretch
