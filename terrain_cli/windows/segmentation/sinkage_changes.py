@@ -78,8 +78,8 @@ def _line(load: Array, sinkage: Array, slip: Array, bounds: Bounds) -> tuple[Arr
     line, *others, level = (column - _mean(column, blocks) for column in (*terms, depth))
     # Their means are 0 already: of the moments those with 1 are left out.
     found = solved(Lines(line, others, level, bounds).moments()[:, 1:, 1:])
-    slopes = np.repeat(found, np.diff(bounds), axis=0).T
-    depth = depth - sum(own * term for own, term in zip(slopes, terms, strict=True))
+    for own, term in zip(found.T, terms, strict=True):
+        depth -= np.repeat(own, np.diff(bounds)) * term
     return 1.0 + _SHARE * weight, 1.0 + _SHARE * (weight + depth - _mean(depth, bounds))
 
 
