@@ -160,7 +160,7 @@ def screen(
             # No draw of the signs of a few points exceeds the root of their number, however strong an effect.
             chance[place] = np.zeros_like(chance[place])
             chance[place][: len(left[place])] = left[place]
-    # The signs of points are drawn of what the strongest effect leaves, which no weight makes even.
+    # Of drives alone: the chance of steady points is drawn from what the strongest effect leaves.
     even = [part.testable & wheel.ordered for part, wheel in zip(parts, wheels, strict=True)]
     found_of = signatures.test(
         [*(part.short for part in parts), *(part.even for part in parts)],
