@@ -22,7 +22,7 @@ _SHARE = 1.0 / 3.0
 #: Samples and metres of such a soil at least: what is shorter is uneven ground. Where the sinkage rises and
 #: falls by 42 % in 0.35 m on one line, 10 samples and 0.1 m made 171 cuts, 60 samples and 0.3 m or more none.
 _SAMPLES, _METRES = 60, 0.5
-#: Samples of a block that tell how the sinkage follows load and slip. In 110 drives 32, 64 and 128 found all
+#: Samples of a block that tell how the sinkage follows load and slip. In 458 drives 32, 64 and 128 found all
 #: of 146 changes; in 32 drives, cut as they arrived, 64, 128, 256 and 512 made 6, 1, 1 and 1 false cuts.
 _BLOCK = 128
 #: Shares of the median below which a logarithm would tell of noise alone.
