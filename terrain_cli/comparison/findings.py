@@ -77,10 +77,9 @@ class Residuals:
         self.wheels, self.scale, self.found = wheels, scale, found
         self.labels: dict[str, list[str]] = {}
         stride = max(1, int(np.ceil(sum(len(wheel) for wheel in wheels) / MOST_SAMPLES)))
-        gap = max((wheel.memory for wheel in wheels), default=0)
         self.first = np.cumsum([0, *(len(wheel.windows) for wheel in wheels)])
         self.rows = [np.arange(0, len(wheel), stride) for wheel in wheels]
-        self.evidence = [self._of_wheel(index, block[index], gap) for index in range(len(wheels))]
+        self.evidence = [self._of_wheel(index, block[index]) for index in range(len(wheels))]
         self.shapes = self._shapes()
         self.counts = {
             name: sum(
@@ -89,9 +88,9 @@ class Residuals:
             for name in scale
         }
 
-    def _of_wheel(self, index: int, block: Index, gap: int) -> ResidualEvidence:
+    def _of_wheel(self, index: int, block: Index) -> ResidualEvidence:
         wheel, rows = self.wheels[index], self.rows[index]
-        channels, drivers = wheel.smoothed(gap, rows)
+        channels, drivers = wheel.smoothed(wheel.gap, rows)
         known = np.ones(len(rows), dtype=bool)
         for name in ("load", "slip", "sinkage"):
             if name in channels:

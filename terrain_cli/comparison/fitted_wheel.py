@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 _WITH_SLIP = ("velocity", "angular_velocity")
 #: Channels that a model without effects reads, explains or is compared with.
 _READ = (*smoothed_channels.NOISY, *_WITH_SLIP, "torque", "drawbar_pull")
+#: Samples that tell over which gap channels are interpolated best (judged).
+_TELL = 1_000
 #: Most samples to which one soil is fitted.
 _MOST_COMMON = 30_000
 #: Times that test points are weighed anew by what the model leaves of them.
@@ -70,10 +72,8 @@ class FittedWheel:
         # What was computed for an effect is counted the way the wheel turns; measured channels are not.
         every = {**samples.channels, **samples.drivers}
         read = {*_READ, *further, *(name for effect in model.effects for name in effect.reads)}
-        columns = {name: at_rows(column, windows.rows) for name, column in every.items() if name in read}
-        self.channels: dict[str, Array] = {
-            name: column for name, column in columns.items() if np.isfinite(column).any()
-        }
+        columns = {name: at_rows(every[name], windows.rows) for name in every if name in read}
+        self.channels = {name: column for name, column in columns.items() if np.isfinite(column).any()}
         self.ordered = samples.time is not None
         self.fit: Fit = fit(
             model,
@@ -354,6 +354,29 @@ class FittedWheel:
             else column
             for name, column in self._read(gap).items()
         }
+
+    @cached_property
+    def gap(self) -> int:
+        """Samples left out on either side where load and slip are interpolated to explain residuals.
+
+        Noise is forgotten after `memory` samples. But over so wide a gap what changes fast is lost, and a
+        misfit that lasts makes it wider still: of halved gaps, the one whose channels predict best.
+        """
+        halved = [self.memory >> times for times in range(self.memory.bit_length() + 1)]
+        return min(halved, key=self._misfit) if self.memory else 0
+
+    def _misfit(self, gap: int) -> float:
+        """Return the squares that predictions from interpolated channels leave, over the residuals'."""
+        rows = np.arange(0, len(self), max(1, len(self) // _TELL))
+        channels, _ = self.smoothed(gap, rows)
+        total = 0.0
+        for name, predicted in prediction.values(
+            self.model, self.geometry, channels, lambda some: self.of_samples(rows[some])
+        ).items():
+            usual, left = self.residuals[name][rows], self.measured[name][rows] - predicted
+            left = np.where(np.isfinite(left), left, 2.0 * usual)
+            total += float(np.nansum(left**2) / max(np.nansum(usual**2), np.finfo(float).tiny))
+        return total
 
     def smoothed(self, gap: int, rows: Index) -> tuple[dict[str, Array], dict[str, Array]]:
         """Return channels and drivers of some usable samples, without the samples' own noise.

@@ -72,7 +72,7 @@ class SignatureEvidence(NamedTuple):
 
 def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     """Collect what the residuals of some usable samples of a wheel have to say."""
-    channels, _ = wheel.smoothed(wheel.memory, rows)
+    channels, _ = wheel.smoothed(wheel.gap, rows)
     levels = {name: level.deviation for name, level in wheel.noise.items()}
     white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
     use = np.ones(len(rows), dtype=bool)
@@ -219,9 +219,9 @@ def of_short_blocks(
     What a sample's noise has in common with that of the sample before is taken off first, of residuals and
     signatures alike (Prais & Winsten 1954, Cowles Commission Discussion Paper 383).
 
-    Second are the scores of the same columns where each block weighs 1 over 1 + what a typical size of the
-    effect adds to its sum of squares: nearly all of a large effect may fall into a few blocks, which chance
-    gives the same sign easily.
+    Second are the scores of the same columns where each block weighs 1 over 1 + what the effect, in the size
+    that fits best, adds to its sum of squares: nearly all of a large effect may fall into a few blocks, which
+    chance gives the same sign easily.
     """
     step = int(rows[1] - rows[0]) if len(rows) > 1 else 1
     memory, window = wheel.memory, wheel.window[rows]
@@ -239,7 +239,8 @@ def of_short_blocks(
     found, rest = scores(residual, soil, own_columns, window, block, blocks)
     power = np.zeros((blocks, rest.shape[2]))
     np.add.at(power, block, (rest**2).sum(axis=1))
-    even = rest / (1.0 + power)[block][:, None, :]
+    size = found.total / np.maximum(power.sum(axis=0), 1e-300)
+    even = rest / (1.0 + size**2 * power)[block][:, None, :]
     return found, scores(residual, soil, even, window, block, blocks)[0]
 
 

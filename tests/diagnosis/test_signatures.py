@@ -63,8 +63,9 @@ def test_samples_of_another_segment_are_no_neighbours():
     assert found.blocks.sum() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_an_effect_that_acts_in_a_few_stretches_most_is_found_by_all_of_them():
-    """A torque that follows the acceleration is nearly all in a few starts and stops."""
+@pytest.mark.parametrize("unit", [1.0, 0.01])
+def test_an_effect_that_acts_in_a_few_stretches_most_is_found_by_all_of_them(unit):
+    """A torque that follows the acceleration is nearly all in a few starts and stops, whatever its unit."""
     rng = np.random.default_rng(4)
     count = 200
     effect = rng.normal(size=(count, 1)) * np.where(np.arange(count) % 67 == 0, 30.0, 0.5)[:, None]
@@ -77,7 +78,7 @@ def test_an_effect_that_acts_in_a_few_stretches_most_is_found_by_all_of_them():
     rows = np.arange(count)
     plain, even = (
         max_test(found.blocks, shrunk=found.shrunk, draws=999).p_values[0]
-        for found in of_short_blocks(wheel, rows, known, effect[..., None], rows, count)
+        for found in of_short_blocks(wheel, rows, known, unit * effect[..., None], rows, count)
     )
     assert plain > 0.05
     assert even < 0.01

@@ -1,0 +1,39 @@
+"""Slip that changes fast, under noise that lasts: over how wide a gap a fitted wheel interpolates it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden_drives import Kind, Rover, windows_of
+from simulator import SOILS, Wheel
+
+from terrain_cli.comparison.compare import fit_wheels
+from terrain_cli.comparison.fit_settings import FitSettings
+from terrain_cli.mechanics.wheel_model import Model
+
+#: A wheel on which 5 % of its radius make a misfit that lasts longer than the noise.
+ROVER = Rover(
+    wheel=Wheel(radius=0.3, width=0.25, grouser_height=0.024, grouser_count=12),
+    load=600.0,
+    speed=0.168,
+    soils=2 * (replace(SOILS["LETE sand"], shear_modulus=0.01),),
+)
+WRONG_RADIUS = {"wheel-radius": {"relative_error": 0.05}}
+
+
+@pytest.mark.parametrize("effects", [{}, WRONG_RADIUS], ids=["nothing", "wrong radius"])
+def test_slip_that_changes_fast_is_there_under_noise_and_misfits_that_last(effects):
+    kind = Kind(effects, noise="ar1", share=0.03, soils=1, rover=ROVER)
+    (wheel,), _ = fit_wheels(windows_of(78501606, kind, "none"), Model(), FitSettings({}, {}, (), None))
+    channels, _ = wheel.smoothed(wheel.gap, np.arange(len(wheel)))
+    slip, known = wheel.channels["slip"], np.isfinite(channels["slip"])
+    off = float(np.std(channels["slip"][known] - slip[known]))
+    assert off < 0.2 * float(np.std(slip))
+    assert wheel.gap < wheel.memory
+
+
+def test_white_noise_is_left_out_by_the_next_samples():
+    (wheel,), _ = fit_wheels(
+        windows_of(5, Kind({}, noise="white", soils=1), "none"), Model(), FitSettings({}, {}, (), None)
+    )
+    assert wheel.memory == wheel.gap == 0
