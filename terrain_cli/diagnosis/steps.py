@@ -155,7 +155,7 @@ def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
     gain = ranked.base.loss - (laws[0].refit if laws else least).loss
     told = next((one for one in laws if refit_ranking.beats(one.refit, least)), None)
     rare = criteria.GAINED if any(wheel.ordered for wheel in ranked.data.wheels) else criteria.GAINED_STEADY
-    p_value = max(before.p_value, alarm.of_gain(gain) * criteria.LEVEL / rare)
+    p_value = max(before.p_value, alarm.of_gain_in_most(gain) * criteria.LEVEL / rare)
     shares = alarm.shares(ranked.data, ranked.base, told.refit if told else least)
     channel = max(shares, key=lambda name: shares[name], default="")
     share = shares.get(channel, np.nan)

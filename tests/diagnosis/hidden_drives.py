@@ -41,6 +41,8 @@ from terrain_cli.windows.cut_windows import cut
 
 Given: TypeAlias = Mapping[str, Mapping[str, float | str]]
 Course = Literal["rich", "poor-load", "poor-speed", "poor"]
+#: Correlation of the noise "ar1" from sample to sample.
+LASTING = 0.8
 Noise = Literal["white", "ar1", "soil", "soil-unlabelled"]
 
 WHEEL = Wheel(radius=0.125, width=0.1, grouser_height=0.01, grouser_count=12)
@@ -261,7 +263,7 @@ def drive_of(seed: int, kind: Kind) -> Drive:
     track = Track(
         "wheel", soils, course["load"], course["slip"], course["pass_number"], course["motor_temperature"]
     )
-    memory = -1.0 / (kind.rate * math.log(0.8)) if kind.noise == "ar1" else 0.0
+    memory = -1.0 / (kind.rate * math.log(LASTING)) if kind.noise == "ar1" else 0.0
     noisy = Sensor(relative=kind.share, correlation_time=memory)
     return Drive(
         [track],
