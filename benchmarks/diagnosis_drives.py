@@ -51,7 +51,7 @@ NOISES = ("white", "ar1", "soil", "soil-unlabelled")
 COURSES = ("rich", "poor-load", "rich", "poor", "rich", "poor-speed")
 SIZES = (0.5, 1.0, 2.0)
 #: Drives of each row: of a class of noise; of an effect, its size, form and course; of a pair; …
-FULL_NUMBERS = {"clean": 200, "effects": 1, "pairs": 5, "removed": 2, "outside": 8, "next": 3, "vehicles": 3}
+FULL_NUMBERS = {"clean": 400, "effects": 1, "pairs": 5, "removed": 2, "outside": 8, "next": 3, "vehicles": 3}
 QUICK_NUMBERS = {"clean": 6, "effects": 1, "pairs": 1, "removed": 1, "outside": 1, "next": 1, "vehicles": 1}
 #: Drives of the vehicles with nothing hidden, of each three with an effect.
 NOTHING = 20
