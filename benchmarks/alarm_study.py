@@ -38,7 +38,7 @@ from terrain_cli.effects import catalogue  # noqa: E402 - as above
 
 RESULT = HERE / "results" / "alarm_study.txt"
 #: Seeds of the drives, without and with an effect.
-FIRST, FIRST_HIDDEN = 73_000_000, 73_002_000
+FIRST, FIRST_HIDDEN = 84_000_000, 84_002_000
 SAMPLES, RATES = 800, (10.0, 20.0, 40.0)
 NOISES, COURSES = ("white", "ar1", "two soils"), ("rich", "poor-load", "rich", "poor-speed")
 LEVELS = (0.01, 0.05, 0.1, 0.5)
