@@ -27,7 +27,7 @@ from simulator import CLAYEY_SOIL, DRY_SAND, base_contact, one_wheel, simulate, 
 from formats.text.arriving_rows import ArrivingRows  # noqa: E402
 from terrain_cli.rover import rover_file  # noqa: E402
 from terrain_cli.run.settings import Settings  # noqa: E402
-from terrain_cli.stream.arriving_samples import ArrivingSamples  # noqa: E402
+from terrain_cli.stream.arriving_samples import RowSamples  # noqa: E402
 from terrain_cli.stream.follow import Follow  # noqa: E402
 from terrain_cli.stream.followed_wheel import CommonStress, FollowedWheel  # noqa: E402
 
@@ -99,7 +99,7 @@ def latencies(lines, count):
     rows = ArrivingRows("-")
     rows.prepare(("\n".join(lines[:100]) + "\n").encode(), hurry=True)
     settings, stress = Settings(method="recursive"), CommonStress(None)
-    samples, wheels, took = ArrivingSamples(rows, ROVER, settings, None), {}, []
+    samples, wheels, took = RowSamples(rows, ROVER, settings, None), {}, []
     for part in samples.take(rows.take()):
         wheels[part.wheel] = FollowedWheel(settings, None, stress)
         list(wheels[part.wheel].take(part))

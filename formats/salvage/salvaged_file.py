@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import mmap
+import os
 from abc import ABC, abstractmethod
 from binascii import crc32
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -29,6 +31,14 @@ _ORDER = 1 << 40
 #: Bytes of messages that may wait for others which are earlier.
 _WAITING = 1 << 30
 _WAITING_PARTS = 50_000
+
+
+class BrokenRecordError(ValueError):
+    """A record does not add up."""
+
+
+class CutOffError(BrokenRecordError):
+    """A record ends beyond the file; of one that is still written, the rest will come."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +75,11 @@ class SalvagedFile(ABC):
         self.unchecked = False
         #: Messages in no chunk, as rows of a piece, places being those in the file.
         self._loose: list[tuple[int, int, int, int]] = []
+        #: Where the next record begins, and whether the last one was read.
+        self.at = 0
+        self.ended = False
+        #: The file is still being written: what is cut off is waited for.
+        self.growing = False
 
     def open(self) -> None:
         """Find the readable pieces."""
@@ -78,6 +93,34 @@ class SalvagedFile(ABC):
         except BaseException:
             self.close()
             raise
+
+    def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
+        """Read on in a file that is being written, some `most` bytes: its messages, as they lie in it.
+
+        No record before `at` is looked at again. Damage is in `recovery`; BrokenRecordError where it hides
+        what comes next.
+        """
+        self.growing = True
+        size = os.fstat(file.fileno()).st_size
+        if size > len(self.data):
+            self.close()
+            self.data = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
+            self._allowance = Allowance(size)
+        limit = min(size, self.at + most)
+        with suppress(CutOffError):
+            while self.at < limit and not self.ended:
+                self.at = self.record(self.at)
+        self.end_loose()
+        pieces, self.pieces, self.walk = self.pieces, [], []
+        if set(self.numbers()) != {connection.id for connection in self.connections}:
+            self.connections = list(self.known().values())
+        numbers = np.array([connection.id for connection in self.connections], dtype=np.int64)
+        return [_messages(piece, 0, numbers) for piece in pieces]
+
+    @property
+    def rest(self) -> int:
+        """Bytes at the end of a growing file that are no whole record."""
+        return 0 if self.ended else len(self.data) - self.at
 
     def take(self, found: Index, kept: Index, load: Callable[[], bytes], damage: str = "") -> None:
         """Take the messages that can be trusted of those that were found together.
@@ -143,6 +186,18 @@ class SalvagedFile(ABC):
     @abstractmethod
     def scan(self) -> dict[int, Connection]:
         """Fill `salvaged_file` and `recovery`; return the connections that are known, by their number."""
+
+    def record(self, at: int) -> int:
+        """Read one record; return where the next begins. CutOffError where it is not all there."""
+        raise NotImplementedError(at)
+
+    def numbers(self) -> Collection[int]:
+        """Return the numbers of the connections that were told of so far."""
+        raise NotImplementedError
+
+    def known(self) -> dict[int, Connection]:
+        """Return the connections of which all is known, by their number."""
+        raise NotImplementedError
 
     def _settle(self, known: dict[int, Connection]) -> None:
         """Keep the messages of known connections, and count them."""

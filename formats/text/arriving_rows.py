@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from formats.content import COMPRESSED, FILE_KINDS, HEAD_BYTES, content
+from formats.content import BAGS, COMPRESSED, FILE_KINDS, HEAD_BYTES, content
 from formats.errors import FormatError
 from formats.table import Field, Source, Stream
 from formats.text import unguarded
@@ -42,6 +42,10 @@ class ArrivingRows(Source):
 
     First `prepare` until it says that the columns are known, then `take`.
     """
+
+    #: What is counted, and whether the rows themselves tell that nothing more will come.
+    counted = "rows"
+    ended = False
 
     def __init__(self, path: str) -> None:
         super().__init__(path, "csv")
@@ -95,10 +99,13 @@ class ArrivingRows(Source):
             raise FormatError(
                 self.label, f"is packed ({kind})", hint="unpack it on the way: zcat run.csv.gz |"
             )
+        if kind in BAGS:
+            what = f"is {FILE_KINDS[kind].found}, which can be followed in its file, not in a pipe"
+            raise FormatError(self.label, what, hint="name the file that the recorder writes")
         if kind != "csv":
             raise FormatError(
                 self.label,
-                f"holds {FILE_KINDS[kind].found}, and only CSV and JSON Lines can be followed",
+                f"holds {FILE_KINDS[kind].found}, and only CSV, JSON Lines and bags can be followed",
                 hint="batch --watch takes a recording as soon as it is closed",
             )
 
