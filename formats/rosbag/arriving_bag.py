@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from formats.salvage.salvaged_file import SalvagedFile
     from formats.table import Batch
 
-#: Log time in ns from which the topics are told: one that has a message each second is among them.
-_SHOWN = 1_000_000_000
+#: Log times in ns from which the topics are told: one that has a message each second is among them. If one
+#: is missing, it may begin later. Judged: drivers start one after the other within seconds.
+_SHOWN, _YOUNG = 1_000_000_000, 10_000_000_000
 
 
 class _Arrivals(Container):
@@ -115,9 +116,20 @@ class ArrivingBag(BagSource):
         """Nothing more will come: the recorder has written the index."""
         return self._arrivals.reader.ended
 
+    @property
+    def young(self) -> bool:
+        """A topic may not have begun yet."""
+        return not self.ended and self._arrivals.shown < _YOUNG
+
     def prepare(self, data: bytes, *, hurry: bool) -> bool:  # noqa: ARG002 - the file is read in larger pieces
-        """Look for messages until the topics can be told, in a `hurry` from one message."""
+        """Look for messages until the topics can be told, in a `hurry` from one message.
+
+        What was taken comes again then: what is read may have been chosen too early.
+        """
         self.count += self._arrivals.look()
+        self._found = None
+        self.__dict__.pop("_topics", None)
+        self.remarks.clear()
         return self.count > 0 and (hurry or self.ended or self._arrivals.shown >= _SHOWN)
 
     def take(self, data: bytes = b"", *, last: bool = False) -> dict[str, Batch] | None:  # noqa: ARG002
@@ -125,11 +137,11 @@ class ArrivingBag(BagSource):
         if self._found is None:
             self._found = self._readings(self.wanted, 1 << 40)
         else:
+            self._arrivals.drop()
             self.count += self._arrivals.look()
         self._add_publishers(self._found)
         for _ in self._full(self._found):
             pass
-        self._arrivals.drop()
         batches = {
             reading.topic: batch
             for reading in dict.fromkeys(self._found.values())

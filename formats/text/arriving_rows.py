@@ -43,9 +43,9 @@ class ArrivingRows(Source):
     First `prepare` until it says that the columns are known, then `take`.
     """
 
-    #: What is counted, and whether the rows themselves tell that nothing more will come.
+    #: What is counted, whether the rows tell that no more will come, and whether columns may be added.
     counted = "rows"
-    ended = False
+    ended = young = False
 
     def __init__(self, path: str) -> None:
         super().__init__(path, "csv")

@@ -56,6 +56,9 @@ class ArrivingSamples(ABC):
         #: Messages that were too late to be taken.
         self.late = 0
 
+    def check(self, came: Any) -> None:  # noqa: B027 - rows are checked as they are taken
+        """Refuse a stream of which something is missing, by what came first."""
+
     @abstractmethod
     def take(self, came: Any) -> Iterator[Samples]:
         """Yield the samples that are known with what came."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from formats.content import BAGS, HEAD_BYTES, content
 from formats.text.arriving_rows import ArrivingRows
-from terrain_cli.errors import InputError
+from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.estimation import estimators
 from terrain_cli.run.one_log import nothing_usable
 from terrain_cli.stream import followed_wheel
@@ -32,8 +32,9 @@ if TYPE_CHECKING:
     from terrain_cli.stream.model_watch import ModelMiss
     from terrain_cli.telemetry import Samples
 
-#: Seconds in which more rows may come before the columns are told from those that are there.
-_PATIENCE = 1.0
+#: Seconds in which more rows may come before the columns are told from those that are there, and in which a
+#: topic may begin of which something is needed. Judged: as `arriving_bag` has it of log time.
+_PATIENCE, _WAITED = 1.0, 10.0
 _REPEATED = "time repeated"
 _NOTHING = "of a table a header and rows are needed, of a bag messages"
 
@@ -81,7 +82,7 @@ class Follow:
                 head = (head + block)[:HEAD_BYTES]
                 self._choose(head)
                 if self._rows.prepare(block, hurry=late):
-                    self._begin()
+                    self._begin(wait=self._rows.young and time.monotonic() - (began or 0.0) < _WAITED)
             else:
                 self._take(self._rows.take(block))
             self._tick()
@@ -99,15 +100,26 @@ class Follow:
 
                 self._rows = ArrivingBag(path, kind)
 
-    def _begin(self) -> None:
+    def _begin(self, *, wait: bool = False) -> None:
+        """Tell what is read; what is missing may `wait` for a topic that begins later."""
+        try:
+            samples = self._new_samples()
+            came = self._rows.take()
+            samples.check(came)
+        except (ConfigurationError, InputError):
+            if not wait:
+                raise
+        else:
+            self._samples = samples
+            self._take(came)
+
+    def _new_samples(self) -> ArrivingSamples:
         effects = None if self._file is None else self._file.model.effects
         if isinstance(self._rows, ArrivingRows):
-            self._samples = RowSamples(self._rows, self._rover, self._settings, effects)
-        else:
-            from terrain_cli.stream.arriving_messages import MessageSamples
+            return RowSamples(self._rows, self._rover, self._settings, effects)
+        from terrain_cli.stream.arriving_messages import MessageSamples
 
-            self._samples = MessageSamples(self._rows, self._rover, self._settings, effects)
-        self._take(self._rows.take())
+        return MessageSamples(self._rows, self._rover, self._settings, effects)
 
     def _take(self, came: Any) -> None:
         if came is not None and self._samples is not None:

@@ -193,7 +193,7 @@ def _wheel(
         clock, interval = slowest
         raw.remarks.append(
             f"wheel {name}: topics have rates of their own: {clock} has a value every {interval:.3g} s, "
-            f"and its {len(series[clock][0])} messages are the samples; the others are interpolated there"
+            "and its messages are the samples; the others are interpolated there"
         )
     time = series[clock][0]
     # What comes out is the caller's own, whatever wheels share a topic.

@@ -188,6 +188,12 @@ class PartReader:
             self._ends[raw.wheel].bring(raw, first, last, rover.max_gap)
             yield self._part(raw, first, last)
 
+    def check(self, tables: Mapping[str, dict[str, Column]]) -> None:
+        """Refuse a bag of which something is missing."""
+        request = self.request
+        max_gap = request.rover.max_gap
+        self._check(bags.wheels(request.layout, tables, request.channels, self._choose, max_gap))
+
     def topics(
         self, tables: Mapping[str, dict[str, Column]], clocks: TopicClocks, begin: float, end: float
     ) -> Iterator[Samples]:
