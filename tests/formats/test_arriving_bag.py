@@ -11,6 +11,8 @@ from contextlib import closing
 import numpy as np
 import pytest
 from bags import MCAP, ROS1, typestore, write_ros1, write_ros2
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 import formats
 from formats.rosbag.arriving_bag import ArrivingBag
@@ -121,6 +123,30 @@ def test_a_byte_at_a_time(kind, tmp_path):
     recorder.append(data[9000:])
     assert recorder.bag.ended
     assert_same(recorder.messages, whole(path))
+
+
+def test_messages_in_no_chunk_and_checksums(tmp_path):
+    """As the profile `fastwrite` of rosbag2 writes them, and as the library of MCAP does."""
+    path = finished(tmp_path, "mcap")
+    for chunked in (False, True):
+        copy = tmp_path / f"copy-{chunked}.mcap"
+        with path.open("rb") as source, copy.open("wb") as target:
+            writer = Writer(target, use_chunking=chunked, chunk_size=2000)
+            writer.start("ros2")
+            channels = {}
+            for schema, channel, message in make_reader(source).iter_messages():
+                if channel.topic not in channels:
+                    number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+                writer.add_message(channels[channel.topic], message.log_time, message.data, message.log_time)
+            writer.finish()
+        recorder = Recorder(tmp_path / f"growing-{chunked}", "mcap")
+        data = copy.read_bytes()
+        for begin in range(0, len(data), 100):
+            recorder.append(data[begin : begin + 100])
+        assert recorder.bag.ended
+        assert recorder.bag.faults() == []
+        assert_same(recorder.messages, whole(path))
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
