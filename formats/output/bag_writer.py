@@ -8,7 +8,7 @@ from __future__ import annotations
 import heapq
 import shutil
 from collections.abc import Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -117,7 +117,6 @@ class GrowingBag:
     def __init__(self, destination: str) -> None:
         self._destination = destination
         self._store = get_typestore(Stores.ROS2_HUMBLE)
-        self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         """Make the file; one that is there is replaced."""
@@ -125,20 +124,22 @@ class GrowingBag:
         with explained(self._destination):
             if target.exists() and not target.is_file():
                 raise CannotWriteError(self._destination, "is no file, and an MCAP that grows must be one")
-            scratch = Path(self._stack.enter_context(TemporaryDirectory(prefix=".", dir=target.parent)))
-            self._writer = Ros2Writer(
-                scratch / _NAME, version=Ros2Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
-            )
-            self._writer.open()
-            # The writer makes a folder of its own: its file is moved while it is open.
-            (scratch / _NAME / f"{_NAME}.mcap").replace(target)
+            with TemporaryDirectory(prefix=".", dir=target.parent) as scratch:
+                inner = Path(scratch) / _NAME
+                self._writer = Ros2Writer(
+                    inner, version=Ros2Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
+                )
+                self._writer.open()
+                # The writer makes a folder of its own: its file is moved while it is open.
+                (inner / f"{_NAME}.mcap").replace(target)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Write the index, whatever happened: the messages before are right."""
-        with explained(self._destination), self._stack:
+        with explained(self._destination), TemporaryDirectory() as scratch:
+            self._writer.metapath = Path(scratch) / "metadata.yaml"
             self._writer.close()
 
     def add(self, topics: Sequence[Topic]) -> None:

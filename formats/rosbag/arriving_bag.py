@@ -165,7 +165,9 @@ class ArrivingBag(BagSource):
 
     def faults(self) -> list[str]:
         """Say what was wrong with the file."""
-        rest = self._arrivals.reader.rest
-        return [f"damaged: {text}" for text in self._arrivals.damage] + [
-            f"the last {rest:,} bytes are no whole record, and left out"
-        ] * bool(rest)
+        aside, rest = self._arrivals.reader.recovery.aside, self._arrivals.reader.rest
+        return [
+            *self._arrivals.damage,
+            *[f"{aside:,} messages set aside, which contradict themselves"] * bool(aside),
+            *[f"the last {rest:,} bytes are no whole record, and left out"] * bool(rest),
+        ]

@@ -115,7 +115,11 @@ class SalvagedFile(ABC):
         if set(self.numbers()) != {connection.id for connection in self.connections}:
             self.connections = list(self.known().values())
         numbers = np.array([connection.id for connection in self.connections], dtype=np.int64)
-        return [_messages(piece, 0, numbers) for piece in pieces]
+        found = [_messages(piece, 0, numbers) for piece in pieces]
+        if isinstance(self.data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            # Else a process seems to hold all of the file that it has seen.
+            self.data.madvise(mmap.MADV_DONTNEED)
+        return found
 
     @property
     def rest(self) -> int:

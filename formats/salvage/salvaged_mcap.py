@@ -93,6 +93,9 @@ class SalvagedMcap(SalvagedFile):
             raise CutOffError(f"a record at byte {at:,}")
         code, length = struct.unpack_from("<BQ", self.data, at)
         begin, end = at + _RECORD, at + _RECORD + length
+        if code == 0 and self.growing:
+            # The file is longer already than what was written into it.
+            raise CutOffError(f"a record at byte {at:,}")
         if code == 0 or 0x0F < code < 0x80:
             raise BrokenRecordError(f"there is no record at byte {at:,}")
         if self.growing and length > CHUNK_BYTES:

@@ -143,6 +143,9 @@ class SalvagedRos1(SalvagedFile):
                 self._chunk_info(record)
             case 4:
                 pass
+            case 0 if self.growing and not record.fields:
+                # The file is longer already than what was written into it.
+                raise CutOffError(f"a record at byte {at:,}")
             case _:
                 raise BrokenRecordError(f"a record at byte {at:,}")
         self.recovery.bytes_read += end - at

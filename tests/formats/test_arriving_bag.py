@@ -206,6 +206,23 @@ def test_a_publisher_that_joins_later(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_a_file_that_is_longer_than_what_is_in_it(kind, tmp_path):
+    """As file systems show it that set space aside, or write pages in another order."""
+    path = finished(tmp_path, kind)
+    data, recorder = path.read_bytes(), Recorder(tmp_path / "growing", kind)
+    cut = 8 if kind == "mcap" else 13 + 4096
+    while kind == "mcap" and cut < len(data) // 2:
+        cut += 9 + struct.unpack_from("<Q", data, cut + 1)[0]
+    recorder.append(data[:cut] + bytes(len(data) - cut))
+    early = recorder.bag.count
+    recorder.path.write_bytes(data)
+    for _ in range(3):
+        recorder.look()
+    assert early < recorder.bag.count == len(list(rows()))
+    assert_same(recorder.messages, whole(path))
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
 def test_what_is_no_record_is_told_in_one_line(kind, tmp_path):
     data = finished(tmp_path, kind).read_bytes()
     recorder = Recorder(tmp_path / "growing", kind)
