@@ -86,6 +86,8 @@ def test_a_bag_that_another_process_records(name, start, expected, tmp_path):
         time.sleep(0.3)
         assert process.poll() is None
         with growing.open("r+b") as file:
+            # As rosbag does with run.bag.active.
+            growing.rename(tmp_path / "closed")
             file.seek(at)
             file.write(index)
     out, said = process.communicate(timeout=60)
@@ -111,6 +113,22 @@ def test_a_recorder_that_is_killed(start, expected, tmp_path):
     whole = [row for row in found if row in expected]
     assert len(found) - 2 <= len(whole) < len(expected)
     assert "are no whole record, and left out" in said
+
+
+def test_a_signal_ends_it_while_the_recorder_goes_on(start, expected, tmp_path):
+    growing = tmp_path / "growing.mcap"
+    growing.touch()
+    process = start(growing, *FAST)
+    with subprocess.Popen(
+        [sys.executable, "-c", RECORDER, SAMPLE / "run.mcap", growing, "200", "1"]
+    ) as recorder:
+        head = process.stdout.readline() + process.stdout.readline()
+        process.send_signal(signal.SIGTERM)
+        out, said = process.communicate(timeout=60)
+        recorder.kill()
+    assert process.returncode == 0
+    assert rows_of(head + out)[0] == expected[0]
+    assert "late: 0" in said
 
 
 def test_a_database_that_another_process_writes(start, expected, tmp_path):
@@ -190,6 +208,15 @@ def test_a_bag_in_a_pipe_is_refused_in_one_line(name, terrain_est):
         done = terrain_est("estimate", "--follow", "-", "--rover", SAMPLE / "rover.toml", stdin=file)
     assert (done.returncode, done.stdout) == (65, "")
     assert "which can be followed in its file, not in a pipe" in done.stderr
+
+
+def test_a_bag_is_not_written_over(terrain_est_here, tmp_path):
+    data = (SAMPLE / "run.mcap").read_bytes()
+    (tmp_path / "run.mcap").write_bytes(data)
+    args = ["estimate", "--follow", "run.mcap", "-o", "run.mcap", "--force"]
+    done = terrain_est_here(*args, "--rover", SAMPLE / "rover.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert (tmp_path / "run.mcap").read_bytes() == data
 
 
 def test_a_bag_that_lacks_something_is_refused_as_by_estimate(terrain_est_here, tmp_path):

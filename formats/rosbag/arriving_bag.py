@@ -121,6 +121,11 @@ class ArrivingBag(BagSource):
         """A topic may not have begun yet."""
         return not self.ended and self._arrivals.shown < _YOUNG
 
+    @property
+    def full(self) -> bool:
+        """More was there than was taken."""
+        return self._arrivals.reader.full
+
     def prepare(self, data: bytes, *, hurry: bool) -> bool:  # noqa: ARG002 - the file is read in larger pieces
         """Look for messages until the topics can be told, in a `hurry` from one message.
 

@@ -80,6 +80,8 @@ class SalvagedFile(ABC):
         self.ended = False
         #: The file is still being written: what is cut off is waited for.
         self.growing = False
+        #: There is more than was asked for.
+        self.full = False
 
     def open(self) -> None:
         """Find the readable pieces."""
@@ -102,6 +104,8 @@ class SalvagedFile(ABC):
         """
         self.growing = True
         size = os.fstat(file.fileno()).st_size
+        if size < len(self.data):
+            raise BrokenRecordError(f"it became shorter, of {size:,} bytes, while it was followed")
         if size > len(self.data):
             self.close()
             self.data = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
@@ -110,6 +114,7 @@ class SalvagedFile(ABC):
         with suppress(CutOffError):
             while self.at < limit and not self.ended:
                 self.at = self.record(self.at)
+        self.full = limit <= self.at < size
         self.end_loose()
         pieces, self.pieces, self.walk = self.pieces, [], []
         if set(self.numbers()) != {connection.id for connection in self.connections}:

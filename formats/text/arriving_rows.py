@@ -43,9 +43,9 @@ class ArrivingRows(Source):
     First `prepare` until it says that the columns are known, then `take`.
     """
 
-    #: What is counted, whether the rows tell that no more will come, and whether columns may be added.
+    #: What is counted; no row tells that no more will come, none adds a column, and all are taken.
     counted = "rows"
-    ended = young = False
+    ended = young = full = False
 
     def __init__(self, path: str) -> None:
         super().__init__(path, "csv")

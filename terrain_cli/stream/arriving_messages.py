@@ -85,7 +85,7 @@ class MessageSamples(ArrivingSamples):
                 return
             self._clocks = bags.topic_clocks(self._held)
         times = self._clocks.times(self._held)
-        until = np.inf if last else self._until([time for time in times.values() if len(time)])
+        until = np.inf if last else self._until(list(times.values()))
         if until < self._done + _STEP:
             return
         intervals = [0.0]
@@ -106,11 +106,16 @@ class MessageSamples(ArrivingSamples):
 
     def _until(self, times: list[Array]) -> float:
         """Return the time that all topics have passed, those that are silent left out."""
-        newest = max(float(time.max()) for time in times)
-        gaps = [alignment.default_gap(np.sort(time)) if self._gap is None else self._gap for time in times]
-        silent = newest - _LATE - min(max(gaps), _WAITED)
-        passed = min(float(time.max()) for time in times) if len(times) == len(self._held) else -np.inf
-        return max(passed - _OUT_OF_ORDER, silent)
+        newest = max(float(time.max()) for time in times if len(time))
+        return min(self._passed(time, newest - _LATE) for time in times)
+
+    def _passed(self, time: Array, silent: float) -> float:
+        """Return the time up to which nothing of a topic will come, or nothing that is interpolated."""
+        if not len(time):
+            return silent
+        gap = alignment.default_gap(np.sort(time)) if self._gap is None else self._gap
+        last = float(time.max())
+        return silent if silent > last + min(gap, _WAITED) else last - _OUT_OF_ORDER
 
     def _forget(self, times: dict[str, Array]) -> None:
         """Drop the messages that are not looked at again."""

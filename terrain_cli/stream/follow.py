@@ -186,8 +186,9 @@ class Follow:
             self._begin()
         samples = self._samples
         assert samples is not None  # noqa: S101 - begun above
-        while (came := self._rows.take(last=True)) is not None:
-            self._take(came)
+        self._take(self._rows.take(last=True))
+        while self._rows.full:
+            self._take(self._rows.take(last=True))
         self._follow(samples.rest())
         for wheel in self._wheels.values():
             for row in wheel.end():

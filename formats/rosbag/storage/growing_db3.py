@@ -11,6 +11,7 @@ import fcntl
 import os
 import sqlite3
 import struct
+import sys
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -46,13 +47,14 @@ class GrowingDb3:
         self.path = path
         self.connections: list[Connection] = []
         self.recovery = Recovery()
+        self.full = False
         self._last = 0
         self._seen: object = None
 
     def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
         """Read on behind the last row, some `most` bytes at the most; nothing while the recorder commits."""
-        seen = [os.fstat(file.fileno()).st_mtime_ns, *map(_changed, self._beside)]
         header = os.pread(file.fileno(), _HEADER, 0)
+        seen = [header[_COMMITS], os.fstat(file.fileno()).st_mtime_ns, *map(_changed, self._beside)]
         if seen == self._seen or len(header) < _HEADER:
             return []
         logged = header[_VERSION] == 2 and any(_changed(beside) for beside in self._beside)
@@ -69,6 +71,7 @@ class GrowingDb3:
             return []
         if not logged and self._was_written(file, header):
             return []
+        self.full = bool(rows)
         if rows:
             self._last = rows[-1][0]
         else:
@@ -120,5 +123,7 @@ def _changed(path: Path) -> int:
 
 def _locked(file: BinaryIO, first: int, length: int) -> bool:
     """Tell whether another process has locked some bytes for itself."""
+    if sys.platform != "linux":
+        return False
     asked = _LOCK.pack(fcntl.F_RDLCK, os.SEEK_SET, first, length, 0)
     return bool(_LOCK.unpack(fcntl.fcntl(file.fileno(), fcntl.F_GETLK, asked))[0] != fcntl.F_UNLCK)
