@@ -117,6 +117,11 @@ class ArrivingBag(BagSource):
         return self._arrivals.reader.ended
 
     @property
+    def begun(self) -> bool:
+        """A message came."""
+        return self.count > 0
+
+    @property
     def young(self) -> bool:
         """A topic may not have begun yet."""
         return not self.ended and self._arrivals.shown < _YOUNG

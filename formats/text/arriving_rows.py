@@ -65,6 +65,11 @@ class ArrivingRows(Source):
         #: Cells that are not what their column is, by column.
         self.cells: Counter[str] = Counter()
 
+    @property
+    def begun(self) -> bool:
+        """Something came."""
+        return bool(self._head)
+
     def prepare(self, data: bytes, *, hurry: bool) -> bool:
         """Take bytes until the columns can be told, in a `hurry` from a header and one row."""
         self._head = (self._head + data)[:HEAD_BYTES]

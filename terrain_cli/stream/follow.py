@@ -77,12 +77,12 @@ class Follow:
         began: float | None = None
         for block in arriving:
             if self._samples is None:
-                began = time.monotonic() if began is None and block else began
-                late = began is not None and time.monotonic() - began >= _PATIENCE
                 head = (head + block)[:HEAD_BYTES]
                 self._choose(head)
-                if self._rows.prepare(block, hurry=late):
-                    self._begin(wait=self._rows.young and time.monotonic() - (began or 0.0) < _WAITED)
+                waited = 0.0 if began is None else time.monotonic() - began
+                if self._rows.prepare(block, hurry=waited >= _PATIENCE):
+                    self._begin(wait=self._rows.young and waited < _WAITED)
+                began = time.monotonic() if began is None and self._rows.begun else began
             else:
                 self._take(self._rows.take(block))
             self._tick()

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from bags import typestore, write_ros2
-from wheel_bags import FLOAT, JOINTS, ODOMETRY, TWO_WHEELS, WRENCH, header, ns
+from streams import Told
+from wheel_bags import FLOAT, GEOMETRY, JOINTS, ODOMETRY, TWO_WHEELS, WRENCH, header, ns
 
 from formats.rosbag.arriving_bag import ArrivingBag
 from terrain_cli import telemetry
@@ -14,6 +17,7 @@ from terrain_cli.rover import rover_file
 from terrain_cli.run.settings import Settings
 from terrain_cli.stream import arriving_messages
 from terrain_cli.stream.arriving_messages import MessageSamples
+from terrain_cli.stream.follow import Follow
 from terrain_cli.telemetry.long_logs import joined
 
 ROVER = rover_file.of_text(TWO_WHEELS)
@@ -53,17 +57,18 @@ def drive(seconds=18.0, *, delay=0.0, seed=1, **rates):
 
 def moved(rows, seconds):
     """Return messages at later log times, and stamps."""
-    for topic, kind, time, content in rows:
+    for topic, kind, logged, content in rows:
         stamp = (
             {"header": {"stamp": content["header"]["stamp"] + seconds * 10**9}} if "header" in content else {}
         )
-        yield topic, kind, time + seconds * 10**9, content | stamp
+        yield topic, kind, logged + seconds * 10**9, content | stamp
 
 
 class Arrived:
     """What came of a bag that was appended piece by piece."""
 
-    def __init__(self, path, *, pieces=60, keep=True):
+    def __init__(self, path, *, pieces=60, keep=True, rover=ROVER):
+        self._rover = rover
         data = path.read_bytes()
         growing = path.with_name("growing.mcap")
         self.parts, self.samples, self.held = {}, None, []
@@ -85,7 +90,7 @@ class Arrived:
 
     def _begin(self, bag):
         try:
-            samples = MessageSamples(bag, ROVER, Settings(), None)
+            samples = MessageSamples(bag, self._rover, Settings(), None)
             came = bag.take()
             samples.check(came)
         except InputError:
@@ -104,8 +109,8 @@ class Arrived:
         return joined(self.parts[name])
 
 
-def written(rows, folder):
-    return write_ros2(folder / "whole", rows, typestore(ros1=False), "mcap", chunk=4000)
+def written(rows, folder, chunk=4000):
+    return write_ros2(folder / "whole", rows, typestore(ros1=False), "mcap", chunk=chunk)
 
 
 def without(rows, topic, begin, end):
@@ -144,6 +149,54 @@ def test_samples_are_those_of_the_finished_bag(case, tmp_path):
         np.testing.assert_allclose(found.distance, expected.distance, atol=1e-9)
     assert arrived.samples.late == 0
     assert not any(len(parts) < 10 for parts in arrived.parts.values())
+
+
+def test_one_type_of_message_that_names_its_wheel(tmp_path):
+    """All channels of a wheel stand in one message, of two publishers or more."""
+    kind = "rover_msgs/msg/WheelState"
+    names = ("torque", "load", "sinkage", "angular_velocity", "velocity")
+    lines = ["std_msgs/Header header", "string wheel", *(f"float64 {name}" for name in names)]
+    store = typestore({kind: "\n".join(lines)}, ros1=False)
+    rows = []
+    for n in range(800):
+        for wheel, shift in (("left", 0.0), ("right", 0.02)):
+            t = 0.05 * n + shift
+            values = dict(zip(names, (3.0 + np.sin(t), 80.0 + np.cos(t), 0.01, 1.0, 0.1), strict=True))
+            rows.append(("/wheels", kind, ns(t + 0.001), {"header": header(t), "wheel": wheel, **values}))
+    path = write_ros2(tmp_path / "whole", rows, store, "mcap", chunk=4000)
+    rover = rover_file.of_text(GEOMETRY)
+    arrived = Arrived(path, rover=rover)
+    found = telemetry.read(str(path), rover)
+    assert [samples.wheel for samples in found] == ["left", "right"]
+    for expected in found:
+        np.testing.assert_array_equal(arrived.wheel(expected.wheel).time, expected.time)
+        np.testing.assert_array_equal(
+            arrived.wheel(expected.wheel).channels["torque"], expected.channels["torque"]
+        )
+
+
+def test_a_recorder_that_waits_for_its_rover(tmp_path, monkeypatch):
+    """The file is there long before the first message, and that before the others."""
+    rows = drive()
+    path = written(rows, tmp_path, chunk=1)
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    data, growing = path.read_bytes(), tmp_path / "growing.mcap"
+
+    def pieces():
+        with growing.open("wb") as file:
+            for begin in (0, 20, *range(500, 20_000, 500)):
+                file.write(data[file.tell() : begin])
+                file.flush()
+                now[0] += 0.1 if begin > 500 else 30.0
+                yield data[:begin]
+            file.write(data[file.tell() :])
+            file.flush()
+            yield data
+
+    told = Told()
+    Follow(ROVER, Settings(method="recursive"), told, every=None).run(pieces(), str(growing))
+    assert sum(told.table["n_samples"]) > 340
 
 
 def test_a_clock_that_begins_anew_costs_a_few_messages(tmp_path):
