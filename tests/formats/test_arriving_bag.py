@@ -253,7 +253,7 @@ file.close()
 """
 
 
-@pytest.mark.parametrize("mode", ["wal", "delete", "memory", "truncate"])
+@pytest.mark.parametrize("mode", ["wal", "delete", "memory", "truncate", "persist"])
 def test_rows_of_a_database_that_another_process_writes(mode, tmp_path):
     """Whose commits never fail: it does not wait for a lock."""
     path = finished(tmp_path, "db3")
@@ -297,6 +297,20 @@ def test_a_database_is_read_as_it_is_written(tmp_path):
     assert writer.returncode == 0
     recorder.look()
     assert_same(recorder.messages, whole(path))
+
+
+def test_a_recorder_that_died_within_a_commit(tmp_path):
+    """Its journal undoes what it wrote last; nothing is read that is perhaps half of it."""
+    path = finished(tmp_path, "db3")
+    code = "import os, sqlite3, sys; f = sqlite3.connect(sys.argv[1], isolation_level=None)"
+    code += "; f.execute('PRAGMA synchronous=OFF')"
+    code += "; f.execute('BEGIN'); f.execute('DELETE FROM messages'); os.kill(os.getpid(), 9)"
+    subprocess.run([sys.executable, "-c", code, path], check=False)
+    recorder = Recorder(path, "db3")
+    for _ in range(5):
+        recorder.look()
+    assert recorder.bag.count == 0
+    assert recorder.bag.faults() == [f"its recorder died while it wrote: {path.name}-journal undoes that"]
 
 
 def test_a_commit_that_is_going_on_is_waited_for(tmp_path):

@@ -33,6 +33,10 @@ _HEADER, _VERSION, _COMMITS = 100, 19, slice(24, 28)
 _RESERVED, _SHARED = (0x40000001, 1), (0x40000002, 510)
 #: `struct flock` of Linux: kind, whence, first byte, length, process.
 _LOCK = struct.Struct("@hhqqi")
+#: How a journal begins that is not yet done with.
+_JOURNAL = bytes.fromhex("d9d505f920a163d7")
+#: Looks in which a journal stands without its writer: one may fall between two commits.
+_DEAD = 5
 #: Rows in one question.
 _ROWS = 5_000
 
@@ -50,6 +54,7 @@ class GrowingDb3:
         self.full = False
         self._last = 0
         self._seen: object = None
+        self._dead = 0
 
     def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
         """Read on behind the last row, some `most` bytes at the most; nothing while the recorder commits."""
@@ -85,8 +90,13 @@ class GrowingDb3:
     def _is_written(self, file: BinaryIO) -> bool:
         """Tell whether somebody writes the file, or died while writing it."""
         journal = self._beside[1]
-        died = _changed(journal) and not _locked(file, *_RESERVED) and _changed(journal)
-        return bool(died) or _locked(file, *_SHARED)
+        if _undoes(journal) and not _locked(file, *_RESERVED) and _undoes(journal):
+            self._dead += 1
+            if self._dead == _DEAD:
+                self.recovery.damage.append(f"its recorder died while it wrote: {journal.name} undoes that")
+            return True
+        self._dead = 0
+        return _locked(file, *_SHARED)
 
     def _was_written(self, file: BinaryIO, header: bytes) -> bool:
         commits = os.pread(file.fileno(), _HEADER, 0)[_COMMITS]
@@ -119,6 +129,15 @@ def _changed(path: Path) -> int:
     except FileNotFoundError:
         return 0
     return found.st_mtime_ns if found.st_size else 0
+
+
+def _undoes(path: Path) -> bool:
+    """Tell whether a journal has what a commit would undo."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_JOURNAL)) == _JOURNAL
+    except FileNotFoundError:
+        return False
 
 
 def _locked(file: BinaryIO, first: int, length: int) -> bool:
