@@ -10,6 +10,7 @@ from formats.errors import NotFoundError
 from formats.rosbag.bag_files import check, damaged
 from formats.rosbag.bag_source import BagSource, Reading
 from formats.rosbag.containers import Container
+from formats.rosbag.decoding.decoder import Decodable
 from formats.rosbag.decoding.definitions import UnusableError
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.growing_db3 import GrowingDb3
@@ -104,6 +105,8 @@ class ArrivingBag(BagSource):
     def __init__(self, path: str, kind: str) -> None:
         self._arrivals = _Arrivals(path, kind)
         super().__init__(path, kind, container=self._arrivals)
+        # What cannot be decoded is counted, and told by `faults`.
+        self._decodable = Decodable(self._arrivals.reader.recovery, [])
         #: Topic → fields that are read of it; set before the first is taken.
         self.wanted: Mapping[str, Sequence[str]] = {}
         self._found: dict[int, Reading] | None = None

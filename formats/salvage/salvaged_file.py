@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mmap
 import os
+import struct
 from abc import ABC, abstractmethod
 from binascii import crc32
 from contextlib import suppress
@@ -31,6 +32,8 @@ _ORDER = 1 << 40
 #: Bytes of messages that may wait for others which are earlier.
 _WAITING = 1 << 30
 _WAITING_PARTS = 50_000
+#: Bytes behind damage in a growing file in which a chunk begins. Judged: recorders write chunks of some MB.
+_SEARCHED = 16 << 20
 
 
 class BrokenRecordError(ValueError):
@@ -80,8 +83,8 @@ class SalvagedFile(ABC):
         self.ended = False
         #: The file is still being written: what is cut off is waited for.
         self.growing = False
-        #: There is more than was asked for.
-        self.full = False
+        #: There is more than was asked for; and pieces that were handed over.
+        self.full, self._handed = False, 0
 
     def open(self) -> None:
         """Find the readable pieces."""
@@ -99,8 +102,8 @@ class SalvagedFile(ABC):
     def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
         """Read on in a file that is being written, some `most` bytes: its messages, as they lie in it.
 
-        No record before `at` is looked at again. Damage is in `recovery`; BrokenRecordError where it hides
-        what comes next.
+        No record before `at` is looked at again. Damage is passed over, and is in `recovery`; ValueError
+        where nothing follows it.
         """
         self.growing = True
         size = os.fstat(file.fileno()).st_size
@@ -113,18 +116,34 @@ class SalvagedFile(ABC):
         limit = min(size, self.at + most)
         with suppress(CutOffError):
             while self.at < limit and not self.ended:
-                self.at = self.record(self.at)
+                self.at = self._next(size)
         self.full = limit <= self.at < size
         self.end_loose()
         pieces, self.pieces, self.walk = self.pieces, [], []
         if set(self.numbers()) != {connection.id for connection in self.connections}:
             self.connections = list(self.known().values())
         numbers = np.array([connection.id for connection in self.connections], dtype=np.int64)
-        found = [_messages(piece, 0, numbers) for piece in pieces]
+        found = [_messages(piece, rank, numbers) for rank, piece in enumerate(pieces, self._handed)]
+        self._handed += len(pieces)
         if isinstance(self.data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             # Else a process seems to hold all of the file that it has seen.
             self.data.madvise(mmap.MADV_DONTNEED)
         return found
+
+    def _next(self, size: int) -> int:
+        """Read one record of a growing file; return where the next begins, behind damage the next chunk."""
+        try:
+            return self.record(self.at)
+        except (CutOffError, TooMuchError):
+            raise
+        except (ValueError, struct.error) as error:
+            following = self.next_chunk(self.at + 1)
+            if following is None and size - self.at > _SEARCHED:
+                raise
+            if following is None:
+                raise CutOffError(f"what follows byte {self.at:,}") from error
+            self.lose(f"bytes {self.at:,} to {following:,} are damaged, and passed over")
+            return following
 
     @property
     def rest(self) -> int:
@@ -199,6 +218,10 @@ class SalvagedFile(ABC):
     def record(self, at: int) -> int:
         """Read one record; return where the next begins. CutOffError where it is not all there."""
         raise NotImplementedError(at)
+
+    def next_chunk(self, start: int) -> int | None:
+        """Find the next place where a whole chunk begins."""
+        raise NotImplementedError(start)
 
     def numbers(self) -> Collection[int]:
         """Return the numbers of the connections that were told of so far."""

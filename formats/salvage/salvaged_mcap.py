@@ -72,7 +72,7 @@ class SalvagedMcap(SalvagedFile):
             try:
                 at = self.record(at)
             except BrokenRecordError as error:
-                following = self._next_chunk(at + 1)
+                following = self.next_chunk(at + 1)
                 self.lose(
                     str(error) if following else f"cut off at byte {size:,}, in {error}: its index is missing"
                 )
@@ -132,8 +132,7 @@ class SalvagedMcap(SalvagedFile):
                 raise BrokenRecordError(f"the end of the file, behind byte {end:,},")
         return end
 
-    def _next_chunk(self, start: int) -> int | None:
-        """Find the next place where a whole chunk may begin."""
+    def next_chunk(self, start: int) -> int | None:
         for match in _CHUNK_BEGINS.finditer(self.data, start):
             at = match.start()
             try:

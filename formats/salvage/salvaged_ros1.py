@@ -87,7 +87,7 @@ class SalvagedRos1(SalvagedFile):
                 raise
             except (BrokenRecordError, struct.error, UnicodeDecodeError, ValueError) as error:
                 what = str(error) if isinstance(error, BrokenRecordError) else f"a record at byte {at:,}"
-                following = self._next_chunk(at + 1)
+                following = self.next_chunk(at + 1)
                 self.lose(f"{what} is damaged" if following else f"cut off at byte {size:,}, in {what}")
                 at = following or size
         self.end_loose()
@@ -151,8 +151,7 @@ class SalvagedRos1(SalvagedFile):
         self.recovery.bytes_read += end - at
         return end
 
-    def _next_chunk(self, start: int) -> int | None:
-        """Find the next place where a whole chunk begins."""
+    def next_chunk(self, start: int) -> int | None:
         for match in _CHUNK_FIELD.finditer(self.data, start):
             for at in range(match.start() - 8, max(start, match.start() - _LONGEST_CHUNK_HEADER) - 1, -1):
                 (length,) = struct.unpack_from("<I", self.data, at)

@@ -51,6 +51,14 @@ def whole(path):
     return {topic: joined(batches) for topic, batches in found.items()}
 
 
+def boundary(data):
+    """Return where a record of an MCAP begins, behind its middle."""
+    at = 8
+    while at < len(data) // 2 or data[at] != 0x06:
+        at += 9 + struct.unpack_from("<Q", data, at + 1)[0]
+    return at
+
+
 class Recorder:
     """A file that is appended to, and what is read of it."""
 
@@ -210,9 +218,7 @@ def test_a_file_that_is_longer_than_what_is_in_it(kind, tmp_path):
     """As file systems show it that set space aside, or write pages in another order."""
     path = finished(tmp_path, kind)
     data, recorder = path.read_bytes(), Recorder(tmp_path / "growing", kind)
-    cut = 8 if kind == "mcap" else 13 + 4096
-    while kind == "mcap" and cut < len(data) // 2:
-        cut += 9 + struct.unpack_from("<Q", data, cut + 1)[0]
+    cut = boundary(data) if kind == "mcap" else 13 + 4096
     recorder.append(data[:cut] + bytes(len(data) - cut))
     early = recorder.bag.count
     recorder.path.write_bytes(data)
@@ -223,12 +229,29 @@ def test_a_file_that_is_longer_than_what_is_in_it(kind, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
-def test_what_is_no_record_is_told_in_one_line(kind, tmp_path):
+def test_damage_is_passed_over_and_told(kind, tmp_path):
+    path = finished(tmp_path, kind)
+    data, recorder = path.read_bytes(), Recorder(tmp_path / "growing", kind)
+    begin = data.index(b"op=\x05", len(data) // 2) - 30 if kind == "ros1" else boundary(data)
+    damaged = data[:begin] + b"\xff" * 60 + data[begin + 60 :]
+    for at in range(0, len(damaged), 1000):
+        recorder.append(damaged[at : at + 1000])
+    expected = formats.open_source(str(recorder.path), salvage=True)
+    assert 0 < len(list(rows())) - recorder.bag.count < 40
+    assert recorder.bag.count == expected.recovery.read
+    assert any("are damaged, and passed over" in said for said in recorder.bag.faults())
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_damage_without_an_end_is_told_in_one_line(kind, tmp_path):
     data = finished(tmp_path, kind).read_bytes()
     recorder = Recorder(tmp_path / "growing", kind)
-    damaged = data[: len(data) // 2] + b"\xff" * 100_000
+    recorder.append(data[: len(data) // 2] + b"\xff" * 100_000)
+    before = recorder.bag.count
+    assert before > 0
+    rest = b"\xff" * (17 << 20)
     with pytest.raises(formats.DamagedError, match="corrupt or cut off"):
-        recorder.append(damaged)
+        recorder.append(rest)
 
 
 WRITER = """
