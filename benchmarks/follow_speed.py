@@ -3,7 +3,8 @@
     python benchmarks/follow_speed.py [SECONDS]
 
 writes benchmarks/results/follow_speed.txt: SECONDS of driving, 300 by default, of 6 wheels at 50 Hz. All times are
-of the processor. Beside it stands recursive least squares written in NumPy, which is given x and y.
+of the processor. Beside it stands recursive least squares written in NumPy, which is given x and y. A bag with a
+topic for each sensor, of the same wheels and rates, is followed as it is recorded, a tenth of a second at a time.
 """
 
 from __future__ import annotations
@@ -13,21 +14,26 @@ import os
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
 import resource
+import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE.parent / "tests")]
 
 from simulator import CLAYEY_SOIL, DRY_SAND, base_contact, one_wheel, simulate, undulation, wave  # noqa: E402
 
+import formats  # noqa: E402
 from formats.text.arriving_rows import ArrivingRows  # noqa: E402
 from terrain_cli.rover import rover_file  # noqa: E402
 from terrain_cli.run.settings import Settings  # noqa: E402
-from terrain_cli.stream.arriving_samples import ArrivingSamples  # noqa: E402
+from terrain_cli.stream.arriving_samples import RowSamples  # noqa: E402
 from terrain_cli.stream.follow import Follow  # noqa: E402
 from terrain_cli.stream.followed_wheel import CommonStress, FollowedWheel  # noqa: E402
 
@@ -99,7 +105,7 @@ def latencies(lines, count):
     rows = ArrivingRows("-")
     rows.prepare(("\n".join(lines[:100]) + "\n").encode(), hurry=True)
     settings, stress = Settings(method="recursive"), CommonStress(None)
-    samples, wheels, took = ArrivingSamples(rows, ROVER, settings, None), {}, []
+    samples, wheels, took = RowSamples(rows, ROVER, settings, None), {}, []
     for part in samples.take(rows.take()):
         wheels[part.wheel] = FollowedWheel(settings, None, stress)
         list(wheels[part.wheel].take(part))
@@ -113,6 +119,46 @@ def latencies(lines, count):
         if not np.isfinite(estimate[0]):
             raise SystemExit("there is no estimate")
     return np.array(took[count // 2 :])
+
+
+def recorded(folder, seconds):
+    """Write a bag without chunks; return its path, and where each tenth of a second of it ends."""
+    whole, path = folder / "whole.mcap", folder / "run.mcap"
+    command = [sys.executable, "-m", "terrain_cli", "simulate", "-q", "-o", whole, "--wheels", str(WHEELS)]
+    command += ["--rate", f"{RATE:g}", "--duration", f"{seconds:g}", "--rover", folder / "rover.toml"]
+    subprocess.run(command, cwd=HERE.parent, check=True)
+    ends, channels = [], {}
+    with whole.open("rb") as source, path.open("wb") as target:
+        writer = Writer(target, use_chunking=False)
+        writer.start("ros2")
+        for schema, channel, message in make_reader(source).iter_messages():
+            if channel.topic not in channels:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+            if not ends or message.log_time >= ends[-1][1] + 100_000_000:
+                ends.append((target.tell(), message.log_time))
+            writer.add_message(channels[channel.topic], message.log_time, message.data, message.log_time)
+        writer.finish()
+    return path, [*(end for end, _ in ends), path.stat().st_size]
+
+
+def of_bag(seconds):
+    """Return the share of a processor that following a bag takes, and its topics."""
+    with tempfile.TemporaryDirectory() as folder:
+        path, ends = recorded(Path(folder), seconds)
+        data, growing = path.read_bytes(), path.with_name("growing.mcap")
+
+        def pieces():
+            with growing.open("wb") as file:
+                for begin, end in zip([0, *ends], ends, strict=False):
+                    file.write(data[begin:end])
+                    file.flush()
+                    yield data[begin:end]
+
+        rover = rover_file.of_text((path.parent / "rover.toml").read_text("utf-8"))
+        began = time.process_time()
+        Follow(rover, Settings(method="recursive"), Silent(), every=None).run(pieces(), str(growing))
+        return (time.process_time() - began) / seconds, len(formats.open_source(str(path)).streams())
 
 
 def plain(count):
@@ -156,6 +202,8 @@ def report(seconds):
         took, rows = throughput(lines, **settings)
         yield f"  {name:<42}{took:8.2f}{rows:10d}{seconds / took:14.1f}"
     more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - size
+    share, topics = of_bag(seconds)
+    yield from ("", f"a bag of {topics} topics as it is recorded: {100 * share:.1f} % of the processor")
     yield from ("", f"memory beyond that of the lines themselves at most: {more:.0f} MB")
 
 

@@ -40,6 +40,8 @@ FILE_KINDS = {
     "mcap": FileKind("MCAP", "MCAP", (".mcap",)),
     "db3": FileKind("ROS 2 bag", "SQLite", (".db3",)),
 }
+#: Of these, messages of topics.
+BAGS = ("ros1", "mcap", "db3")
 COMPRESSED = ("gzip", "zstd", "bz2")
 #: What SQLite keeps beside a database.
 SIDE_FILES = ("-wal", "-journal")

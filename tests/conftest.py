@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import profiles
 import pytest
+from child_processes import TERRAIN_EST
 
 from terrain_cli.app import main
 
@@ -29,6 +30,7 @@ os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 ROOT = Path(__file__).resolve().parent.parent
+SAMPLE_ROVER = ["--rover", str(ROOT / "sample_data" / "rover.toml")]
 
 # A shell that starts this in the background lets it ignore Ctrl-C, and so all that it starts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -112,3 +114,29 @@ def terrain_est_here():
         return subprocess.CompletedProcess(args, end.value.code or 0, *texts)
 
     return run
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Return a function that starts to follow something in a process of its own, with the sample rover."""
+    begun = []
+
+    def run(*args, **options):
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+        begun.append(
+            subprocess.Popen(
+                [*TERRAIN_EST, "estimate", "--follow", *map(str, args), *SAMPLE_ROVER],
+                **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.PIPE} | options,
+                env=environment,
+                text=True,
+                cwd=tmp_path,
+            )
+        )
+        return begun[-1]
+
+    yield run
+    for process in begun:
+        process.kill()
+        process.wait()
+        for stream in (process.stdin, process.stdout, process.stderr):
+            stream.close()

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import pytest
-from child_processes import TERRAIN_EST, peak
+from child_processes import peak
 from terminals import on_terminal
 
 from formats.output.whole_files import first_columns
@@ -31,32 +31,6 @@ FAST = ["--method", "recursive", "--segments", "fixed", "--window-samples", "100
 def lines():
     """Return a header and 600 rows, of several wheels."""
     return (SAMPLE / "run.csv").read_text().splitlines(keepends=True)[:601]
-
-
-@pytest.fixture
-def start(tmp_path):
-    """Return a function that starts to follow something in a process of its own."""
-    begun = []
-
-    def run(*args, **options):
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
-        begun.append(
-            subprocess.Popen(
-                [*TERRAIN_EST, "estimate", "--follow", *map(str, args), *ROVER],
-                **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.PIPE} | options,
-                env=environment,
-                text=True,
-                cwd=tmp_path,
-            )
-        )
-        return begun[-1]
-
-    yield run
-    for process in begun:
-        process.kill()
-        process.wait()
-        for stream in (process.stdin, process.stdout, process.stderr):
-            stream.close()
 
 
 def rows_of(text):
@@ -254,13 +228,12 @@ def test_the_pipes_of_the_page_work(example, bin_folder, tmp_path, lines):
     [
         (["a.csv", "b.csv"], 2, "--follow takes one input, not 2"),
         (["a.csv", "-o", "soil.gpkg"], 2, "-o soil.gpkg: a table that grows cannot be .gpkg"),
-        (["a.csv", "-o", "soil.mcap"], 2, "-o soil.mcap: a table that grows cannot be .mcap"),
         (["a.csv", "--plot", "pictures"], 2, "--plot needs the whole log"),
         (["a.csv", "--summary", "soil.json"], 2, "--summary needs the whole log"),
         (["a.csv", "--segments", "fixed", "--window-distance", "2"], 2, "counts fixed windows in samples"),
         (["a.csv", "--every", "1x"], 2, "1x is no time, such as 500ms, 1s or 10min"),
         (["a.csv", "--every", "0s"], 2, "0.0 is not in the range"),
-        ([str(SAMPLE / "run.mcap")], 65, "holds MCAP, and only CSV and JSON Lines can be followed"),
+        ([str(SAMPLE / "run.parquet")], 65, "holds Parquet, and only CSV, JSON Lines and bags can be"),
         (["none.csv"], 66, "none.csv: no such file"),
     ],
 )

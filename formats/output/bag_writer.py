@@ -1,4 +1,7 @@
-"""Bags: ROS 1, and MCAP and SQLite of ROS 2. The same messages give the same bytes."""
+"""Bags: ROS 1, and MCAP and SQLite of ROS 2. The same messages give the same bytes.
+
+An MCAP file may also grow: whoever reads it has all messages so far, before it has an index.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -23,6 +26,7 @@ from formats.output.whole_files import explained, replacing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from types import TracebackType
 
     from numpy.typing import NDArray
     from rosbags.typesys.store import Typestore
@@ -91,12 +95,71 @@ def _write_ros1(topics: Sequence[Topic], path: Path) -> None:
 
 
 def _write_ros2(topics: Sequence[Topic], path: Path, kind: str) -> None:
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    _register(store, topics)
     with Ros2Writer(path, version=Ros2Writer.VERSION_LATEST, storage_plugin=_STORAGE[kind]) as writer:
-        connections = [writer.add_connection(t.name, t.type, typestore=store) for t in topics]
-        for place, time, message in _messages(topics, store):
-            writer.write(connections[place], time, store.serialize_cdr(message, topics[place].type))
+        _add(writer, get_typestore(Stores.ROS2_HUMBLE), topics)
+
+
+def _add(writer: Ros2Writer, store: Typestore, topics: Sequence[Topic]) -> None:
+    """Write messages, of topics that are there already or not."""
+    there = {connection.topic: connection for connection in writer.connections}
+    _register(store, [topic for topic in topics if topic.type not in store.fielddefs])
+    for topic in topics:
+        if topic.name not in there:
+            there[topic.name] = writer.add_connection(topic.name, topic.type, typestore=store)
+    for place, time, message in _messages(topics, store):
+        topic = topics[place]
+        writer.write(there[topic.name], time, store.serialize_cdr(message, topic.type))
+
+
+class GrowingBag:
+    """An MCAP file of which all messages so far can be read; it gets its index when it is closed."""
+
+    def __init__(self, destination: str) -> None:
+        self._destination = destination
+        self._store = get_typestore(Stores.ROS2_HUMBLE)
+
+    def __enter__(self) -> Self:
+        """Make the file; one that is there is replaced."""
+        target = Path(self._destination).resolve()
+        with explained(self._destination):
+            if target.exists() and not target.is_file():
+                raise CannotWriteError(self._destination, "is no file, and an MCAP that grows must be one")
+            with TemporaryDirectory(prefix=".", dir=target.parent) as scratch:
+                inner = Path(scratch) / _NAME
+                self._writer = Ros2Writer(
+                    inner, version=Ros2Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP
+                )
+                self._writer.open()
+                # The writer makes a folder of its own: its file is moved while it is open.
+                (inner / f"{_NAME}.mcap").replace(target)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Write the index, whatever happened: the messages before are right."""
+        with explained(self._destination), TemporaryDirectory() as scratch:
+            self._writer.metapath = Path(scratch) / "metadata.yaml"
+            self._writer.close()
+
+    def add(self, topics: Sequence[Topic]) -> None:
+        """Write messages as a chunk of their own, which can be read at once.
+
+        Parameters
+        ----------
+        topics : sequence of Topic
+            Of a name that was there before, with the same type.
+
+        Raises
+        ------
+        CannotWriteError
+            No space, for instance.
+        """
+        with explained(self._destination):
+            _add(self._writer, self._store, topics)
+            storage: Any = self._writer.storage
+            storage.close_chunk()
+            storage.bio.flush()
 
 
 def _register(store: Typestore, topics: Sequence[Topic]) -> None:

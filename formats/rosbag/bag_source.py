@@ -43,7 +43,7 @@ class Reading:
         self,
         path: str,
         stream: Stream,
-        decoders: Mapping[int, Decoder],
+        decoders: dict[int, Decoder],
         requests: Sequence[FieldRequest],
         batch_rows: int,
     ) -> None:
@@ -104,16 +104,16 @@ class Reading:
                 yield self._batch([column[begin : min(begin + self._batch_rows, full)] for column in columns])
             self._rows -= full
             self._waiting = [[column[full:].copy() for column in columns]] if self._rows else []
-        if last and self._done:
-            for request in self._absent.values():
-                elements = next(
-                    field.elements for field in self._stream.fields if field.name == request.field
-                )
-                raise FormatError(
-                    self._path,
-                    f"{self.topic}: no message has the element {request.key!r} of {request.field}",
-                    hint=nearest(str(request.key), elements, "elements"),
-                )
+
+    def check(self) -> None:
+        """Refuse an element that no message had."""
+        for request in self._absent.values() if self._done else ():
+            elements = next(field.elements for field in self._stream.fields if field.name == request.field)
+            raise FormatError(
+                self._path,
+                f"{self.topic}: no message has the element {request.key!r} of {request.field}",
+                hint=nearest(str(request.key), elements, "elements"),
+            )
 
     def _batch(self, columns: list[Values]) -> Batch:
         clock, *values, stamps = columns
@@ -160,9 +160,11 @@ class _Topic:
 class BagSource(Source):
     """A ROS 1 bag, an MCAP or SQLite file of ROS 2, or the folder of a recording."""
 
-    def __init__(self, path: str, kind: str, *, salvage: bool = False) -> None:
+    def __init__(
+        self, path: str, kind: str, *, salvage: bool = False, container: Container | None = None
+    ) -> None:
         super().__init__(path, kind)
-        self._container = Container(path, kind, salvage=salvage)
+        self._container = container or Container(path, kind, salvage=salvage)
         self.remarks += self._container.remarks
         self.recovery = self._container.recovery
         self._decodable = Decodable(self.recovery, self.remarks) if self.recovery else None
@@ -291,6 +293,10 @@ class BagSource(Source):
         self, fields: Mapping[str, Sequence[str]], batch_rows: int = BATCH_ROWS
     ) -> Iterator[tuple[str, Batch]]:
         """Read several topics in one pass: what decompresses a bag once instead of once for each."""
+        return self._batches(self._readings(fields, batch_rows))
+
+    def _readings(self, fields: Mapping[str, Sequence[str]], batch_rows: int) -> dict[int, Reading]:
+        """Return what reads the fields of some topics, by the places of their connections."""
         readings: dict[int, Reading] = {}
         for topic, names in fields.items():
             found = self._usable(topic)
@@ -298,7 +304,7 @@ class BagSource(Source):
                 self.path, found.stream, found.decoders, [self._request(found, n) for n in names], batch_rows
             )
             readings |= dict.fromkeys(found.decoders, reading)
-        return self._batches(readings)
+        return readings
 
     def _usable(self, topic: str) -> _Topic:
         found = self._topics.get(topic)
@@ -347,16 +353,20 @@ class BagSource(Source):
         return self._decodable.only(runs, decoders) if self._decodable else runs
 
     def _batches(self, readings: Mapping[int, Reading]) -> Iterator[tuple[str, Batch]]:
-        every = list(dict.fromkeys(readings.values()))
+        yield from self._full(readings)
+        for reading in dict.fromkeys(readings.values()):
+            yield from ((reading.topic, batch) for batch in reading.batches(last=True))
+            reading.check()
+
+    def _full(self, readings: Mapping[int, Reading]) -> Iterator[tuple[str, Batch]]:
+        """Read all messages, and yield the batches that are full."""
         decoders = {place: reading.decoders[place] for place, reading in readings.items()}
         for run in self._runs(decoders):
-            for reading in every:
+            for reading in dict.fromkeys(readings.values()):
                 own = {place: run[place] for place in sorted(run) if readings[place] is reading}
                 for piece in reading.pieces(own):
                     reading.add(piece)
                     yield from ((reading.topic, batch) for batch in reading.batches())
-        for reading in every:
-            yield from ((reading.topic, batch) for batch in reading.batches(last=True))
 
 
 def _lists(decoder: Decoder) -> list[Leaf]:

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from hashlib import md5
 from typing import TYPE_CHECKING, Any
 
+from formats.salvage.salvaged_file import BrokenRecordError, CutOffError
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -24,10 +26,6 @@ _BUILT_IN = frozenset(
     | {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 )
 _DEEPEST = 50
-
-
-class BrokenRecordError(ValueError):
-    """A record does not add up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +57,14 @@ class BagRecord:
 
 def read_record(data: Any, at: int) -> BagRecord:
     """Read the header of a record; its data may end beyond those that are there."""
+    if at + 4 > len(data):
+        raise CutOffError(f"a record at byte {at:,}")
     (length,) = struct.unpack_from("<I", data, at)
     begin, end = at + 4, at + 4 + length
-    if length > _LONGEST_HEADER or end + 4 > len(data):
+    if length > _LONGEST_HEADER:
         raise BrokenRecordError(f"a record that begins at byte {at:,}")
+    if end + 4 > len(data):
+        raise CutOffError(f"a record that begins at byte {at:,}")
     (stored,) = struct.unpack_from("<I", data, end)
     return BagRecord(fields_of(data[begin:end]), end + 4, end + 4 + stored)
 

@@ -17,10 +17,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
-from formats.salvage.salvaged_file import SalvagedFile, agreed, join_told, lost_between, rows_of
+from formats.limits import CHUNK_BYTES
+from formats.salvage.salvaged_file import (
+    BrokenRecordError,
+    CutOffError,
+    SalvagedFile,
+    agreed,
+    join_told,
+    lost_between,
+    rows_of,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
+    from pathlib import Path
 
 _RECORD = 9
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX = 0x03, 0x04, 0x05, 0x06, 0x07
@@ -47,55 +57,60 @@ class _Told:
     end: int | None = None
 
 
-class BrokenChunkError(ValueError):
-    """A record does not add up."""
-
-
 class SalvagedMcap(SalvagedFile):
     """What can be read of one MCAP file."""
 
-    def scan(self) -> dict[int, Connection]:
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
         self._told = _Told()
-        self.recovery.bytes_read = at = len(_MAGIC)
-        size, ended = len(self.data), False
-        while at < size and not ended:
+        self.at = len(_MAGIC)
+
+    def scan(self) -> dict[int, Connection]:
+        self.recovery.bytes_read = at = self.at
+        size = len(self.data)
+        while at < size and not self.ended:
             try:
-                at, ended = self._record(at)
-            except BrokenChunkError as error:
-                following = self._next_chunk(at + 1)
+                at = self.record(at)
+            except BrokenRecordError as error:
+                following = self.next_chunk(at + 1)
                 self.lose(
                     str(error) if following else f"cut off at byte {size:,}, in {error}: its index is missing"
                 )
                 at = following or size
         self.end_loose()
-        if not ended and not self.recovery.damage:
+        if not self.ended and not self.recovery.damage:
             self.lose(f"cut off at byte {size:,}: the end of the file and with it the index are missing")
         told, recovery = self._told, self.recovery
         recovery.checked = not self.unchecked
-        recovery.whole_known = ended
+        recovery.whole_known = self.ended
         if told.counts is not None:
             recovery.expected = sum(told.counts.values())
         recovery.lost = lost_between(self.walk, told.end) if recovery.damaged else []
-        return self._connections()
+        return self.known()
 
-    def _record(self, at: int) -> tuple[int, bool]:
-        """Read one record; return where the next begins, and whether it was the last."""
+    def record(self, at: int) -> int:
         if at + _RECORD > len(self.data):
-            raise BrokenChunkError(f"a record at byte {at:,}")
+            raise CutOffError(f"a record at byte {at:,}")
         code, length = struct.unpack_from("<BQ", self.data, at)
         begin, end = at + _RECORD, at + _RECORD + length
+        if code == 0 and self.growing:
+            # The file is longer already than what was written into it.
+            raise CutOffError(f"a record at byte {at:,}")
         if code == 0 or 0x0F < code < 0x80:
-            raise BrokenChunkError(f"there is no record at byte {at:,}")
+            raise BrokenRecordError(f"there is no record at byte {at:,}")
+        if self.growing and length > CHUNK_BYTES:
+            raise BrokenRecordError(f"a record at byte {at:,} that claims {length:,} bytes")
         if end > len(self.data):
             if code == _CHUNK:
                 self._note_cut_chunk(begin)
-            raise BrokenChunkError(f"a {'chunk' if code == _CHUNK else 'record'} that begins at byte {at:,}")
+            raise CutOffError(f"a {'chunk' if code == _CHUNK else 'record'} that begins at byte {at:,}")
         try:
             end = self._content(code, begin, end)
         except (struct.error, UnicodeDecodeError, IndexError) as error:
-            raise BrokenChunkError(f"the record at byte {at:,} contradicts itself") from error
+            raise BrokenRecordError(f"the record at byte {at:,} contradicts itself") from error
         self.recovery.bytes_read += end - at
-        return end, code == _FOOTER
+        self.ended = code == _FOOTER
+        return end
 
     def _content(self, code: int, begin: int, end: int) -> int:
         """Take in what a record says; return where the next begins."""
@@ -110,18 +125,19 @@ class SalvagedMcap(SalvagedFile):
         elif code == _DATA_END:
             self._data_end(begin - _RECORD, *struct.unpack("<I", self.data[begin:end]))
         elif code == _FOOTER:
+            if self.growing and len(self.data) < end + len(_MAGIC):
+                raise CutOffError("the end of the file")
             self._footer(begin, *struct.unpack("<QQI", self.data[begin:end]))
             if self.data[end:] != _MAGIC:
-                raise BrokenChunkError(f"the end of the file, behind byte {end:,},")
+                raise BrokenRecordError(f"the end of the file, behind byte {end:,},")
         return end
 
-    def _next_chunk(self, start: int) -> int | None:
-        """Find the next place where a whole chunk may begin."""
+    def next_chunk(self, start: int) -> int | None:
         for match in _CHUNK_BEGINS.finditer(self.data, start):
             at = match.start()
             try:
                 _, _, end = _head(self.data, at + _RECORD)
-            except (struct.error, BrokenChunkError):
+            except (struct.error, BrokenRecordError):
                 continue
             if end <= len(self.data) and end - at - _RECORD == struct.unpack_from("<Q", self.data, at + 1)[0]:
                 return at
@@ -141,7 +157,7 @@ class SalvagedMcap(SalvagedFile):
         self.end_loose()
         head, contents, chunk_end = _head(self.data, begin)
         if chunk_end != end:
-            raise BrokenChunkError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
+            raise BrokenRecordError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
         index, end = self._index(end)
         start, last, size, checksum, packing = head
         load = partial(self.contents, contents, chunk_end, packing, size, checksum)
@@ -185,16 +201,16 @@ class SalvagedMcap(SalvagedFile):
         """Take a message that is in no chunk; no checksum and no index vouches for it."""
         channel, _, time, _ = struct.unpack_from("<HIQQ", self.data, begin)
         if end - begin < 22:
-            raise BrokenChunkError(f"a message at byte {begin - _RECORD:,}")
+            raise BrokenRecordError(f"a message at byte {begin - _RECORD:,}")
         self.take_loose((channel, time, begin + 22, end - begin - 22))
 
     def _statistics(self, content: bytes) -> None:
         end, size = struct.unpack_from("<QI", content, 34)
         if size % 10 or size != len(content) - 46:
-            raise BrokenChunkError("the statistics")
+            raise BrokenRecordError("the statistics")
         counts = dict(struct.iter_unpack("<HQ", content[46:]))
         if sum(counts.values()) != struct.unpack_from("<Q", content)[0]:
-            raise BrokenChunkError("the statistics")
+            raise BrokenRecordError("the statistics")
         self._told.counts = counts
         self._told.end = end if 0 < end < 2**63 and counts else None
 
@@ -217,7 +233,10 @@ class SalvagedMcap(SalvagedFile):
             self.recovery.damage.append("the checksum of the summary is wrong")
             self._told.counts = self._told.end = None
 
-    def _connections(self) -> dict[int, Connection]:
+    def numbers(self) -> Collection[int]:
+        return self._told.channels
+
+    def known(self) -> dict[int, Connection]:
         known = {}
         for number, told in self._told.channels.items():
             channel = agreed(told)
@@ -250,7 +269,7 @@ def _head(data: Any, begin: int) -> tuple[tuple[int, int, int, int, str], int, i
     start, last, size, checksum, letters = struct.unpack_from("<QQQII", data, begin)
     packing = bytes(data[begin + 32 : begin + 32 + min(letters, 8)])
     if (start > last and size) or packing not in {b"", b"lz4", b"zstd"}:
-        raise BrokenChunkError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
+        raise BrokenRecordError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
     (stored,) = struct.unpack_from("<Q", data, begin + 32 + letters)
     contents = begin + 40 + letters
     return (start, last, size, checksum, packing.decode()), contents, contents + stored
@@ -286,7 +305,7 @@ def _messages_in(raw: bytes, told: _Told, *, vouched: bool) -> tuple[list[tuple[
                 found.append((channel, time, begin + 22, end - begin - 22))
             elif code in {_SCHEMA, _CHANNEL}:
                 _note(told, code, raw[begin:end], vouched=vouched)
-        except (struct.error, UnicodeDecodeError, BrokenChunkError):
+        except (struct.error, UnicodeDecodeError, BrokenRecordError):
             return found, False
     return found, True
 
@@ -331,7 +350,7 @@ def _note(told: _Told, code: int, content: bytes, *, vouched: bool) -> None:
         (size,) = struct.unpack_from("<I", content, at)
         at, kept, where = at + 4 + size, (schema, topic, encoding), told.channels
     if at != len(content):
-        raise BrokenChunkError(f"the description of {number}")
+        raise BrokenRecordError(f"the description of {number}")
     join_told(where, {number: [(vouched, kept)]})
 
 
@@ -339,5 +358,5 @@ def _text(content: bytes, at: int) -> tuple[int, str]:
     (size,) = struct.unpack_from("<I", content, at)
     end = at + 4 + size
     if end > len(content):
-        raise BrokenChunkError("a text")
+        raise BrokenRecordError("a text")
     return end, content[at + 4 : end].decode()

@@ -12,7 +12,7 @@ import re
 import struct
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
@@ -23,13 +23,27 @@ from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.salvage.ros1_records import (
     SECOND,
     BagRecord,
-    BrokenRecordError,
     checksum,
     fields_of,
     read_record,
     records,
 )
-from formats.salvage.salvaged_file import SalvagedFile, agreed, join_told, lost_between, rows_of, tame
+from formats.salvage.salvaged_file import (
+    BrokenRecordError,
+    CutOffError,
+    SalvagedFile,
+    agreed,
+    join_told,
+    lost_between,
+    rows_of,
+    tame,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from formats.rosbag.storage.raw_messages import Messages
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
@@ -58,18 +72,22 @@ class _Told:
 class SalvagedRos1(SalvagedFile):
     """What can be read of one ROS 1 bag."""
 
-    def scan(self) -> dict[int, Connection]:
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
         self._told = _Told()
-        self.recovery.bytes_read = at = len(_MAGIC)
+        self.at = len(_MAGIC)
+
+    def scan(self) -> dict[int, Connection]:
+        self.recovery.bytes_read = at = self.at
         size = len(self.data)
         while at < size:
             try:
-                at = self._record(at)
+                at = self.record(at)
             except TooMuchError:
                 raise
             except (BrokenRecordError, struct.error, UnicodeDecodeError, ValueError) as error:
                 what = str(error) if isinstance(error, BrokenRecordError) else f"a record at byte {at:,}"
-                following = self._next_chunk(at + 1)
+                following = self.next_chunk(at + 1)
                 self.lose(f"{what} is damaged" if following else f"cut off at byte {size:,}, in {what}")
                 at = following or size
         self.end_loose()
@@ -91,17 +109,24 @@ class SalvagedRos1(SalvagedFile):
             recovery.expected = told.counts
         recovery.checked = not self.unchecked
         recovery.lost = lost_between(self.walk, told.end or None) if recovery.damaged else []
-        return self._connections()
+        return self.known()
 
-    def _record(self, at: int) -> int:
-        """Read one record; return where the next begins."""
+    def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
+        found = super().grow(file, most)
+        if self.at > len(_MAGIC):
+            # The header is written again once the index is there.
+            index = read_record(self.data, len(_MAGIC)).number(b"index_pos", "<Q")
+            self.ended = 0 < index <= self.at
+        return found
+
+    def record(self, at: int) -> int:
         record = read_record(self.data, at)
         end = record.end
         if end > len(self.data):
-            if record.code == _CHUNK:
+            if record.code == _CHUNK and not self.growing:
                 self._cut_chunk(record)
             what = "chunk" if record.code == _CHUNK else "record"
-            raise BrokenRecordError(f"a {what} that begins at byte {at:,}")
+            raise CutOffError(f"a {what} that begins at byte {at:,}")
         match record.code:
             case 5:
                 end = self._chunk(at, record)
@@ -118,13 +143,15 @@ class SalvagedRos1(SalvagedFile):
                 self._chunk_info(record)
             case 4:
                 pass
+            case 0 if self.growing and not record.fields:
+                # The file is longer already than what was written into it.
+                raise CutOffError(f"a record at byte {at:,}")
             case _:
                 raise BrokenRecordError(f"a record at byte {at:,}")
         self.recovery.bytes_read += end - at
         return end
 
-    def _next_chunk(self, start: int) -> int | None:
-        """Find the next place where a whole chunk begins."""
+    def next_chunk(self, start: int) -> int | None:
         for match in _CHUNK_FIELD.finditer(self.data, start):
             for at in range(match.start() - 8, max(start, match.start() - _LONGEST_CHUNK_HEADER) - 1, -1):
                 (length,) = struct.unpack_from("<I", self.data, at)
@@ -142,7 +169,9 @@ class SalvagedRos1(SalvagedFile):
         """Read a chunk and the index behind it; return where that ends."""
         self.end_loose()
         if record.begin == record.end:
-            # Never closed: its messages follow as records of the file.
+            # Not closed: its messages follow as records of the file.
+            if self.growing and record.fields.get(b"compression") != b"none":
+                raise CutOffError(f"a chunk that begins at byte {at:,}")
             return record.end
         packing, size = record.fields.get(b"compression", b"").decode(), record.number(b"size")
         index, end = self._index(record.end)
@@ -209,7 +238,10 @@ class SalvagedRos1(SalvagedFile):
         self._told.counts += sum(count for _, count in struct.iter_unpack("<II", content))
         self._told.end = max(self._told.end, record.time(b"end_time"))
 
-    def _connections(self) -> dict[int, Connection]:
+    def numbers(self) -> Collection[int]:
+        return self._told.connections
+
+    def known(self) -> dict[int, Connection]:
         known = {}
         for number, told in self._told.connections.items():
             fitting = [what for _, what in told if _fits(what)]

@@ -10,7 +10,7 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from formats.content import failure
+from formats.content import SIDE_FILES, failure
 from formats.copies import readable
 from formats.errors import FormatError, NotFoundError
 from formats.table import STANDARD_INPUT
@@ -45,13 +45,13 @@ class ArrivingBytes:
         """Yield blocks as they arrive, empty ones while nothing does."""
         with self._opened() as descriptor:
             grows = self._path != "-" and stat.S_ISREG(os.fstat(descriptor).st_mode)
-            last = time.monotonic()
+            last, changed = time.monotonic(), self._changed(grows=grows)
             while True:
                 block = self._next(descriptor, grows=grows)
-                if block:
-                    last = time.monotonic()
-                elif block is None:
+                if block is None:
                     return
+                if block or changed != (changed := self._changed(grows=grows)):
+                    last = time.monotonic()
                 elif self.stopped:
                     break
                 elif self._idle is not None and time.monotonic() - last >= self._idle:
@@ -79,6 +79,11 @@ class ArrivingBytes:
         ready, _, _ = select.select([self._stop], [], [], _LOOK)
         self.stopped = bool(ready)
         return b""
+
+    def _changed(self, *, grows: bool) -> list[int]:
+        """Return when a file was changed, and what SQLite keeps beside it: it need not become longer."""
+        files = [self._path, *(f"{self._path}{ending}" for ending in SIDE_FILES)] if grows else []
+        return [os.stat(file).st_mtime_ns for file in files if os.path.exists(file)]  # noqa: PTH110, PTH116
 
     def _left(self, descriptor: int, *, grows: bool) -> Iterator[bytes]:
         """Yield what had arrived when somebody asked to end."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from formats.content import COMPRESSED, FILE_KINDS, HEAD_BYTES, content
+from formats.content import BAGS, COMPRESSED, FILE_KINDS, HEAD_BYTES, content
 from formats.errors import FormatError
 from formats.table import Field, Source, Stream
 from formats.text import unguarded
@@ -43,6 +43,10 @@ class ArrivingRows(Source):
     First `prepare` until it says that the columns are known, then `take`.
     """
 
+    #: What is counted; no row tells that no more will come, none adds a column, and all are taken.
+    counted = "rows"
+    ended = young = full = False
+
     def __init__(self, path: str) -> None:
         super().__init__(path, "csv")
         self._rest = self._head = b""
@@ -60,6 +64,11 @@ class ArrivingRows(Source):
         self.odd: Counter[str] = Counter()
         #: Cells that are not what their column is, by column.
         self.cells: Counter[str] = Counter()
+
+    @property
+    def begun(self) -> bool:
+        """Something came."""
+        return bool(self._head)
 
     def prepare(self, data: bytes, *, hurry: bool) -> bool:
         """Take bytes until the columns can be told, in a `hurry` from a header and one row."""
@@ -95,10 +104,13 @@ class ArrivingRows(Source):
             raise FormatError(
                 self.label, f"is packed ({kind})", hint="unpack it on the way: zcat run.csv.gz |"
             )
+        if kind in BAGS:
+            what = f"is {FILE_KINDS[kind].found}, which can be followed in its file, not in a pipe"
+            raise FormatError(self.label, what, hint="name the file that the recorder writes")
         if kind != "csv":
             raise FormatError(
                 self.label,
-                f"holds {FILE_KINDS[kind].found}, and only CSV and JSON Lines can be followed",
+                f"holds {FILE_KINDS[kind].found}, and only CSV, JSON Lines and bags can be followed",
                 hint="batch --watch takes a recording as soon as it is closed",
             )
 

@@ -40,6 +40,7 @@ Examples:
   terrain-est estimate run.bag --model model.toml --plot pictures
   terrain-est estimate run.bag -o soil.csv --posterior posterior.parquet
   terrain-est estimate --follow growing.csv --every 1s --idle-timeout 10min
+  terrain-est estimate --follow day1/day1_0.mcap -o soil.mcap
   mosquitto_sub -t rover/wheels | terrain-est estimate --follow - -o soil.geojsons
   terrain-est estimate run.bag | ogr2ogr -f GPKG soil.gpkg CSV:/vsistdin/ \\
       -oo AUTODETECT_TYPE=YES -oo EMPTY_STRING_AS_NULL=YES -a_srs IAU_2015:49900
@@ -93,8 +94,9 @@ Examples:
 @click.option(
     "--follow",
     is_flag=True,
-    help="Take the rows of INPUT as they arrive, and write the row of a segment when it closes: CSV with a "
-    "header or JSON Lines from a pipe, - or a file that grows. Ends with the pipe, or by Ctrl-C.",
+    help="Take INPUT as it arrives, and write the row of a segment when it closes: CSV with a header or "
+    "JSON Lines from a pipe, - or a file that grows, or a bag while it is recorded. Ends with the pipe or "
+    "the bag, or by Ctrl-C.",
 )
 @click.option(
     "--every",

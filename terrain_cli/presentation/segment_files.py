@@ -12,7 +12,7 @@ import formats
 from terrain_cli.errors import InputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -41,12 +41,12 @@ def write_topics(table: Table, destination: str, crs: str | None = None) -> None
     write_bag(topics(table, crs), destination, "mcap")
 
 
-def topics(table: Table, crs: str | None = None) -> list[Topic]:
+def topics(table: Table, crs: str | None = None, before: Iterable[str] = ()) -> list[Topic]:
     """Turn segments into messages: two for each, at its start and at its end, so that plots show steps.
 
     Each wheel has a topic ``/terrain/<wheel>/estimate``, and ``/terrain/<wheel>/fix`` where longitude and
     latitude are known; `crs` is the frame of the fixes. Fields are the columns in lower case, as ROS 2 wants
-    them.
+    them. Wheels that came `before` keep their names.
     """
     from formats.output.bag_writer import Topic
     from formats.output.common_forms import normalise
@@ -68,7 +68,9 @@ def topics(table: Table, crs: str | None = None) -> list[Topic]:
     )
     wheels = np.array(table["wheel"], dtype=str)
     result = []
-    for wheel, name in _names(dict.fromkeys(wheels.tolist())).items():
+    names = _names(dict.fromkeys([*before, *wheels.tolist()]))
+    for wheel in dict.fromkeys(wheels.tolist()):
+        name = names[wheel]
         rows, ends, times = _by_time(stamps, np.flatnonzero(wheels == wheel))
         fields: dict[str, Any] = {n.lower(): np.array(column)[rows] for n, column in columns.items()}
         fields |= {"end": ends.astype(bool), "header.frame_id": wheel}
@@ -143,7 +145,7 @@ def _fix(places: Array, crs: str) -> dict[str, Any]:
 
 def check(output: str | None, samples: str | None = None, crs: str | None = None) -> None:
     """Check before the work whether its results can be written, by the endings and the reference system."""
-    kinds = {_kind(path) for path in (output, samples) if path}
+    kinds = {result_kind(path) for path in (output, samples) if path}
     if not crs:
         return
     try:
@@ -169,7 +171,7 @@ def write(
         formats.write_table(samples[0], samples[1], crs=crs, layer="samples", graduated=STYLES)
     if output is None:
         return
-    if _kind(output) == "mcap":
+    if result_kind(output) == "mcap":
         write_topics(table, output, crs)
         return
     layers = {"samples": samples[0]} if samples and both else None
@@ -178,12 +180,12 @@ def write(
 
 def together(output: str, samples: str) -> bool:
     """Tell whether segments and samples go into one file, as two layers."""
-    return Path(output).resolve() == Path(samples).resolve() and _kind(output) == "gpkg"
+    return Path(output).resolve() == Path(samples).resolve() and result_kind(output) == "gpkg"
 
 
 def remark(output: str | None, crs: str | None) -> str:
     """Say what a person must know to read a file as it is meant; nothing if there is nothing to say."""
-    if not output or not _kind(output).startswith("geojson") or _kind(output) == "geojson":
+    if not output or not result_kind(output).startswith("geojson") or result_kind(output) == "geojson":
         return ""
     from formats.output.common_forms import is_wgs84
 
@@ -193,5 +195,6 @@ def remark(output: str | None, crs: str | None) -> str:
     return f"{output}: GDAL takes every sequence of GeoJSON for WGS 84; add {system}"
 
 
-def _kind(path: str) -> str:
+def result_kind(path: str) -> str:
+    """Tell from its name how results are written."""
     return "mcap" if Path(path).suffix.lower() == _MCAP else formats.output_kind(path)

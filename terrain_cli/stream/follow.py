@@ -1,4 +1,4 @@
-"""Rows that arrive, wheel by wheel, to rows of the table that are told as they close."""
+"""Rows or messages that arrive, wheel by wheel, to rows of the table that are told as they close."""
 
 from __future__ import annotations
 
@@ -6,30 +6,37 @@ import math
 import shlex
 import time
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
+from formats.content import BAGS, HEAD_BYTES, content
 from formats.text.arriving_rows import ArrivingRows
-from terrain_cli.errors import InputError
+from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.estimation import estimators
 from terrain_cli.run.one_log import nothing_usable
 from terrain_cli.stream import followed_wheel
-from terrain_cli.stream.arriving_samples import ArrivingSamples
+from terrain_cli.stream.arriving_samples import RowSamples
 from terrain_cli.telemetry.derive.usable_samples import BACKWARDS
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
-    from formats import Batch
+    from collections.abc import Iterable
+
+    from formats.rosbag.arriving_bag import ArrivingBag
     from formats.text.arriving_bytes import ArrivingBytes
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.rover import Rover
     from terrain_cli.run.settings import Settings
+    from terrain_cli.stream.arriving_samples import ArrivingSamples
     from terrain_cli.stream.followed_wheel import FollowedWheel
     from terrain_cli.stream.model_watch import ModelMiss
     from terrain_cli.telemetry import Samples
 
-#: Seconds in which more rows may come before the columns are told from those that are there.
-_PATIENCE = 1.0
+#: Seconds in which more rows may come before the columns are told from those that are there, and in which a
+#: topic may begin of which something is needed. Judged: as `arriving_bag` has it of log time.
+_PATIENCE, _WAITED = 1.0, 10.0
 _REPEATED = "time repeated"
+_NOTHING = "of a table a header and rows are needed, of a bag messages"
 
 
 class Teller(Protocol):
@@ -60,33 +67,66 @@ class Follow:
         self._fresh: set[str] = set()
         self._told = 0
         self._next = -math.inf
-        self._rows: ArrivingRows
+        self._rows: ArrivingRows | ArrivingBag
         self._samples: ArrivingSamples | None = None
 
     def run(self, arriving: ArrivingBytes, path: str) -> None:
         """Take all that arrives from an input, which the user named `path`."""
         self._rows = ArrivingRows(path)
+        head = b""
         began: float | None = None
         for block in arriving:
             if self._samples is None:
-                began = time.monotonic() if began is None and block else began
-                late = began is not None and time.monotonic() - began >= _PATIENCE
-                if self._rows.prepare(block, hurry=late):
-                    self._begin()
+                head = (head + block)[:HEAD_BYTES]
+                self._choose(head)
+                waited = 0.0 if began is None else time.monotonic() - began
+                if self._rows.prepare(block, hurry=waited >= _PATIENCE):
+                    self._begin(wait=self._rows.young and waited < _WAITED)
+                began = time.monotonic() if began is None and self._rows.begun else began
             else:
                 self._take(self._rows.take(block))
             self._tick()
+            if self._rows.ended:
+                break
         self._end()
 
-    def _begin(self) -> None:
-        effects = None if self._file is None else self._file.model.effects
-        self._samples = ArrivingSamples(self._rows, self._rover, self._settings, effects)
-        self._take(self._rows.take())
+    def _choose(self, head: bytes) -> None:
+        """Take it for a bag, as soon as its first bytes say so; one in a pipe is refused as a table."""
+        path = self._rows.path
+        if head and isinstance(self._rows, ArrivingRows) and Path(path).is_file():
+            kind = content(path, head)
+            if kind in BAGS:
+                from formats.rosbag.arriving_bag import ArrivingBag
 
-    def _take(self, batch: Batch | None) -> None:
-        if batch is None or self._samples is None:
-            return
-        for part in self._samples.take(batch):
+                self._rows = ArrivingBag(path, kind)
+
+    def _begin(self, *, wait: bool = False) -> None:
+        """Tell what is read; what is missing may `wait` for a topic that begins later."""
+        try:
+            samples = self._new_samples()
+            came = self._rows.take()
+            samples.check(came)
+        except (ConfigurationError, InputError):
+            if not wait:
+                raise
+        else:
+            self._samples = samples
+            self._take(came)
+
+    def _new_samples(self) -> ArrivingSamples:
+        effects = None if self._file is None else self._file.model.effects
+        if isinstance(self._rows, ArrivingRows):
+            return RowSamples(self._rows, self._rover, self._settings, effects)
+        from terrain_cli.stream.arriving_messages import MessageSamples
+
+        return MessageSamples(self._rows, self._rover, self._settings, effects)
+
+    def _take(self, came: Any) -> None:
+        if came is not None and self._samples is not None:
+            self._follow(self._samples.take(came))
+
+    def _follow(self, parts: Iterable[Samples]) -> None:
+        for part in parts:
             wheel = self._wheels.get(part.wheel)
             if wheel is None:
                 wheel = followed_wheel.FollowedWheel(self._settings, self._file, self._stress)
@@ -142,14 +182,20 @@ class Follow:
     def _end(self) -> None:
         if self._samples is None:
             if not self._rows.prepare(b"\n", hurry=True):
-                raise InputError(f"{self._rows.label}: no row came", hint="a header and rows are needed")
+                raise InputError(
+                    f"{self._rows.label}: no {self._rows.counted[:-1]} came",
+                    hint="\n".join([*self._rows.faults(), _NOTHING]),
+                )
             self._begin()
+        samples = self._samples
+        assert samples is not None  # noqa: S101 - begun above
         self._take(self._rows.take(last=True))
+        while self._rows.full:
+            self._take(self._rows.take(last=True))
+        self._follow(samples.rest())
         for wheel in self._wheels.values():
             for row in wheel.end():
                 self._teller.closed(row)
-        samples = self._samples
-        assert samples is not None  # noqa: S101 - begun above
         samples.end()
         self._tell()
         if not samples.count.total():
@@ -173,8 +219,9 @@ class Follow:
             sum(reasons[why] for reasons in samples.reasons.values()) for why in (BACKWARDS, _REPEATED)
         )
         closed, cut = (sum(getattr(w, what) for w in self._wheels.values()) for what in ("closed", "cut"))
-        repeated += self._rows.repeated
-        text = f"rows: {self._rows.count}, late: {late}, repeated: {repeated}; segments: {closed}"
+        late, repeated = late + samples.late, repeated + self._rows.repeated
+        text = f"{self._rows.counted}: {self._rows.count}, late: {late}, repeated: {repeated}"
+        text += f"; segments: {closed}"
         more = [f"a soil that went on was cut every {followed_wheel.LONGEST:,} samples ({cut} times)"] * bool(
             cut
         )

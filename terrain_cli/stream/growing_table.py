@@ -1,4 +1,4 @@
-"""A table that grows row by row: CSV, and sequences of GeoJSON; each row is there as soon as it is known."""
+"""A table that grows: CSV, sequences of GeoJSON, MCAP; each row is there as soon as it is known."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING, Self, TextIO
 
 import numpy as np
 
-import formats
 from formats.output.common_forms import normalise
 from formats.output.text_writer import write_text
 from formats.output.whole_files import explained
 from terrain_cli.errors import UsageError
-from terrain_cli.presentation import segment_table
+from terrain_cli.presentation import segment_files, segment_table
 
 if TYPE_CHECKING:
     from types import TracebackType
 
+    from formats.output.bag_writer import GrowingBag
+
 #: What can be read while it grows.
-KINDS = ("csv", "geojsonl", "geojsons")
+KINDS = ("csv", "geojsonl", "geojsons", "mcap")
 #: Whether a row is of the segment that is open.
 OPEN = "open"
 
@@ -30,9 +31,7 @@ class GrowingTable:
 
     def __init__(self, destination: str, crs: str | None, *, marked: bool) -> None:
         """Check the name; rows are `marked` as open or not in a last column."""
-        # Messages of an MCAP are written whole, by segment_files.
-        mcap = destination.lower().endswith(".mcap")
-        kind = "csv" if destination == "-" else "mcap" if mcap else formats.output_kind(destination)
+        kind = segment_files.result_kind(destination)
         if kind not in KINDS:
             raise UsageError(
                 f"-o {destination}: a table that grows cannot be .{kind}",
@@ -41,6 +40,8 @@ class GrowingTable:
         self._destination, self._kind, self._crs, self._marked = destination, kind, crs, marked
         self._stack = ExitStack()
         self._stream: TextIO | None = None
+        self._bag: GrowingBag | None = None
+        self._wheels: dict[str, None] = {}
         self._begun = False
 
     def __enter__(self) -> Self:
@@ -48,6 +49,10 @@ class GrowingTable:
         with explained(self._destination):
             if self._destination == "-":
                 self._stream = sys.stdout
+            elif self._kind == "mcap":
+                from formats.output.bag_writer import GrowingBag
+
+                self._bag = self._stack.enter_context(GrowingBag(self._destination))
             else:
                 opened = open(self._destination, "w", encoding="utf-8", newline="")  # noqa: PTH123
                 self._stream = self._stack.enter_context(opened)
@@ -64,6 +69,10 @@ class GrowingTable:
         crs = segment_table.reference_system(row, self._crs)
         if self._marked:
             row = {**row, OPEN: ["true" if is_open else "false"] * len(row["source"])}
+        if self._bag:
+            self._bag.add(segment_files.topics(row, crs, self._wheels))
+            self._wheels |= dict.fromkeys(row["wheel"])
+            return
         text = io.StringIO()
         write_text(normalise(row), text, self._kind, crs, "WKT")
         # The names of the columns stand there once.

@@ -115,9 +115,9 @@ def part_reader(
     where: Condition | None = None,
     effects: Sequence[Effect] | None = None,
 ) -> PartReader:
-    """Return what makes samples of the rows of a table as they arrive; InputError without a clock."""
+    """Return what makes samples of rows or messages as they arrive; InputError where a row has no clock."""
     request = _request(source, rover, wheels, where, effects)
-    if not any(feed.channel == "time" for feed in request.layout.every_feed):
+    if is_table(source) and not any(feed.channel == "time" for feed in request.layout.every_feed):
         raise InputError(
             f"{source.label}: no column is the time of a row, without which nothing can be followed",
             hint="name one in its header (time, or stamp_ns), or in rover.toml under [channels]",

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formats import LOG_TIME, Labels
+from formats import LOG_TIME, STAMP, Labels
 from terrain_cli.telemetry import alignment, own_clocks, raw_columns
 from terrain_cli.telemetry.wheel_samples import CLOCKS, Raw, match_name
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
@@ -72,12 +72,15 @@ def wheels(
     wanted: Collection[str],
     choose: Callable[[Labels | None], list[str]],
     max_gap: float | None,
+    clocks: TopicClocks | None = None,
 ) -> list[Raw]:
     """Part the topics of a bag, the columns named by `fields`, into its wheels.
 
-    `choose` names the wheels to read, from the wheel labels of the messages if they have them.
+    `choose` names the wheels to read, from the wheel labels of the messages if they have them. `clocks` were
+    told from what came before.
     """
-    origin, times, remarks = one_clock(tables)
+    clocks = clocks or topic_clocks(tables)
+    times = clocks.times(tables)
     topics = {}
     for topic, table in tables.items():
         label = plan.labels.get(topic)
@@ -93,17 +96,41 @@ def wheels(
     for name in choose(next((found for found in labels if found is not None), None)):
         key = match_name(name, plan.wheels) or name
         feeds = {c: feed for c, feed in plan.feeds(key).items() if c in wanted}
-        raw = _wheel(name, origin, feeds, topics, bridges)
-        raw.remarks += remarks
+        raw = _wheel(name, clocks, feeds, topics, bridges)
+        raw.remarks += clocks.remarks
         result.append(raw)
     return result
 
 
-def one_clock(tables: Mapping[str, Mapping[str, Column]]) -> tuple[float, dict[str, Array], list[str]]:
-    """Put all topics on one clock: the headers' stamps, or the log's where there are none.
+@dataclass(frozen=True, slots=True)
+class TopicClocks:
+    """On which clocks the topics of a bag are, told once, so that it holds for what comes later too."""
 
-    Returns the whole seconds taken off, the time of each message of each topic in s, and remarks.
-    """
+    origin: float  # Whole seconds that are taken off
+    stamped: frozenset[str]  # Topics whose headers tell the time; of the others the log does
+    shifted: np.timedelta64  # How far the log's clock is off the headers'
+    remarks: tuple[str, ...]
+    #: Channel and interval (s) of each wheel whose samples are those of a slower topic.
+    slowest: dict[str, tuple[str, float] | None] = field(default_factory=dict)
+
+    def times(self, tables: Mapping[str, Mapping[str, Column]]) -> dict[str, Array]:
+        """Return the time of each message of each topic, in s."""
+        return {topic: alignment.seconds(self._stamps(topic, tables[topic]), self.origin) for topic in tables}
+
+    def _stamps(self, topic: str, table: Mapping[str, Column]) -> NDArray[np.datetime64]:
+        log = np.asarray(np.asarray(table[LOG_TIME]) - self.shifted, dtype="datetime64[ns]")
+        if topic not in self.stamped:
+            return log
+        stamps = raw_columns.header_stamps(table)
+        if stamps is None:
+            # One that came later has no stamp.
+            own = np.asarray(table[STAMP], dtype="datetime64[ns]")
+            return np.where(np.isnat(own), log, own)
+        return stamps
+
+
+def topic_clocks(tables: Mapping[str, Mapping[str, Column]]) -> TopicClocks:
+    """Put all topics on one clock: the headers' stamps, or the log's where there are none."""
     logged = {topic: np.asarray(table[LOG_TIME]) for topic, table in tables.items()}
     stamps = {
         topic: stamp
@@ -134,19 +161,18 @@ def one_clock(tables: Mapping[str, Mapping[str, Column]]) -> tuple[float, dict[s
             "topics without stamps were shifted by that"
         )
     shifted = np.timedelta64(round(lag * 1e9), "ns")
-    clocks: dict[str, NDArray[np.datetime64]] = {
-        topic: stamps[topic] if topic in stamps else np.asarray(log - shifted, dtype="datetime64[ns]")
+    firsts = [
+        (stamps[topic][0] if topic in stamps else log[0] - shifted).astype("datetime64[s]").astype(np.int64)
         for topic, log in logged.items()
-    }
-    firsts = [clock[0].astype("datetime64[s]").astype(np.int64) for clock in clocks.values() if len(clock)]
-    origin = float(min(firsts, default=0))
-    return origin, {topic: alignment.seconds(clock, origin) for topic, clock in clocks.items()}, remarks
+        if len(log)
+    ]
+    return TopicClocks(float(min(firsts, default=0)), frozenset(stamps), shifted, tuple(remarks))
 
 
 def _wheel(
-    name: str, origin: float, feeds: dict[str, Feed], topics: Mapping[str, _Topic], bridges: _Bridges
+    name: str, clocks: TopicClocks, feeds: dict[str, Feed], topics: Mapping[str, _Topic], bridges: _Bridges
 ) -> Raw:
-    raw = Raw(wheel=name, origin=origin, time=None, channels={}, labels={}, extras={}, feeds=feeds)
+    raw = Raw(wheel=name, origin=clocks.origin, time=None, channels={}, labels={}, extras={}, feeds=feeds)
     series: dict[str, tuple[Array, Array]] = {}
     for channel, feed in feeds.items():
         if not feed.topic or CHANNELS[channel].dimension == LABEL:
@@ -161,12 +187,13 @@ def _wheel(
     clock = next((channel for channel in (*CLOCKS, *series) if channel in series), None)
     if clock is None:
         return raw
-    slowest = own_clocks.slowest({channel: time for channel, (time, _) in series.items()})
-    if slowest:
+    if name not in clocks.slowest:
+        clocks.slowest[name] = own_clocks.slowest({channel: time for channel, (time, _) in series.items()})
+    if slowest := clocks.slowest[name]:
         clock, interval = slowest
         raw.remarks.append(
             f"wheel {name}: topics have rates of their own: {clock} has a value every {interval:.3g} s, "
-            f"and its {len(series[clock][0])} messages are the samples; the others are interpolated there"
+            "and its messages are the samples; the others are interpolated there"
         )
     time = series[clock][0]
     # What comes out is the caller's own, whatever wheels share a topic.

@@ -11,7 +11,7 @@ import numpy as np
 from formats import Labels
 from formats.recovery import told
 from terrain_cli.processes import keep_freed
-from terrain_cli.telemetry import alignment, own_clocks, raw_channels, raw_columns
+from terrain_cli.telemetry import alignment, bags, own_clocks, raw_channels, raw_columns
 from terrain_cli.telemetry.derive import plausibility, usable_samples
 from terrain_cli.telemetry.derive.assembly import assemble
 from terrain_cli.telemetry.derive.effect_inputs import ANGLE
@@ -20,11 +20,12 @@ from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
 from terrain_cli.telemetry.wheel_samples import Notice, joined_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from formats import Batch, Column
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
+    from terrain_cli.telemetry.bags import TopicClocks
     from terrain_cli.telemetry.derive.usable_samples import Condition
     from terrain_cli.telemetry.own_clocks import OwnClocks
     from terrain_cli.telemetry.wheel_samples import Plan, Raw, Samples
@@ -162,7 +163,7 @@ def in_parts(
 
 
 class PartReader:
-    """Makes samples of one part of a table after another."""
+    """Makes samples of one part of a table, or of the topics of a bag, after another."""
 
     def __init__(self, request: Request, check: Callable[[list[Raw]], None], *, evident: bool = True) -> None:
         self.request = request
@@ -184,28 +185,56 @@ class PartReader:
             # The first part shows whether its columns have clocks of their own, or one was out for a while.
             if raw.wheel not in self._ends:
                 self._ends[raw.wheel] = _End(clocks=own_clocks.find(raw))
-            end = self._ends[raw.wheel]
-            end.bring(raw, first, last, rover.max_gap)
-            end.count_on(raw)
-            samples = assemble(
-                layout,
-                raw,
-                rover,
-                request.where,
-                request.effects,
-                (*layout.extras, _ROW),
-                checked=end.begun if self._evident else end.clocked,
-                judged=self._evident,
-            )
-            end.clocked |= len(raw) >= alignment.FEW_TIMES
-            if not end.begun:
-                told = samples.remarks[len(layout.source.remarks) :]
-                end.remarks = [remark for remark in told if not isinstance(remark, Doubt)]
-                end.evidence = UnitEvidence(samples.geometry, raw.feeds)
-            part = end.go_on(samples, first, last, rover.max_gap)
-            if self._evident:
-                end.evidence.add(part)
-            yield part
+            self._ends[raw.wheel].bring(raw, first, last, rover.max_gap)
+            yield self._part(raw, first, last)
+
+    def check(self, tables: Mapping[str, dict[str, Column]]) -> None:
+        """Refuse a bag of which something is missing."""
+        request = self.request
+        max_gap = request.rover.max_gap
+        self._check(bags.wheels(request.layout, tables, request.channels, self._choose, max_gap))
+
+    def topics(
+        self, tables: Mapping[str, dict[str, Column]], clocks: TopicClocks, begin: float, end: float
+    ) -> Iterator[Samples]:
+        """Yield the samples of a bag that are later than one time and not than another, in s.
+
+        `tables` are the topics, with messages on either side of these times.
+        """
+        request, max_gap = self.request, self.request.rover.max_gap
+        raws = bags.wheels(request.layout, tables, request.channels, self._choose, max_gap, clocks)
+        self._check([raw for raw in raws if raw.wheel not in self._ends])
+        for raw in raws:
+            self._ends.setdefault(raw.wheel, _End(clocks=None))
+            time = np.empty(0) if raw.time is None else raw.time
+            raw.extras[_ROW] = np.arange(len(time), dtype=float)
+            first, last = np.searchsorted(time, [begin, end], side="right").tolist()
+            yield self._part(raw, first, last)
+
+    def _part(self, raw: Raw, first: int, last: int) -> Samples:
+        """Return the samples of the rows from first to last of a wheel; the others are their neighbours."""
+        request, layout, rover = self.request, self.request.layout, self.request.rover
+        end = self._ends[raw.wheel]
+        end.count_on(raw)
+        samples = assemble(
+            layout,
+            raw,
+            rover,
+            request.where,
+            request.effects,
+            (*layout.extras, _ROW),
+            checked=end.begun if self._evident else end.clocked,
+            judged=self._evident,
+        )
+        end.clocked |= len(raw) >= alignment.FEW_TIMES
+        if not end.begun:
+            told = samples.remarks[len(layout.source.remarks) :]
+            end.remarks = [remark for remark in told if not isinstance(remark, Doubt)]
+            end.evidence = UnitEvidence(samples.geometry, raw.feeds)
+        part = end.go_on(samples, first, last, rover.max_gap)
+        if self._evident:
+            end.evidence.add(part)
+        return part
 
     def doubts(self, part: Samples) -> list[Doubt]:
         """Take more evidence on the units of a wheel; return what is hardly true by all of it."""

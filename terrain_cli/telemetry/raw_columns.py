@@ -118,14 +118,15 @@ def read_topics(source: Source, fields: Mapping[str, Sequence[str]]) -> dict[str
                 f"{source.path}: too long to be read whole: there is memory for {most:,} bytes of columns",
                 hint='split it, or leave out what needs every sample ("Long logs" in docs/conventions.md)',
             )
-    return {topic: whole(found) if found else _empty(fields[topic]) for topic, found in batches.items()}
+    return {topic: whole(found) if found else empty(fields[topic]) for topic, found in batches.items()}
 
 
 def _bytes(column: Column) -> int:
     return column.codes.nbytes if isinstance(column, Labels) else column.nbytes
 
 
-def _empty(fields: Sequence[str]) -> dict[str, Column]:
+def empty(fields: Sequence[str]) -> dict[str, Column]:
+    """Return the columns of a topic without messages."""
     columns: dict[str, Column] = {name: np.empty(0) for name in fields}
     return columns | {name: np.empty(0, "datetime64[ns]") for name in (LOG_TIME, STAMP)}
 

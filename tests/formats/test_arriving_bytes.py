@@ -37,6 +37,21 @@ def test_a_file_is_followed_until_nothing_comes(tmp_path, stop):
     assert not arriving.stopped
 
 
+@pytest.mark.parametrize("name", ["run.db3", "run.db3-wal"])
+def test_a_database_need_not_become_longer(name, tmp_path, stop):
+    """What is written over it, or into the log beside it, came too."""
+    path = tmp_path / "run.db3"
+    path.write_bytes(b"one\n")
+    (tmp_path / name).write_bytes(b"two\n")
+    began, looks = time.monotonic(), 0
+    for _ in ArrivingBytes(str(path), stop=stop[0], idle=0.5):
+        looks += 1
+        if time.monotonic() - began < 1.0:
+            (tmp_path / name).write_bytes(b"two\n")
+    assert time.monotonic() - began >= 1.4
+    assert looks > 5
+
+
 def test_who_asks_to_end_gets_all_that_had_come(tmp_path, stop):
     path = tmp_path / "run.csv"
     path.write_bytes(b"x" * 300_000)

@@ -144,9 +144,10 @@ def test_columns_are_told_in_time():
 @pytest.mark.parametrize(
     ("head", "said"),
     [
-        (b"\x89MCAP0\r\n" + bytes(100), "holds MCAP, and only CSV and JSON Lines can be followed"),
-        (b"#ROSBAG V2.0\n" + bytes(100), "holds a ROS 1 bag"),
-        (b"SQLite format 3\0" + bytes(100), "holds SQLite"),
+        (b"\x89MCAP0\r\n" + bytes(100), "is MCAP, which can be followed in its file, not in a pipe"),
+        (b"#ROSBAG V2.0\n" + bytes(100), "is a ROS 1 bag, which"),
+        (b"SQLite format 3\0" + bytes(100), "is SQLite, which"),
+        (b"PAR1" + bytes(100), "holds Parquet, and only CSV, JSON Lines and bags can be followed"),
         (b"\x1f\x8b" + bytes(100), "is packed (gzip)"),
         (b"x" * 2_000_000, "has a line longer than 1 MiB"),
     ],

@@ -9,7 +9,7 @@ from streams import ROVER, begun, lines, text
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError
 from terrain_cli.run.settings import Settings
-from terrain_cli.stream.arriving_samples import ArrivingSamples
+from terrain_cli.stream.arriving_samples import RowSamples
 from terrain_cli.telemetry.long_logs import joined
 
 WHEELS = ("left", "right")
@@ -18,7 +18,7 @@ WHEELS = ("left", "right")
 def arrived(some, size):
     """Return the samples of each wheel, and what made them, of rows that come so many at a time."""
     rows = begun(some[:3])
-    arriving = ArrivingSamples(rows, ROVER, Settings(), None)
+    arriving = RowSamples(rows, ROVER, Settings(), None)
     parts = {}
     for first in (None, *range(3, len(some), size)):
         batch = rows.take(b"" if first is None else text(some[first : first + size]))
@@ -94,7 +94,7 @@ def test_a_unit_that_cannot_be_true_is_told_while_it_goes_on():
     for row in cells:
         row[place] = repr(float(row[place]) * 1000.0)
     rows = begun([some[0], ",".join(cells[0])])
-    arriving = ArrivingSamples(rows, ROVER, Settings(), None)
+    arriving = RowSamples(rows, ROVER, Settings(), None)
     list(arriving.take(rows.take(text(map(",".join, cells[:400])))))
     with pytest.raises(InputError, match=r"sinkage is 24\.\d m in the median"):
         list(arriving.take(rows.take(text(map(",".join, cells[400:])))))
@@ -107,7 +107,7 @@ def test_a_clock_that_is_not_in_seconds_is_refused_as_soon_as_it_shows():
     for number, row in enumerate(cells):
         row[place] = str(1_767_225_600_000 + 50 * number)
     rows = begun([some[0], ",".join(cells[0])])
-    arriving = ArrivingSamples(rows, ROVER, Settings(), None)
+    arriving = RowSamples(rows, ROVER, Settings(), None)
     list(arriving.take(rows.take(text([",".join(cells[1])]))))
     with pytest.raises(InputError, match="is no time in seconds"):
         list(arriving.take(rows.take(text([",".join(cells[2])]))))
@@ -128,12 +128,12 @@ def test_without_a_clock_nothing_can_be_followed():
     names = some[0].split(",")
     names[names.index("time")] = "temperature"
     with pytest.raises(InputError, match="no column is the time"):
-        ArrivingSamples(begun([",".join(names), *some[1:]]), ROVER, Settings(), None)
+        RowSamples(begun([",".join(names), *some[1:]]), ROVER, Settings(), None)
 
 
 def test_a_wheel_that_was_asked_for_and_never_came():
     rows = begun(lines((60.0, 60.0))[:4])
-    arriving = ArrivingSamples(rows, ROVER, Settings(wheels=("front",)), None)
+    arriving = RowSamples(rows, ROVER, Settings(wheels=("front",)), None)
     assert not list(arriving.take(rows.take()))
     with pytest.raises(InputError, match="there is no wheel front"):
         arriving.end()

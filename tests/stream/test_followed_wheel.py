@@ -11,7 +11,7 @@ from terrain_cli.run import one_log
 from terrain_cli.run.long_log import BEHIND, with_behind
 from terrain_cli.run.settings import Settings
 from terrain_cli.stream import followed_wheel
-from terrain_cli.stream.arriving_samples import ArrivingSamples
+from terrain_cli.stream.arriving_samples import RowSamples
 from terrain_cli.stream.followed_wheel import CommonStress, FollowedWheel, OpenSegment
 
 NUMBERS = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", "strength_kPa")
@@ -64,7 +64,7 @@ def test_nothing_is_open_before_a_sample_came():
     assert wheel.open_row() is None
     assert list(wheel.end()) == []
     rows = begun(lines((60.0, 60.0))[:2])
-    for part in ArrivingSamples(rows, ROVER, Settings(), None).take(rows.take()):
+    for part in RowSamples(rows, ROVER, Settings(), None).take(rows.take()):
         assert list(wheel.take(part)) == []
     assert wheel.soil[2] == 1
     assert np.isnan(wheel.soil[0])
@@ -82,7 +82,7 @@ def test_all_wheels_are_compared_at_one_stress():
 def samples():
     some = lines((60.0, 60.0))[:301]
     rows = begun(some[:2])
-    arriving = ArrivingSamples(rows, ROVER, Settings(), None)
+    arriving = RowSamples(rows, ROVER, Settings(), None)
     (part,) = arriving.take(rows.take(text(some[2:])))
     return with_behind(part, part.usable)[0]
 

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+
 import numpy as np
 import pytest
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader, make_reader
+from mcap_ros2.decoder import DecoderFactory
 from streams import followed, lines, text
 
 import formats
 from terrain_cli.errors import UsageError
+from terrain_cli.presentation import segment_files
 from terrain_cli.stream.growing_table import GrowingTable, readable
 
 
@@ -33,6 +40,51 @@ def test_the_bytes_are_those_of_a_whole_one(kind, rows, tmp_path):
     assert len(rows) == 3
 
 
+def messages(path):
+    """Return what a reader without an index finds: topic, time and content."""
+    found = []
+    with path.open("rb") as file, contextlib.suppress(EndOfFile):
+        reader = NonSeekingReader(file, decoder_factories=[DecoderFactory()])
+        for _, channel, message, content in reader.iter_decoded_messages(log_time_order=False):
+            fields = {name: getattr(content, name) for name in content.__slots__ if name != "header"}
+            found.append((channel.topic, message.log_time, repr(fields)))
+    return found
+
+
+def test_messages_are_those_of_a_whole_bag_while_it_grows(rows, tmp_path):
+    grown, whole = tmp_path / "grown.MCAP", tmp_path / "whole.mcap"
+    grown.write_text("of yesterday")
+    named = [{**row, "wheel": [name]} for row, name in zip(rows, ("a-b", "a b", "a-b"), strict=True)]
+    with GrowingTable(str(grown), None, marked=False) as table:
+        for count, row in enumerate(named, 1):
+            table.add(row)
+            assert len(messages(grown)) == 2 * count
+    segment_files.write_topics(joined(named), str(whole))
+    assert sorted(messages(grown)) == sorted(messages(whole))
+    with grown.open("rb") as one, whole.open("rb") as other:
+        summary, expected = (make_reader(file).get_summary() for file in (one, other))
+    assert list(summary.schemas.values()) == list(expected.schemas.values())
+    assert summary.statistics.message_count == 2 * len(rows)
+    assert {path.name for path in tmp_path.iterdir()} == {"grown.MCAP", "whole.mcap"}
+
+
+def test_a_bag_says_which_rows_are_open(rows, tmp_path):
+    path = tmp_path / "soil.mcap"
+    with GrowingTable(str(path), None, marked=True) as table:
+        table.add(rows[0], is_open=True)
+        table.add(rows[0])
+    assert ["'open': 'true'" in said for *_, said in messages(path)] == [True, True, False, False]
+
+
+def test_a_bag_that_grows_is_a_file(rows, tmp_path):
+    os.mkfifo(tmp_path / "soil.mcap")
+    with (
+        pytest.raises(formats.CannotWriteError, match="is no file"),
+        GrowingTable(str(tmp_path / "soil.mcap"), None, marked=False) as table,
+    ):
+        table.add(rows[0])
+
+
 def test_open_rows_are_told_from_closed_ones(rows, tmp_path):
     path = tmp_path / "soil.csv"
     with GrowingTable(str(path), None, marked=True) as table:
@@ -44,7 +96,7 @@ def test_open_rows_are_told_from_closed_ones(rows, tmp_path):
     assert second == first.removesuffix("true") + "false"
 
 
-@pytest.mark.parametrize("name", ["soil.parquet", "soil.gpkg", "soil.json", "soil.geojson", "soil.MCAP"])
+@pytest.mark.parametrize("name", ["soil.parquet", "soil.gpkg", "soil.json", "soil.geojson"])
 def test_what_cannot_be_read_while_it_grows_is_refused(name):
     with pytest.raises(UsageError, match="a table that grows cannot be"):
         GrowingTable(name, None, marked=False)

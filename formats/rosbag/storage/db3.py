@@ -23,7 +23,7 @@ from formats.rosbag.storage.raw_messages import astray, collected
 from formats.sqlite_pages import BrokenPageError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
     from io import BufferedReader
 
     from formats.rosbag.storage.chunks import Run
@@ -78,31 +78,14 @@ class Db3File:
             self._file = None
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
-        _refuse_what_calculates(database)
+        refuse_what_calculates(database)
         self._leaves = self._plain(database)
         spans = self._leaves.spans() if self._leaves else _spans(database)
         if not all(isinstance(time, int) for _, *ends in spans.values() for time in ends):
             # SQLite takes anything in any column.
             raise ValueError("a log time is no whole number")
         self._check_times(database)
-        definitions = self._read_definitions(database)
-        columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
-        digest = "type_description_hash" if "type_description_hash" in columns else "''"
-        for topic, name, type_name, serialization, type_hash in database.execute(
-            f"SELECT id, name, type, serialization_format, {digest} FROM topics ORDER BY id"  # noqa: S608  no outside text
-        ):
-            self.connections.append(
-                Connection(
-                    topic,
-                    name,
-                    type_name,
-                    _definition(definitions.get(type_name, []), type_hash or ""),
-                    type_hash or "",
-                    spans.get(topic, (0,))[0],
-                    ConnectionExtRosbag2(serialization, []),
-                    self,
-                )
-            )
+        self.connections = topics_of(database, {topic: count for topic, (count, _, _) in spans.items()})
         self.spans = {topic: (start, end) for topic, (_, start, end) in spans.items()}
 
     def _check_times(self, database: sqlite3.Connection) -> None:
@@ -140,22 +123,6 @@ class Db3File:
         except (BrokenPageError, IndexError):
             return None
 
-    @staticmethod
-    def _read_definitions(database: sqlite3.Connection) -> dict[str, list[tuple[str, MessageDefinition]]]:
-        """Return the definitions of each type, with their hashes."""
-        columns = {row[1] for row in database.execute("PRAGMA table_info(message_definitions)")}
-        if not columns:
-            return {}
-        digest = "type_description_hash" if "type_description_hash" in columns else "''"
-        found: dict[str, list[tuple[str, MessageDefinition]]] = {}
-        for type_name, encoding, text, type_hash in database.execute(
-            f"SELECT topic_type, encoding, encoded_message_definition, {digest} FROM message_definitions"  # noqa: S608  no outside text
-        ):
-            if encoding in FORMATS:
-                definition = MessageDefinition(FORMATS[encoding], text)
-                found.setdefault(type_name, []).append((type_hash or "", definition))
-        return found
-
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
         """Read the messages of some connections in the order of their log times, some bytes at a time."""
         if self._database is None:
@@ -169,6 +136,44 @@ class Db3File:
             f" WHERE topic_id IN ({places}) ORDER BY timestamp, id"
         )
         yield from collected(self._database.execute(query, tuple(wanted)), size)
+
+
+def topics_of(database: sqlite3.Connection, counts: Mapping[int, int]) -> list[Connection]:
+    """Return the topics, in the order of their ids, with their definitions and these counts of messages."""
+    definitions = _read_definitions(database)
+    columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
+    digest = "type_description_hash" if "type_description_hash" in columns else "''"
+    return [
+        Connection(
+            topic,
+            name,
+            type_name,
+            _definition(definitions.get(type_name, []), type_hash or ""),
+            type_hash or "",
+            counts.get(topic, 0),
+            ConnectionExtRosbag2(serialization, []),
+            None,
+        )
+        for topic, name, type_name, serialization, type_hash in database.execute(
+            f"SELECT id, name, type, serialization_format, {digest} FROM topics ORDER BY id"  # noqa: S608  no outside text
+        )
+    ]
+
+
+def _read_definitions(database: sqlite3.Connection) -> dict[str, list[tuple[str, MessageDefinition]]]:
+    """Return the definitions of each type, with their hashes."""
+    columns = {row[1] for row in database.execute("PRAGMA table_info(message_definitions)")}
+    if not columns:
+        return {}
+    digest = "type_description_hash" if "type_description_hash" in columns else "''"
+    found: dict[str, list[tuple[str, MessageDefinition]]] = {}
+    for type_name, encoding, text, type_hash in database.execute(
+        f"SELECT topic_type, encoding, encoded_message_definition, {digest} FROM message_definitions"  # noqa: S608  no outside text
+    ):
+        if encoding in FORMATS:
+            definition = MessageDefinition(FORMATS[encoding], text)
+            found.setdefault(type_name, []).append((type_hash or "", definition))
+    return found
 
 
 def _indexes_of_time(database: sqlite3.Connection) -> list[str]:
@@ -192,7 +197,7 @@ def _spans(database: sqlite3.Connection) -> dict[int, tuple[int, int, int]]:
     return {topic: (count, start, end) for topic, count, start, end in database.execute(query)}
 
 
-def _refuse_what_calculates(database: sqlite3.Connection) -> None:
+def refuse_what_calculates(database: sqlite3.Connection) -> None:
     """Refuse a file whose tables are views or make up values: such a query need never end."""
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, CHUNK_BYTES)
     database.execute("PRAGMA trusted_schema = OFF")

@@ -1,0 +1,186 @@
+"""A bag that is still being recorded: its messages as they are appended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from sqlite3 import DatabaseError
+from typing import TYPE_CHECKING
+
+from formats.errors import NotFoundError
+from formats.rosbag.bag_files import check, damaged
+from formats.rosbag.bag_source import BagSource, Reading
+from formats.rosbag.containers import Container
+from formats.rosbag.decoding.decoder import Decodable
+from formats.rosbag.decoding.definitions import UnusableError
+from formats.rosbag.storage.chunks import RUN_BYTES
+from formats.rosbag.storage.growing_db3 import GrowingDb3
+from formats.rosbag.storage.raw_messages import DAMAGE
+from formats.salvage import salvaged
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping, Sequence
+
+    from formats.rosbag.containers import Reader
+    from formats.rosbag.storage.chunks import Run
+    from formats.salvage.salvaged_file import SalvagedFile
+    from formats.table import Batch
+
+#: Log times in ns from which the topics are told: one that has a message each second is among them. If one
+#: is missing, it may begin later. Judged: drivers start one after the other within seconds.
+_SHOWN, _YOUNG = 1_000_000_000, 10_000_000_000
+
+
+class _Arrivals(Container):
+    """The messages that came, until they are taken; connections are added as the file tells of them."""
+
+    def __init__(self, path: str, kind: str) -> None:
+        super().__init__(path, kind)
+        self._came: list[Run] = []
+        self._known: dict[int, int] = {}
+        #: What is wrong with the file, each once.
+        self.damage: dict[str, None] = {}
+        file = Path(path)
+        check(file, kind, path, salvage=True)
+        # A recorder may give the file another name at the end.
+        self._file = self._stack.enter_context(file.open("rb"))
+        self.reader: SalvagedFile | GrowingDb3
+        if kind == "db3":
+            self.reader = GrowingDb3(file)
+        else:
+            self.reader = salvaged(file, kind)
+            self._stack.callback(self.reader.close)
+
+    def _opened(self) -> Iterator[Reader]:
+        return iter(())
+
+    def look(self) -> int:
+        """Take in what was appended, of a long file some; return how many messages came."""
+        try:
+            found = self.reader.grow(self._file, RUN_BYTES)
+        except OSError as error:
+            raise NotFoundError(self.path, f"cannot be read: {error.strerror or error}") from error
+        except (*DAMAGE, DatabaseError) as error:
+            raise damaged(self.path, self.kind, error) from error
+        for connection in self.reader.connections:
+            if connection.id not in self._known:
+                self._known[connection.id] = len(self.connections)
+                self.connections.append(connection)
+        self._check_connections()
+        runs = [{self._known[number]: messages for number, messages in run.items()} for run in found]
+        self._came += runs
+        self.damage |= dict.fromkeys(self.reader.recovery.damage)
+        self.reader.recovery.damage.clear()
+        return sum(len(messages) for run in runs for messages in run.values())
+
+    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:  # noqa: ARG002
+        """Return messages in the order in which they came."""
+        for run in self._came:
+            own = {place: messages for place, messages in run.items() if place in wanted}
+            if own:
+                yield own
+
+    def span(self, wanted: Collection[int]) -> None:  # noqa: ARG002 - nobody knows the end
+        return None
+
+    @property
+    def shown(self) -> int:
+        """Log time between the first message and the last, in ns."""
+        ends = [(int(m.times[0]), int(m.times[-1])) for run in self._came for m in run.values()]
+        return max(end for _, end in ends) - min(start for start, _ in ends) if ends else 0
+
+    def drop(self) -> None:
+        """Forget the messages that were taken."""
+        self._came.clear()
+
+
+class ArrivingBag(BagSource):
+    """A bag of which the messages are handed over as they are appended.
+
+    First `prepare` until it says that the topics are known, then `take`, as of `ArrivingRows`.
+    """
+
+    counted = "messages"
+    repeated = 0
+
+    def __init__(self, path: str, kind: str) -> None:
+        self._arrivals = _Arrivals(path, kind)
+        super().__init__(path, kind, container=self._arrivals)
+        # What cannot be decoded is counted, and told by `faults`.
+        self._decodable = Decodable(self._arrivals.reader.recovery, [])
+        #: Topic → fields that are read of it; set before the first is taken.
+        self.wanted: Mapping[str, Sequence[str]] = {}
+        self._found: dict[int, Reading] | None = None
+        self._unusable: set[int] = set()
+        #: Messages so far.
+        self.count = 0
+
+    @property
+    def ended(self) -> bool:
+        """Nothing more will come: the recorder has written the index."""
+        return self._arrivals.reader.ended
+
+    @property
+    def begun(self) -> bool:
+        """A message came."""
+        return self.count > 0
+
+    @property
+    def young(self) -> bool:
+        """A topic may not have begun yet."""
+        return not self.ended and self._arrivals.shown < _YOUNG
+
+    @property
+    def full(self) -> bool:
+        """More was there than was taken."""
+        return self._arrivals.reader.full
+
+    def prepare(self, data: bytes, *, hurry: bool) -> bool:  # noqa: ARG002 - the file is read in larger pieces
+        """Look for messages until the topics can be told, in a `hurry` from one message.
+
+        What was taken comes again then: what is read may have been chosen too early.
+        """
+        self.count += self._arrivals.look()
+        self._found = None
+        self.__dict__.pop("_topics", None)
+        self.remarks.clear()
+        return self.count > 0 and (hurry or self.ended or self._arrivals.shown >= _SHOWN)
+
+    def take(self, data: bytes = b"", *, last: bool = False) -> dict[str, Batch] | None:  # noqa: ARG002
+        """Return the columns of the messages that came, by topic; at the `last` all that is whole."""
+        if self._found is None:
+            self._found = self._readings(self.wanted, 1 << 40)
+        else:
+            self._arrivals.drop()
+            self.count += self._arrivals.look()
+        self._add_publishers(self._found)
+        for _ in self._full(self._found):
+            pass
+        batches = {
+            reading.topic: batch
+            for reading in dict.fromkeys(self._found.values())
+            for batch in reading.batches(last=True)
+        }
+        return batches or None
+
+    def _add_publishers(self, readings: dict[int, Reading]) -> None:
+        """Read the topics from connections that came later too."""
+        by_topic = {reading.topic: reading for reading in readings.values()}
+        for place, connection in enumerate(self._arrivals.connections):
+            reading = by_topic.get(connection.topic)
+            if reading and place not in readings and place not in self._unusable:
+                try:
+                    reading.decoders[place] = self._decoder(connection)
+                except UnusableError as error:
+                    self._unusable.add(place)
+                    self.remarks.append(f"{connection.topic} cannot be read: {error}")
+                else:
+                    readings[place] = reading
+
+    def faults(self) -> list[str]:
+        """Say what was wrong with the file."""
+        aside, rest = self._arrivals.reader.recovery.aside, self._arrivals.reader.rest
+        return [
+            *self._arrivals.damage,
+            *[f"{aside:,} messages set aside, which contradict themselves"] * bool(aside),
+            *[f"the last {rest:,} bytes are no whole record, and left out"] * bool(rest),
+        ]
