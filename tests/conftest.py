@@ -116,6 +116,17 @@ def terrain_est_here():
     return run
 
 
+class FollowingProcess(subprocess.Popen):
+    """A process whose output is read line by line while it goes on."""
+
+    def line(self):
+        """Return the next line; what comes behind it stays for `communicate`."""
+        text = b""
+        while not text.endswith(b"\n") and (byte := os.read(self.stdout.fileno(), 1)):
+            text += byte
+        return text.decode()
+
+
 @pytest.fixture
 def start(tmp_path):
     """Return a function that starts to follow something in a process of its own, with the sample rover."""
@@ -124,7 +135,7 @@ def start(tmp_path):
     def run(*args, **options):
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
         begun.append(
-            subprocess.Popen(
+            FollowingProcess(
                 [*TERRAIN_EST, "estimate", "--follow", *map(str, args), *SAMPLE_ROVER],
                 **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.PIPE} | options,
                 env=environment,

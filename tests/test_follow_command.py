@@ -52,7 +52,7 @@ def test_rows_come_while_the_writer_goes_on(start, lines, tmp_path, terrain_est_
     process = start("-", *FAST)
     process.stdin.write("".join(lines[:551]))
     process.stdin.flush()
-    early = [process.stdout.readline() for _ in range(2)]
+    early = [process.line() for _ in range(2)]
     assert early[0] == ",".join(COLUMNS) + "\n"
     assert early[1].startswith("-,front-left,1,")
     out, said = process.communicate("".join(lines[551:]), timeout=60)
@@ -70,7 +70,7 @@ def test_a_signal_ends_it_with_all_that_had_come(name, start, lines):
     process.stdin.write("".join(lines))
     process.stdin.flush()
     # The first row shows that it reads.
-    head = process.stdout.readline() + process.stdout.readline()
+    head = process.line() + process.line()
     process.send_signal(getattr(signal, name))
     out, said = process.communicate(timeout=60)
     assert process.returncode == 0
@@ -106,7 +106,7 @@ def test_a_reader_that_goes_ends_it(start, lines):
     process = start("-", *FAST)
     process.stdin.write("".join(lines[:551]))
     process.stdin.flush()
-    process.stdout.readline()
+    process.line()
     process.stdout.close()
     for line in lines[551:]:
         try:
@@ -123,7 +123,7 @@ def test_open_segments_stand_in_a_last_column(start, lines):
     process = start("-", "--method", "recursive", "--every", "1ms")
     process.stdin.write("".join(lines[:301]))
     process.stdin.flush()
-    head = [process.stdout.readline() for _ in range(2)]
+    head = [process.line() for _ in range(2)]
     assert head[0] == ",".join([*COLUMNS, "open"]) + "\n"
     out, _ = process.communicate("".join(lines[301:]), timeout=60)
     rows = rows_of("".join(head) + out)

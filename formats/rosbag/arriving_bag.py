@@ -40,9 +40,12 @@ class _Arrivals(Container):
         #: What is wrong with the file, each once.
         self.damage: dict[str, None] = {}
         file = Path(path)
-        check(file, kind, path, salvage=True)
-        # A recorder may give the file another name at the end.
-        self._file = self._stack.enter_context(file.open("rb"))
+        try:
+            check(file, kind, path, salvage=True)
+            # A recorder may give the file another name at the end.
+            self._file = self._stack.enter_context(file.open("rb"))
+        except OSError as error:
+            raise NotFoundError(path, f"cannot be read: {error.strerror or error}") from error
         self.reader: SalvagedFile | GrowingDb3
         if kind == "db3":
             self.reader = GrowingDb3(file)
