@@ -54,14 +54,17 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
     # A thinned line would else bridge two segments.
     shown = np.union1d(shown, starts)
     place = _places(trace, starts)
+    # Rows now and then, of which one may stand alone.
+    marker = "." if "sample" in trace else ""
     for axes, quantity, colour in zip((upper, lower), _QUANTITIES, COLOURS, strict=False):
         value, error = (np.asarray(trace[name], float) for name in (quantity.value, quantity.error))
-        low, high = value - 1.96 * error, value + 1.96 * error
-        x = place[shown]
-        axes.fill_between(
-            x, low[shown], high[shown], color=colour, alpha=0.25, linewidth=0.0, label="± 1.96 s.e."
+        x, low, high, middle = (
+            # No line goes from one segment to the next.
+            np.insert(column[shown], np.searchsorted(shown, starts[1:]), np.nan)
+            for column in (place, value - 1.96 * error, value + 1.96 * error, value)
         )
-        axes.plot(x, value[shown], color=colour, label="estimate")
+        axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0.0, label="± 1.96 s.e.")
+        axes.plot(x, middle, color=colour, label="estimate", marker=marker, markersize=3.0)
         if len(starts) <= MOST_LIMITS:
             _limits(axes, number, place, starts, name_them=axes is upper)
         _focus(axes, value, error, starts, quantity.widest)
