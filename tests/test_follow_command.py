@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from threading import Thread
 
 import pytest
 from child_processes import peak
@@ -102,6 +103,67 @@ def test_a_file_that_grows_into_one_that_grows(start, lines, tmp_path):
     assert soil.read_text().count("\x1e") == len(features)
 
 
+def test_killed_and_started_again_while_the_file_grows(start, lines, tmp_path):
+    """The table is that of one that was never killed."""
+    log, soil, whole = tmp_path / "run.csv", tmp_path / "soil.csv", tmp_path / "whole.csv"
+    log.write_text("".join(lines[:301]))
+    killed = start(log, "-o", soil, *FAST)
+    deadline = time.monotonic() + 60
+    while not (soil.exists() and soil.read_text().count("\n") > 1):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    with log.open("a") as file:
+        # Within a row, and within a segment.
+        file.write("".join(lines[301:450]) + lines[450][:20])
+    killed.kill()
+    killed.wait()
+    with log.open("a") as file:
+        file.write(lines[450][20:] + "".join(lines[451:]))
+    for table in (soil, whole):
+        process = start(log, "-o", table, *FAST, "--idle-timeout", "200ms")
+        process.communicate(timeout=60)
+        assert process.returncode == 0
+    assert soil.read_bytes() == whole.read_bytes()
+    assert of_all(rows_of(soil.read_text())) == 600
+
+
+def paced(process, rows, speed):
+    """Write rows so many times as fast as they were driven, with two stalls."""
+    began, first = time.monotonic(), float(rows[0].partition(",")[0])
+    for number, row in enumerate(rows):
+        due = (float(row.partition(",")[0]) - first) / speed if speed else 0.0
+        time.sleep(max(began + due - time.monotonic(), 0.3 if speed and number in {40, 90} else 0.0))
+        process.stdin.write(row)
+        if speed:
+            process.stdin.flush()
+    process.stdin.close()
+
+
+def test_the_pace_of_the_rows_is_no_matter(start, lines):
+    """At the speed of the drive, 50 times as fast and all at once: rows twice, and rows that are late."""
+    rows = lines[1:141]
+    rows[30:30] = rows[20:30]
+    rows[60], rows[65] = rows[65], rows[60]
+    options = ["--segments", "fixed", "--window-samples", "20", "--method", "recursive", "--every", "200ms"]
+    writers, processes = [], []
+    for speed in (1.0, 50.0, None):
+        processes.append(start("-", *options))
+        processes[-1].stdin.write(lines[0])
+        writers.append(Thread(target=paced, args=(processes[-1], rows, speed)))
+        writers[-1].start()
+    told = [process.stdout.read().splitlines() for process in processes]
+    for writer in writers:
+        writer.join()
+    # Which of two wheels comes first hangs on how many rows came at once.
+    closed = [sorted(line for line in out if line.endswith(",false")) for out in told]
+    assert len(closed[0]) == 8
+    assert closed[0] == closed[1] == closed[2]
+    assert len(told[0]) > len(told[2])
+    assert {process.stderr.read() for process in processes} == {
+        "rows: 140, late: 3, repeated: 10; segments: 8\n"
+    }
+
+
 def test_a_reader_that_goes_ends_it(start, lines):
     process = start("-", *FAST)
     process.stdin.write("".join(lines[:551]))
@@ -135,6 +197,20 @@ def test_open_segments_stand_in_a_last_column(start, lines):
     for last in closed:
         same = [row for row in rows if (row["wheel"], row["segment"]) == (last["wheel"], last["segment"])]
         assert same[-1] is last
+
+
+def test_pictures_are_there_while_rows_still_come(start, lines, tmp_path):
+    process = start("-", "--method", "recursive", "--every", "1ms", "--plot", "live")
+    process.stdin.write("".join(lines[:400]))
+    rest = iter(lines[400:])
+    while len(list((tmp_path / "live").glob("convergence*.svg"))) < 3:
+        process.stdin.write(next(rest))
+        process.stdin.flush()
+        time.sleep(0.1)
+    process.communicate("".join(rest), timeout=60)
+    assert process.returncode == 0
+    names = ["convergence-1-front-left", "convergence-2-front-right", "convergence-of-all"]
+    assert sorted(path.stem for path in (tmp_path / "live").glob("*.png")) == names
 
 
 def test_on_a_terminal_rows_are_for_reading_and_one_line_is_redrawn(lines, tmp_path):
@@ -228,7 +304,7 @@ def test_the_pipes_of_the_page_work(example, bin_folder, tmp_path, lines):
     [
         (["a.csv", "b.csv"], 2, "--follow takes one input, not 2"),
         (["a.csv", "-o", "soil.gpkg"], 2, "-o soil.gpkg: a table that grows cannot be .gpkg"),
-        (["a.csv", "--plot", "pictures"], 2, "--plot needs the whole log"),
+        (["a.csv", "--trace", "steps.csv"], 2, "--trace needs the whole log"),
         (["a.csv", "--summary", "soil.json"], 2, "--summary needs the whole log"),
         (["a.csv", "--segments", "fixed", "--window-distance", "2"], 2, "counts fixed windows in samples"),
         (["a.csv", "--every", "1x"], 2, "1x is no time, such as 500ms, 1s or 10min"),

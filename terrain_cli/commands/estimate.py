@@ -89,7 +89,7 @@ Examples:
     type=paths.PICTURES,
     metavar="DIR",
     help="Write pictures into this folder, as PNG and SVG (extra: plot). With --method recursive also "
-    "how it converges.",
+    "how it converges. With --follow only that, by any method, drawn anew as rows come.",
 )
 @click.option(
     "--follow",

@@ -18,9 +18,10 @@ if TYPE_CHECKING:
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.rover import Rover
     from terrain_cli.stream.growing_table import GrowingTable
+    from terrain_cli.views.live_pictures import LivePictures
 
 #: What needs the whole log, and what is about several inputs.
-_NOT = ("summary", "samples", "rejects", "trace", "posterior", "plot", "places", "salvage")
+_NOT = ("summary", "samples", "rejects", "trace", "posterior", "places", "salvage")
 
 
 def run(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
@@ -55,17 +56,24 @@ def run(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
         stop = stack.enter_context(processes.noted())
         if table:
             stack.enter_context(table)
-        teller = _Teller(table, quiet=given["quiet"])
+        pictures = None
+        if given["plot"]:
+            from terrain_cli.views.live_pictures import LivePictures
+
+            pictures = LivePictures(given["plot"])
+        teller = _Teller(table, pictures, quiet=given["quiet"])
         stack.callback(teller.wipe)
         arriving = ArrivingBytes(logs[0], stop=stop, idle=given["idle_timeout"])
         Follow(rover, settings, teller, every=given["every"]).run(arriving, logs[0])
+        if pictures:
+            pictures.draw(last=True)
 
 
 class _Teller:
-    """Rows to the table, or to the terminal; what is said besides to stderr."""
+    """Rows to the table, or to the terminal, and to the pictures; what is said besides to stderr."""
 
-    def __init__(self, table: GrowingTable | None, *, quiet: bool) -> None:
-        self._table, self._quiet = table, quiet
+    def __init__(self, table: GrowingTable | None, pictures: LivePictures | None, *, quiet: bool) -> None:
+        self._table, self._pictures, self._quiet = table, pictures, quiet
         self._drawing = not quiet and sys.stderr.isatty()
         self._drawn = False
 
@@ -78,12 +86,20 @@ class _Teller:
             from terrain_cli.stream.growing_table import readable
 
             say(readable(row))
+        self._draw([row])
 
     def open(self, rows: Sequence[Table]) -> None:
         """Write rows that are not the last word on their segments; a terminal shows them in its one line."""
         for row in rows if self._table else ():
             assert self._table is not None  # noqa: S101 - asked above
             self._table.add(row, is_open=True)
+        self._draw(rows)
+
+    def _draw(self, rows: Sequence[Table]) -> None:
+        if self._pictures:
+            for row in rows:
+                self._pictures.add(row)
+            self._pictures.draw()
 
     def now(self, text: str) -> None:
         """Draw over the one line of a terminal."""

@@ -50,6 +50,7 @@ class Fitted:
     # The model, its parameters and the noise, as the summary shows them; None for the line
     account: dict[str, Any] | None = None
     joint: list[JointPosterior] = field(default_factory=list)  # Of the windows of which it was asked for
+    noise: Noise | None = None  # Of the full model: where a fit of more of these samples may begin
 
 
 def common_stress(stress: float | None, fitted: Fitted) -> float | None:
@@ -135,11 +136,13 @@ def estimate(
     robust: bool = False,
     at_stress: float | None = None,
     joint: int = 0,
+    begun: Noise | None = None,
 ) -> Fitted:
     """Estimate the soil in every window of a wheel, by the line or by the model to fit whole (`choose`).
 
     Strengths of all windows are compared `at_stress`, in Pa (`strength.with_strengths`); of `joint` windows,
-    evenly spread, the joint posterior of c and φ is found as well.
+    evenly spread, the joint posterior of c and φ is found as well. Learning the noise begins where it has
+    `begun`: with that of a fit of most of these samples.
     """
     if (
         file is not None
@@ -163,10 +166,11 @@ def estimate(
     channels = _channels(windows)
     file = with_offsets(with_contact(file), windows.samples, channels)
     held, because = _held(windows.samples.geometry, file, [channels])
-    fit = _fit(windows, file, channels, held, min_samples or FIT_SAMPLES, robust=robust, joint=asked)
+    least = min_samples or FIT_SAMPLES
+    fit = _fit(windows, file, channels, held, least, robust=robust, joint=asked, begun=begun)
     estimates = of_fit(fit, line, whole, at_stress)
     posteriors = fit_account.of_fit(fit, file, asked)
-    return Fitted(estimates, account(windows, file, fit, held, because), posteriors)
+    return Fitted(estimates, account(windows, file, fit, held, because), posteriors, fit.noise)
 
 
 def estimate_all(
@@ -257,6 +261,7 @@ def _fit(
     *,
     robust: bool,
     joint: Collection[int],
+    begun: Noise | None,
 ) -> Fit:
     from terrain_cli.estimation import wheel_fit
 
@@ -278,6 +283,7 @@ def _fit(
             correlated=samples.time is not None,
             min_samples=min_samples,
             joint=joint,
+            begun=begun,
         )
 
     given = {name: noise for name, noise in samples.noise.items() if name in channels and noise.known}

@@ -168,10 +168,13 @@ class Follow:
         self._teller.now("   ".join(map(self._state, sorted(self._wheels))))
         if self._every is None or time.monotonic() < self._next:
             return
+        began = time.monotonic()
         rows = [self._wheels[name].open_row() for name in sorted(self._fresh)]
         self._teller.open([row for row in rows if row is not None])
         self._fresh.clear()
-        self._next = time.monotonic() + self._every
+        now = time.monotonic()
+        # As much time as the open segments took is left to the rows that arrive.
+        self._next = now + max(self._every, now - began)
 
     def _state(self, name: str) -> str:
         cohesion, slope, count = self._wheels[name].soil

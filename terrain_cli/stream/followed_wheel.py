@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from collections import deque
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from terrain_cli.errors import InputError
 from terrain_cli.estimation import assumed, estimators
 from terrain_cli.estimation.line.pooled import RecursiveLine
 from terrain_cli.estimation.strength import with_strengths
@@ -18,7 +20,7 @@ from terrain_cli.stream.model_watch import ModelWatch
 from terrain_cli.telemetry.derive import effect_inputs
 from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.wheel_samples import NEEDED
-from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
+from terrain_cli.vocabulary.choices import CUT_SAMPLES, FIT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows import cut_windows
 from terrain_cli.windows.segmentation.online_cuts import SETTLED, OnlineCuts
 
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from terrain_cli.estimation import WindowEstimates
+    from terrain_cli.estimation.estimators import Fitted
+    from terrain_cli.estimation.wheel_fit import Noise
     from terrain_cli.models import ModelFile
     from terrain_cli.run.settings import Settings
     from terrain_cli.stream.model_watch import ModelMiss
@@ -37,9 +41,12 @@ if TYPE_CHECKING:
 LONGEST = 1 << 17
 #: What estimates and rows are made of; the effects of a model may need anything.
 _KEPT = {*NEEDED, "drawbar_pull", "x", "y", "longitude", "latitude"}
-#: The errors from what is assumed are found anew when a segment has grown by this factor: they hardly depend
-#: on it, and take far longer than the rest of an open row.
+#: What takes far longer than the rest of an open row, and hardly depends on the last samples, is found anew
+#: when a segment has grown by this factor: the noise of the full model, and what a line assumes.
 _GROWN = 1.5
+#: Segments that are fitted again with the next one, and samples of each: the sensors and the effects are
+#: those of all.
+_EARLIER, _OF_EACH = 4, 4000
 #: The model is set against samples that are this many seconds and `SETTLED` samples old: by then 95 % of the
 #: changes of soil before them are told, which are no fault of a model.
 _WATCHED_AFTER = 25.0
@@ -119,6 +126,7 @@ class FollowedWheel:
         #: What the model was found to miss; whoever tells it empties this.
         self.alarms: list[ModelMiss] = []
         self._stretch: int | None = None
+        self._earlier: deque[Samples] = deque(maxlen=_EARLIER)
         self._begin()
         #: Closed segments, and those of them that were cut as they became too long.
         self.closed = self.cut = 0
@@ -140,7 +148,8 @@ class FollowedWheel:
         """Begin a segment with the samples that are held."""
         self._line = RecursiveLine()
         self._moved: Array | None = None
-        self._moved_at = 0
+        self._noise: Noise | None = None
+        self._known_at = 0
         if self._watch:
             self._watch.begin()
         if self._segment.count:
@@ -246,8 +255,22 @@ class FollowedWheel:
 
     def _close(self, count: int) -> segment_table.Table:
         """Estimate the first so many samples of what is open, and give up holding them."""
-        cut = cut_windows.cut(self._with_effects(self._segment.split(count)), "none")
+        samples = self._with_effects(self._segment.split(count))
         self._past += count
+        row, fitted = self._fitted(samples)
+        self._stress.value = estimators.common_stress(self._stress.value, fitted)
+        if self._file is not None:
+            self._earlier.append(samples.taken(slice(None, None, -(-count // _OF_EACH))))
+        self.closed += 1
+        self._segment.ahead = 0
+        self._anew()
+        return row
+
+    def _fitted(self, samples: Samples, begun: Noise | None = None) -> tuple[segment_table.Table, Fitted]:
+        """Estimate a segment beside some samples of those before it; return its row, and the fit of all."""
+        parts = [*self._earlier, samples]
+        parts = [replace(part, stretch=np.full(len(part), place)) for place, part in enumerate(parts)]
+        cut = cut_windows.cut(joined(parts), "none")
         given = self._settings
         fitted = estimators.estimate(
             cut,
@@ -257,13 +280,9 @@ class FollowedWheel:
             folds=given.folds,
             robust=given.robust,
             at_stress=self._stress.value,
+            begun=begun,
         )
-        self._stress.value = estimators.common_stress(self._stress.value, fitted)
-        row = self._row(cut, fitted.estimates)
-        self.closed += 1
-        self._segment.ahead = 0
-        self._anew()
-        return row
+        return self._row(cut, fitted.estimates, samples), fitted
 
     def _with_effects(self, samples: Samples) -> Samples:
         """Return samples with what effects need: rates know now what came behind."""
@@ -274,25 +293,47 @@ class FollowedWheel:
             drivers[name] = np.where(np.isfinite(values), values, drivers.get(name, np.nan))
         return replace(samples, drivers=drivers)
 
-    def _row(self, cut: cut_windows.Windows, estimates: WindowEstimates) -> segment_table.Table:
-        row = segment_table.table(cut, estimates)
+    def _row(
+        self, cut: cut_windows.Windows, estimates: WindowEstimates, samples: Samples
+    ) -> segment_table.Table:
+        """Return the last row of a table, which is that of these samples."""
+        row = {name: column[-1:] for name, column in segment_table.table(cut, estimates).items()}
         row["segment"] = np.array([self.closed + 1])
-        row["n_rejected"] = np.array([int(cut.samples.drivers[BEHIND].sum()) + self._segment.ahead])
+        row["n_rejected"] = np.array([int(samples.drivers[BEHIND].sum()) + self._segment.ahead])
         return row
 
     def open_row(self) -> segment_table.Table | None:
-        """Return the row of the open segment, by the recursive estimator; None where there is none."""
+        """Return the row of the open segment; None where there is none."""
         if not self._segment.count:
             return None
-        cut = cut_windows.cut(self._segment.whole(), "none").on_line()
+        whole = self._segment.whole()
+        if len(whole) > _GROWN * self._known_at:
+            self._moved, self._noise, self._known_at = None, None, len(whole)
+        return self._open_fit(whole) or self._open_line(whole)
+
+    def _open_fit(self, whole: Samples) -> segment_table.Table | None:
+        """Return the row by the full model; None where it is not chosen, or the samples tell no soil yet."""
+        least = self._settings.min_samples or FIT_SAMPLES
+        if self._file is None or len(whole) < least:
+            return None
+        try:
+            row, fitted = self._fitted(self._with_effects(whole), self._noise)
+        except InputError:
+            # The row of the closed segment says what is wrong with it.
+            return None
+        self._noise = fitted.noise
+        return row if np.isfinite([row["c_kPa"][0], row["phi_deg"][0]]).all() else None
+
+    def _open_line(self, whole: Samples) -> segment_table.Table | None:
+        """Return the row by the recursive estimator."""
+        cut = cut_windows.cut(whole, "none").on_line()
         if not len(cut.rows):
             return None
         line = estimators.estimate_lines(cut, "recursive", min_samples=self._settings.min_samples)
-        if self._moved is None or len(cut.rows) > _GROWN * self._moved_at:
+        if self._moved is None:
             self._moved = assumed.deviations(line, cut, "recursive")
-            self._moved_at = len(cut.rows)
         line = assumed.with_assumptions(line, cut, "recursive", self._moved)
-        return self._row(cut, with_strengths(line, cut, self._stress.value))
+        return self._row(cut, with_strengths(line, cut, self._stress.value), whole)
 
     @property
     def soil(self) -> tuple[float, float, int]:

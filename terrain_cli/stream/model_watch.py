@@ -109,13 +109,13 @@ class ModelWatch:
                 self._hopeless = True
                 return []
             self._done = LEARNT
-        size = self._state.size
+        begin, size = self._done, self._state.size
+        self._done += max(count - begin, 0) // size * size
         found = []
-        while self._done + size <= count:
-            block = samples.taken(slice(self._done, self._done + size))
-            self._done += size
-            found += [alarm for alarm in self._state.add(block) if alarm.channel not in self._told]
-            self._told |= {alarm.channel for alarm in found}
+        for alarm in self._state.add(samples.taken(slice(begin, self._done))):
+            if alarm.channel not in self._told:
+                self._told.add(alarm.channel)
+                found.append(alarm)
         return found
 
 
@@ -171,12 +171,26 @@ class SegmentWatch:
         by = prediction.derivatives(self._model, self._wheel, channels, parameters, self._names)
         return {name: channels[name] - predicted[name] for name in self.compared}, by
 
-    def add(self, block: Samples) -> list[ModelMiss]:
-        """Take the samples of a second; return what the model misses."""
-        channels = _channels(block)
+    def add(self, samples: Samples) -> list[ModelMiss]:
+        """Take the samples of some seconds, `size` of each; return what the model misses."""
+        channels = _channels(samples)
         if not set(self.compared) <= set(prediction.compared(self._model, channels)):
             return []
         residual, design = self._residuals(channels)
+        alarms = []
+        for first in range(0, len(samples), self.size):
+            rows = slice(first, first + self.size)
+            alarms += self._step(
+                {name: residual[name][rows] for name in self.compared},
+                {name: design[name][rows] for name in self.compared},
+                0.0 if samples.time is None else float(samples.time[first]),
+            )
+        return alarms
+
+    def _step(
+        self, residual: Mapping[str, Array], design: Mapping[str, Array], time: float
+    ) -> list[ModelMiss]:
+        """Take one second."""
         known = np.all([np.isfinite(error) for error in residual.values()], axis=0)
         if np.count_nonzero(known) < _SAMPLES // 2:
             # Too few to tell their noise.
@@ -189,7 +203,6 @@ class SegmentWatch:
         noise = factors * errors.var(axis=1, ddof=1) / size * (size - 1) / (size - 3)
         innovation = errors.mean(axis=1) - means @ self._away
         spread = means @ self._covariance @ means.T + np.diag(noise)
-        time = 0.0 if block.time is None else float(block.time[0])
         alarms = []
         for place, name in enumerate(self.compared):
             self.charts[name].add(innovation[place], float(np.sqrt(spread[place, place])), time)

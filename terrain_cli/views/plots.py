@@ -54,6 +54,11 @@ def write_ladder(ladder: Sequence[Rung], folder: str | Path) -> list[Path]:
     return _write(_of_ladder(ladder), folder, lambda _: None)
 
 
+def write_convergence(traces: Sequence[Mapping[str, Any]], folder: str | Path) -> list[Path]:
+    """Draw c and φ of each wheel against its samples, and of all segments over one another."""
+    return _write(_convergence(traces[:MOST_TRACES]), folder, lambda _: None)
+
+
 def draw(found: Comparison | Sequence[Rung], name: str) -> Figure:
     """Draw one of the pictures that `write` or `write_ladder` writes, by its name without ending."""
     from terrain_cli.comparison import Comparison

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import tracemalloc
 
 import numpy as np
@@ -12,7 +13,7 @@ from formats.text import arriving_rows
 from terrain_cli.errors import InputError
 from terrain_cli.run import one_log
 from terrain_cli.run.settings import Settings
-from terrain_cli.stream import followed_wheel
+from terrain_cli.stream import follow, followed_wheel
 from terrain_cli.stream.follow import Follow
 from terrain_cli.windows.segmentation import online_cuts
 
@@ -93,9 +94,12 @@ def test_other_segments_are_those_of_the_log(settings, tmp_path):
     np.testing.assert_allclose(told.table["c_kPa"], whole["c_kPa"], rtol=1e-9)
 
 
-def test_open_segments_are_told_as_the_recursive_estimator_has_them(tmp_path):
+def test_open_segments_are_told_as_the_recursive_estimator_has_them(tmp_path, monkeypatch):
+    # However long a row takes, the next one may follow.
+    clock = itertools.count()
+    monkeypatch.setattr(follow.time, "monotonic", lambda: next(clock))
     some = lines((60.0, 60.0))[:601]
-    told = followed(text(some), block=6000, every=1e-9)
+    told = followed(text(some), block=6000, every=1e-9, method="recursive")
     assert len(told.opened) > 5
     last = told.opened[-1][0]
     assert last["method"] == ["recursive"]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from streams import ROVER, Told, begun, followed, lines, text
 
+from terrain_cli.estimation.estimators import choose
 from terrain_cli.models import build
 from terrain_cli.run import one_log
 from terrain_cli.run.long_log import BEHIND, with_behind
@@ -69,6 +72,43 @@ def test_nothing_is_open_before_a_sample_came():
     assert wheel.soil[2] == 1
     assert np.isnan(wheel.soil[0])
     assert wheel.open_row()["status"] == ["too-few-samples"]
+
+
+def test_open_rows_are_those_of_the_model_on_the_samples_so_far(tmp_path):
+    some, wheel = lines((60.0,)), FollowedWheel(Settings(), choose("auto"), CommonStress(None))
+    rows = begun(some[:2])
+    arriving = ArrivingSamples(rows, ROVER, Settings(), None)
+    done, methods = 2, []
+    for count in (4, 300, 380, 420, 1100):
+        for part in arriving.take(rows.take(text(some[done : count + 1]))):
+            assert list(wheel.take(part)) == []
+        row, done = wheel.open_row(), count + 1
+        methods.append(row["method"][0])
+        expected = offline(some[: count + 1], tmp_path, segments="none")
+        if methods[-1] == "wong-reece":
+            assert row["status"] == expected["status"]
+            for name in ("c_kPa", "phi_deg", "strength_kPa"):
+                error = expected[name.replace("_", "_se_", 1)][0]
+                assert row[name][0] == pytest.approx(expected[name][0], abs=0.1 * error), (count, name)
+                assert row[name.replace("_", "_se_", 1)][0] == pytest.approx(error, rel=0.05), (count, name)
+    assert methods == ["recursive", *["wong-reece"] * 4]
+    # Who was asked so often closes as who never was.
+    (closed,) = wheel.end()
+    for name in NUMBERS:
+        assert closed[name][0] == expected[name][0], name
+
+
+def test_segments_are_fitted_with_those_before(tmp_path):
+    """The last row of a log that ends there."""
+    some = lines((60.0, 60.0))[:1801]
+    some = [some[0] + ",terrain", *(f"{line},{'ab'[n >= 1200]}" for n, line in enumerate(some[1:]))]
+    told, table = (
+        run(segments="terrain") for run in (partial(followed, text(some)), partial(offline, some, tmp_path))
+    )
+    for name in NUMBERS:
+        assert told.table[name][1] == pytest.approx(table[name][1], rel=1e-6), name
+    # Of the first one only its own samples were there.
+    assert told.table["c_kPa"][0] != pytest.approx(table["c_kPa"][0], rel=1e-6)
 
 
 def test_all_wheels_are_compared_at_one_stress():

@@ -6,7 +6,7 @@ x and y are the program's, as it computes them from what the sensors show.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -25,13 +25,22 @@ SPEED = 0.05
 LOADS, SLIPS = np.linspace(45.0, 115.0, 15), np.linspace(0.03, 0.69, 23)
 #: Snow does not carry the wheel.
 NAMES = tuple(name for name in SOILS if name != "snow")
+#: Each of them twice as stiff, and no stronger.
+STIFFER = {
+    f"stiff {name}": replace(
+        SOILS[name],
+        cohesive_modulus=2.0 * SOILS[name].cohesive_modulus,
+        frictional_modulus=2.0 * SOILS[name].frictional_modulus,
+    )
+    for name in NAMES
+}
 
 
 @lru_cache
 def ground(name, model):
     """Return log sinkage and log torque as functions of load and slip."""
     load, slip = np.meshgrid(LOADS, SLIPS, indexing="ij")
-    sinkage, torque, _ = forces_under(SOILS[name], WHEEL, load.ravel(), slip.ravel(), model)
+    sinkage, torque, _ = forces_under((SOILS | STIFFER)[name], WHEEL, load.ravel(), slip.ravel(), model)
     return [RectBivariateSpline(LOADS, SLIPS, np.log(v).reshape(load.shape)) for v in (sinkage, torque)]
 
 
@@ -107,6 +116,10 @@ class Drive:
     #: Samples where the soil changes, and samples in a second.
     changes: np.ndarray
     rate: int
+    #: What the sensors show.
+    load: np.ndarray
+    sinkage: np.ndarray
+    slip: np.ndarray
 
     def score(self, bounds):
         """Return changes found within 1 s, changes, bounds further than 1 s from any, and bounds."""
@@ -133,16 +146,17 @@ def drive(rng, kind, soils, lengths, rate):
         measured_slip = 1.0 - (1.0 - slip) * ratio
     else:
         measured_slip = slip * shown[3]
+    load, sinkage, slip = load * shown[0], sinkage * shown[2], np.clip(measured_slip, 0.001, 0.99)
     x, y = line_coordinates(
-        load * shown[0],
+        load,
         torque * shown[1],
-        sinkage * shown[2],
-        np.clip(measured_slip, 0.001, 0.99),
+        sinkage,
+        slip,
         radius=WHEEL.radius,
         width=WHEEL.width,
         shear_modulus=kind.shear_modulus,
     )
-    return Drive(x, y, SPEED * time, ends[:-1], rate)
+    return Drive(x, y, SPEED * time, ends[:-1], rate, load, sinkage, slip)
 
 
 def clean(seed, kind, shortest=200, longest=5000):
@@ -182,4 +196,14 @@ def mixed(seed, kind):
         if differ(name, soils[-1]):
             soils.append(name)
     lengths = (rng.uniform(8.0, 20.0, count) * rate).astype(int)
+    return drive(rng, kind, soils, lengths, rate)
+
+
+def stiffened(seed, kind):
+    """Return a drive over 3 to 6 stretches of 15 to 40 s of one soil, each other one of which is stiffer."""
+    rng = np.random.default_rng([4, seed])
+    rate = int(rng.choice(RATES))
+    count, name = int(rng.integers(3, 7)), rng.choice(NAMES)
+    soils = [("stiff " if k % 2 else "") + name for k in range(count)]
+    lengths = (rng.uniform(15.0, 40.0, count) * rate).astype(int)
     return drive(rng, kind, soils, lengths, rate)

@@ -115,6 +115,7 @@ def fit(
     correlated: bool = True,
     min_samples: int = FIT_SAMPLES,
     joint: Collection[int] = (),
+    begun: Noise | None = None,
 ) -> Fit:
     """Fit a wheel–soil model to windows of samples, with noise in every channel.
 
@@ -149,6 +150,8 @@ def fit(
         Windows of fewer have the status "too-few-samples".
     joint : collection of int
         Windows of which the joint posterior of c and φ is laid out on a grid.
+    begun : Noise, optional
+        Learnt from most of these samples: where learning begins, which then takes half of the time.
 
     Raises
     ------
@@ -165,12 +168,7 @@ def fit(
     if min_samples < 1:
         raise UsageError(f"windows of at least {min_samples} samples", hint="1 or more")
     sought = unknowns(
-        model,
-        fixed=fixed or {},
-        priors=priors or {},
-        shared=shared,
-        local=local,
-        windows=len(data.windows),
+        model, fixed=fixed or {}, priors=priors or {}, shared=shared, local=local, windows=len(data.windows)
     )
     problem = Problem(
         model=model,
@@ -188,12 +186,16 @@ def fit(
             if by_differences
             else _likely_noise(problem, data, ordered=correlated, near=True)
         )
-        problem, dof, state = _learn(problem, data, learner)
-        likely = [Learnt(problem=problem, dof=dof, others=learner.others())]
+        state = None
+        if begun is None or begun.relative.keys() != learner.noise.relative.keys():
+            problem, dof, state = _learn(problem, data, learner)
+            likely = [Learnt(problem=problem, dof=dof, others=learner.others())]
+        else:
+            problem = replace(problem, noise=begun)
     if not by_differences:
-        data, rows, begun = _without_wild(problem, data, rows)
+        data, rows, near = _without_wild(problem, data, rows)
         problem = replace(problem, robust=robust)
-        likely = [replace(likely[0], problem=problem, begun=begun)]
+        likely = [replace(likely[0], problem=problem, begun=near)]
         if learner is not None:
             likely = _anew(likely[0], data, state, ordered=correlated)
     fits = [_fitted(one, data, correlated=correlated, tempered=by_differences) for one in likely]
@@ -229,10 +231,10 @@ def fit(
     )
 
 
-def _anew(near: Learnt, data: FitData, ended: State, *, ordered: bool) -> list[Learnt]:
+def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool) -> list[Learnt]:
     """Learn the noise of samples without wild ones, to the end; of few samples every noise that is likely.
 
-    `near` is what was learnt of all samples, and `ended` where the last search for it did.
+    `near` is what was learnt of all samples, and `ended` where the last search for it did, if there was one.
     """
     problem = near.problem
     if 0 < data.measured.shape[1] <= FEW:
@@ -242,10 +244,10 @@ def _anew(near: Learnt, data: FitData, ended: State, *, ordered: bool) -> list[L
         if found:
             return found
     # Noise that no window tells is told by more of their samples no better.
-    if len(ended.lost) and ended.lost.all():
+    if ended is not None and len(ended.lost) and ended.lost.all():
         return [near]
     # Anew where the first one was lost: its end hangs on the last digit.
-    certain = bool(ended.converged.all())
+    certain = ended is None or bool(ended.converged.all())
     learner = _likely_noise(problem, data, ordered=ordered, begun=problem.noise if certain else None)
     problem, dof, _ = _learn(problem, data, learner, near.begun if certain else None)
     return [replace(near, problem=problem, dof=dof, others=learner.others())]

@@ -42,7 +42,10 @@ _QUANTITIES = (
 
 
 def convergence(trace: Mapping[str, Any]) -> Figure:
-    """Draw c and φ of one wheel after every sample, each with ± 1.96 standard errors."""
+    """Draw c and φ of one wheel, each with ± 1.96 standard errors, after every sample.
+
+    Or after those of the column "sample", which counts the samples of each segment.
+    """
     figure = Picture(figsize=(7.2, 4.8))
     upper, lower = figure.subplots(2, 1, sharex=True)
     number = np.asarray(trace["segment"])
@@ -50,20 +53,25 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
     shown = shown_samples.some(len(number), MOST_SAMPLES)
     # A thinned line would else bridge two segments.
     shown = np.union1d(shown, starts)
+    place = _places(trace, starts)
+    # Rows now and then, of which one may stand alone.
+    marker = "." if "sample" in trace else ""
     for axes, quantity, colour in zip((upper, lower), _QUANTITIES, COLOURS, strict=False):
         value, error = (np.asarray(trace[name], float) for name in (quantity.value, quantity.error))
-        low, high = value - 1.96 * error, value + 1.96 * error
-        axes.fill_between(
-            shown + 1, low[shown], high[shown], color=colour, alpha=0.25, linewidth=0.0, label="± 1.96 s.e."
+        x, low, high, middle = (
+            # No line goes from one segment to the next.
+            np.insert(column[shown], np.searchsorted(shown, starts[1:]), np.nan)
+            for column in (place, value - 1.96 * error, value + 1.96 * error, value)
         )
-        axes.plot(shown + 1, value[shown], color=colour, label="estimate")
+        axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0.0, label="± 1.96 s.e.")
+        axes.plot(x, middle, color=colour, label="estimate", marker=marker, markersize=3.0)
         if len(starts) <= MOST_LIMITS:
-            _limits(axes, number, starts, name_them=axes is upper)
+            _limits(axes, number, place, starts, name_them=axes is upper)
         _focus(axes, value, error, starts, quantity.widest)
         axes.set_ylabel(quantity.label)
         axes.legend(loc="lower right", ncols=2)
     lower.set_xlabel("sample")
-    lower.set_xlim(1, max(len(number), 2))
+    lower.set_xlim(1, max(place[-1] if len(place) else 0, 2))
     where = ", ".join(f"{key} {trace[key][0]}" for key in ("source", "wheel") if len(number))
     figure.suptitle(where, fontsize=9.0, x=0.01, ha="left")
     return figure
@@ -77,7 +85,7 @@ def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
     parts = [part for trace in traces for part in _segments(trace)]
     if not 1 < len(parts) <= len(COLOURS):
         return None
-    longest = max(len(part["segment"]) for part in parts)
+    longest = max(_own(part)[-1] for part in parts)
     # Errors stand beside the lines: bands over one another would hide what they are of.
     beside = longest * (1.02 + 0.02 * np.arange(len(parts) + 1))
     figure = Picture(figsize=(7.2, 4.8))
@@ -86,7 +94,7 @@ def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
         for j, (part, name) in enumerate(zip(parts, _names(parts), strict=True)):
             value = part[quantity.value]
             shown = shown_samples.some(len(value), MOST_SAMPLES)
-            axes.plot(shown + 1, value[shown], color=COLOURS[j], linestyle=LINES[j], label=name)
+            axes.plot(_own(part)[shown], value[shown], color=COLOURS[j], linestyle=LINES[j], label=name)
         last = np.array([part[quantity.value][-1] for part in parts])
         reach = 1.96 * np.nan_to_num([part[quantity.error][-1] for part in parts])
         for j in range(len(parts)):
@@ -121,14 +129,29 @@ def _names(parts: Sequence[Mapping[str, Any]]) -> list[str]:
     return [" ".join(text for text, told in zip(row, differs, strict=True) if told) for row in rows]
 
 
-def _limits(axes: Axes, number: Any, starts: Index, *, name_them: bool) -> None:
+def _own(part: Mapping[str, Any]) -> Array:
+    """Return which sample of its segment each row of a part of a trace is."""
+    return np.array(part.get("sample", np.arange(len(part["segment"])) + 1.0), dtype=np.float64)
+
+
+def _places(trace: Mapping[str, Any], starts: Index) -> Array:
+    """Return how many samples had come at each row of a trace."""
+    own = _own(trace)
+    if "sample" not in trace:
+        return own
+    before = np.concatenate([[0.0], np.cumsum(own[starts[1:] - 1])])
+    return np.asarray(own + np.repeat(before, np.diff(np.append(starts, len(own)))))
+
+
+def _limits(axes: Axes, number: Any, place: Array, starts: Index, *, name_them: bool) -> None:
     ends = np.append(starts[1:], len(number))
     for start, end in zip(starts, ends, strict=True):
         if start:
-            axes.axvline(start + 0.5, color=FAINT, linewidth=0.8, linestyle="--")
-        if name_them and end - start > 0.02 * len(number):
+            axes.axvline(place[start - 1] + 0.5, color=FAINT, linewidth=0.8, linestyle="--")
+        begin = place[start - 1] + 1.0 if start else 1.0
+        if name_them and place[end - 1] - begin > 0.02 * place[-1]:
             axes.text(
-                start + 1 + 0.005 * len(number),
+                begin + 0.005 * place[-1],
                 1.02,
                 f"segment {number[start]}" if len(starts) <= 8 else f"{number[start]}",
                 transform=axes.get_xaxis_transform(),
