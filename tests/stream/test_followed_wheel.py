@@ -77,7 +77,7 @@ def test_nothing_is_open_before_a_sample_came():
 def test_open_rows_are_those_of_the_model_on_the_samples_so_far(tmp_path):
     some, wheel = lines((60.0,)), FollowedWheel(Settings(), choose("auto"), CommonStress(None))
     rows = begun(some[:2])
-    arriving = ArrivingSamples(rows, ROVER, Settings(), None)
+    arriving = RowSamples(rows, ROVER, Settings(), None)
     done, methods = 2, []
     for count in (4, 300, 380, 420, 1100):
         for part in arriving.take(rows.take(text(some[done : count + 1]))):
