@@ -31,6 +31,7 @@ from simulator import CLAYEY_SOIL, DRY_SAND, base_contact, one_wheel, simulate, 
 
 import formats  # noqa: E402
 from formats.text.arriving_rows import ArrivingRows  # noqa: E402
+from terrain_cli.estimation import estimators  # noqa: E402
 from terrain_cli.rover import rover_file  # noqa: E402
 from terrain_cli.run.settings import Settings  # noqa: E402
 from terrain_cli.stream.arriving_samples import RowSamples  # noqa: E402
@@ -161,6 +162,24 @@ def of_bag(seconds):
         return (time.process_time() - began) / seconds, len(formats.open_source(str(path)).streams())
 
 
+def opened(lines):
+    """Return ms of each open row by the full model, one after each second of one wheel."""
+    settings, stress = Settings(), CommonStress(None)
+    wheel = FollowedWheel(settings, estimators.choose(settings.method), stress)
+    own = [line for line in lines[1:] if line.startswith("wheel-0,")]
+    rows = ArrivingRows("-")
+    rows.prepare(("\n".join([lines[0], *own[:100]]) + "\n").encode(), hurry=True)
+    samples, took = RowSamples(rows, ROVER, settings, None), []
+    for first in range(100, len(own), int(RATE)):
+        for part in samples.take(rows.take(("\n".join(own[first : first + int(RATE)]) + "\n").encode())):
+            list(wheel.take(part))
+        began = time.process_time()
+        row = wheel.open_row()
+        if row["method"] == ["wong-reece"]:
+            took.append(1e3 * (time.process_time() - began))
+    return np.array(took)
+
+
 def plain(count):
     """Return ms of each step of recursive least squares of (c, tan φ), in NumPy."""
     rng = np.random.default_rng(0)
@@ -193,6 +212,12 @@ def report(seconds):
     ):
         yield f"  {what:<42}{np.median(took):8.3f}{np.percentile(took, 95):8.3f}"
     yield f"  {'the aim':<42}{1.0:8.3f}"
+    took = opened(lines)
+    yield from (
+        "",
+        f"{'an open row by the full model, ms':<44}{'median':>8}{'95 %':>8}",
+        f"  {'one wheel, every second':<42}{np.median(took):8.0f}{np.percentile(took, 95):8.0f}",
+    )
     yield from ("", f"{'all at once':<44}{'s':>8}{'segments':>10}{'× real time':>14}")
     for name, settings in (
         ("--method recursive", {"method": "recursive"}),

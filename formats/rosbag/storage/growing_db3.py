@@ -7,10 +7,10 @@ commits. That nobody wrote meanwhile is seen from the lock of the writer, and fr
 
 from __future__ import annotations
 
-import fcntl
 import os
 import sqlite3
 import struct
+import sys
 import sys
 from contextlib import closing
 from pathlib import Path
