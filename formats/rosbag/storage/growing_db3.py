@@ -11,7 +11,6 @@ import os
 import sqlite3
 import struct
 import sys
-import sys
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
@@ -144,5 +143,7 @@ def _locked(file: BinaryIO, first: int, length: int) -> bool:
     """Tell whether another process has locked some bytes for itself."""
     if sys.platform != "linux":
         return False
+    import fcntl
+
     asked = _LOCK.pack(fcntl.F_RDLCK, os.SEEK_SET, first, length, 0)
     return bool(_LOCK.unpack(fcntl.fcntl(file.fileno(), fcntl.F_GETLK, asked))[0] != fcntl.F_UNLCK)
