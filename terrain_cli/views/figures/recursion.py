@@ -63,7 +63,9 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
             np.insert(column[shown], np.searchsorted(shown, starts[1:]), np.nan)
             for column in (place, value - 1.96 * error, value + 1.96 * error, value)
         )
-        axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=0.0, label="± 1.96 s.e.")
+        # The band of a row that stands alone is as wide as its edge.
+        edge = 2.0 if marker else 0.0
+        axes.fill_between(x, low, high, color=colour, alpha=0.25, linewidth=edge, label="± 1.96 s.e.")
         axes.plot(x, middle, color=colour, label="estimate", marker=marker, markersize=3.0)
         if len(starts) <= MOST_LIMITS:
             _limits(axes, number, place, starts, name_them=axes is upper)
