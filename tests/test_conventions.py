@@ -1,4 +1,4 @@
-"""docs/conventions.md names every channel, unit, key and status; its rover.toml has every key."""
+"""The reference pages name every channel, unit, key and status; their rover.toml has every key."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import pages
 import pytest
 
 from terrain_cli import models, rover
@@ -19,9 +20,10 @@ from terrain_cli.vocabulary import choices, units
 from terrain_cli.vocabulary.channels import CHANNELS
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = (ROOT / "docs" / "conventions.md").read_text("utf-8")
-MODEL_PAGE = (ROOT / "docs" / "wheel-model.md").read_text("utf-8")
-EXAMPLE = re.search(r"```toml\n(.*?)```", PAGE, re.DOTALL)[1]
+PAGE = pages.text_of("conventions.md")
+MODEL_PAGE = pages.text_of("wheel-model.md")
+FILE_PAGE = pages.text_of("model.md").partition("## The model file")[2]
+EXAMPLE = re.search(r"```toml\n(.*?)```", pages.text_of("rover.md"), re.DOTALL)[1]
 
 CABLE = """
 id = "cable-drag"
@@ -91,7 +93,7 @@ def test_example_has_every_key_of_a_noise(tmp_path):
 
 
 def test_example_of_a_model_file_loads(tmp_path):
-    text = re.search(r"```\n(format = .*?)```", PAGE, re.DOTALL)[1]
+    text = re.search(r"```\n(format = .*?)```", FILE_PAGE, re.DOTALL)[1]
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "cable-drag.toml").write_text(CABLE, "utf-8")
     (tmp_path / "model.toml").write_text(text, "utf-8")
@@ -111,10 +113,12 @@ def test_parameters_of_the_soil_have_their_units():
 
 def test_priors_are_those_of_the_estimator():
     for name, text, scale in (("cohesion", "c {:g} ± {:g} kPa", 1e-3), ("tan_phi", "tan φ {:g} ± {:g}", 1.0)):
-        assert text.format(DEFAULT[name].mean * scale, DEFAULT[name].sd * scale) in PAGE
-    assert "n {:g} ± {:g}".format(DEFAULT["sinkage_exponent"].mean, DEFAULT["sinkage_exponent"].sd) in PAGE
+        assert text.format(DEFAULT[name].mean * scale, DEFAULT[name].sd * scale) in FILE_PAGE
+    assert (
+        "n {:g} ± {:g}".format(DEFAULT["sinkage_exponent"].mean, DEFAULT["sinkage_exponent"].sd) in FILE_PAGE
+    )
     middle, spread = np.exp(DEFAULT["stiffness"].of_logarithm())
-    assert f"keq within a factor of {spread:.3g} of {middle * 1e-6:.3g} MPa/m^n" in PAGE
+    assert f"keq within a factor of {spread:.3g} of {middle * 1e-6:.3g} MPa/m^n" in FILE_PAGE
     assert choices.K_FACTOR == 2.0
 
 
@@ -134,7 +138,7 @@ def test_summary_is_described(model, terrain_est_here, tmp_path, monkeypatch):
     options = ("--summary", "s.json", "--quiet", *(["--model", model] if model else []))
     done = terrain_est_here("estimate", sample, *options)
     assert done.returncode == 0, done.stderr
-    described = PAGE.partition("## Summary")[2]
+    described = pages.text_of("output.md").partition("## Summary")[2]
 
     def check(value, *, named=False):
         if isinstance(value, list):
