@@ -105,7 +105,7 @@ class Recovery:
         if self.lost:
             lines.append(f"lost: {self._time_lost()}")
         if not self.checked:
-            lines.append("no checksum vouches for the values: a changed byte in one cannot be seen")
+            lines.append("no checksum protects the values: a changed byte in a value cannot be seen")
         return lines
 
     def _share(self) -> str:

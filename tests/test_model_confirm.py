@@ -124,7 +124,7 @@ def test_a_diagnosis_does_not_see_them_and_says_what_to_do_next(logs, monkeypatc
         (("--data", "sinks.csv", "--keep-aside", "0.5", "--confirm", "clean.csv"), "are two proofs"),
         (("--data", "sinks.csv", "--keep-aside", "1"), "not in the range 0<x<1"),
         (("--confirm", "clean.csv"), "--confirm needs --data"),
-        (("--data", "sinks.csv", "--confirm", Path("sub", "..", "sinks.csv")), "is of --data too"),
+        (("--data", "sinks.csv", "--confirm", Path("sub", "..", "sinks.csv")), "is also an input of --data"),
         (("--data", "sinks.csv", "--until-quiet", "--confirm", "clean.csv"), "effects that are named"),
     ],
 )

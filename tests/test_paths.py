@@ -255,7 +255,7 @@ class TestFolders:
         log_folder("day", "a.csv", "b.bag")
         output = "soil.csv" if name == "." else "day/soil.csv"
         assert refused("estimate", name, "-o", output) == (
-            f"-o {output} would be an input when the same is run again: {name} stands for it too"
+            f"-o {output} would be read as an input in the next run: {name} includes it"
         )
         Path(output).write_text("x")
         assert "onto the input" in refused("estimate", name, "-o", output)

@@ -87,7 +87,7 @@ def add(context: click.Context, /, **_: Any) -> None:
     if given["confirm"]:
         _check_confirm(given)
     if given["keep_aside"] is not None and not given["inputs"]:
-        raise UsageError("--keep-aside needs --data", hint="it keeps a share of that aside")
+        raise UsageError("--keep-aside needs --data", hint="the share is taken from the inputs of --data")
     if given["until_quiet"]:
         if not given["inputs"]:
             raise UsageError("--until-quiet needs --data", hint="--data run.bag, or several inputs")
@@ -110,7 +110,9 @@ def _check_confirm(given: Mapping[str, Any]) -> None:
     from terrain_cli.errors import UsageError
 
     if not given["inputs"]:
-        raise UsageError("--confirm needs --data", hint="--data is the drive that the effect was named on")
+        raise UsageError(
+            "--confirm needs --data", hint="give with --data the drive on which the effect was named"
+        )
     if given["keep_aside"] is not None:
         raise UsageError("--confirm and --keep-aside are two proofs", hint="give one of them")
     if given["until_quiet"]:
@@ -121,7 +123,7 @@ def _check_confirm(given: Mapping[str, Any]) -> None:
     data = {Path(path).resolve() for path in formats.expand(given["inputs"])}
     for path in formats.expand(given["confirm"]):
         if Path(path).resolve() in data:
-            raise UsageError(f"--confirm {path} is of --data too", hint="name another drive")
+            raise UsageError(f"--confirm {path} is also an input of --data", hint="name another drive")
 
 
 def _add(context: click.Context) -> None:

@@ -362,7 +362,7 @@ def _check_folders(write: _Write, names: Sequence[str]) -> None:
                 )
         if logs and not isinstance(write.kind, _Folder) and takes(name, write.path):
             raise UsageError(
-                f"{write} would be an input when the same is run again: {text(name)} stands for it too",
+                f"{write} would be read as an input in the next run: {text(name)} includes it",
                 hint="name a file in another folder",
             )
 

@@ -213,7 +213,7 @@ def _next(found: Evidence, asked: Asked) -> tuple[str, str]:
         cause = f"one of {listed(found.family)} explains it; these data cannot tell which"
         return cause, _add(["--until-quiet"], asked)
     if found.family:
-        return f"{found.family[0]} explains it best, not surely", _add(found.family, asked)
+        return f"{found.family[0]} explains it best, but this is not certain", _add(found.family, asked)
     return "it follows what was recorded", looked("diagnose", asked)
 
 
@@ -240,7 +240,11 @@ def _record(found: Evidence, *, few: bool) -> str:
     if few:
         return "Record a longer drive."
     if not found.unrecorded:
-        return "Drive the same track again: what differs is soil that varies, what returns is missing."
+        return (
+            "Drive the same track again. "
+            "If the misfit returns, the model lacks something; if it changes, the soil varies."
+        )
     named = [name.replace("_", " ") for name in found.unrecorded]
     more = named[:_MOST_NAMED]
-    return f"Record {listed(more, 'or')} too, which effects need{' among others' * (len(named) > len(more))}."
+    such = ", such as" if len(named) > len(more) else ":"
+    return f"Also record a channel that effects need{such} {listed(more, 'or')}."

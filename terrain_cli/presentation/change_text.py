@@ -109,14 +109,15 @@ def _found(step: Step) -> str:
     text = ", and ".join(moved)
     if not step.there:
         joined = "but" if step.fell else "and"
-        return f"{text}, {joined} its parameters may as well be null (p {step.absent:.2g})"
+        null = f"its parameters do not differ significantly from their null values (p {step.absent:.2g})"
+        return f"{text}, {joined} {null}"
     if step.imitates:
         values = listed(
             [f"{p.name} = {quantities.number(p.value)} ± {quantities.number(p.se)}" for p in step.imitates]
         )
         return f"{text}, but only with {values}, which is physically impossible; another effect is missing"
     if step.action == "add" and step.fell and not step.pays and not step.rose:
-        text += f", but over all channels that may be chance: {ratio}"
+        text += f", but over all channels the fall may be chance: {ratio}"
     return text
 
 
@@ -283,8 +284,8 @@ def text(step: Step, asked: Asked | None = None) -> str:
         lines += [f"  {finding.sentence}" for finding in step.second.failures]
     if step.before.model.base != step.after.model.base:
         lines.append(
-            f"note: errors after are given with the noise that reaches the base {step.before.model.base}: "
-            "another base reads other channels, whose noise is in what it predicts"
+            "note: the two bases read different channels, so different noise reaches their predictions; "
+            f"errors after are given with the noise that reaches the base {step.before.model.base}"
         )
     lines += [f"note: {warning}" for warning in step.second.warnings]
     return "\n".join([*lines, _concluded(step, asked).sentence])
@@ -380,4 +381,4 @@ def _open(step: Step) -> Iterator[str]:
 def _idle(step: Step) -> Iterator[str]:
     for one in step.idle if step.kept else ():
         ask = "`terrain-est model remove` tells whether it still pays"
-        yield f"{one.effect} may as well be null now (p {one.p_value:.2g}): {ask}"
+        yield f"{one.effect} is no longer significant (p {one.p_value:.2g}): {ask}"

@@ -165,7 +165,7 @@ def _model_text(model: dict[str, Any] | None) -> list[str]:
             "terrain-est diagnose"
         )
     if model["unsettled"]:
-        lines.append(f"    the fit did not settle in {counted(model['unsettled'], 'segment')}")
+        lines.append(f"    the fit did not converge in {counted(model['unsettled'], 'segment')}")
     return lines
 
 

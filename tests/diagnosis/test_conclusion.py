@@ -79,7 +79,7 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, raised=True, verdict="family", family=("slope",)),
             "explained",
-            MISSES + "slope explains it best, not surely.",
+            MISSES + "slope explains it best, but this is not certain.",
             NEW + "slope" + DATA,
             id="not sure",
         ),
@@ -114,15 +114,16 @@ def evidence(ratios, **known):
         pytest.param(
             evidence(OFF, verdict="none", unrecorded=("pitch", "slip_angle")),
             "unexplained",
-            MISSES
-            + "nothing that was recorded follows it. Record pitch or slip angle too, which effects need.",
+            MISSES + "nothing that was recorded follows it. "
+            "Also record a channel that effects need: pitch or slip angle.",
             "",
             id="nothing follows",
         ),
         pytest.param(
             evidence(OFF, verdict="none"),
             "unexplained",
-            MISSES + "nothing that was recorded follows it. Drive the same track again:",
+            MISSES + "nothing that was recorded follows it. Drive the same track again. "
+            "If the misfit returns, the model lacks something; if it changes, the soil varies.",
             "",
             id="all is recorded",
         ),

@@ -203,9 +203,13 @@ def test_an_effect_that_may_be_absent_does_not_count():
     assert not replace(there, absent=0.05).pays
     assert replace(back, absent=0.001).costs
     assert not replace(back, absent=0.05).costs
-    assert ", but its parameters may as well be null (p 0.05)" in verdict(replace(there, absent=0.05))
+    assert ", but its parameters do not differ significantly from their null values (p 0.05)" in verdict(
+        replace(there, absent=0.05)
+    )
     worse = step(outcome(b), outcome(a))
-    assert ", and its parameters may as well be null (p 0.05)" in verdict(replace(worse, absent=0.05))
+    assert ", and its parameters do not differ significantly from their null values (p 0.05)" in verdict(
+        replace(worse, absent=0.05)
+    )
 
 
 def test_a_sentence_turns_once():

@@ -177,7 +177,7 @@ def test_an_effect_that_another_makes_needless_is_dropped(folder):
     steps, end = run(cut(folder, "rubs.csv"), ["gear-efficiency"], ["drivetrain-friction"])
     assert told(steps)[:2] == [("add", "gear-efficiency", True), ("add", "drivetrain-friction", True)]
     assert [[one.effect for one in step.idle] for step in steps[:2]] == [[], ["gear-efficiency"]]
-    assert "\ngear-efficiency may as well be null now (p 0." in change_text.text(steps[1])
+    assert "\ngear-efficiency is no longer significant (p 0." in change_text.text(steps[1])
     (idle,) = change_text.loop(steps, end)["steps"][1]["idle"]
     assert idle["effect"] == "gear-efficiency"
     assert 0.01 < idle["p_value"] <= 1.0
