@@ -21,6 +21,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent / "tests"), str(HERE.parent / 
 import numpy as np  # noqa: E402 - found through the path above
 from known_misfits import MISFITS, Kind, windows_of  # noqa: E402 - as above
 
+from benchmarks.published import publish  # noqa: E402 - found through the path above
 from terrain_cli.comparison import compare  # noqa: E402 - as above
 from terrain_cli.comparison.comparison_criteria import FINDING_LEVEL, SMALLEST_FINDING  # noqa: E402 - as above
 from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above
@@ -103,11 +104,7 @@ def report(clean, misfits):
 
 
 def main(clean=60, misfits=20):
-    lines = []
-    for line in report(clean, misfits):
-        print(line, flush=True)
-        lines.append(line)
-    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    publish(report(clean, misfits), RESULT)
 
 
 if __name__ == "__main__":

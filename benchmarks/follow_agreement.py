@@ -24,6 +24,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent / "tests")]
 from simulator import SOILS, base_contact, one_wheel, simulate, undulation, wave  # noqa: E402
 
 import terrain_cli  # noqa: E402
+from benchmarks.published import publish  # noqa: E402 - found through the path above
 from terrain_cli.estimation import estimators  # noqa: E402
 from terrain_cli.presentation import segment_table  # noqa: E402
 from terrain_cli.rover import rover_file  # noqa: E402
@@ -197,11 +198,7 @@ def report(drives):
 
 
 def main():
-    lines = []
-    for line in report(int(sys.argv[1]) if len(sys.argv) > 1 else 40):
-        print(line, flush=True)
-        lines.append(line)
-    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    publish(report(int(sys.argv[1]) if len(sys.argv) > 1 else 40), RESULT)
 
 
 if __name__ == "__main__":

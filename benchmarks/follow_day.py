@@ -18,6 +18,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent)]
 
 from benchmarks.follow_speed import RATE, SOIL, WHEELS, stream  # noqa: E402 - found through the path above
+from benchmarks.published import publish  # noqa: E402 - found through the path above
 
 RESULT = HERE / "results" / "follow_day.txt"
 #: Seconds of the drive that goes round and round.
@@ -77,11 +78,7 @@ def report(hours):
 
 
 def main():
-    told = []
-    for line in report(float(sys.argv[1]) if len(sys.argv) > 1 else 24.0):
-        print(line, flush=True)
-        told.append(line)
-    RESULT.write_text("\n".join(told) + "\n", encoding="utf-8")
+    publish(report(float(sys.argv[1]) if len(sys.argv) > 1 else 24.0), RESULT)
 
 
 if __name__ == "__main__":

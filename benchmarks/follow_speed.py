@@ -30,6 +30,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent / "tests")]
 from simulator import CLAYEY_SOIL, DRY_SAND, base_contact, one_wheel, simulate, undulation, wave  # noqa: E402
 
 import formats  # noqa: E402
+from benchmarks.published import publish  # noqa: E402 - found through the path above
 from formats.text.arriving_rows import ArrivingRows  # noqa: E402
 from terrain_cli.estimation import estimators  # noqa: E402
 from terrain_cli.rover import rover_file  # noqa: E402
@@ -233,11 +234,7 @@ def report(seconds):
 
 
 def main():
-    lines = []
-    for line in report(float(sys.argv[1]) if len(sys.argv) > 1 else 300.0):
-        print(line, flush=True)
-        lines.append(line)
-    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    publish(report(float(sys.argv[1]) if len(sys.argv) > 1 else 300.0), RESULT)
 
 
 if __name__ == "__main__":

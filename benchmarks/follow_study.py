@@ -27,6 +27,7 @@ from soil_drives import (  # noqa: E402 - found through the path above
     stiffened,
 )
 
+from benchmarks.published import publish  # noqa: E402 - found through the path above
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE  # noqa: E402 - as above
 from terrain_cli.windows.segmentation import (  # noqa: E402 - as above
     change_points,
@@ -165,11 +166,7 @@ def table(drives, cleans):
 
 
 def main():
-    lines = []
-    for line in report(int(sys.argv[1]) if len(sys.argv) > 1 else 12):
-        print(line, flush=True)
-        lines.append(line)
-    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    publish(report(int(sys.argv[1]) if len(sys.argv) > 1 else 12), RESULT)
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from rosbags.typesys import Stores, get_typestore  # noqa: E402 - as above
 from window_coverage_study import RATE, UNITS, errors_of, rover_text, window  # noqa: E402 - as above
 
 import terrain_cli as terrain  # noqa: E402 - as above
+from benchmarks.published import publish  # noqa: E402 - found through the path above
 
 RESULT = HERE / "results" / "rough_weather_study.txt"
 NOISE, ROUGHNESS = 0.03, "AR(1) 0.95"
@@ -164,11 +165,7 @@ def main():
     parser.add_argument("--windows", type=int, default=60, help="windows of each row of the table")
     parser.add_argument("--seed", type=int, default=25)
     asked = parser.parse_args()
-    lines = []
-    for line in told(asked.windows, asked.seed):
-        print(line, flush=True)
-        lines.append(line)
-    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    publish(told(asked.windows, asked.seed), RESULT)
 
 
 if __name__ == "__main__":

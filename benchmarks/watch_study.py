@@ -35,6 +35,7 @@ from simulator import (  # noqa: E402 - found through the path above
 )
 
 import terrain_cli  # noqa: E402 - as above
+from benchmarks.published import publish  # noqa: E402 - found through the path above
 from terrain_cli import models  # noqa: E402 - as above
 from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above
 from terrain_cli.rover import rover_file  # noqa: E402 - as above
@@ -150,11 +151,7 @@ def report(hours):
 
 
 def main():
-    lines = []
-    for line in report(float(sys.argv[1]) if len(sys.argv) > 1 else 400.0):
-        print(line, flush=True)
-        lines.append(line)
-    RESULT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    publish(report(float(sys.argv[1]) if len(sys.argv) > 1 else 400.0), RESULT)
 
 
 if __name__ == "__main__":

@@ -85,6 +85,7 @@ def test_a_bag_that_another_process_records(name, start, expected, tmp_path):
     if name == "run.bag":
         # A name that is gone before the file was opened is a file that is not there.
         while str(growing) not in Path(f"/proc/{process.pid}/maps").read_text("utf-8"):
+            assert process.poll() is None
             time.sleep(0.05)
         assert process.poll() is None
         with growing.open("r+b") as file:

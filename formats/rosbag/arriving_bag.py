@@ -15,14 +15,14 @@ from formats.rosbag.decoding.definitions import UnusableError
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.growing_db3 import GrowingDb3
 from formats.rosbag.storage.raw_messages import DAMAGE
-from formats.salvage import salvaged
+from formats.salvage import of_records
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from formats.rosbag.containers import Reader
     from formats.rosbag.storage.chunks import Run
-    from formats.salvage.salvaged_file import SalvagedFile
+    from formats.salvage.record_file import RecordFile
     from formats.table import Batch
 
 #: Log times in ns from which the topics are told: one that has a message each second is among them. If one
@@ -46,11 +46,11 @@ class _Arrivals(Container):
             self._file = self._stack.enter_context(file.open("rb"))
         except OSError as error:
             raise NotFoundError(path, f"cannot be read: {error.strerror or error}") from error
-        self.reader: SalvagedFile | GrowingDb3
+        self.reader: RecordFile | GrowingDb3
         if kind == "db3":
             self.reader = GrowingDb3(file)
         else:
-            self.reader = salvaged(file, kind)
+            self.reader = of_records(file, kind)
             self._stack.callback(self.reader.close)
 
     def _opened(self) -> Iterator[Reader]:

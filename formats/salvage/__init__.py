@@ -11,21 +11,27 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from formats.salvage.record_file import RecordFile
     from formats.salvage.salvaged_file import SalvagedFile
 
-__all__ = ["salvaged"]
+__all__ = ["of_records", "salvaged"]
 
 
 def salvaged(file: Path, kind: str) -> SalvagedFile:
     """Return what reads one damaged file of a bag, not opened yet."""
+    if kind == "db3":
+        from formats.salvage.salvaged_db3 import SalvagedDb3
+
+        return SalvagedDb3(file)
+    return of_records(file, kind)
+
+
+def of_records(file: Path, kind: str) -> RecordFile:
+    """Return the same of an MCAP or ROS 1 file, which may still be written."""
     if kind == "ros1":
         from formats.salvage.salvaged_ros1 import SalvagedRos1
 
         return SalvagedRos1(file)
-    if kind == "mcap":
-        from formats.salvage.salvaged_mcap import SalvagedMcap
+    from formats.salvage.salvaged_mcap import SalvagedMcap
 
-        return SalvagedMcap(file)
-    from formats.salvage.salvaged_db3 import SalvagedDb3
-
-    return SalvagedDb3(file)
+    return SalvagedMcap(file)

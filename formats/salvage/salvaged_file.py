@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import mmap
-import os
-import struct
 from abc import ABC, abstractmethod
 from binascii import crc32
-from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,16 +29,6 @@ _ORDER = 1 << 40
 #: Bytes of messages that may wait for others which are earlier.
 _WAITING = 1 << 30
 _WAITING_PARTS = 50_000
-#: Bytes behind damage in a growing file in which a chunk begins. Judged: recorders write chunks of some MB.
-_SEARCHED = 16 << 20
-
-
-class BrokenRecordError(ValueError):
-    """A record does not add up."""
-
-
-class CutOffError(BrokenRecordError):
-    """A record ends beyond the file; of one that is still written, the rest will come."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,13 +65,6 @@ class SalvagedFile(ABC):
         self.unchecked = False
         #: Messages in no chunk, as rows of a piece, places being those in the file.
         self._loose: list[tuple[int, int, int, int]] = []
-        #: Where the next record begins, and whether the last one was read.
-        self.at = 0
-        self.ended = False
-        #: The file is still being written: what is cut off is waited for.
-        self.growing = False
-        #: There is more than was asked for; and pieces that were handed over.
-        self.full, self._handed = False, 0
 
     def open(self) -> None:
         """Find the readable pieces."""
@@ -98,57 +78,6 @@ class SalvagedFile(ABC):
         except BaseException:
             self.close()
             raise
-
-    def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
-        """Read on in a file that is being written, some `most` bytes: its messages, as they lie in it.
-
-        No record before `at` is looked at again. Damage is passed over, and is in `recovery`; ValueError
-        where nothing follows it.
-        """
-        self.growing = True
-        size = os.fstat(file.fileno()).st_size
-        if size < len(self.data):
-            raise BrokenRecordError(f"it became shorter, of {size:,} bytes, while it was followed")
-        if size > len(self.data):
-            self.close()
-            self.data = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
-            self._allowance = Allowance(size)
-        limit = min(size, self.at + most)
-        with suppress(CutOffError):
-            while self.at < limit and not self.ended:
-                self.at = self._next(size)
-        self.full = limit <= self.at < size
-        self.end_loose()
-        pieces, self.pieces, self.walk = self.pieces, [], []
-        if set(self.numbers()) != {connection.id for connection in self.connections}:
-            self.connections = list(self.known().values())
-        numbers = np.array([connection.id for connection in self.connections], dtype=np.int64)
-        found = [_messages(piece, rank, numbers) for rank, piece in enumerate(pieces, self._handed)]
-        self._handed += len(pieces)
-        if isinstance(self.data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
-            # Else a process seems to hold all of the file that it has seen.
-            self.data.madvise(mmap.MADV_DONTNEED)
-        return found
-
-    def _next(self, size: int) -> int:
-        """Read one record of a growing file; return where the next begins, behind damage the next chunk."""
-        try:
-            return self.record(self.at)
-        except (CutOffError, TooMuchError):
-            raise
-        except (ValueError, struct.error) as error:
-            following = self.next_chunk(self.at + 1)
-            if following is None and size - self.at > _SEARCHED:
-                raise
-            if following is None:
-                raise CutOffError(f"what follows byte {self.at:,}") from error
-            self.lose(f"bytes {self.at:,} to {following:,} are damaged, and passed over")
-            return following
-
-    @property
-    def rest(self) -> int:
-        """Bytes at the end of a growing file that are no whole record."""
-        return 0 if self.ended else len(self.data) - self.at
 
     def take(self, found: Index, kept: Index, load: Callable[[], bytes], damage: str = "") -> None:
         """Take the messages that can be trusted of those that were found together.
@@ -215,22 +144,6 @@ class SalvagedFile(ABC):
     def scan(self) -> dict[int, Connection]:
         """Fill `salvaged_file` and `recovery`; return the connections that are known, by their number."""
 
-    def record(self, at: int) -> int:
-        """Read one record; return where the next begins. CutOffError where it is not all there."""
-        raise NotImplementedError(at)
-
-    def next_chunk(self, start: int) -> int | None:
-        """Find the next place where a whole chunk begins."""
-        raise NotImplementedError(start)
-
-    def numbers(self) -> Collection[int]:
-        """Return the numbers of the connections that were told of so far."""
-        raise NotImplementedError
-
-    def known(self) -> dict[int, Connection]:
-        """Return the connections of which all is known, by their number."""
-        raise NotImplementedError
-
     def _settle(self, known: dict[int, Connection]) -> None:
         """Keep the messages of known connections, and count them."""
         if len(known) > CONNECTIONS:
@@ -268,7 +181,7 @@ class SalvagedFile(ABC):
         )
         waiting: dict[int, list[Messages]] = {}
         for k, (_, rank, piece) in enumerate(chosen):
-            for number, messages in _messages(piece, rank, numbers).items():
+            for number, messages in messages_of(piece, rank, numbers).items():
                 waiting.setdefault(number, []).append(messages)
             horizon = chosen[k + 1][0] if k + 1 < len(chosen) else None
             before, waiting = _parted(waiting, horizon)
@@ -279,7 +192,7 @@ class SalvagedFile(ABC):
                 yield before
 
 
-def _messages(piece: Piece, rank: int, wanted: Index) -> dict[int, Messages]:
+def messages_of(piece: Piece, rank: int, wanted: Index) -> dict[int, Messages]:
     contents = piece.load()
     found = {}
     for number, rows in _by_connection(piece.rows[np.isin(piece.rows[:, 0], wanted)]):

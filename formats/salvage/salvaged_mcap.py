@@ -18,15 +18,8 @@ import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
 from formats.limits import CHUNK_BYTES
-from formats.salvage.salvaged_file import (
-    BrokenRecordError,
-    CutOffError,
-    SalvagedFile,
-    agreed,
-    join_told,
-    lost_between,
-    rows_of,
-)
+from formats.salvage.record_file import BrokenRecordError, CutOffError, RecordFile
+from formats.salvage.salvaged_file import agreed, join_told, lost_between, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -57,7 +50,7 @@ class _Told:
     end: int | None = None
 
 
-class SalvagedMcap(SalvagedFile):
+class SalvagedMcap(RecordFile):
     """What can be read of one MCAP file."""
 
     def __init__(self, path: Path) -> None:

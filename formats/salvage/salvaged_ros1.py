@@ -20,6 +20,7 @@ from rosbags.rosbag1.reader import normalize
 from rosbags.typesys.msg import normalize_msgtype
 
 from formats.limits import CHUNK_BYTES, TooMuchError
+from formats.salvage.record_file import BrokenRecordError, CutOffError, RecordFile
 from formats.salvage.ros1_records import (
     SECOND,
     BagRecord,
@@ -28,16 +29,7 @@ from formats.salvage.ros1_records import (
     read_record,
     records,
 )
-from formats.salvage.salvaged_file import (
-    BrokenRecordError,
-    CutOffError,
-    SalvagedFile,
-    agreed,
-    join_told,
-    lost_between,
-    rows_of,
-    tame,
-)
+from formats.salvage.salvaged_file import agreed, join_told, lost_between, rows_of, tame
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -69,7 +61,7 @@ class _Told:
     end: int = 0
 
 
-class SalvagedRos1(SalvagedFile):
+class SalvagedRos1(RecordFile):
     """What can be read of one ROS 1 bag."""
 
     def __init__(self, path: Path) -> None:

@@ -79,7 +79,7 @@ def wheels(
     `choose` names the wheels to read, from the wheel labels of the messages if they have them. `clocks` were
     told from what came before.
     """
-    clocks = clocks or topic_clocks(tables)
+    whole, clocks = clocks is None, clocks or topic_clocks(tables)
     times = clocks.times(tables)
     topics = {}
     for topic, table in tables.items():
@@ -96,7 +96,7 @@ def wheels(
     for name in choose(next((found for found in labels if found is not None), None)):
         key = match_name(name, plan.wheels) or name
         feeds = {c: feed for c, feed in plan.feeds(key).items() if c in wanted}
-        raw = _wheel(name, clocks, feeds, topics, bridges)
+        raw = _wheel(name, clocks, feeds, topics, bridges, whole=whole)
         raw.remarks += clocks.remarks
         result.append(raw)
     return result
@@ -170,7 +170,13 @@ def topic_clocks(tables: Mapping[str, Mapping[str, Column]]) -> TopicClocks:
 
 
 def _wheel(
-    name: str, clocks: TopicClocks, feeds: dict[str, Feed], topics: Mapping[str, _Topic], bridges: _Bridges
+    name: str,
+    clocks: TopicClocks,
+    feeds: dict[str, Feed],
+    topics: Mapping[str, _Topic],
+    bridges: _Bridges,
+    *,
+    whole: bool,
 ) -> Raw:
     raw = Raw(wheel=name, origin=clocks.origin, time=None, channels={}, labels={}, extras={}, feeds=feeds)
     series: dict[str, tuple[Array, Array]] = {}
@@ -191,9 +197,11 @@ def _wheel(
         clocks.slowest[name] = own_clocks.slowest({channel: time for channel, (time, _) in series.items()})
     if slowest := clocks.slowest[name]:
         clock, interval = slowest
+        # Of a part nobody asks how many.
+        count = f"{len(series[clock][0])} " if whole else ""
         raw.remarks.append(
             f"wheel {name}: topics have rates of their own: {clock} has a value every {interval:.3g} s, "
-            "and its messages are the samples; the others are interpolated there"
+            f"and its {count}messages are the samples; the others are interpolated there"
         )
     time = series[clock][0]
     # What comes out is the caller's own, whatever wheels share a topic.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from terrain_cli.views import chart_style, plots
 
@@ -27,13 +27,17 @@ class LivePictures:
     def __init__(self, folder: str) -> None:
         chart_style.need("plot")
         self._folder = folder
-        self._rows: dict[str, list[Table]] = {}
+        self._rows: dict[str, list[dict[str, Any]]] = {}
         self._next = 0.0
 
     def add(self, row: Table) -> None:
         """Take a row of the table, of an open segment or of a closed one."""
         rows = self._rows.setdefault(row["wheel"][0], [])
-        rows.append({_DRAWN[name]: row[name][0] for name in _DRAWN})
+        new = {_DRAWN[name]: row[name][0] for name in _DRAWN}
+        last = rows[-1] if rows else {"segment": None, "before": 0, "sample": 0}
+        # A segment begins when the row of the one before, which has closed, was the last.
+        begins = last["segment"] != new["segment"]
+        rows.append({**new, "before": last["before"] + last["sample"] * begins})
         if len(rows) > _MOST:
             del rows[1:-1:2]
 
@@ -43,7 +47,8 @@ class LivePictures:
         if not self._rows or (began < self._next and not last):
             return
         traces = [
-            {name: [row[name] for row in rows] for name in _DRAWN.values()} for rows in self._rows.values()
+            {name: [row[name] for row in rows] for name in (*_DRAWN.values(), "before")}
+            for rows in self._rows.values()
         ]
         plots.write_convergence(traces, self._folder)
         now = time.monotonic()

@@ -51,7 +51,7 @@ def test_topics_at_unequal_rates_meet_on_the_slowest_clock(write_bag, rover_of):
     # Nothing usable for a second and a half: what lies behind it is another stretch.
     assert samples.stretch[samples.usable].tolist() == [0] * 6 + [1] * (len(samples.usable) - 6)
     (remark,) = (text for text in samples.remarks if "rates of their own" in text)
-    assert "sinkage has a value every 0.3 s, and its messages are the samples" in remark
+    assert "sinkage has a value every 0.3 s, and its 17 messages are the samples" in remark
     wider = CONTRACT.replace("load ", "# ") + "[sampling]\nmax_gap = 2.0\n"
     assert one(path, rover_of(wider)).reasons() == {}
 

@@ -56,6 +56,17 @@ def test_no_more_rows_are_held_than_a_line_needs(monkeypatch):
     assert (rows[0], rows[-1]) == (1, 199)
 
 
+def test_segments_stay_in_their_places_when_rows_are_dropped(monkeypatch):
+    monkeypatch.setattr(live_pictures, "_MOST", 6)
+    pictures = LivePictures("none")
+    for segment in (1, 2, 3):
+        for samples in range(10, 101, 10):
+            pictures.add(row(samples, segment))
+    rows = pictures._rows["left"]
+    assert {one["segment"]: one["before"] for one in rows}[3] == 200
+    assert all(one["before"] == 100 * (one["segment"] - 1) for one in rows)
+
+
 def test_wheels_and_all_segments_are_drawn(tmp_path):
     pictures = LivePictures(str(tmp_path))
     for segment in (1, 2):
@@ -71,6 +82,7 @@ def test_segments_follow_each_other_by_their_samples():
     names = ("c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg")
     trace = {"source": ["-"] * 4, "wheel": ["left"] * 4, **{name: np.ones(4) for name in names}}
     trace |= {"segment": [segment for segment, _ in rows], "sample": [samples for _, samples in rows]}
+    trace["before"] = [0, 0, 300, 300]
     upper, _ = figures.convergence(trace).axes
     np.testing.assert_equal(upper.lines[0].get_xdata(), [10, 300, np.nan, 320, 400])
     upper, _ = figures.convergence_of_all([trace]).axes

@@ -41,7 +41,7 @@ _ROWS = 5_000
 
 
 class GrowingDb3:
-    """One file, with what `SalvagedFile` has for a file that grows."""
+    """One file, with what `RecordFile` has for a file that grows."""
 
     #: Nothing in it says that no more will come, and rows are whole or not there.
     ended, rest = False, 0

@@ -44,7 +44,8 @@ _QUANTITIES = (
 def convergence(trace: Mapping[str, Any]) -> Figure:
     """Draw c and φ of one wheel, each with ± 1.96 standard errors, after every sample.
 
-    Or after those of the column "sample", which counts the samples of each segment.
+    Or after those of the column "sample", which counts the samples of each segment, as "before" those of the
+    segments before.
     """
     figure = Picture(figsize=(7.2, 4.8))
     upper, lower = figure.subplots(2, 1, sharex=True)
@@ -53,7 +54,7 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
     shown = shown_samples.some(len(number), MOST_SAMPLES)
     # A thinned line would else bridge two segments.
     shown = np.union1d(shown, starts)
-    place = _places(trace, starts)
+    place = np.asarray(trace.get("before", 0)) + _own(trace)
     # Rows now and then, of which one may stand alone.
     marker = "." if "sample" in trace else ""
     for axes, quantity, colour in zip((upper, lower), _QUANTITIES, COLOURS, strict=False):
@@ -134,15 +135,6 @@ def _names(parts: Sequence[Mapping[str, Any]]) -> list[str]:
 def _own(part: Mapping[str, Any]) -> Array:
     """Return which sample of its segment each row of a part of a trace is."""
     return np.array(part.get("sample", np.arange(len(part["segment"])) + 1.0), dtype=np.float64)
-
-
-def _places(trace: Mapping[str, Any], starts: Index) -> Array:
-    """Return how many samples had come at each row of a trace."""
-    own = _own(trace)
-    if "sample" not in trace:
-        return own
-    before = np.concatenate([[0.0], np.cumsum(own[starts[1:] - 1])])
-    return np.asarray(own + np.repeat(before, np.diff(np.append(starts, len(own)))))
 
 
 def _limits(axes: Axes, number: Any, place: Array, starts: Index, *, name_them: bool) -> None:
