@@ -208,6 +208,10 @@ def test_pictures_are_those_of_plot(compared, trial):
     for name in ("predicted-measured", "residual-sinkage", "track-torque", "rim-stress", "convergence"):
         assert isinstance(compared.plot(name), Figure)
     assert isinstance(trial.plot(), Figure)
+    drive = terrain.simulate(**DRIVE, wheels=2)
+    shown = drive.plot().get_axes()
+    assert {"torque T (N m)", "sinkage z (mm)"} <= {axes.get_title(loc="left") for axes in shown}
+    assert all(len(axes.get_lines()) == 2 for axes in shown[:3])
     with pytest.raises(UsageError, match="did you mean residual-sinkage") as error:
         compared.plot("residual-sinkge")
     assert "strength" in error.value.hint
@@ -223,6 +227,8 @@ def test_diagnose_is_the_command(folder, printed, monkeypatch):
     assert list(result.candidates["effect"]) == [one["effect"] for one in document["candidates"]]
     assert {"sinkage_heldout_rmse_m", "score"} <= {*result.candidates}
     assert result.sentence in result._repr_html_()
+    with pytest.raises(UsageError, match="candidates: these data have nothing"):
+        result.plot()
 
 
 def test_diagnose_does_not_see_what_is_kept_aside(wheels, monkeypatch):

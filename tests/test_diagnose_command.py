@@ -74,7 +74,7 @@ def done(folder, terrain_est_here):
 
     found = {
         "clean": run("clean.csv", "--json", "-q", "--draft", "needless.toml"),
-        "heated": run("heated.csv", "--json", "--draft", "law.toml", "--force"),
+        "heated": run("heated.csv", "--json", "--draft", "law.toml", "--force", "--plot", "pictures"),
     }
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(diagnosis, "diagnose", once(diagnosis.diagnose))
@@ -120,6 +120,15 @@ def test_missing_effect_is_named(found):
     assert (n1["value"], n1["unit"]) == (pytest.approx(0.4, abs=4.0 * n1["se"]), "1")
     before, after = sinks["channels"]["sinkage"]["heldout_rmse"], first["heldout_rmse"]["sinkage"]
     assert after < before / 3.0
+
+
+def test_picture_shows_each_candidate_that_was_fitted(found, done, folder):
+    assert {path.name for path in (folder / "pictures").iterdir()} == {"candidates.png", "candidates.svg"}
+    drawn = (folder / "pictures" / "candidates.svg").read_text("utf-8")
+    fitted = [one["effect"] for one in found["heated"]["candidates"] if one["refitted"]]
+    assert fitted
+    assert all(name in drawn for name in fitted)
+    assert "2 files in pictures" in done["heated"].stderr
 
 
 def test_what_is_in_no_catalogue_gets_a_law(found, folder, terrain_est_here):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from terrain_cli.api.logs import Data
     from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis, NextDrive, Verdict
@@ -119,6 +120,25 @@ class DiagnosisResult:
             value is not known.
         """
         return terminal.as_json(self._document)
+
+    def plot(self) -> Figure:
+        """Draw what each candidate explains of the misfit, and what it does to the held-out loss.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Shown by a notebook; ``savefig`` writes it.
+
+        Raises
+        ------
+        UsageError
+            Nothing was fitted.
+        ConfigurationError
+            matplotlib is not installed.
+        """
+        from terrain_cli.views import plots
+
+        return plots.draw(self.found, "candidates")
 
     def __str__(self) -> str:
         return escaped(diagnosis_text.text(self.found))

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from matplotlib.figure import Figure
+
     from terrain_cli.rover import Rover
     from terrain_cli.simulation import SimulatedLog
     from terrain_cli.telemetry import Samples
@@ -80,6 +82,23 @@ class SimulatedDrive:
             JSON. Units are SI where the name has none; null where a value is not defined.
         """
         return terminal.as_json(self._document)
+
+    def plot(self) -> Figure:
+        """Draw every channel against time, and where the soil changes under a wheel.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Shown by a notebook; ``savefig`` writes it.
+
+        Raises
+        ------
+        ConfigurationError
+            matplotlib is not installed.
+        """
+        from terrain_cli.views import plots
+
+        return plots.draw(self.log, "measured")
 
     def __str__(self) -> str:
         return self.log.scenario.summary

@@ -70,10 +70,6 @@ def command(context: click.Context, /, **_: Any) -> None:
     names = context.params["models"]
     if len(names) > 2:
         raise UsageError(f"--model is given {len(names)} times", hint="once, or twice for two side by side")
-    if context.params["plot"]:
-        from terrain_cli.views import chart_style
-
-        chart_style.need("plot")
     files = [models.resolve(name) for name in names]
     seed = context.params["seed"]
     with Progress(
@@ -95,8 +91,4 @@ def command(context: click.Context, /, **_: Any) -> None:
     else:
         say(comparison_text.text(first, second, differences, asked))
     if context.params["plot"]:
-        from terrain_cli.views import plots
-
-        written = plots.write(outcomes[-1], context.params["plot"])
-        if not context.params["quiet"]:
-            click.echo(f"{len(written)} pictures in {context.params['plot']}", err=True)
+        comparison_options.draw(outcomes[-1], context.params)

@@ -11,12 +11,15 @@ import click
 
 from terrain_cli.commands import options
 from terrain_cli.vocabulary.choices import CUT_SAMPLES
+from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from terrain_cli.commands.progress import Progress
+    from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
+    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
     from terrain_cli.estimation.estimators import EstimateRequest
     from terrain_cli.models import ModelFile
     from terrain_cli.rover import Rover
@@ -73,6 +76,18 @@ def soils(command: options.F) -> options.F:
     """Add the options of `estimate` that decide on c and φ of the segments, and on nothing else."""
     of_estimate = (options.folds, options.robust, options.at_stress)
     return reduce(lambda decorated, option: option(decorated), reversed(of_estimate), command)
+
+
+def draw(found: Comparison | Diagnosis, given: Mapping[str, Any]) -> None:
+    """Write the pictures of a result, if they are asked for."""
+    if not given["plot"]:
+        return
+    from terrain_cli.views import plots
+
+    written = plots.write(found, given["plot"])
+    if not given["quiet"]:
+        said = counted(len(written), "file") if written else "there is nothing to draw: no file"
+        click.echo(f"{said} in {given['plot']}", err=True)
 
 
 def read(

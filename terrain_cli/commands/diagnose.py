@@ -24,6 +24,7 @@ Examples:
   terrain-est diagnose run.csv --effect cable-drag.toml
   terrain-est diagnose run.csv --draft law.toml
   terrain-est diagnose run.csv --keep-aside 0.5
+  terrain-est diagnose run.csv --plot pictures
 """,
 )
 @options.inputs
@@ -63,6 +64,12 @@ Examples:
 @options.wheel
 @comparison_options.cutting
 @options.as_json
+@click.option(
+    "--plot",
+    type=paths.PICTURES,
+    metavar="DIR",
+    help="Write a picture of the candidates into this folder, as PNG and SVG (extra: plot).",
+)
 @options.quiet
 @click.pass_context
 def command(context: click.Context, /, **_: Any) -> None:
@@ -109,6 +116,7 @@ def command(context: click.Context, /, **_: Any) -> None:
         click.echo(terminal.as_json(diagnosis_text.document(found, asked, given["draft"] or "")))
     else:
         say(diagnosis_text.text(found, asked, given["draft"] or ""))
+    comparison_options.draw(found, given)
     if given["draft"] and found.unknown is None:
         click.echo(f"{given['draft']}: not written: nothing needs a law of its own", err=True)
     elif given["draft"] and not given["quiet"]:

@@ -149,11 +149,6 @@ def command(context: click.Context, /, **_: Any) -> None:
             )
     if given["trace"] and given["method"] != "recursive":
         raise UsageError("--trace shows the recursive estimate", hint="add --method recursive")
-    # Before the work, not after it.
-    if given["plot"]:
-        from terrain_cli.views import chart_style
-
-        chart_style.need("plot")
     for name in ("rejects", "trace", "posterior"):
         if given[name]:
             formats.output_kind(given[name])

@@ -213,10 +213,6 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     from terrain_cli.improvement import model_history
     from terrain_cli.views import ladder_table as views
 
-    if plot:
-        from terrain_cli.views import chart_style
-
-        chart_style.need("plot")
     model = model_changes.load(file)
     rungs = model_history.rungs(model.history)
     if as_json:

@@ -112,7 +112,7 @@ PAGE = Sign(mark=b'name="generator" content="terrain-est ')
 _PICTURE = Sign(mark=b"Matplotlib")
 _MANIFEST = Sign(mark=b'{"path": "')
 _PICTURES = re.compile(
-    r"(predicted-measured|residual-.+|strength|track(-.+)?|rim-stress|ladder|valley.*|convergence.*)\.(png|svg)"
+    r"(predicted-measured|residual-.+|strength|track(-.+)?|rim-stress|ladder|candidates|valley.*|convergence.*)\.(png|svg)"
 )
 
 

@@ -152,6 +152,13 @@ class _Pictures(_Folder):
 
     _ENDINGS = (".png", ".svg")
 
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the name, if what draws is installed: before the work, not after it."""
+        from terrain_cli.views import chart_style
+
+        chart_style.need("plot")
+        return super().convert(value, param, ctx)
+
     def replaced(self, name: str) -> Iterator[str]:
         """Yield the folder, and the pictures in it: any of them may be drawn again."""
         yield name

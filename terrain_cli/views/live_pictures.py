@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.views import chart_style, plots
+from terrain_cli.views import plots
 
 if TYPE_CHECKING:
     from terrain_cli.presentation.segment_table import Table
@@ -25,7 +25,6 @@ class LivePictures:
     """The pictures of `--plot` with `--follow`, in a folder."""
 
     def __init__(self, folder: str) -> None:
-        chart_style.need("plot")
         self._folder = folder
         self._rows: dict[str, list[dict[str, Any]]] = {}
         self._next = 0.0

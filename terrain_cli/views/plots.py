@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -18,13 +19,15 @@ from terrain_cli.errors import UsageError, nearest
 from terrain_cli.views import chart_style
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping
 
     from matplotlib.figure import Figure
 
     from terrain_cli.comparison import Comparison
+    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
     from terrain_cli.improvement.model_history import Rung
     from terrain_cli.run.one_log import Outcome
+    from terrain_cli.simulation import SimulatedLog
     from terrain_cli.windows.cut_windows import Windows
 
     Drawing = tuple[str, Callable[[], Figure | None]]
@@ -37,16 +40,13 @@ MOST_TRACED = 200_000
 
 
 def write(
-    found: Comparison | Sequence[Outcome],
+    found: Comparison | Diagnosis | Sequence[Outcome],
     folder: str | Path,
     *,
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[Path]:
     """Draw every picture that the results allow, each as PNG and SVG, in place of those of the same name."""
-    from terrain_cli.comparison import Comparison
-
-    pictures = _of_comparison(found) if isinstance(found, Comparison) else _of_outcomes(found)
-    return _write(pictures, folder, progress)
+    return _write(_of_outcomes(found) if isinstance(found, Sequence) else _of_result(found), folder, progress)
 
 
 def write_ladder(ladder: Sequence[Rung], folder: str | Path) -> list[Path]:
@@ -59,13 +59,14 @@ def write_convergence(traces: Sequence[Mapping[str, Any]], folder: str | Path) -
     return _write(_convergence(traces[:MOST_TRACES]), folder, lambda _: None)
 
 
-def draw(found: Comparison | Sequence[Rung], name: str) -> Figure:
-    """Draw one of the pictures that `write` or `write_ladder` writes, by its name without ending."""
-    from terrain_cli.comparison import Comparison
+def draw(found: Comparison | Diagnosis | SimulatedLog | Sequence[Rung], name: str) -> Figure:
+    """Draw one of the pictures that `write` or `write_ladder` writes, by its name without ending.
 
+    A simulated log has one, "measured".
+    """
     names = []
     with _style():
-        for known, drawn in _of_comparison(found) if isinstance(found, Comparison) else _of_ladder(found):
+        for known, drawn in _of_ladder(found) if isinstance(found, Sequence) else _of_result(found):
             figure = drawn() if known == name else None
             if figure is not None:
                 return figure
@@ -112,6 +113,19 @@ def _of_ladder(ladder: Sequence[Rung]) -> Iterator[Drawing]:
     from terrain_cli.views import figures
 
     yield "ladder", partial(figures.errors, ladder)
+
+
+def _of_result(found: Comparison | Diagnosis | SimulatedLog) -> Iterator[Drawing]:
+    from terrain_cli.comparison import Comparison
+    from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
+    from terrain_cli.views import figures
+
+    if isinstance(found, Comparison):
+        yield from _of_comparison(found)
+    elif isinstance(found, Diagnosis):
+        yield "candidates", partial(figures.candidates, found)
+    else:
+        yield "measured", partial(figures.measured, found)
 
 
 def _of_comparison(comparison: Comparison) -> Iterator[Drawing]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from terrain_cli.views.figures.model_figures import errors, predicted_measured, residuals
+from terrain_cli.views.figures.log_figures import measured
+from terrain_cli.views.figures.model_figures import candidates, errors, predicted_measured, residuals
 from terrain_cli.views.figures.recursion import convergence, convergence_of_all
 from terrain_cli.views.figures.soil_figures import rim_stress, strength, track, valleys
 
 __all__ = [
+    "candidates",
     "convergence",
     "convergence_of_all",
     "errors",
+    "measured",
     "predicted_measured",
     "residuals",
     "rim_stress",

@@ -6,7 +6,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.patches import Patch
 
+from terrain_cli.diagnosis.verdict import sizes_text
 from terrain_cli.improvement.model_history import channels
 from terrain_cli.views import shown_samples
 from terrain_cli.views.chart_style import COLOURS, COUNTS, FAINT, INK, MARKERS, MEDIAN
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.diagnosis.diagnosis_outcome import Candidate, Diagnosis
     from terrain_cli.improvement.improvement_outcome import Interval
     from terrain_cli.improvement.model_history import Rung
     from terrain_cli.vocabulary.arrays import Array
@@ -31,6 +34,8 @@ if TYPE_CHECKING:
 MOST_DRAWN = 500
 #: Drivers in one picture.
 MOST_DRIVERS = 9
+#: Candidates of a diagnosis, the best first.
+MOST_CANDIDATES = 12
 #: Of wheels, under a median.
 _WHEELS = tuple(colour for colour in COLOURS if colour != MEDIAN)
 #: Distance of before and after from the middle of their step.
@@ -172,6 +177,43 @@ def _along(
             band.centre, band.median, color=MEDIAN, marker="o", markersize=2.5, linewidth=1.4, label="median"
         )
     return mesh
+
+
+def candidates(found: Diagnosis) -> Figure | None:
+    """Draw what each fitted candidate explains of the misfit, and its held-out loss, with the 95 % interval.
+
+    None where nothing was fitted.
+    """
+    fitted = [one for one in found.candidates if one.refitted][:MOST_CANDIDATES]
+    if not fitted:
+        return None
+    figure = Picture(figsize=(8.6, 1.5 + 0.42 * len(fitted)))
+    explained, loss = figure.subplots(1, 2, sharey=True)
+    place = np.arange(len(fitted))
+    inks = [COLOURS[0] if one.in_family else FAINT for one in fitted]
+    shares = [100.0 * max(one.explained, 0.0) for one in fitted]
+    explained.barh(place, np.nan_to_num(shares), height=0.6, color=inks)
+    explained.set(xlim=(0.0, 100.0), xlabel="explains of the misfit (%)")
+    for at, one, ink in zip(place, fitted, inks, strict=True):
+        loss.errorbar(one.loss, at, xerr=1.96 * one.loss_se, fmt="o", color=ink, capsize=2.5, markersize=5.0)
+    loss.axvline(0.0, color=INK, linewidth=0.8)
+    loss.set_xlabel("change of the held-out loss, 95 %\n(noise variances per sample)")
+    explained.set_yticks(place, [_named(one) for one in fitted])
+    explained.invert_yaxis()
+    for axes in (explained, loss):
+        axes.grid(axis="x", linewidth=0.4, alpha=0.5)
+    handles = [
+        Patch(color=ink, label=label)
+        for ink, label in ((COLOURS[0], "cannot be told from the best"), (FAINT, "others"))
+        if ink in inks
+    ]
+    figure.legend(handles=handles, loc="outside upper left", ncols=2)
+    return figure
+
+
+def _named(one: Candidate) -> str:
+    doubt = f" ({one.doubt})" if one.doubt else ""
+    return f"{one.effect}{doubt}\n{sizes_text(one)}"
 
 
 def errors(ladder: Sequence[Rung]) -> Figure | None:
