@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -34,8 +35,6 @@ def of_series(residual: Array, group: Index) -> NoiseLevel:
     Data, section 2.4). The four amplitudes are fitted, none of them negative, for a range of ρ.
     Differences are not taken across groups, which are contiguous.
     """
-    from scipy.optimize import nnls
-
     lags, gamma, pairs = _variogram(residual, group)
     if len(lags) < 3 or not np.any(gamma > 0.0):
         return NoiseLevel(float(np.sqrt(gamma[0])) if len(lags) else np.nan, 0)
@@ -43,18 +42,13 @@ def of_series(residual: Array, group: Index) -> NoiseLevel:
     # The variance of γ(h) goes with γ² h: longer lags share their samples.
     weight = np.sqrt(pairs / lags) / np.maximum(gamma, 0.05 * scale)
     far = lags / lags[-1]
-    best, plain = None, np.inf
-    for memory in _MEMORIES:
-        columns = np.stack([np.ones_like(far), 1.0 - memory**lags, far, far**2], axis=1)
-        if memory == 0.0:
-            columns[:, 1] = 0.0
-        amplitude, misfit = nnls(columns * weight[:, None], gamma * weight)
-        if memory == 0.0:
-            plain, best = misfit**2, (misfit**2, memory, amplitude)
-        elif misfit**2 < plain - criteria.MEMORY_BELIEVED and best is not None and misfit**2 < best[0]:
-            best = (misfit**2, memory, amplitude)
-    assert best is not None  # noqa: S101 - white noise is always tried
-    _, memory, amplitude = best
+    lasting = np.where(_MEMORIES[:, None] > 0.0, 1.0 - _MEMORIES[:, None] ** lags, 0.0)
+    columns = np.stack(np.broadcast_arrays(np.ones_like(far), lasting, far, far**2), axis=-1)
+    amplitudes, misfit = _not_negative(columns * weight[:, None], gamma * weight)
+    place = int(np.argmin(misfit))
+    if misfit[place] >= misfit[0] - criteria.MEMORY_BELIEVED:
+        place = 0  # White noise
+    memory, amplitude = _MEMORIES[place], amplitudes[place]
     variance = amplitude[0] + amplitude[1]
     share = amplitude[1] / variance if variance > 0.0 else 0.0
     forgotten = 0
@@ -62,6 +56,25 @@ def of_series(residual: Array, group: Index) -> NoiseLevel:
         forgotten = int(np.ceil(np.log(criteria.FORGOTTEN / share) / np.log(memory)))
     # A misfit that outweighs the noise can take all of the variogram, but not what jumps between samples.
     return NoiseLevel(max(float(np.sqrt(variance)), _jumps(residual, group)), forgotten)
+
+
+def _not_negative(columns: Array, values: Array) -> tuple[Array, Array]:
+    """Fit values, shape (n,), by m sets of columns, shape (m, n, k), with no amplitude below 0.
+
+    Few columns need no search: the answer is the best fit by those of their choices whose amplitudes are not
+    negative. Returned are the amplitudes, shape (m, k), and the sums of squares that are left, shape (m,).
+    """
+    amplitudes = np.zeros((len(columns), columns.shape[2]))
+    least = np.full(len(columns), float(values @ values))
+    for taken in product((False, True), repeat=columns.shape[2]):
+        chosen = columns[:, :, taken]
+        found = np.linalg.pinv(chosen) @ values
+        left = ((values - np.einsum("mnk,mk->mn", chosen, found)) ** 2).sum(axis=1)
+        better = (found >= 0.0).all(axis=1) & (left < least)
+        least[better] = left[better]
+        amplitudes[better] = 0.0
+        amplitudes[np.ix_(better, taken)] = found[better]
+    return amplitudes, least
 
 
 def _jumps(residual: Array, group: Index) -> float:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.comparison import distributions
 from terrain_cli.comparison.bootstrap import DRAWS, max_test
 from terrain_cli.comparison.drivers import ANGLE, PARTS
 from terrain_cli.comparison.residual_scores import System
@@ -188,8 +189,6 @@ class Search:
         What is missing is in the scores that chance is drawn from too, and hides itself where it is most
         of the residual and the blocks are few. Bonferroni's bound on Student's t.
         """
-        from scipy.special import stdtr
-
         whole = {
             name: sum(float(np.nansum(w.residuals[name] ** 2)) for w in self.wheels if name in w.residuals)
             / size**2
@@ -199,7 +198,7 @@ class Search:
         share = np.divide(explained, every, out=np.zeros_like(explained), where=testable & (every > 0.0))
         free = max(self.blocks - 2.0 - self.groups * self.soil / len(self.scale), 1.0)
         share = np.minimum(share, 1.0 - 1e-12)
-        p_values = 2.0 * stdtr(free, -np.sqrt(free * share / (1.0 - share)))
+        p_values = 2.0 * distributions.student_tail(np.sqrt(free * share / (1.0 - share)), free)
         return np.asarray(np.minimum(p_values * max(int(np.count_nonzero(testable)), 1), 1.0))
 
     def _shrunk(self, chosen: int) -> float:

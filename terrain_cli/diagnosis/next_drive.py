@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import smoothed_model
+from terrain_cli.comparison import distributions, smoothed_model
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import manoeuvres
@@ -323,9 +323,9 @@ class _Pair:
     @property
     def power(self) -> Array:
         """How often each drive leads to the right one of the two, at most `criteria.MOST_POWER`."""
-        from scipy.special import ndtr
-
-        return np.asarray(np.minimum(ndtr(self.margins).mean(axis=1), criteria.MOST_POWER))
+        return np.asarray(
+            np.minimum(distributions.normal_tail(-self.margins).mean(axis=1), criteria.MOST_POWER)
+        )
 
 
 def _best(pair: _Pair, known: Sequence[Manoeuvre], whole: Array) -> tuple[NextDrive, float]:

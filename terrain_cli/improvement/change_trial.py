@@ -7,10 +7,9 @@ from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import chdtrc
 
 from terrain_cli import models
-from terrain_cli.comparison import comparison_criteria, segment_soils
+from terrain_cli.comparison import comparison_criteria, distributions, segment_soils
 from terrain_cli.comparison.compare import of_fitted, on_few_soils
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.two_models import between_soils
@@ -263,7 +262,7 @@ def _absent(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> 
         related = fit.shared_covariance[np.ix_(chosen, chosen)] / np.outer(error[chosen], error[chosen])
         squares += float(away @ np.linalg.pinv(related, hermitian=True) @ away) if chosen else 0.0
         count += len(chosen)
-    return float(chdtrc(count, squares)) if count else np.nan
+    return distributions.chi_squared_tail(squares, count) if count else np.nan
 
 
 def _idle(

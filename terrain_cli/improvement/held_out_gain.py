@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.special import stdtrit
 
-from terrain_cli.comparison import kept_aside
+from terrain_cli.comparison import distributions, kept_aside
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence, Interval
 
@@ -141,7 +140,7 @@ def _interval(value: Any, without: Array) -> Interval:
     if n < 2:
         return Interval(float(value), np.nan, np.nan)
     se = float(np.sqrt((n - 1.0) / n * np.sum((without - without.mean()) ** 2)))
-    reach = float(stdtrit(n - 1.0, 0.975)) * se
+    reach = distributions.student_quantile(0.025, n - 1.0) * se
     return Interval(float(value), float(value) - reach, float(value) + reach)
 
 
