@@ -69,7 +69,8 @@ def drive(seed):
 
 
 def wheel(segments):
-    return followed_wheel.FollowedWheel(Settings(segments=segments), FILE, followed_wheel.CommonStress(None))
+    stress = followed_wheel.CommonStress(None)
+    return followed_wheel.FollowedWheel(Settings(segments=segments), FILE, stress, again=True)
 
 
 def offline(samples, segments):
@@ -104,21 +105,23 @@ def references(samples):
 def closed(samples, tables, segments="terrain"):
     """Compare each closed row with that of the log, and with that of the log so far; and time them all.
 
-    Rows whose ends are not those of a row of the log are left out.
+    Third, compare what is told again at the end with the log. Rows whose ends are not those of a row of the log are left out.
     """
     follower = wheel(segments)
     began = time.process_time()
     rows = [*follower.take(samples), *follower.end()]
     took = (time.process_time() - began) / len(rows)
-    later, now, whole = [], [], tables[-1]
-    for row in rows:
+    again = follower.again(followed_wheel.CommonStress(None))
+    later, now, last, whole = [], [], [], tables[-1]
+    for row, said_again in zip(rows, again, strict=True):
         ends = np.array([whole["t_start_s"] - row["t_start_s"], whole["t_end_s"] - row["t_end_s"]])
         away = np.abs(ends).max(axis=0)
         place = int(away.argmin())
         if away[place] < 0.5 / RATE:
             later.append([place, *apart(row, whole, place)])
             now.append([place, *apart(row, tables[place], place)])
-    return np.array(later, dtype=float), np.array(now, dtype=float), took
+            last.append([place, *apart(said_again, whole, place)])
+    return *(np.array(found, dtype=float) for found in (later, now, last)), took
 
 
 def opened(samples):
@@ -168,7 +171,8 @@ def report(drives):
         "share of rows of the same status in %, rows, and the seconds of a processor for a row.",
         "",
         "1. Closed rows, segments by labels. Fitted again with the next are the last EARLIER segments, so many samples of",
-        "   EACH. First beside the log so far, the segments up to this one; then beside the whole log.",
+        "   EACH. First beside the log so far, the segments up to this one; then beside the whole log. At last what",
+        "   --again tells at the end, beside the whole log.",
         "",
         f"{'EARLIER':>8}{'EACH':>6}{HEAD}",
     )
@@ -176,11 +180,12 @@ def report(drives):
         for name, value in (("_EARLIER", earlier), ("_OF_EACH", each)):
             setattr(followed_wheel, name, value)
         found = [closed(log, those) for log, those in zip(logs, tables, strict=True)]
-        took = f"{np.mean([took for _, _, took in found]):7.3f}"
-        whole, now = (np.concatenate([one[kind] for one in found]) for kind in (0, 1))
+        took = f"{np.mean([one[3] for one in found]):7.3f}"
+        whole, now, again = (np.concatenate([one[kind] for one in found]) for kind in (0, 1, 2))
         yield f"{earlier:8d}{each:6d}{said(now[:, 1:])}{took}"
         yield f"{'whole log':>14}{said(whole[:, 1:])}"
     yield f"{'4th and later':>14}{said(whole[whole[:, 0] >= 3, 1:])}"
+    yield f"{'told again':>14}{said(again[:, 1:])}"
     yield from (
         "",
         "2. Open rows of a segment, told every 20 samples, beside estimate of the same samples alone.",

@@ -199,6 +199,25 @@ def test_open_segments_stand_in_a_last_column(start, lines):
         assert same[-1] is last
 
 
+def test_rows_told_again_stand_at_the_end(lines, tmp_path, terrain_est_here):
+    (tmp_path / "run.csv").write_text("".join(lines))
+    cut = ["--segments", "fixed", "--window-samples", "100"]
+    done = terrain_est_here(
+        "estimate", "--follow", "run.csv", "--again", "--idle-timeout", "1s", *cut, *ROVER, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    rows = rows_of(done.stdout)
+    assert list(rows[0]) == [*COLUMNS, "again"]
+    first, second = ([row for row in rows if row["again"] == text] for text in ("false", "true"))
+    assert rows == [*first, *second]
+    whole = {(row["wheel"], row["segment"]): row for row in offline(terrain_est_here, lines, tmp_path, *cut)}
+    assert len(second) == len(first) == len(whole)
+    for row in second:
+        expected = whole[row["wheel"], row["segment"]]
+        assert row["status"] == expected["status"]
+        assert float(row["c_kPa"]) == pytest.approx(float(expected["c_kPa"]), rel=1e-5)
+
+
 def test_pictures_are_there_while_rows_still_come(start, lines, tmp_path):
     process = start("-", "--method", "recursive", "--every", "1ms", "--plot", "live")
     process.stdin.write("".join(lines[:400]))
@@ -307,6 +326,7 @@ def test_the_pipes_of_the_page_work(example, bin_folder, tmp_path, lines):
         (["a.csv", "--trace", "steps.csv"], 2, "--trace needs the whole log"),
         (["a.csv", "--summary", "soil.json"], 2, "--summary needs the whole log"),
         (["a.csv", "--segments", "fixed", "--window-distance", "2"], 2, "counts fixed windows in samples"),
+        (["a.csv", "--again", "--method", "ridge"], 2, "--again is for the full model"),
         (["a.csv", "--every", "1x"], 2, "1x is no time, such as 500ms, 1s or 10min"),
         (["a.csv", "--every", "0s"], 2, "0.0 is not in the range"),
         ([str(SAMPLE / "run.parquet")], 65, "holds Parquet, and only CSV, JSON Lines and bags can be"),
@@ -322,8 +342,8 @@ def test_what_is_wrong_is_told_in_one_line(args, code, said, tmp_path, terrain_e
     assert done.stdout == ""
 
 
-@pytest.mark.parametrize("option", ["--every", "--idle-timeout"])
+@pytest.mark.parametrize("option", [["--every", "1s"], ["--again"], ["--idle-timeout", "1s"]])
 def test_its_options_need_it(option, tmp_path, terrain_est_here):
-    done = terrain_est_here("estimate", SAMPLE / "run.csv", option, "1s")
+    done = terrain_est_here("estimate", SAMPLE / "run.csv", *option)
     assert done.returncode == 2
-    assert f"{option} needs --follow" in done.stderr
+    assert f"{option[0]} needs --follow" in done.stderr

@@ -106,6 +106,12 @@ Examples:
     "open, marks them.",
 )
 @click.option(
+    "--again",
+    is_flag=True,
+    help="With --follow: at the end, write the rows again, as the full model has them after the whole "
+    "drive: the last 64 segments of each wheel. The column again marks them.",
+)
+@click.option(
     "--idle-timeout",
     type=options.Duration(),
     metavar="TIME",
@@ -142,8 +148,8 @@ def command(context: click.Context, /, **_: Any) -> None:
 
         following.run(logs, rover, given)
         return
-    for name in ("every", "idle_timeout"):
-        if given[name] is not None:
+    for name in ("every", "again", "idle_timeout"):
+        if given[name] not in {None, False}:
             raise UsageError(
                 f"--{name.replace('_', '-')} needs --follow", hint="add --follow, or leave it out"
             )

@@ -29,9 +29,10 @@ def run(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
     from formats.text.arriving_bytes import ArrivingBytes
     from terrain_cli import processes
     from terrain_cli.errors import UsageError
+    from terrain_cli.estimation import estimators
     from terrain_cli.presentation import segment_files
     from terrain_cli.stream.follow import Follow
-    from terrain_cli.stream.growing_table import GrowingTable
+    from terrain_cli.stream.growing_table import AGAIN, OPEN, GrowingTable
 
     if len(logs) != 1:
         raise UsageError(f"--follow takes one input, not {len(logs)}", hint="start a process for each")
@@ -48,11 +49,18 @@ def run(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
         )
     segment_files.check(None, None, given["crs"])
     settings = options.settings(given)
+    if given["again"] and estimators.choose(settings.method, settings.model, robust=settings.robust) is None:
+        raise UsageError(
+            "--again is for the full model: by an estimator of the line, later segments change nothing",
+            hint="leave out --again or --method",
+        )
     shown = given["output"] is None and not given["csv"] and sys.stdout.isatty()
     with ExitStack() as stack:
         table = None
         if not shown:
-            table = GrowingTable(given["output"] or "-", given["crs"], marked=given["every"] is not None)
+            marks = {AGAIN: given["again"], OPEN: given["every"] is not None}
+            marked = [name for name, wanted in marks.items() if wanted]
+            table = GrowingTable(given["output"] or "-", given["crs"], marked)
         stop = stack.enter_context(processes.noted())
         if table:
             stack.enter_context(table)
@@ -64,7 +72,7 @@ def run(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
         teller = _Teller(table, pictures, quiet=given["quiet"])
         stack.callback(teller.wipe)
         arriving = ArrivingBytes(logs[0], stop=stop, idle=given["idle_timeout"])
-        Follow(rover, settings, teller, every=given["every"]).run(arriving, logs[0])
+        Follow(rover, settings, teller, every=given["every"], again=given["again"]).run(arriving, logs[0])
         if pictures:
             pictures.draw(last=True)
 
@@ -79,20 +87,27 @@ class _Teller:
 
     def closed(self, row: Table) -> None:
         """Write a row that stays."""
+        self._write(row)
+        self._draw([row])
+
+    def again(self, row: Table) -> None:
+        """Write a row of a segment that was told before."""
+        self._write(row, "again")
+
+    def _write(self, row: Table, mark: str = "") -> None:
         self.wipe()
         if self._table:
-            self._table.add(row)
+            self._table.add(row, mark)
         else:
             from terrain_cli.stream.growing_table import readable
 
-            say(readable(row))
-        self._draw([row])
+            say(f"{mark}  {readable(row)}" if mark else readable(row))
 
     def open(self, rows: Sequence[Table]) -> None:
         """Write rows that are not the last word on their segments; a terminal shows them in its one line."""
         for row in rows if self._table else ():
             assert self._table is not None  # noqa: S101 - asked above
-            self._table.add(row, is_open=True)
+            self._table.add(row, "open")
         self._draw(rows)
 
     def _draw(self, rows: Sequence[Table]) -> None:

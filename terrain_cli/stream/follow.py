@@ -51,6 +51,9 @@ class Teller(Protocol):
     def now(self, text: str) -> None:
         """Take what is said in one line of the open segments."""
 
+    def again(self, row: Table) -> None:
+        """Take the row of a segment as all that was followed tells it."""
+
     def remark(self, text: str) -> None:
         """Take what a person should know."""
 
@@ -58,9 +61,12 @@ class Teller(Protocol):
 class Follow:
     """One input, followed to its end."""
 
-    def __init__(self, rover: Rover, settings: Settings, teller: Teller, *, every: float | None) -> None:
-        """Prepare; the open segments are told `every` so many seconds, if given."""
+    def __init__(
+        self, rover: Rover, settings: Settings, teller: Teller, *, every: float | None, again: bool = False
+    ) -> None:
+        """Prepare; open segments are told `every` so many seconds, if given, and all `again` at the end."""
         self._rover, self._settings, self._teller, self._every = rover, settings, teller, every
+        self._again = again
         self._file = estimators.choose(settings.method, settings.model, robust=settings.robust)
         self._stress = followed_wheel.CommonStress(settings.stress)
         self._wheels: dict[str, FollowedWheel] = {}
@@ -129,7 +135,9 @@ class Follow:
         for part in parts:
             wheel = self._wheels.get(part.wheel)
             if wheel is None:
-                wheel = followed_wheel.FollowedWheel(self._settings, self._file, self._stress)
+                wheel = followed_wheel.FollowedWheel(
+                    self._settings, self._file, self._stress, again=self._again
+                )
                 self._wheels[part.wheel] = wheel
             self._fresh.add(part.wheel)
             for row in wheel.take(part):
@@ -196,9 +204,7 @@ class Follow:
         while self._rows.full:
             self._take(self._rows.take(last=True))
         self._follow(samples.rest())
-        for wheel in self._wheels.values():
-            for row in wheel.end():
-                self._teller.closed(row)
+        self._close()
         samples.end()
         self._tell()
         if not samples.count.total():
@@ -215,6 +221,17 @@ class Follow:
             )
         for text in self._summary(samples):
             self._teller.remark(text)
+
+    def _close(self) -> None:
+        """Tell what is still open as closed, and all segments again if that is wanted."""
+        for wheel in self._wheels.values():
+            for row in wheel.end():
+                self._teller.closed(row)
+        if self._again:
+            stress = followed_wheel.CommonStress(self._settings.stress)
+            for wheel in self._wheels.values():
+                for row in wheel.again(stress):
+                    self._teller.again(row)
 
     def _summary(self, samples: ArrivingSamples) -> list[str]:
         """Say once what came, what was wrong with it, and what was cut."""

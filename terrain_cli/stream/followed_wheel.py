@@ -48,6 +48,14 @@ _GROWN = 1.5
 #: those of all. benchmarks/follow_agreement.py: of 240 rows over six soils 29, 65, 89 and 100 % have the φ of
 #: the log so far with 0, 2, 4 and 8 such segments, in 0.18, 0.28, 0.31 and 0.33 s.
 _EARLIER, _OF_EACH = 8, 4000
+#: Segments that are held at the most to be told again at the end: some 25 MB if all are long. Judged.
+_HELD = 64
+#: Columns of the table that follow from the fit of the full model.
+_OF_FIT = (
+    *("method", "status", "c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg", "corr_c_phi", "k_mm"),
+    *("sigma_star_kPa", "strength_kPa", "strength_se_kPa"),
+    *("stress_kPa", "strength_at_stress_kPa", "strength_at_stress_se_kPa", "torque_rmse_Nm"),
+)
 #: The model is set against samples that are this many seconds and `SETTLED` samples old: by then 95 % of the
 #: changes of soil before them are told, which are no fault of a model.
 _WATCHED_AFTER = 25.0
@@ -119,7 +127,10 @@ class OpenSegment:
 class FollowedWheel:
     """Segments of a wheel as they close, and the one that is open."""
 
-    def __init__(self, settings: Settings, file: ModelFile | None, stress: CommonStress) -> None:
+    def __init__(
+        self, settings: Settings, file: ModelFile | None, stress: CommonStress, *, again: bool = False
+    ) -> None:
+        """Prepare; what tells all segments `again` at the end is held, if wanted."""
         self._settings, self._file, self._stress = settings, file, stress
         self._effects = () if file is None else file.model.effects
         self._segment = OpenSegment()
@@ -127,7 +138,8 @@ class FollowedWheel:
         #: What the model was found to miss; whoever tells it empties this.
         self.alarms: list[ModelMiss] = []
         self._stretch: int | None = None
-        self._earlier: deque[Samples] = deque(maxlen=_EARLIER)
+        #: The last closed segments: the row of each, and some of its samples.
+        self._held: deque[tuple[segment_table.Table, Samples]] = deque(maxlen=_HELD if again else _EARLIER)
         self._begin()
         #: Closed segments, and those of them that were cut as they became too long.
         self.closed = self.cut = 0
@@ -261,7 +273,7 @@ class FollowedWheel:
         row, fitted = self._fitted(samples)
         self._stress.value = estimators.common_stress(self._stress.value, fitted)
         if self._file is not None:
-            self._earlier.append(samples.taken(slice(None, None, -(-count // _OF_EACH))))
+            self._held.append((row, samples.taken(slice(None, None, -(-count // _OF_EACH)))))
         self.closed += 1
         self._segment.ahead = 0
         self._anew()
@@ -269,8 +281,15 @@ class FollowedWheel:
 
     def _fitted(self, samples: Samples, begun: Noise | None = None) -> tuple[segment_table.Table, Fitted]:
         """Estimate a segment beside some samples of those before it; return its row, and the fit of all."""
-        parts = [*self._earlier, samples]
-        parts = [replace(part, stretch=np.full(len(part), place)) for place, part in enumerate(parts)]
+        held = [part for _, part in self._held]
+        cut, fitted = self._fit([*held[max(len(held) - _EARLIER, 0) :], samples], self._stress, begun)
+        return self._row(cut, fitted.estimates, samples), fitted
+
+    def _fit(
+        self, segments: list[Samples], stress: CommonStress, begun: Noise | None = None
+    ) -> tuple[cut_windows.Windows, Fitted]:
+        """Estimate several segments together."""
+        parts = [replace(part, stretch=np.full(len(part), place)) for place, part in enumerate(segments)]
         cut = cut_windows.cut(joined(parts), "none")
         given = self._settings
         fitted = estimators.estimate(
@@ -280,10 +299,25 @@ class FollowedWheel:
             min_samples=given.min_samples,
             folds=given.folds,
             robust=given.robust,
-            at_stress=self._stress.value,
+            at_stress=stress.value,
             begun=begun,
         )
-        return self._row(cut, fitted.estimates, samples), fitted
+        return cut, fitted
+
+    def again(self, stress: CommonStress) -> list[segment_table.Table]:
+        """Return the rows of the segments that are held, each with what a fit of them all says of it.
+
+        None by an estimator of the line, to which other segments say nothing.
+        """
+        if not self._held:
+            return []
+        cut, fitted = self._fit([part for _, part in self._held], stress)
+        stress.value = estimators.common_stress(stress.value, fitted)
+        found = segment_table.table(cut, fitted.estimates)
+        return [
+            {**row, **{name: found[name][place : place + 1] for name in _OF_FIT}}
+            for place, (row, _) in enumerate(self._held)
+        ]
 
     def _with_effects(self, samples: Samples) -> Samples:
         """Return samples with what effects need: rates know now what came behind."""

@@ -16,28 +16,29 @@ from terrain_cli.errors import UsageError
 from terrain_cli.presentation import segment_files, segment_table
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from types import TracebackType
 
     from formats.output.bag_writer import GrowingBag
 
 #: What can be read while it grows.
 KINDS = ("csv", "geojsonl", "geojsons", "mcap")
-#: Whether a row is of the segment that is open.
-OPEN = "open"
+#: Columns that tell whether a row is of a segment that is open, or of one that was told before.
+OPEN, AGAIN = "open", "again"
 
 
 class GrowingTable:
     """The table of segments, in a file or on the standard output ("-")."""
 
-    def __init__(self, destination: str, crs: str | None, *, marked: bool) -> None:
-        """Check the name; rows are `marked` as open or not in a last column."""
+    def __init__(self, destination: str, crs: str | None, marks: Sequence[str] = ()) -> None:
+        """Check the name; the last columns are `marks`, of which each row has some or none."""
         kind = segment_files.result_kind(destination)
         if kind not in KINDS:
             raise UsageError(
                 f"-o {destination}: a table that grows cannot be .{kind}",
                 hint=f"with --follow write {', '.join(f'.{one}' for one in KINDS)}",
             )
-        self._destination, self._kind, self._crs, self._marked = destination, kind, crs, marked
+        self._destination, self._kind, self._crs, self._marks = destination, kind, crs, marks
         self._stack = ExitStack()
         self._stream: TextIO | None = None
         self._bag: GrowingBag | None = None
@@ -64,11 +65,10 @@ class GrowingTable:
         """Close the file."""
         self._stack.close()
 
-    def add(self, row: segment_table.Table, *, is_open: bool = False) -> None:
+    def add(self, row: segment_table.Table, mark: str = "") -> None:
         """Write a row, so that whoever reads has it."""
         crs = segment_table.reference_system(row, self._crs)
-        if self._marked:
-            row = {**row, OPEN: ["true" if is_open else "false"] * len(row["source"])}
+        row = {**row, **{one: ["true" if one == mark else "false"] for one in self._marks}}
         if self._bag:
             self._bag.add(segment_files.topics(row, crs, self._wheels))
             self._wheels |= dict.fromkeys(row["wheel"])

@@ -52,7 +52,7 @@ class Told:
     """Who is told."""
 
     def __init__(self):
-        self.rows, self.opened, self.remarks, self.states = [], [], [], []
+        self.rows, self.opened, self.said_again, self.remarks, self.states = [], [], [], [], []
 
     def closed(self, row):
         self.rows.append(row)
@@ -63,6 +63,9 @@ class Told:
     def now(self, state):
         self.states.append(state)
 
+    def again(self, row):
+        self.said_again.append(row)
+
     def remark(self, remark):
         self.remarks.append(remark)
 
@@ -71,11 +74,12 @@ class Told:
         return segment_table.join(self.rows)
 
 
-def followed(data, *, block=4096, every=None, told=None, **settings):
+def followed(data, *, block=4096, every=None, again=False, told=None, **settings):
     """Follow bytes that come in blocks, and return what was told."""
     told = told or Told()
     stream = io.BytesIO(data)
-    Follow(ROVER, Settings(**settings), told, every=every).run(iter(lambda: stream.read(block), b""), "-")
+    follow = Follow(ROVER, Settings(**settings), told, every=every, again=again)
+    follow.run(iter(lambda: stream.read(block), b""), "-")
     return told
 
 

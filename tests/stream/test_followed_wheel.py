@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from streams import ROVER, Told, begun, followed, lines, text
 
+from terrain_cli.estimation import estimators
 from terrain_cli.estimation.estimators import choose
 from terrain_cli.models import build
+from terrain_cli.presentation import segment_table
 from terrain_cli.run import one_log
 from terrain_cli.run.long_log import BEHIND, with_behind
 from terrain_cli.run.settings import Settings
@@ -109,6 +111,37 @@ def test_segments_are_fitted_with_those_before(tmp_path):
         assert told.table[name][1] == pytest.approx(table[name][1], rel=1e-6), name
     # Of the first one only its own samples were there.
     assert told.table["c_kPa"][0] != pytest.approx(table["c_kPa"][0], rel=1e-6)
+
+
+@pytest.mark.parametrize("most", [followed_wheel.LONGEST, 500])
+def test_rows_told_again_are_those_of_the_whole_log(most, tmp_path, monkeypatch):
+    """Of each segment at most so many samples are held: those that `estimate` takes of it."""
+    monkeypatch.setattr(followed_wheel, "_OF_EACH", min(most, followed_wheel._OF_EACH))
+    monkeypatch.setattr(estimators, "_MOST", min(most, estimators._MOST))
+    monkeypatch.setattr(followed_wheel, "_EARLIER", 0)
+    some = lines((60.0, 60.0), ("left", "right"))[:3601]
+    some = [some[0] + ",terrain", *(f"{line},{'abc'[n // 1200]}" for n, line in enumerate(some[1:]))]
+    told = followed(text(some), segments="terrain", again=True)
+    table = offline(some, tmp_path, segments="terrain")
+    again = segment_table.join(told.said_again)
+    order = np.lexsort((again["segment"], again["wheel"]))
+    for name, column in table.items():
+        found, expected = np.array(again[name])[order], np.array(column)
+        if expected.dtype.kind == "f":
+            # σ* lies within the stresses of the samples, of which not all are held.
+            close = 0.05 if most == 500 and name.startswith(("sigma", "strength", "stress")) else 1e-6
+            np.testing.assert_allclose(found, expected, rtol=close, err_msg=name)
+        elif name != "source":
+            assert found.tolist() == expected.tolist(), name
+    assert told.table["c_kPa"].tolist() != pytest.approx(again["c_kPa"].tolist(), rel=1e-6)
+
+
+def test_the_last_segments_are_told_again(monkeypatch):
+    monkeypatch.setattr(followed_wheel, "_HELD", 2)
+    some = text(lines((60.0,))[:901])
+    told = followed(some, segments="fixed", window_samples=300, again=True)
+    assert [row["segment"][0] for row in told.rows] == [1, 2, 3]
+    assert [row["segment"][0] for row in told.said_again] == [2, 3]
 
 
 def test_all_wheels_are_compared_at_one_stress():

@@ -32,7 +32,7 @@ def joined(rows):
 @pytest.mark.parametrize("kind", ["csv", "geojsonl", "geojsons"])
 def test_the_bytes_are_those_of_a_whole_one(kind, rows, tmp_path):
     grown, whole = tmp_path / f"grown.{kind}", tmp_path / f"whole.{kind}"
-    with GrowingTable(str(grown), None, marked=False) as table:
+    with GrowingTable(str(grown), None) as table:
         for count, row in enumerate(rows, 1):
             table.add(row)
             formats.write_table(joined(rows[:count]), str(whole))
@@ -55,7 +55,7 @@ def test_messages_are_those_of_a_whole_bag_while_it_grows(rows, tmp_path):
     grown, whole = tmp_path / "grown.MCAP", tmp_path / "whole.mcap"
     grown.write_text("of yesterday")
     named = [{**row, "wheel": [name]} for row, name in zip(rows, ("a-b", "a b", "a-b"), strict=True)]
-    with GrowingTable(str(grown), None, marked=False) as table:
+    with GrowingTable(str(grown), None) as table:
         for count, row in enumerate(named, 1):
             table.add(row)
             assert len(messages(grown)) == 2 * count
@@ -70,8 +70,8 @@ def test_messages_are_those_of_a_whole_bag_while_it_grows(rows, tmp_path):
 
 def test_a_bag_says_which_rows_are_open(rows, tmp_path):
     path = tmp_path / "soil.mcap"
-    with GrowingTable(str(path), None, marked=True) as table:
-        table.add(rows[0], is_open=True)
+    with GrowingTable(str(path), None, ["open"]) as table:
+        table.add(rows[0], "open")
         table.add(rows[0])
     assert ["'open': 'true'" in said for *_, said in messages(path)] == [True, True, False, False]
 
@@ -80,15 +80,15 @@ def test_a_bag_that_grows_is_a_file(rows, tmp_path):
     os.mkfifo(tmp_path / "soil.mcap")
     with (
         pytest.raises(formats.CannotWriteError, match="is no file"),
-        GrowingTable(str(tmp_path / "soil.mcap"), None, marked=False) as table,
+        GrowingTable(str(tmp_path / "soil.mcap"), None) as table,
     ):
         table.add(rows[0])
 
 
 def test_open_rows_are_told_from_closed_ones(rows, tmp_path):
     path = tmp_path / "soil.csv"
-    with GrowingTable(str(path), None, marked=True) as table:
-        table.add(rows[0], is_open=True)
+    with GrowingTable(str(path), None, ["open"]) as table:
+        table.add(rows[0], "open")
         table.add(rows[0])
     header, first, second = path.read_text().splitlines()
     assert header.endswith(",WKT,open")
@@ -99,13 +99,13 @@ def test_open_rows_are_told_from_closed_ones(rows, tmp_path):
 @pytest.mark.parametrize("name", ["soil.parquet", "soil.gpkg", "soil.json", "soil.geojson"])
 def test_what_cannot_be_read_while_it_grows_is_refused(name):
     with pytest.raises(UsageError, match="a table that grows cannot be"):
-        GrowingTable(name, None, marked=False)
+        GrowingTable(name, None)
 
 
 def test_nothing_is_written_where_nothing_can_be(tmp_path, rows):
     with (
         pytest.raises(formats.CannotWriteError, match="no such folder"),
-        GrowingTable(str(tmp_path / "none" / "soil.csv"), None, marked=False) as table,
+        GrowingTable(str(tmp_path / "none" / "soil.csv"), None) as table,
     ):
         table.add(rows[0])
 
