@@ -1,10 +1,11 @@
 """Whether a model still fits what arrives: control charts of its innovations.
 
-The model is fitted to the beginning of each segment. From there on, the mean residual of each second is set
-against what the soil, known as well as the samples so far tell it, leaves open: a Kalman filter of a soil
-that does not change, about the fit. Its innovations are white if the model is right. Two cumulative sums for
-each channel (Page 1954, Biometrika 41) tell when they go on being too large or too small. How large a sum may
-become by chance follows from the rate of false alarms (Siegmund 1985, Sequential Analysis).
+The model is fitted to the beginning of each segment. From there on, the mean residual of each second, or of
+longer where the noise lasts, is set against what the soil, known as well as the samples so far tell it,
+leaves open: a Kalman filter of a soil that does not change, about the fit. Its innovations are white if the
+model is right. Two cumulative sums for each channel (Page 1954, Biometrika 41) tell when they go on being too
+large or too small. How large a sum may become by chance follows from the rate of false alarms (Siegmund 1985,
+Sequential Analysis).
 """
 
 from __future__ import annotations
@@ -43,6 +44,11 @@ LEARNT = 400
 _LONG_RUN = 1.2
 #: Least samples and seconds of a mean.
 _SAMPLES, _SECONDS = 20, 1.0
+#: Samples of a mean, times by how much the variance of a mean grows because the noise lasts. Of a first-order
+#: autoregression the means of 5 then go together by 0.06 from one to the next.
+_FORGOTTEN = 5.0
+#: Degrees of freedom of a variance at the least, lest its estimate make the noise endless. Judged.
+_LEAST_FREEDOM = 5.0
 #: Share of its trace that is added to a matrix, lest what no sample tells make it singular.
 _RIDGE = 1e-10
 
@@ -139,8 +145,6 @@ class SegmentWatch:
         self.compared = prediction.compared(self._model, channels)
         time = first.time if first.time is not None else np.arange(float(len(first)))
         interval = float(np.median(np.diff(time)))
-        self.size = max(_SAMPLES, round(_SECONDS / interval)) if interval > 0.0 else _SAMPLES
-        self.limit = limit(3600.0 / (self.size * max(interval, 1e-9)) * len(self.compared))
         residual, design = self._residuals(channels)
         count = len(self._names)
         information, score = np.zeros((count, count)), np.zeros(count)
@@ -154,6 +158,10 @@ class SegmentWatch:
             weight = 1.0 / (scatter**2 * self._factor[name])
             information += weight * by[known].T @ by[known]
             score += weight * by[known].T @ error[known]
+        second = round(_SECONDS / interval) if interval > 0.0 else 0
+        forgotten = int(np.ceil(_FORGOTTEN * max(self._factor.values(), default=1.0)))
+        self.size = max(_SAMPLES, second, forgotten)
+        self.limit = limit(3600.0 / (self.size * max(interval, 1e-9)) * len(self.compared))
         # Parameters have units of their own.
         size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
         scaled = information / np.outer(size, size) + _RIDGE * np.eye(count)
@@ -190,7 +198,7 @@ class SegmentWatch:
     def _step(
         self, residual: Mapping[str, Array], design: Mapping[str, Array], time: float
     ) -> list[ModelMiss]:
-        """Take one second."""
+        """Take the samples of one mean."""
         known = np.all([np.isfinite(error) for error in residual.values()], axis=0)
         if np.count_nonzero(known) < _SAMPLES // 2:
             # Too few to tell their noise.
@@ -198,9 +206,12 @@ class SegmentWatch:
         errors = np.array([residual[name][known] for name in self.compared])
         means = np.array([design[name][known].mean(axis=0) for name in self.compared])
         factors = np.array(list(self._factor.values()))
-        # What is divided by an estimated deviation scatters as Student's t.
         size = errors.shape[1]
-        noise = factors * errors.var(axis=1, ddof=1) / size * (size - 1) / (size - 3)
+        # The mean of noise that lasts follows it, and takes some of its variance away.
+        variance = errors.var(axis=1, ddof=1) / (1.0 - np.minimum(factors / size, 0.5))
+        # What is divided by an estimated deviation scatters as Student's t: (1 − ρ²)/(1 + ρ²) of all count.
+        free = np.maximum((size - 1) * 2.0 * factors / (factors**2 + 1.0), _LEAST_FREEDOM)
+        noise = factors * variance / size * free / (free - 2.0)
         innovation = errors.mean(axis=1) - means @ self._away
         spread = means @ self._covariance @ means.T + np.diag(noise)
         alarms = []

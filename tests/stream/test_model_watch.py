@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
-from streams import followed, lines, text
+from dataclasses import replace
 
+import numpy as np
+import pandas as pd
+import pytest
+from simulator import DRY_SAND, base_contact, one_wheel, simulate, undulation, wave
+from streams import ROVER, followed, lines, text
+
+import terrain_cli
+from terrain_cli.mechanics.wheel_model import Model
+from terrain_cli.models import ModelFile
 from terrain_cli.stream import model_watch
-from terrain_cli.stream.model_watch import ControlChart, limit
+from terrain_cli.stream.model_watch import ControlChart, SegmentWatch, limit
 
 SECONDS = (90.0,)
 
@@ -47,6 +54,35 @@ def test_a_lower_rate_needs_a_larger_sum(monkeypatch):
 def test_a_model_that_holds_is_not_blamed():
     told = followed(text(lines(SECONDS)), model="wong-reece", segments="none")
     assert not [remark for remark in told.remarks if "misses" in remark]
+
+
+def test_noise_that_lasts_is_not_taken_for_a_misfit(monkeypatch):
+    """Correlated over half a second: 3 alarms an hour are asked for, 27 came from means of a second."""
+    monkeypatch.setattr(model_watch, "FALSE_ALARMS", 3.0)
+    file, alarms, driven = ModelFile(model=Model("wong-reece")), 0, 0.0
+    for seed in range(6):
+        plain = one_wheel(
+            [(base_contact(DRY_SAND), 300.0)],
+            load=undulation(80.0, 0.2, 7.0, seed=seed),
+            slip=wave(0.3, 0.4, 11.0),
+            noise=0.03,
+            rate=20.0,
+            seed=seed,
+        )
+        sensors = {name: replace(one, correlation_time=0.5) for name, one in plain.sensors.items()}
+        run = pd.DataFrame(simulate(replace(plain, sensors=sensors)).columns())
+        samples = terrain_cli.from_frame(run, ROVER)[0]
+        watch = SegmentWatch(file, samples.taken(slice(0, model_watch.LEARNT)))
+        assert watch.size > 60
+        rest = samples.taken(slice(model_watch.LEARNT, None))
+        charts, count = watch.charts, len(rest) // watch.size
+        for step in range(count):
+            told = watch.add(rest.taken(slice(step * watch.size, (step + 1) * watch.size)))
+            alarms += len(told)
+            charts.update({miss.channel: ControlChart() for miss in told})
+        driven += count * watch.size / 20.0 / 3600.0
+    assert driven > 0.4
+    assert alarms <= 3
 
 
 def test_a_torque_that_shifts_is_told_once_with_its_size_and_time():
