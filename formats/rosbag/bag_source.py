@@ -11,10 +11,9 @@ import numpy as np
 
 from formats.errors import DamagedError, FormatError
 from formats.rosbag.containers import Container
-from formats.rosbag.decoding.decoder import Decodable, Decoder, UndecodableError
-from formats.rosbag.decoding.definitions import STAMP as HEADER_STAMP
-from formats.rosbag.decoding.definitions import UnusableError, define
-from formats.rosbag.decoding.plain_extraction import NAT, FieldRequest, labels
+from formats.rosbag.decoder import Decodable, Decoder, UndecodableError, labels
+from formats.rosbag.definitions import NAT, FieldRequest, UnusableError, define
+from formats.rosbag.definitions import STAMP as HEADER_STAMP
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.table import BATCH_ROWS, LOG_TIME, STAMP, Field, Source, Stream
 
@@ -24,9 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rosbags.interfaces import Connection
 
-    from formats.rosbag.decoding.bulk_extraction import Elements
-    from formats.rosbag.decoding.definitions import Leaf
-    from formats.rosbag.decoding.plain_extraction import Values
+    from formats.rosbag.bulk_extraction import Elements
+    from formats.rosbag.definitions import Leaf, Values
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Messages
     from formats.table import Batch

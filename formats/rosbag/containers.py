@@ -15,7 +15,6 @@ from formats.recovery import Recovery
 from formats.rosbag.bag_files import HINTS, Recording, check, damaged
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.raw_messages import of_payloads, unpack, unpacks
-from formats.salvage import salvaged
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -25,7 +24,8 @@ if TYPE_CHECKING:
 
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Messages
-    from formats.salvage.salvaged_file import SalvagedFile
+    from formats.rosbag.storage.record_file import RecordFile
+    from formats.rosbag.storage.salvaged_file import SalvagedFile
 
 #: What to do where not even salvage helps.
 LOST = "copy or record it again"
@@ -46,7 +46,7 @@ class Reader(Protocol):
     def close(self) -> None:
         """Close the file."""
 
-    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
+    def runs(self, wanted: Collection[int], size: int) -> Iterator[Run]:
         """Yield the messages of some connections, in the order of their log times."""
 
 
@@ -189,7 +189,7 @@ class Container:
         """Open what is left of a file."""
         name = self._recording.name(file)
         check(file, self.kind, name, salvage=True)
-        reader = salvaged(file, self.kind)
+        reader = _salvaged(file, self.kind)
         try:
             reader.open()
         except OSError:
@@ -232,3 +232,23 @@ def _reader(file: Path, kind: str) -> Reader:
     from formats.rosbag.storage.db3 import Db3File
 
     return Db3File(file)
+
+
+def _salvaged(file: Path, kind: str) -> SalvagedFile:
+    """Return what reads one damaged file, not opened yet."""
+    if kind == "db3":
+        from formats.rosbag.storage.salvaged_db3 import SalvagedDb3
+
+        return SalvagedDb3(file)
+    return of_records(file, kind)
+
+
+def of_records(file: Path, kind: str) -> RecordFile:
+    """Return the same of an MCAP or ROS 1 file, which may still be written."""
+    if kind == "ros1":
+        from formats.rosbag.storage.salvaged_ros1 import SalvagedRos1
+
+        return SalvagedRos1(file)
+    from formats.rosbag.storage.salvaged_mcap import SalvagedMcap
+
+    return SalvagedMcap(file)

@@ -23,13 +23,13 @@ from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.db3 import FORMATS
 from formats.rosbag.storage.raw_messages import WILD, Messages, astray, collected
-from formats.salvage.salvaged_file import Piece, SalvagedFile
+from formats.rosbag.storage.salvaged_file import Piece, SalvagedFile
 from formats.sqlite_pages import INDEX_LEAF, INDEX_NODE, TABLE_LEAF, BrokenPageError, PageCell, Pages, layout
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-    from formats.salvage.salvaged_file import Index
+    from formats.rosbag.storage.salvaged_file import Index
     from formats.sqlite_pages import Value
 
 _MOST_TABLES = 100

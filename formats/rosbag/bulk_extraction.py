@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from rosbags.interfaces import Nodetype
 
-from formats.rosbag.decoding.definitions import CODES, DURATION, FILLER, TIME
+from formats.rosbag.definitions import CODES, DURATION, FILLER, TIME
 from formats.rosbag.storage.raw_messages import numbers_at, parts_at
 
 if TYPE_CHECKING:
@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rosbags.interfaces.typing import FieldDesc
 
-    from formats.rosbag.decoding.definitions import Definition, Leaf
-    from formats.rosbag.decoding.plain_extraction import FieldRequest, Values
+    from formats.rosbag.definitions import Definition, FieldRequest, Leaf, Values
     from formats.rosbag.storage.raw_messages import Messages
 
     #: Names or places, and whether they are names.
@@ -60,7 +59,7 @@ def gather(
 ) -> list[tuple[Values, bool]]:
     """Take values from all messages at once.
 
-    What `plain_extraction.extract` returns for the same messages, decoded, of which there is at least one;
+    What `decoder.extract` returns for the same messages, decoded, of which there is at least one;
     UnevenError where that cannot be.
     """
     cursor = _Cursor(
@@ -74,7 +73,7 @@ def elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -
 
     rosbags would write and compile the code that decodes the type first.
 
-    What `plain_extraction.elements_of` returns for the same message, decoded; UnevenError where that cannot
+    What `decoder.elements_of` returns for the same message, decoded; UnevenError where that cannot
     be.
     """
     wanted = {name for leaf in lists for name in (leaf.name, _names_of(leaf)) if name}

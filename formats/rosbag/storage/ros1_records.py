@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from hashlib import md5
 from typing import TYPE_CHECKING, Any
 
-from formats.salvage.record_file import BrokenRecordError, CutOffError
+from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

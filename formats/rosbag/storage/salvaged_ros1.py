@@ -10,18 +10,17 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass, field
-from functools import partial
-from typing import TYPE_CHECKING, Any, BinaryIO
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1.reader import normalize
 from rosbags.typesys.msg import normalize_msgtype
 
-from formats.limits import CHUNK_BYTES, TooMuchError
-from formats.salvage.record_file import BrokenRecordError, CutOffError, RecordFile
-from formats.salvage.ros1_records import (
+from formats.limits import CHUNK_BYTES
+from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, agreed, join_told
+from formats.rosbag.storage.ros1_records import (
     SECOND,
     BagRecord,
     checksum,
@@ -29,15 +28,15 @@ from formats.salvage.ros1_records import (
     read_record,
     records,
 )
-from formats.salvage.salvaged_file import agreed, join_told, lost_between, rows_of, tame
+from formats.rosbag.storage.salvaged_file import rows_of, tame
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
     from pathlib import Path
 
     from formats.rosbag.storage.raw_messages import Messages
+    from formats.rosbag.storage.record_file import Told
+    from formats.rosbag.storage.salvaged_file import Found, Index
 
-_MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")
 #: The header of a chunk has three short fields.
@@ -45,10 +44,9 @@ _LONGEST_CHUNK_HEADER = 80
 
 
 @dataclass(kw_only=True)
-class _Told:
-    """What the file says of its connections, and of the log as a whole."""
+class _Log:
+    """What the file says of the log as a whole."""
 
-    connections: dict[int, list[tuple[bool, Any]]] = field(default_factory=dict)
     index: int | None = None
     chunks: int = 0
     #: Connections and chunks that its header promises in the index at the end of the file, and those
@@ -64,50 +62,38 @@ class _Told:
 class SalvagedRos1(RecordFile):
     """What can be read of one ROS 1 bag."""
 
+    magic = b"#ROSBAG V2.0\n"
+    describes = _CONNECTION
+    is_damaged = " is damaged"
+
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._told = _Told()
-        self.at = len(_MAGIC)
+        self._log = _Log()
 
-    def scan(self) -> dict[int, Connection]:
-        self.recovery.bytes_read = at = self.at
-        size = len(self.data)
-        while at < size:
-            try:
-                at = self.record(at)
-            except TooMuchError:
-                raise
-            except (BrokenRecordError, struct.error, UnicodeDecodeError, ValueError) as error:
-                what = str(error) if isinstance(error, BrokenRecordError) else f"a record at byte {at:,}"
-                following = self.next_chunk(at + 1)
-                self.lose(f"{what} is damaged" if following else f"cut off at byte {size:,}, in {what}")
-                at = following or size
-        self.end_loose()
-        told, recovery = self._told, self.recovery
-        if told.index is None and not recovery.damage:
+    def account(self) -> int | None:
+        log, recovery, size = self._log, self.recovery, len(self.data)
+        if log.index is None and not recovery.damage:
             self.lose(f"cut off at byte {size:,}: its header is missing")
-        elif told.index == 0:
+        elif log.index == 0:
             self.lose("its index is missing: the recording was not closed properly")
-        elif told.index is not None and told.index >= size:
+        elif log.index is not None and log.index >= size:
             # Says more than where the last record is cut.
             recovery.damage = [text for text in recovery.damage if not text.startswith("cut off")]
-            self.lose(f"cut off at byte {size:,} of at least {told.index:,}: its index is missing")
-            recovery.bytes_expected = told.index
-        elif told.indexed < told.promised and not recovery.damage:
-            of = f"{told.indexed:,} of {told.promised:,} records"
+            self.lose(f"cut off at byte {size:,} of at least {log.index:,}: its index is missing")
+            recovery.bytes_expected = log.index
+        elif log.indexed < log.promised and not recovery.damage:
+            of = f"{log.indexed:,} of {log.promised:,} records"
             self.lose(f"cut off at byte {size:,}, in its index: {of} are there")
-        recovery.whole_known = bool(told.index)
-        if told.counted and told.counted == told.chunks:
-            recovery.expected = told.counts
-        recovery.checked = not self.unchecked
-        recovery.lost = lost_between(self.walk, told.end or None) if recovery.damaged else []
-        return self.known()
+        recovery.whole_known = bool(log.index)
+        if log.counted and log.counted == log.chunks:
+            recovery.expected = log.counts
+        return log.end or None
 
     def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
         found = super().grow(file, most)
-        if self.at > len(_MAGIC):
+        if self.at > len(self.magic):
             # The header is written again once the index is there.
-            index = read_record(self.data, len(_MAGIC)).number(b"index_pos", "<Q")
+            index = read_record(self.data, len(self.magic)).number(b"index_pos", "<Q")
             self.ended = 0 < index <= self.at
         return found
 
@@ -125,12 +111,12 @@ class SalvagedRos1(RecordFile):
             case 2:
                 self._message(record)
             case 3:
-                self._told.index = record.number(b"index_pos", "<Q")
-                self._told.chunks = record.number(b"chunk_count")
-                self._told.promised = self._told.chunks + record.number(b"conn_count")
+                self._log.index = record.number(b"index_pos", "<Q")
+                self._log.chunks = record.number(b"chunk_count")
+                self._log.promised = self._log.chunks + record.number(b"conn_count")
             case 7:
-                self._told.indexed += at >= (self._told.index or 0)
-                _note(self._told, record, self.data[record.begin : record.end], vouched=False)
+                self._log.indexed += at >= (self._log.index or 0)
+                _note(self.told, record, self.data[record.begin : record.end], vouched=False)
             case 6:
                 self._chunk_info(record)
             case 4:
@@ -167,24 +153,14 @@ class SalvagedRos1(RecordFile):
             return record.end
         packing, size = record.fields.get(b"compression", b"").decode(), record.number(b"size")
         index, end = self._index(record.end)
-        load = partial(self.contents, record.begin, record.end, packing, size)
-        raw = self.unpacked(load, record.end - record.begin, size)
-        if isinstance(raw, str):
-            self.lose(f"the chunk at byte {at:,} cannot be read ({raw})")
-            return end
-        vouched = packing == "bz2"
-        self.unchecked = self.unchecked or not vouched
-        told = _Told()
-        found, whole = _messages_in(raw, told, vouched=vouched)
-        rows = rows_of([row[:4] for row in found])
-        kept, agrees = (rows, True) if vouched else _settled(found, index)
-        damage = "" if whole else f"the chunk at byte {at:,} contradicts itself"
-        if packing == "lz4" and not (whole and agrees):
-            # One changed byte of packed data changes others, and no index shows in which values.
-            kept, damage = rows[:0], f"the chunk at byte {at:,} contradicts its index"
-        else:
-            join_told(self._told.connections, told.connections)
-        self.take(rows, kept, load, damage)
+        self.take_chunk(
+            at,
+            slice(record.begin, record.end),
+            packing,
+            size,
+            lambda found: _settled(found, index),
+            vouched=packing == "bz2",
+        )
         return end
 
     def _cut_chunk(self, record: BagRecord) -> None:
@@ -192,8 +168,8 @@ class SalvagedRos1(RecordFile):
         if record.fields.get(b"compression") != b"none" or len(self.data) - record.begin > CHUNK_BYTES:
             return
         first, last = record.begin, len(self.data)
-        found, _ = _messages_in(self.data[first:last], self._told, vouched=False)
-        rows = rows_of([row[:4] for row in found])
+        found, _ = self.messages_in(self.data[first:last], self.told, vouched=False)
+        rows = rows_of(found)
         self.unchecked = True
         self.take(rows, tame(rows), lambda: self.data[first:last])
 
@@ -225,17 +201,37 @@ class SalvagedRos1(RecordFile):
         content = self.data[record.begin : record.end]
         if len(content) != 8 * record.number(b"count"):
             raise BrokenRecordError("the index")
-        self._told.counted += 1
-        self._told.indexed += 1
-        self._told.counts += sum(count for _, count in struct.iter_unpack("<II", content))
-        self._told.end = max(self._told.end, record.time(b"end_time"))
+        self._log.counted += 1
+        self._log.indexed += 1
+        self._log.counts += sum(count for _, count in struct.iter_unpack("<II", content))
+        self._log.end = max(self._log.end, record.time(b"end_time"))
 
-    def numbers(self) -> Collection[int]:
-        return self._told.connections
+    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> tuple[Found, bool]:
+        """Return messages and whether all of it added up; each is a row of a piece, and where it begins.
+
+        There its record begins, and then also where that of the connection just before it begins, at which
+        some writers let the index point.
+        """
+        found: list[tuple[int, int, int, int, int, int]] = []
+        earlier = None
+        for at, record in records(raw):
+            try:
+                if record is None or record.code not in {_MESSAGE, _CONNECTION}:
+                    return found, False
+                if record.code == _CONNECTION:
+                    _note(told, record, raw[record.begin : record.end], vouched=vouched)
+                    earlier = at if earlier is None else earlier
+                    continue
+                number, time, size = record.number(b"conn"), record.time(), record.end - record.begin
+                found.append((number, time, record.begin, size, at, at if earlier is None else earlier))
+                earlier = None
+            except (BrokenRecordError, struct.error, UnicodeDecodeError, ValueError):
+                return found, False
+        return found, True
 
     def known(self) -> dict[int, Connection]:
         known = {}
-        for number, told in self._told.connections.items():
+        for number, told in self.told_of().items():
             fitting = [what for _, what in told if _fits(what)]
             said = agreed(told) or (fitting[0] if len(set(fitting)) == 1 else None)
             if said is None:
@@ -259,43 +255,7 @@ class SalvagedRos1(RecordFile):
         return known
 
 
-def _messages_in(
-    raw: bytes, told: _Told, *, vouched: bool
-) -> tuple[list[tuple[int, int, int, int, int, int]], bool]:
-    """Return the messages of a chunk, and whether all of it added up.
-
-    Each is a row of a piece, and where its record begins: also where that of the connection just
-    before it begins, at which some writers let the index point.
-    """
-    found: list[tuple[int, int, int, int, int, int]] = []
-    earlier = None
-    for at, record in records(raw):
-        try:
-            if record is None or record.code not in {_MESSAGE, _CONNECTION}:
-                return found, False
-            if record.code == _CONNECTION:
-                _note(told, record, raw[record.begin : record.end], vouched=vouched)
-                earlier = at if earlier is None else earlier
-                continue
-            found.append(
-                (
-                    record.number(b"conn"),
-                    record.time(),
-                    record.begin,
-                    record.end - record.begin,
-                    at,
-                    at if earlier is None else earlier,
-                )
-            )
-            earlier = None
-        except (BrokenRecordError, struct.error, UnicodeDecodeError, ValueError):
-            return found, False
-    return found, True
-
-
-def _settled(
-    found: list[tuple[int, int, int, int, int, int]], index: dict[int, set[tuple[int, int]]]
-) -> tuple[Any, bool]:
+def _settled(found: Found, index: dict[int, set[tuple[int, int]]]) -> tuple[Index, bool]:
     """Keep the messages that the index names at the same place and time, where there is an index.
 
     Tell too whether index and messages are the same.
@@ -304,9 +264,9 @@ def _settled(
     for row in found:
         connection, time, _, _, at, earlier = row
         if connection not in index:
-            unnamed.append(row[:4])
+            unnamed.append(row)
         elif (time, at) in index[connection] or (time, earlier) in index[connection]:
-            named.append(row[:4])
+            named.append(row)
     rows = rows_of(named + unnamed)
     # Those without an index are compared with the others of their chunk.
     agrees = len(named) == sum(map(len, index.values())) == len(found) - len(unnamed)
@@ -320,7 +280,7 @@ def _fits(said: tuple[str, str, str, str, str | None]) -> bool:
     return found in {None, digest}
 
 
-def _note(told: _Told, record: BagRecord, content: bytes, *, vouched: bool) -> None:
+def _note(told: Told, record: BagRecord, content: bytes, *, vouched: bool) -> None:
     """Take in what a record says of a connection."""
     number, topic = record.number(b"conn"), record.fields.get(b"topic", b"").decode()
     about = fields_of(content)
@@ -333,4 +293,4 @@ def _note(told: _Told, record: BagRecord, content: bytes, *, vouched: bool) -> N
         about.get(b"message_definition", b"").decode(),
         about.get(b"callerid", b"").decode() or None,
     )
-    join_told(told.connections, {number: [(vouched, kept)]})
+    join_told(told, {(_CONNECTION, number): [(vouched, kept)]})
