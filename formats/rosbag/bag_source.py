@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -145,14 +145,16 @@ def nearest(name: str, choices: Iterable[str], what: str) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass
 class _Topic:
     """The connections that carry one topic, by their place in the container."""
 
-    stream: Stream
-    decoders: dict[int, Decoder]
-    unusable: dict[int, str]
-    names: dict[str, frozenset[str]]  # The names of the elements of each list, where they have names
+    places: list[int] = field(default_factory=list)
+    decoders: dict[int, Decoder] = field(default_factory=dict)
+    unusable: dict[int, str] = field(default_factory=dict)  # Why others have none
+    stream: Stream = field(init=False)
+    #: The names of the elements of each list, where they have names.
+    names: dict[str, frozenset[str]] = field(init=False)
 
 
 class BagSource(Source):
@@ -177,69 +179,49 @@ class BagSource(Source):
 
     @cached_property
     def _topics(self) -> dict[str, _Topic]:
-        places: dict[str, list[int]] = {}
+        topics: dict[str, _Topic] = {}
         for place, connection in enumerate(self._container.connections):
-            places.setdefault(connection.topic, []).append(place)
-        made = {name: self._decoders_of(name, of_topic) for name, of_topic in places.items()}
-        elements = self._elements({name: decoders for name, (decoders, _) in made.items()})
-        topics = {name: self._topic(name, places[name], *made[name], elements[name]) for name in made}
-        for origin in ("ROS 1 Noetic", "ROS 2 Humble"):
-            types = {
-                decoder.definition.type
-                for topic in topics.values()
-                for decoder in topic.decoders.values()
-                if decoder.definition.origin == origin
-            }
-            if types:
-                self.remarks.append(
-                    f"no definition in the file of {', '.join(sorted(types))}: read as {origin} defines it"
-                )
+            topic = topics.setdefault(connection.topic, _Topic())
+            topic.places.append(place)
+            try:
+                topic.decoders[place] = self._decoder(connection)
+            except UnusableError as error:
+                topic.unusable[place] = f"{connection.msgtype}: {error}"
+        for name, topic in topics.items():
+            reasons = sorted(set(topic.unusable.values()))
+            self.remarks += [f"{name} cannot be read: {reason}" for reason in reasons]
+        elements = self._elements({name: topic.decoders for name, topic in topics.items()})
+        for name, topic in topics.items():
+            topic.stream = self._stream(name, topic, elements[name])
+            topic.names = {of: frozenset(texts) for of, (texts, named) in elements[name].items() if named}
+        standard = [one.definition for one in self._decoders.values() if one.definition.origin]
+        if standard:
+            types, origin = ", ".join(sorted({one.type for one in standard})), standard[0].origin
+            self.remarks.append(f"no definition in the file of {types}: read as {origin} defines it")
         return topics
 
-    def _decoders_of(self, name: str, places: list[int]) -> tuple[dict[int, Decoder], dict[int, str]]:
-        """Return the decoders of a topic's connections, and why others have none."""
-        connections = self._container.connections
-        decoders: dict[int, Decoder] = {}
-        unusable: dict[int, str] = {}
-        for place in places:
-            try:
-                decoders[place] = self._decoder(connections[place])
-            except UnusableError as error:
-                unusable[place] = f"{connections[place].msgtype}: {error}"
-        self.remarks += sorted({f"{name} cannot be read: {reason}" for reason in unusable.values()})
-        return decoders, unusable
-
-    def _topic(
-        self,
-        name: str,
-        places: list[int],
-        decoders: dict[int, Decoder],
-        unusable: dict[int, str],
-        elements: Mapping[str, Elements],
-    ) -> _Topic:
+    def _stream(self, name: str, topic: _Topic, elements: Mapping[str, Elements]) -> Stream:
         connections = self._container.connections
         leaves: dict[str, Leaf] = {}
-        for decoder in decoders.values():
+        for decoder in topic.decoders.values():
             for leaf in decoder.definition.leaves.values():
                 if leaves.setdefault(leaf.name, leaf).kind != leaf.kind:
                     self.remarks.append(
                         f"{name}: {leaf.name} is {leaves[leaf.name].kind} to one publisher and {leaf.kind}"
                         " to another; only the former is read"
                     )
-        start, end = self._container.span(places) or (None, None)
-        stream = Stream(
+        start, end = self._container.span(topic.places) or (None, None)
+        return Stream(
             topic=name,
-            type=connections[places[0]].msgtype,
+            type=connections[topic.places[0]].msgtype,
             fields=tuple(
                 Field(leaf.name, leaf.kind, elements.get(leaf.name, ((), False))[0][:MOST_ELEMENTS])
                 for leaf in leaves.values()
             ),
-            count=sum(connections[place].msgcount for place in places),
+            count=sum(connections[place].msgcount for place in topic.places),
             start=start,
             end=end,
         )
-        names = {field: frozenset(texts) for field, (texts, named) in elements.items() if named}
-        return _Topic(stream, decoders, unusable, names)
 
     def _decoder(self, connection: Connection) -> Decoder:
         """Return the decoder of a type; wheels of one kind often have a topic each."""

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import weakref
 from contextlib import ExitStack, suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
-
-import numpy as np
 
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMuchError
 from formats.recovery import Recovery
 from formats.rosbag.bag_files import HINTS, Recording, check, damaged
 from formats.rosbag.storage.chunks import RUN_BYTES
-from formats.rosbag.storage.raw_messages import of_payloads, unpack, unpacks
+from formats.rosbag.storage.raw_messages import CORRUPT, of_payloads, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -135,16 +132,17 @@ class Container:
     def _decompressed(self, messages: Messages, allowance: Allowance) -> Messages:
         if not self._recording.compressed_messages:
             return messages
-        if self.recovery is not None:
-            messages = self._unpackable(messages)
-        payloads = [unpack(messages.payload(row), "zstd") for row in range(len(messages))]
+        rows, payloads = [], []
+        for row in range(len(messages)):
+            try:
+                payloads.append(unpack(messages.payload(row), "zstd"))
+            except CORRUPT:
+                if self.recovery is None:
+                    raise
+            else:
+                rows.append(row)
         allowance.take(sum(map(len, payloads)))
-        return replace(of_payloads(payloads), times=messages.times, order=messages.order)
-
-    def _unpackable(self, messages: Messages) -> Messages:
-        """Leave out what is packed, and damaged."""
-        right = [row for row in range(len(messages)) if unpacks(messages.payload(row), "zstd")]
-        return messages.take(np.array(right, dtype=np.int64))
+        return of_payloads(payloads, messages.times[rows], messages.order[rows])
 
     def span(self, wanted: Collection[int]) -> tuple[int, int] | None:
         """Return first and last log time of some connections in ns, if the indexes tell them."""

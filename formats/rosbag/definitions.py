@@ -151,11 +151,11 @@ def _from_file(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callab
     if connection.msgdef.format == MessageDefinitionFormat.NONE or not (text.strip() or blank_on_purpose):
         raise UnusableError("the file has no definition of it")
     try:
-        types = checked(
-            _types_from_msg(msg_text(text), connection.msgtype)
-            if connection.msgdef.format == MessageDefinitionFormat.MSG
-            else _types_from_idl(text)
-        )
+        if connection.msgdef.format == MessageDefinitionFormat.MSG:
+            bare, name = msg_text(text), connection.msgtype
+            types = checked(plain_types(bare, name) or get_types_from_msg(bare, name))
+        else:
+            types = checked(_types_from_idl(text))
     except TooMuchError as error:
         raise UnusableError(str(error)) from error
     except Exception as error:  # a damaged text makes rosbags' parser fail in any way
@@ -169,11 +169,6 @@ def _compiled(types: Typesdict) -> Typestore:
     store = get_typestore(Stores.EMPTY)
     store.register({name: types[name] for name in types if name not in store.fielddefs})
     return store
-
-
-def _types_from_msg(text: str, name: str) -> Typesdict:
-    types = plain_types(text, name)
-    return get_types_from_msg(text, name) if types is None else types
 
 
 def _types_from_idl(text: str) -> Typesdict:

@@ -19,19 +19,19 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag2 import storage_mcap
 from rosbags.rosbag2.storage_mcap import McapReader
 
 from formats.limits import Allowance
 from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, opened, runs
-from formats.rosbag.storage.raw_messages import DAMAGE, Messages, parts_at, unpack
+from formats.rosbag.storage.raw_messages import DAMAGE, NO_DEFINITION, Messages, parts_at, unpack, widen
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
     from typing import BinaryIO
 
     from numpy.typing import NDArray
+    from rosbags.interfaces import MessageDefinition
     from rosbags.rosbag2.storage_mcap import ChunkInfo, Schema
 
     from formats.rosbag.storage.chunks import Run
@@ -69,7 +69,7 @@ def _bounded(packing: str, data: bytes, _size: int) -> bytes:
 
 def _known_definition(schema: Schema | None) -> MessageDefinition:
     known = schema is None or schema.encoding in _ENCODINGS
-    return _get_msgdef(schema) if known else MessageDefinition(MessageDefinitionFormat.NONE, "")
+    return _get_msgdef(schema) if known else NO_DEFINITION
 
 
 storage_mcap.DECOMPRESSORS.update({packing: partial(_bounded, packing) for packing in ("lz4", "zstd")})
@@ -90,7 +90,7 @@ class McapFile(McapReader):
             Chunk(
                 position=chunk.chunk_start_offset,
                 stored=chunk.chunk_length,
-                unpack=partial(_unpack, chunk),
+                unpack=partial(_contents, told=chunk),
                 slow=bool(chunk.compression),
                 first=chunk.message_start_time,
                 index=self._index(chunk),
@@ -114,9 +114,7 @@ class McapFile(McapReader):
                 if count > 0:
                     bio.seek(begin)
                     times, _ = self.entries(np.frombuffer(bio.read(count * _ENTRY.itemsize), _ENTRY))
-                    first, last = int(times.min()), int(times.max())
-                    start, end = self.spans.get(connection, (first, last))
-                    self.spans[connection] = min(start, first), max(end, last)
+                    widen(self.spans, connection, times)
 
     def _check_summary(self) -> None:
         """Refuse a summary that its checksum contradicts: names of topics and fields are read from there."""
@@ -259,31 +257,17 @@ def _messages(chunk: bytes | memoryview) -> list[int]:
     return [at for code, at, _ in every if code == _MESSAGE_CODE]
 
 
-def _contents(record: memoryview) -> bytes | memoryview:
-    """Return the records in the record of a chunk that no index tells of, decompressed and checked."""
+def _contents(record: bytes | memoryview, told: ChunkInfo | None = None) -> bytes | memoryview:
+    """Return the records in the record of a chunk, decompressed and checked, also by what its index told."""
     _, _, size, checksum, letters = _CHUNK.unpack_from(record, _RECORD)
     begin = _RECORD + _CHUNK.size + letters
-    packing = bytes(record[begin - letters : begin]).decode()
     (stored,) = _LENGTH.unpack_from(record, begin)
-    packed = record[begin + 8 : begin + 8 + stored]
+    packed = memoryview(record)[begin + 8 : begin + 8 + stored]
+    if told and ((size, stored) != (told.uncompressed_size, told.compressed_size) or len(packed) < stored):
+        raise ValueError("a chunk is not as its index says")
     if len(packed) < stored:
         raise ValueError("a chunk is longer than its record")
-    return _checked(packed, packing, size, checksum)
-
-
-def _unpack(chunk: ChunkInfo, record: bytes) -> bytes | memoryview:
-    """Return the messages in the record of a chunk, decompressed and checked."""
-    # First and last log time, size, checksum, name of the compression, stored size.
-    _, _, size, checksum, letters = _CHUNK.unpack_from(record, _RECORD)
-    (stored,) = _LENGTH.unpack_from(record, begin := _RECORD + _CHUNK.size + letters)
-    contents = memoryview(record)[begin + 8 :]
-    if (size, stored) != (chunk.uncompressed_size, chunk.compressed_size) or stored > len(contents):
-        raise ValueError("a chunk is not as its index says")
-    return _checked(contents[:stored], chunk.compression, size, checksum)
-
-
-def _checked(packed: memoryview, packing: str, size: int, checksum: int) -> bytes | memoryview:
-    """Return the records of a chunk, unpacked."""
+    packing = told.compression if told else bytes(record[begin - letters : begin]).decode()
     records = unpack(packed, packing) if packing else packed
     if len(records) != size or (checksum and crc32(records) != checksum):
         raise ValueError("a chunk is not what its size and checksum say")

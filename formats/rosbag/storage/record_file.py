@@ -171,7 +171,7 @@ class RecordFile(SalvagedFile):
             self.lose(f"the chunk at byte {at:,} cannot be read ({reason})")
             return
         told: Told = {}
-        found, whole = self.messages_in(raw, told, vouched=vouched)
+        found, whole = self.found_in(raw, told, vouched=vouched)
         rows = rows_of(found)
         kept, agrees = (rows, True) if vouched else confirm(found)
         self.unchecked = self.unchecked or not vouched
@@ -264,9 +264,19 @@ class RecordFile(SalvagedFile):
     def next_chunk(self, start: int) -> int | None:
         """Find the next place where a whole chunk begins."""
 
-    @abstractmethod
-    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> tuple[Found, bool]:
+    def found_in(self, raw: bytes, told: Told, *, vouched: bool) -> tuple[Found, bool]:
         """Return the messages of a chunk, and whether all of it added up; take in what it tells."""
+        found = []
+        try:
+            for row in self.messages_in(raw, told, vouched=vouched):
+                found.append(row)  # noqa: PERF402 - those before the damage are kept
+        except (struct.error, ValueError):
+            return found, False
+        return found, True
+
+    @abstractmethod
+    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[tuple[int, ...]]:
+        """Yield the messages of a chunk; an error of `struct` or ValueError where it does not add up."""
 
     @abstractmethod
     def known(self) -> dict[int, Connection]:

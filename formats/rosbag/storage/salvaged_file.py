@@ -14,7 +14,7 @@ import numpy as np
 
 from formats.limits import CONNECTIONS, Allowance, TooMuchError
 from formats.recovery import Recovery
-from formats.rosbag.storage.raw_messages import WILD, Messages, of_payloads
+from formats.rosbag.storage.raw_messages import WILD, Messages, of_payloads, widen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -100,10 +100,8 @@ class SalvagedFile(ABC):
         counts: dict[int, int] = {}
         for piece in kept:
             for number, rows in _by_connection(piece.rows):
-                times = rows[:, 1]
-                start, end = self.spans.get(number, (int(times.min()), int(times.max())))
-                self.spans[number] = min(start, int(times.min())), max(end, int(times.max()))
-                counts[number] = counts.get(number, 0) + len(times)
+                widen(self.spans, number, rows[:, 1])
+                counts[number] = counts.get(number, 0) + len(rows)
         self.connections = [
             connection._replace(msgcount=counts.get(number, 0)) for number, connection in known.items()
         ]

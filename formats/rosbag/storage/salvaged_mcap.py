@@ -13,15 +13,18 @@ from binascii import crc32
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
 from formats.limits import CHUNK_BYTES
+from formats.rosbag.storage.raw_messages import FORMATS, ros2_connection
 from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, agreed, join_told
 from formats.rosbag.storage.salvaged_file import rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from rosbags.interfaces import Connection
 
     from formats.rosbag.storage.record_file import Told
     from formats.rosbag.storage.salvaged_file import Found, Index, Row
@@ -32,11 +35,7 @@ _STATISTICS, _DATA_END, _FOOTER = 0x0B, 0x0F, 0x02
 #: Opcode, length, first and last time, size, checksum; then the name of the compression.
 _CHUNK_BEGINS = re.compile(rb"\x06.{36}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd)", re.DOTALL)
 _ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
-_FORMATS = {
-    "ros2msg": MessageDefinitionFormat.MSG,
-    "ros2idl": MessageDefinitionFormat.IDL,
-    "omgidl": MessageDefinitionFormat.IDL,
-}
+_FORMATS = FORMATS | {"omgidl": MessageDefinitionFormat.IDL}
 
 
 class SalvagedMcap(RecordFile):
@@ -195,22 +194,15 @@ class SalvagedMcap(RecordFile):
             self.recovery.damage.append("the checksum of the summary is wrong")
             self._counts = self._end = None
 
-    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> tuple[Found, bool]:
-        found: list[Row] = []
+    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[Row]:
         for code, begin, end in _records(raw):
-            if end < 0:
-                return found, False
-            try:
-                if code == _MESSAGE:
-                    channel, _, time, _ = struct.unpack_from("<HIQQ", raw, begin)
-                    if end - begin < 22:
-                        return found, False
-                    found.append((channel, time, begin + 22, end - begin - 22))
-                elif code in {_SCHEMA, _CHANNEL}:
-                    _note(told, code, raw[begin:end], vouched=vouched)
-            except (struct.error, UnicodeDecodeError, BrokenRecordError):
-                return found, False
-        return found, True
+            if code == _MESSAGE:
+                channel, _, time, _ = struct.unpack_from("<HIQQ", raw, begin)
+                if end - begin < 22:
+                    raise BrokenRecordError("a message")
+                yield channel, time, begin + 22, end - begin - 22
+            elif code in {_SCHEMA, _CHANNEL}:
+                _note(told, code, raw[begin:end], vouched=vouched)
 
     def known(self) -> dict[int, Connection]:
         known = {}
@@ -227,16 +219,8 @@ class SalvagedMcap(RecordFile):
                 continue
             schema = agreed(self.told.get((_SCHEMA, schema_number), []) or [(False, None)])
             name, schema_encoding, text = schema or ("__schemaless__", "", "")
-            known[number] = Connection(
-                number,
-                topic,
-                name,
-                MessageDefinition(_FORMATS.get(schema_encoding, MessageDefinitionFormat.NONE), text),
-                "",
-                0,
-                ConnectionExtRosbag2(encoding, []),
-                self,
-            )
+            definition = MessageDefinition(_FORMATS.get(schema_encoding, MessageDefinitionFormat.NONE), text)
+            known[number] = ros2_connection(number, topic, name, definition)
         return known
 
 
@@ -252,17 +236,13 @@ def _head(data: Any, begin: int) -> tuple[tuple[int, int, int, int, str], int, i
 
 
 def _records(raw: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield code, begin and end of the records in a chunk; the last has no end where it does not fit."""
+    """Yield code, begin and end of the records in a chunk; an error at the first that does not fit."""
     at = 0
     while at < len(raw):
-        if at + _RECORD > len(raw):
-            yield 0, at, -1
-            return
         code, length = struct.unpack_from("<BQ", raw, at)
         at += _RECORD
         if at + length > len(raw) or code == 0:
-            yield code, at, -1
-            return
+            raise BrokenRecordError("a record")
         yield code, at, at + length
         at += length
 

@@ -4,6 +4,10 @@ Records follow each other from the first byte on (http://wiki.ros.org/Bags/Forma
 named fields, then data, each with its length. Where one does not add up, the next chunk is looked
 for. The format has no checksums (bz2 has its own): a message is taken where the index behind its
 chunk names it too, or where there is no such index, as in the last chunk before a cut.
+
+Each connection notes a checksum beside its definition. As ``genmsg`` computes it: MD5 of the constants, then
+of the fields in their order, without comments and spaces, each message type in place of which its own
+checksum stands.
 """
 
 from __future__ import annotations
@@ -11,7 +15,8 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO
+from hashlib import md5
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
@@ -20,17 +25,10 @@ from rosbags.typesys.msg import normalize_msgtype
 
 from formats.limits import CHUNK_BYTES
 from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, agreed, join_told
-from formats.rosbag.storage.ros1_records import (
-    SECOND,
-    BagRecord,
-    checksum,
-    fields_of,
-    read_record,
-    records,
-)
 from formats.rosbag.storage.salvaged_file import rows_of, tame
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from formats.rosbag.storage.raw_messages import Messages
@@ -42,21 +40,67 @@ _CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")
 #: The header of a chunk has three short fields.
 _LONGEST_CHUNK_HEADER = 80
 
+_SECOND = 1_000_000_000
+_LONGEST_HEADER = 1 << 20
+_BUILT_IN = frozenset(
+    {"bool", "byte", "char", "string", "time", "duration", "float32", "float64"}
+    | {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+)
+_DEEPEST = 50
 
-@dataclass(kw_only=True)
-class _Log:
-    """What the file says of the log as a whole."""
 
-    index: int | None = None
-    chunks: int = 0
-    #: Connections and chunks that its header promises in the index at the end of the file, and those
-    #: that stand there.
-    promised: int = 0
-    indexed: int = 0
-    #: Messages and the last log time, from the index at the end of the file.
-    counts: int = 0
-    counted: int = 0
-    end: int = 0
+@dataclass(frozen=True, slots=True)
+class _BagRecord:
+    """One record; its data need not all be there."""
+
+    fields: dict[bytes, bytes]
+    #: Where its data begin, and end.
+    begin: int
+    end: int
+
+    @property
+    def code(self) -> int:
+        """What it is; 0 where it does not tell."""
+        return self.fields.get(b"op", b"\0")[0] if len(self.fields.get(b"op", b"")) == 1 else 0
+
+    def number(self, name: bytes, code: str = "<I") -> int:
+        """Return a field that is a number."""
+        value: int = struct.unpack(code, self.fields.get(name, b""))[0]
+        return value
+
+    def time(self, name: bytes = b"time") -> int:
+        """Return a field that is a time, ns."""
+        seconds, rest = struct.unpack("<II", self.fields.get(name, b""))
+        if rest >= _SECOND:
+            raise BrokenRecordError("a time")
+        return int(seconds) * _SECOND + int(rest)
+
+
+def _read_record(data: Any, at: int) -> _BagRecord:
+    """Read the header of a record; its data may end beyond those that are there."""
+    if at + 4 > len(data):
+        raise CutOffError(f"a record at byte {at:,}")
+    (length,) = struct.unpack_from("<I", data, at)
+    begin, end = at + 4, at + 4 + length
+    if length > _LONGEST_HEADER:
+        raise BrokenRecordError(f"a record that begins at byte {at:,}")
+    if end + 4 > len(data):
+        raise CutOffError(f"a record that begins at byte {at:,}")
+    (stored,) = struct.unpack_from("<I", data, end)
+    return _BagRecord(_fields_of(data[begin:end]), end + 4, end + 4 + stored)
+
+
+def _fields_of(header: bytes) -> dict[bytes, bytes]:
+    """Return the fields of a header by their names."""
+    fields, at = {}, 0
+    while at < len(header):
+        (size,) = struct.unpack_from("<I", header, at)
+        name, sign, value = header[at + 4 : at + 4 + size].partition(b"=")
+        at += 4 + size
+        if not sign or at > len(header):
+            raise BrokenRecordError("the header of a record")
+        fields[name] = value
+    return fields
 
 
 class SalvagedRos1(RecordFile):
@@ -68,37 +112,44 @@ class SalvagedRos1(RecordFile):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._log = _Log()
+        #: Where the index at the end of the file begins, by its header.
+        self._index_at: int | None = None
+        #: Chunks of the log, and connections and chunks together that the header promises in that index.
+        self._chunks = self._promised = 0
+        #: Records that stand there, and those of chunks among them.
+        self._indexed = self._counted = 0
+        #: Messages and the last log time, by the index.
+        self._messages = self._end = 0
 
     def account(self) -> int | None:
-        log, recovery, size = self._log, self.recovery, len(self.data)
-        if log.index is None and not recovery.damage:
+        recovery, size, index = self.recovery, len(self.data), self._index_at
+        if index is None and not recovery.damage:
             self.lose(f"cut off at byte {size:,}: its header is missing")
-        elif log.index == 0:
+        elif index == 0:
             self.lose("its index is missing: the recording was not closed properly")
-        elif log.index is not None and log.index >= size:
+        elif index is not None and index >= size:
             # Says more than where the last record is cut.
             recovery.damage = [text for text in recovery.damage if not text.startswith("cut off")]
-            self.lose(f"cut off at byte {size:,} of at least {log.index:,}: its index is missing")
-            recovery.bytes_expected = log.index
-        elif log.indexed < log.promised and not recovery.damage:
-            of = f"{log.indexed:,} of {log.promised:,} records"
+            self.lose(f"cut off at byte {size:,} of at least {index:,}: its index is missing")
+            recovery.bytes_expected = index
+        elif self._indexed < self._promised and not recovery.damage:
+            of = f"{self._indexed:,} of {self._promised:,} records"
             self.lose(f"cut off at byte {size:,}, in its index: {of} are there")
-        recovery.whole_known = bool(log.index)
-        if log.counted and log.counted == log.chunks:
-            recovery.expected = log.counts
-        return log.end or None
+        recovery.whole_known = bool(index)
+        if self._counted and self._counted == self._chunks:
+            recovery.expected = self._messages
+        return self._end or None
 
     def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
         found = super().grow(file, most)
         if self.at > len(self.magic):
             # The header is written again once the index is there.
-            index = read_record(self.data, len(self.magic)).number(b"index_pos", "<Q")
+            index = _read_record(self.data, len(self.magic)).number(b"index_pos", "<Q")
             self.ended = 0 < index <= self.at
         return found
 
     def record(self, at: int) -> int:
-        record = read_record(self.data, at)
+        record = _read_record(self.data, at)
         end = record.end
         if end > len(self.data):
             if record.code == _CHUNK and not self.growing:
@@ -111,11 +162,11 @@ class SalvagedRos1(RecordFile):
             case 2:
                 self._message(record)
             case 3:
-                self._log.index = record.number(b"index_pos", "<Q")
-                self._log.chunks = record.number(b"chunk_count")
-                self._log.promised = self._log.chunks + record.number(b"conn_count")
+                self._index_at = record.number(b"index_pos", "<Q")
+                self._chunks = record.number(b"chunk_count")
+                self._promised = self._chunks + record.number(b"conn_count")
             case 7:
-                self._log.indexed += at >= (self._log.index or 0)
+                self._indexed += at >= (self._index_at or 0)
                 _note(self.told, record, self.data[record.begin : record.end], vouched=False)
             case 6:
                 self._chunk_info(record)
@@ -136,14 +187,14 @@ class SalvagedRos1(RecordFile):
                 if not match.end() - at - 4 <= length <= _LONGEST_CHUNK_HEADER:
                     continue
                 try:
-                    record = read_record(self.data, at)
+                    record = _read_record(self.data, at)
                 except (BrokenRecordError, struct.error):
                     continue
                 if record.code == _CHUNK and record.end <= len(self.data):
                     return at
         return None
 
-    def _chunk(self, at: int, record: BagRecord) -> int:
+    def _chunk(self, at: int, record: _BagRecord) -> int:
         """Read a chunk and the index behind it; return where that ends."""
         self.end_loose()
         if record.begin == record.end:
@@ -163,12 +214,12 @@ class SalvagedRos1(RecordFile):
         )
         return end
 
-    def _cut_chunk(self, record: BagRecord) -> None:
+    def _cut_chunk(self, record: _BagRecord) -> None:
         """Take the whole messages of a chunk that is cut off, if it is not packed."""
         if record.fields.get(b"compression") != b"none" or len(self.data) - record.begin > CHUNK_BYTES:
             return
         first, last = record.begin, len(self.data)
-        found, _ = self.messages_in(self.data[first:last], self.told, vouched=False)
+        found, _ = self.found_in(self.data[first:last], self.told, vouched=False)
         rows = rows_of(found)
         self.unchecked = True
         self.take(rows, tame(rows), lambda: self.data[first:last])
@@ -178,7 +229,7 @@ class SalvagedRos1(RecordFile):
         index: dict[int, set[tuple[int, int]]] = {}
         while at < len(self.data):
             try:
-                record = read_record(self.data, at)
+                record = _read_record(self.data, at)
                 if record.code != _INDEX or record.end > len(self.data):
                     break
                 if record.number(b"count") * 12 != record.end - record.begin or record.number(b"ver") != 1:
@@ -188,46 +239,45 @@ class SalvagedRos1(RecordFile):
                 break
             numbers = np.frombuffer(self.data[record.begin : record.end], "<u4")
             entries = numbers.reshape(-1, 3).astype(np.int64)
-            times = entries[:, 0] * SECOND + entries[:, 1]
+            times = entries[:, 0] * _SECOND + entries[:, 1]
             index[connection] = set(zip(times.tolist(), entries[:, 2].tolist(), strict=True))
             at = record.end
         return index, at
 
-    def _message(self, record: BagRecord) -> None:
+    def _message(self, record: _BagRecord) -> None:
         """Take a message of a chunk that was never closed."""
         self.take_loose((record.number(b"conn"), record.time(), record.begin, record.end - record.begin))
 
-    def _chunk_info(self, record: BagRecord) -> None:
+    def _chunk_info(self, record: _BagRecord) -> None:
         content = self.data[record.begin : record.end]
         if len(content) != 8 * record.number(b"count"):
             raise BrokenRecordError("the index")
-        self._log.counted += 1
-        self._log.indexed += 1
-        self._log.counts += sum(count for _, count in struct.iter_unpack("<II", content))
-        self._log.end = max(self._log.end, record.time(b"end_time"))
+        self._counted += 1
+        self._indexed += 1
+        self._messages += sum(count for _, count in struct.iter_unpack("<II", content))
+        self._end = max(self._end, record.time(b"end_time"))
 
-    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> tuple[Found, bool]:
-        """Return messages and whether all of it added up; each is a row of a piece, and where it begins.
+    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[tuple[int, ...]]:
+        """Yield messages, each a row of a piece, and where its record begins.
 
-        There its record begins, and then also where that of the connection just before it begins, at which
-        some writers let the index point.
+        Then also where that of the connection just before it begins, at which some writers let the index
+        point.
         """
-        found: list[tuple[int, int, int, int, int, int]] = []
-        earlier = None
-        for at, record in records(raw):
-            try:
-                if record is None or record.code not in {_MESSAGE, _CONNECTION}:
-                    return found, False
-                if record.code == _CONNECTION:
-                    _note(told, record, raw[record.begin : record.end], vouched=vouched)
-                    earlier = at if earlier is None else earlier
-                    continue
+        at, earlier = 0, None
+        while at < len(raw):
+            record = _read_record(raw, at)
+            if record.end > len(raw):
+                raise BrokenRecordError("a record")
+            if record.code == _CONNECTION:
+                _note(told, record, raw[record.begin : record.end], vouched=vouched)
+                earlier = at if earlier is None else earlier
+            elif record.code == _MESSAGE:
                 number, time, size = record.number(b"conn"), record.time(), record.end - record.begin
-                found.append((number, time, record.begin, size, at, at if earlier is None else earlier))
+                yield number, time, record.begin, size, at, at if earlier is None else earlier
                 earlier = None
-            except (BrokenRecordError, struct.error, UnicodeDecodeError, ValueError):
-                return found, False
-        return found, True
+            else:
+                raise BrokenRecordError("a record")
+            at = record.end
 
     def known(self) -> dict[int, Connection]:
         known = {}
@@ -280,10 +330,10 @@ def _fits(said: tuple[str, str, str, str, str | None]) -> bool:
     return found in {None, digest}
 
 
-def _note(told: Told, record: BagRecord, content: bytes, *, vouched: bool) -> None:
+def _note(told: Told, record: _BagRecord, content: bytes, *, vouched: bool) -> None:
     """Take in what a record says of a connection."""
     number, topic = record.number(b"conn"), record.fields.get(b"topic", b"").decode()
-    about = fields_of(content)
+    about = _fields_of(content)
     if not topic or b"type" not in about:
         raise BrokenRecordError(f"the description of connection {number}")
     kept = (
@@ -294,3 +344,56 @@ def _note(told: Told, record: BagRecord, content: bytes, *, vouched: bool) -> No
         about.get(b"callerid", b"").decode() or None,
     )
     join_told(told, {(_CONNECTION, number): [(vouched, kept)]})
+
+
+class _UnknownError(Exception):
+    """Not all that the checksum covers can be told."""
+
+
+def checksum(text: str, type_name: str) -> str | None:
+    """Return the checksum of a definition, behind which are those of its parts, as bags hold it.
+
+    None where it cannot be told: a type is missing, or a constant is a number with a fraction or a text,
+    which tools write in more than one way.
+    """
+    main, *others = re.split(r"^=+\n", text, flags=re.MULTILINE)
+    sections = {_short(type_name): main}
+    for section in others:
+        first, _, rest = section.partition("\n")
+        sections[first.removeprefix("MSG:").strip()] = rest
+    try:
+        return _of(_short(type_name), sections, {}, 0)
+    except _UnknownError:
+        return None
+
+
+def _short(name: str) -> str:
+    return name.replace("/msg/", "/")
+
+
+def _of(name: str, sections: dict[str, str], known: dict[str, str], depth: int) -> str:
+    if name in known:
+        return known[name]
+    if name not in sections or depth > _DEEPEST:
+        raise _UnknownError
+    constants, fields = [], []
+    for line in sections[name].split("\n"):
+        kind, _, rest = line.partition("#")[0].strip().partition(" ")
+        rest = rest.strip()
+        if not kind:
+            continue
+        if "=" in rest:
+            if kind in {"string", "float32", "float64"}:
+                raise _UnknownError
+            constant, _, value = rest.partition("=")
+            constants.append(f"{kind} {constant.strip()}={value.strip()}")
+            continue
+        base = kind.partition("[")[0]
+        if base in _BUILT_IN:
+            fields.append(f"{kind} {rest}")
+            continue
+        package = name.partition("/")[0]
+        full = "std_msgs/Header" if base == "Header" else base if "/" in base else f"{package}/{base}"
+        fields.append(f"{_of(full, sections, known, depth + 1)} {rest}")
+    known[name] = md5("\n".join([*constants, *fields]).encode(), usedforsecurity=False).hexdigest()
+    return known[name]
