@@ -34,27 +34,23 @@ _ZERO = np.datetime64(0, "ns")
 MOST_ELEMENTS = 256
 
 
+@dataclass(eq=False)
 class Reading:
     """The columns of one topic, collected until they fill a batch; decoders are by connection."""
 
-    def __init__(
-        self,
-        path: str,
-        stream: Stream,
-        decoders: dict[int, Decoder],
-        requests: Sequence[FieldRequest],
-        batch_rows: int,
-    ) -> None:
-        self.topic = stream.topic
-        self._path = path
-        self._stream = stream
-        self.decoders = decoders
-        self._requests = [*requests, FieldRequest(STAMP, HEADER_STAMP, "time")]
-        self._absent = {request.asked: request for request in requests if request.key is not None}
-        self._batch_rows = batch_rows
+    path: str
+    stream: Stream
+    decoders: dict[int, Decoder]
+    asked: Sequence[FieldRequest]
+    batch_rows: int
+
+    def __post_init__(self) -> None:
+        self.topic = self.stream.topic
+        self._requests = [*self.asked, FieldRequest(STAMP, HEADER_STAMP, "time")]
+        self._absent = {request.asked: request for request in self.asked if request.key is not None}
         #: Which of two messages logged at one time comes first is for rosbags a matter of their
         #: connections in ROS 1, of their place in the file in ROS 2.
-        self._ties_by_connection = any(decoder.definition.ros1 for decoder in decoders.values())
+        self._ties_by_connection = any(decoder.definition.ros1 for decoder in self.decoders.values())
         self._done = 0
         #: Log times and columns that are not in a batch yet.
         self._waiting: list[list[Values]] = []
@@ -66,8 +62,8 @@ class Reading:
             yield run
             return
         for place, messages in run.items():
-            for begin in range(0, len(messages), self._batch_rows):
-                yield {place: messages.take(slice(begin, begin + self._batch_rows))}
+            for begin in range(0, len(messages), self.batch_rows):
+                yield {place: messages.take(slice(begin, begin + self.batch_rows))}
 
     def add(self, run: Run) -> None:
         """Decode messages of each connection, and put them in the order of their log times."""
@@ -92,23 +88,23 @@ class Reading:
 
     def batches(self, *, last: bool = False) -> Iterator[Batch]:
         """Yield the batches that are full; the `last` time also the rest."""
-        if self._rows >= self._batch_rows or (last and self._rows):
+        if self._rows >= self.batch_rows or (last and self._rows):
             columns = [
                 np.concatenate(parts) if len(parts) > 1 else parts[0]
                 for parts in zip(*self._waiting, strict=True)
             ]
-            full = self._rows if last else self._rows - self._rows % self._batch_rows
-            for begin in range(0, full, self._batch_rows):
-                yield self._batch([column[begin : min(begin + self._batch_rows, full)] for column in columns])
+            full = self._rows if last else self._rows - self._rows % self.batch_rows
+            for begin in range(0, full, self.batch_rows):
+                yield self._batch([column[begin : min(begin + self.batch_rows, full)] for column in columns])
             self._rows -= full
             self._waiting = [[column[full:].copy() for column in columns]] if self._rows else []
 
     def check(self) -> None:
         """Refuse an element that no message had."""
         for request in self._absent.values() if self._done else ():
-            elements = next(field.elements for field in self._stream.fields if field.name == request.field)
+            elements = next(field.elements for field in self.stream.fields if field.name == request.field)
             raise FormatError(
-                self._path,
+                self.path,
                 f"{self.topic}: no message has the element {request.key!r} of {request.field}",
                 hint=nearest(str(request.key), elements, "elements"),
             )
@@ -126,7 +122,7 @@ class Reading:
             found = self.decoders[place].columns(messages, self._requests)
         except UndecodableError as error:
             raise DamagedError(
-                self._path,
+                self.path,
                 f"{self.topic}: message {numbers[error.row]} does not fit its definition ({error})",
                 hint="the recording is damaged there, or its definition is not the one it was written with",
             ) from error

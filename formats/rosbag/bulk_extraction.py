@@ -62,9 +62,9 @@ def gather(
     What `decoder.extract` returns for the same messages, decoded, of which there is at least one;
     UnevenError where that cannot be.
     """
-    cursor = _Cursor(
-        definition, messages, {name for leaf, request in wanted for name in _needs(leaf, request)}
-    )
+    needed = {leaf.name for leaf, _ in wanted}
+    needed |= {_names_of(leaf) for leaf, request in wanted if isinstance(request.key, str)}
+    cursor = _Cursor(definition, messages, needed)
     return [cursor.values(leaf, request) for leaf, request in wanted]
 
 
@@ -79,10 +79,6 @@ def elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -
     wanted = {name for leaf in lists for name in (leaf.name, _names_of(leaf)) if name}
     cursor = _Cursor(definition, message, wanted)
     return [cursor.elements(leaf) for leaf in lists]
-
-
-def _needs(leaf: Leaf, request: FieldRequest) -> list[str]:
-    return [leaf.name, _names_of(leaf)] if isinstance(request.key, str) else [leaf.name]
 
 
 def _names_of(leaf: Leaf) -> str:

@@ -63,6 +63,8 @@ class Container:
         self._readers: list[tuple[Reader, dict[int, int]]] = []
         try:
             self._recording = Recording(path, kind, self._stack, salvage=salvage)
+            #: What a person should know about which files were read.
+            self.remarks = self._recording.remarks
             for reader in self._opened():
                 places = {
                     connection.id: place
@@ -91,11 +93,6 @@ class Container:
             raise damaged(
                 self.path, self.kind, TooMuchError(f"its message definitions have more than {most}")
             )
-
-    @property
-    def remarks(self) -> list[str]:
-        """What a person should know about which files were read."""
-        return self._recording.remarks
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
         """Read the messages of some connections, file after file.
@@ -187,7 +184,13 @@ class Container:
         """Open what is left of a file."""
         name = self._recording.name(file)
         check(file, self.kind, name, salvage=True)
-        reader = _salvaged(file, self.kind)
+        reader: SalvagedFile
+        if self.kind == "db3":
+            from formats.rosbag.storage.salvaged_db3 import SalvagedDb3
+
+            reader = SalvagedDb3(file)
+        else:
+            reader = of_records(file, self.kind)
         try:
             reader.open()
         except OSError:
@@ -232,17 +235,8 @@ def _reader(file: Path, kind: str) -> Reader:
     return Db3File(file)
 
 
-def _salvaged(file: Path, kind: str) -> SalvagedFile:
-    """Return what reads one damaged file, not opened yet."""
-    if kind == "db3":
-        from formats.rosbag.storage.salvaged_db3 import SalvagedDb3
-
-        return SalvagedDb3(file)
-    return of_records(file, kind)
-
-
 def of_records(file: Path, kind: str) -> RecordFile:
-    """Return the same of an MCAP or ROS 1 file, which may still be written."""
+    """Return what reads a damaged MCAP or ROS 1 file, or one that is still written; not opened yet."""
     if kind == "ros1":
         from formats.rosbag.storage.salvaged_ros1 import SalvagedRos1
 

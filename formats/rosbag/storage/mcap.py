@@ -141,22 +141,18 @@ class McapFile(McapReader):
         joined: list[tuple[bytes, list[int]]] = []
         # Topics read by turns would disturb each other in one file, which has one position.
         with self.path.open("rb") as file:
-            stretches = _stretches(file, self.data_start, self.data_end, size)
-            while True:
-                try:
-                    stretch = next(stretches, None)
-                except DAMAGE:
-                    yield self._gathered(joined, wanted, done)
-                    raise
-                if stretch is not None:
+            try:
+                for stretch in _stretches(file, self.data_start, self.data_end, size):
                     joined.append(stretch)
                     length += len(stretch[0])
-                if stretch is None or length >= size:
-                    yield self._gathered(joined, wanted, done)
-                    done += sum(len(places) for _, places in joined)
-                    joined, length = [], 0
-                if stretch is None:
-                    return
+                    if length >= size:
+                        yield self._gathered(joined, wanted, done)
+                        done += sum(len(places) for _, places in joined)
+                        joined, length = [], 0
+            except DAMAGE:
+                yield self._gathered(joined, wanted, done)
+                raise
+            yield self._gathered(joined, wanted, done)
 
     @staticmethod
     def _gathered(joined: Sequence[tuple[bytes, list[int]]], wanted: Collection[int], done: int) -> Run:

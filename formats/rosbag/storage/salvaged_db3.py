@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 _MOST_TABLES = 100
 _BLOCK = 1 << 20
-_COLUMNS = ("id", "topic_id", "timestamp", "data")
+_COLUMNS = ("topic_id", "timestamp", "data")
 
 
 class SalvagedDb3(SalvagedFile):
@@ -54,11 +54,8 @@ class SalvagedDb3(SalvagedFile):
 
     def open(self) -> None:
         """Find the readable pages; what a log beside the file holds is put into a copy first."""
-        beside = [
-            Path(f"{self.path}{ending}")
-            for ending in SIDE_FILES
-            if Path(f"{self.path}{ending}").is_file() and Path(f"{self.path}{ending}").stat().st_size
-        ]
+        files = [Path(f"{self.path}{ending}") for ending in SIDE_FILES]
+        beside = [file for file in files if file.is_file() and file.stat().st_size]
         damage = [f"the recording was not closed: messages were left in {file.name}" for file in beside]
         with contextlib.ExitStack() as stack:
             if beside:
@@ -165,9 +162,9 @@ class SalvagedDb3(SalvagedFile):
     def _messages(self, tables: dict[str, _Table], topics: set[int]) -> Index:
         """Return the rows of messages: topic, time, place of the record in the file, its size, number."""
         names = tables["messages"][1]
-        if not set(_COLUMNS[1:]) <= set(names):
+        if not set(_COLUMNS) <= set(names):
             raise BrokenPageError("its table of messages has other columns")
-        self._places = [names.index(name) for name in _COLUMNS[1:]]
+        self._places = [names.index(name) for name in _COLUMNS]
         self._width = len(names)
         own, orphans = self._leaves(tables)
         self._times = self._index(tables)
