@@ -83,9 +83,9 @@ def define(text: str, *, idl: bool) -> None:
         MessageDefinitionFormat,
     )
 
-    from formats.rosbag.decoding.decoder import Decoder, UndecodableError
-    from formats.rosbag.decoding.definitions import UnusableError
-    from formats.rosbag.decoding.definitions import define as find
+    from formats.rosbag.decoder import Decoder, UndecodableError
+    from formats.rosbag.definitions import UnusableError
+    from formats.rosbag.definitions import define as find
 
     kind = MessageDefinitionFormat.IDL if idl else MessageDefinitionFormat.MSG
     ext = ConnectionExtRosbag2("cdr", [])

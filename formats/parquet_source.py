@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager
+from functools import partial
 from pathlib import Path
-from queue import Empty, Queue
-from threading import Event
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import unquote
 
 import numpy as np
@@ -300,10 +300,6 @@ def _constant(value: str | None, rows: int, kind: Kind, names: Names) -> Column:
     return np.repeat(numbers(cells, ".")[0], rows)
 
 
-class _End(NamedTuple):
-    error: Exception | None
-
-
 @contextmanager
 def ahead(iterators: Sequence[Iterator[Item]], items: int) -> Iterator[list[Iterator[Item]]]:
     """Run through some iterators, each in a thread of its own.
@@ -311,36 +307,22 @@ def ahead(iterators: Sequence[Iterator[Item]], items: int) -> Iterator[list[Iter
     The items are the same, and the same errors come after them; of each iterator so many may wait to be
     taken. When the context ends, threads stop at the next item.
     """
-    over = Event()
-    rooms: list[Queue[Item | _End]] = [Queue(items) for _ in iterators]
-
-    def run(iterator: Iterator[Item], room: Queue[Item | _End]) -> None:
-        try:
-            for item in iterator:
-                room.put(item)
-                if over.is_set():
-                    return
-        except Exception as error:  # noqa: BLE001 - it is raised where items are taken
-            room.put(_End(error))
-        else:
-            room.put(_End(None))
-
-    with ThreadPoolExecutor(len(iterators)) as pool:
-        for iterator, room in zip(iterators, rooms, strict=True):
-            pool.submit(run, iterator, room)
-        try:
-            yield [_taken(room) for room in rooms]
-        finally:
-            over.set()
-            # A thread may wait for room.
-            for room in rooms:
-                with suppress(Empty):
-                    while True:
-                        room.get_nowait()
+    pools = [ThreadPoolExecutor(1) for _ in iterators]
+    try:
+        yield [_taken(pool, iterator, items) for pool, iterator in zip(pools, iterators, strict=True)]
+    finally:
+        for pool in pools:
+            pool.shutdown(cancel_futures=True)
 
 
-def _taken(room: Queue[Item | _End]) -> Iterator[Item]:
-    while not isinstance(item := room.get(), _End):
-        yield item
-    if item.error is not None:
-        raise item.error
+def _taken(pool: ThreadPoolExecutor, iterator: Iterator[Item], items: int) -> Iterator[Item]:
+    end = object()
+    read = partial(next, iterator, end)
+    # Begins at once, not when the first is asked for.
+    waiting = deque(pool.submit(read) for _ in range(items))
+
+    def take() -> Any:
+        waiting.append(pool.submit(read))
+        return waiting.popleft().result()
+
+    return iter(take, end)

@@ -25,7 +25,7 @@ from formats.errors import CannotWriteError
 from formats.output.whole_files import explained, replacing
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from types import TracebackType
 
     from numpy.typing import NDArray
@@ -65,7 +65,9 @@ def write_bag(topics: Sequence[Topic], destination: str, kind: str) -> None:
     with replacing(destination) as temporary, TemporaryDirectory(dir=Path(temporary).parent) as scratch:
         inner = Path(scratch) / _NAME
         if kind == "ros1":
-            _write_ros1(topics, inner)
+            store = get_typestore(Stores.ROS1_NOETIC)
+            with Ros1Writer(inner) as writer:
+                _add(writer, store, store.serialize_ros1, topics)
             written = inner
         else:
             _write_ros2(topics, inner, kind)
@@ -85,30 +87,29 @@ def _new_folder(destination: str) -> Iterator[Path]:
             (Path(scratch) / target.name).rename(target)
 
 
-def _write_ros1(topics: Sequence[Topic], path: Path) -> None:
-    store = get_typestore(Stores.ROS1_NOETIC)
-    _register(store, topics)
-    with Ros1Writer(path) as writer:
-        connections = [writer.add_connection(t.name, t.type, typestore=store) for t in topics]
-        for place, time, message in _messages(topics, store):
-            writer.write(connections[place], time, store.serialize_ros1(message, topics[place].type))
-
-
 def _write_ros2(topics: Sequence[Topic], path: Path, kind: str) -> None:
     with Ros2Writer(path, version=Ros2Writer.VERSION_LATEST, storage_plugin=_STORAGE[kind]) as writer:
-        _add(writer, get_typestore(Stores.ROS2_HUMBLE), topics)
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        _add(writer, store, store.serialize_cdr, topics)
 
 
-def _add(writer: Ros2Writer, store: Typestore, topics: Sequence[Topic]) -> None:
+def _add(
+    writer: Ros1Writer | Ros2Writer,
+    store: Typestore,
+    serialize: Callable[[object, str], bytes | memoryview],
+    topics: Sequence[Topic],
+) -> None:
     """Write messages, of topics that are there already or not."""
     there = {connection.topic: connection for connection in writer.connections}
-    _register(store, [topic for topic in topics if topic.type not in store.fielddefs])
+    for topic in topics:
+        if topic.definition and topic.type not in store.fielddefs:
+            store.register(get_types_from_msg(topic.definition, topic.type))
     for topic in topics:
         if topic.name not in there:
             there[topic.name] = writer.add_connection(topic.name, topic.type, typestore=store)
     for place, time, message in _messages(topics, store):
         topic = topics[place]
-        writer.write(there[topic.name], time, store.serialize_cdr(message, topic.type))
+        writer.write(there[topic.name], time, serialize(message, topic.type))
 
 
 class GrowingBag:
@@ -145,26 +146,13 @@ class GrowingBag:
     def add(self, topics: Sequence[Topic]) -> None:
         """Write messages as a chunk of their own, which can be read at once.
 
-        Parameters
-        ----------
-        topics : sequence of Topic
-            Of a name that was there before, with the same type.
-
-        Raises
-        ------
-        CannotWriteError
-            No space, for instance.
+        A topic of a name that was there before has the same type.
         """
         with explained(self._destination):
-            _add(self._writer, self._store, topics)
+            _add(self._writer, self._store, self._store.serialize_cdr, topics)
             storage: Any = self._writer.storage
             storage.close_chunk()
             storage.bio.flush()
-
-
-def _register(store: Typestore, topics: Sequence[Topic]) -> None:
-    for name, definition in {t.type: t.definition for t in topics if t.definition}.items():
-        store.register(get_types_from_msg(definition, name))
 
 
 def _messages(topics: Sequence[Topic], store: Typestore) -> Iterator[tuple[int, int, Any]]:

@@ -6,7 +6,7 @@ import sqlite3
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -18,7 +18,6 @@ from formats.output.common_forms import SITE_FRAME, is_wgs84, parse, unknown_crs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from typing import Literal
 
     from numpy.typing import NDArray
 
@@ -143,9 +142,8 @@ def _write_layer(layer: Layer, path: str, system: str, geometry: str) -> str | N
 
 def _styles(layer: Layer, kind: str | None) -> list[tuple[str, str, bool]]:
     """Return name, QML and whether it is the default of every style that a layer can have."""
-    if kind not in ("Point", "LineString"):
+    if kind not in _SYMBOLS:
         return []
-    kind = cast("Literal['Point', 'LineString']", kind)
     made = [(name, qml(name, layer.table[name].values.astype(np.float64), kind)) for name in layer.graduated]
     some = [(name, text) for name, text in made if text]
     return [(name, text, name == some[0][0]) for name, text in some]
@@ -181,8 +179,11 @@ def classes(values: NDArray[np.float64]) -> list[tuple[float, float]]:
     return list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
 
 
-def qml(column: str, values: NDArray[np.float64], kind: Literal["Point", "LineString"]) -> str | None:
-    """Write a style (QML of QGIS 3) that colours a layer by one of its columns, if that has numbers."""
+def qml(column: str, values: NDArray[np.float64], kind: str) -> str | None:
+    """Write a style (QML of QGIS 3) that colours a layer by one of its columns, if that has numbers.
+
+    `kind` is "Point" or "LineString".
+    """
     ranges = classes(values)
     if not ranges:
         return None
@@ -217,7 +218,7 @@ def qml(column: str, values: NDArray[np.float64], kind: Literal["Point", "LineSt
     )
 
 
-def _symbol(parent: ET.Element, name: str, colour: str, kind: Literal["Point", "LineString"]) -> None:
+def _symbol(parent: ET.Element, name: str, colour: str, kind: str) -> None:
     symbol_type, layer, colour_key, options = _SYMBOLS[kind]
     symbol = ET.SubElement(
         parent, "symbol", name=name, type=symbol_type, alpha="1", clip_to_extent="1", force_rhr="0"

@@ -46,10 +46,18 @@ def write_text(
         # A reader that does not know the name of a reference system takes the Earth's.
         check_crs(crs)
         features = (_feature(dict(zip(table, row, strict=True)), geometry) for row in _rows(table))
+        system = _system(crs)
         if kind == "geojson":
-            _write_collection(features, stream, _system(crs), layer)
+            stream.write(f'{{"type": "FeatureCollection", "name": {json.dumps(layer)}, ')
+            stream.writelines(f'"{name}": {json.dumps(value)}, ' for name, value in system.items())
+            stream.write('"features": ')
+            _write_list(stream, features)
+            stream.write("}\n")
         else:
-            _write_sequence(features, stream, _system(crs), _SEPARATORS[kind])
+            # There is nothing around the features that could name the reference system for all of them.
+            for feature in features:
+                text = json.dumps({**feature, **system}, ensure_ascii=False, allow_nan=False)
+                stream.write(f"{_SEPARATORS[kind]}{text}\n")
 
 
 def _guarded(cells: Cells) -> Cells:
@@ -64,28 +72,6 @@ def _system(crs: str | None) -> dict[str, Any]:
     if crs is not None and is_wgs84(crs):
         return {}
     return {"crs": {"type": "name", "properties": {"name": SITE_FRAME if crs is None else urn(crs)}}}
-
-
-def _write_collection(
-    features: Iterator[dict[str, Any]], stream: TextIO, system: dict[str, Any], layer: str
-) -> None:
-    stream.write(f'{{"type": "FeatureCollection", "name": {json.dumps(layer)}, ')
-    stream.writelines(f'"{name}": {json.dumps(value)}, ' for name, value in system.items())
-    stream.write('"features": ')
-    _write_list(stream, features)
-    stream.write("}\n")
-
-
-def _write_sequence(
-    features: Iterator[dict[str, Any]], stream: TextIO, system: dict[str, Any], separator: str
-) -> None:
-    """Write one feature in each line.
-
-    There is nothing around the features that could name the reference system for all of them.
-    """
-    for feature in features:
-        text = json.dumps({**feature, **system}, ensure_ascii=False, allow_nan=False)
-        stream.write(f"{separator}{text}\n")
 
 
 def _rows(table: Table) -> Iterator[tuple[Any, ...]]:

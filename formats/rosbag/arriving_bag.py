@@ -9,20 +9,19 @@ from typing import TYPE_CHECKING
 from formats.errors import NotFoundError
 from formats.rosbag.bag_files import check, damaged
 from formats.rosbag.bag_source import BagSource, Reading
-from formats.rosbag.containers import Container
-from formats.rosbag.decoding.decoder import Decodable
-from formats.rosbag.decoding.definitions import UnusableError
+from formats.rosbag.containers import Container, of_records
+from formats.rosbag.decoder import Decodable
+from formats.rosbag.definitions import UnusableError
 from formats.rosbag.storage.chunks import RUN_BYTES
-from formats.rosbag.storage.growing_db3 import GrowingDb3
+from formats.rosbag.storage.db3 import GrowingDb3
 from formats.rosbag.storage.raw_messages import DAMAGE
-from formats.salvage import of_records
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from formats.rosbag.containers import Reader
     from formats.rosbag.storage.chunks import Run
-    from formats.salvage.record_file import RecordFile
+    from formats.rosbag.storage.record_file import RecordFile
     from formats.table import Batch
 
 #: Log times in ns from which the topics are told: one that has a message each second is among them. If one

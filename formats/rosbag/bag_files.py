@@ -55,20 +55,17 @@ def check(path: Path, kind: str, name: str, *, salvage: bool = False) -> None:
         raise DamagedError(name, f"cut off after {len(head)} bytes", hint="copy or record it again")
     if not head.startswith(magic):
         older = head.startswith(b"#ROSBAG V")
-        raise DamagedError(
-            name,
-            f"is not {TITLES[kind]}: it begins with {head[:13]!r}",
-            hint="play it and record it again with ROS 1"
-            if older
-            else "check that this is the file you meant",
-        )
+        hint = "play it and record it again with ROS 1" if older else "check that this is the file you meant"
+        raise DamagedError(name, f"is not {TITLES[kind]}: it begins with {head[:13]!r}", hint=hint)
     if salvage:
         return
     if kind == "ros1":
         _check_ros1(name, head, size)
     elif kind == "mcap":
         _check_profile(name, head)
-        _check_mcap(name, tail, size)
+        if tail != magic:
+            cut = f"cut off at byte {size:,}: the end of the file and with it the index are missing"
+            raise DamagedError(name, cut, hint=HINTS["mcap"])
     else:
         _check_db3(path, name, head, size)
 
@@ -79,25 +76,15 @@ def _check_ros1(name: str, head: bytes, size: int) -> None:
     if at < len(key) or len(head) < at + width:
         raise DamagedError(name, f"cut off after {size} bytes, in its header", hint=HINTS["ros1"])
     (index,) = struct.unpack_from("<Q", head, at)
+    wrong = ""
     if index == 0:
-        raise DamagedError(
-            name, "its index is missing: the recording was not closed properly", hint=HINTS["ros1"]
+        wrong = "its index is missing: the recording was not closed properly"
+    elif index >= size:
+        wrong = (
+            f"cut off: its index is missing (it should begin at byte {index:,}, the file ends at {size:,})"
         )
-    if index >= size:
-        raise DamagedError(
-            name,
-            f"cut off: its index is missing (it should begin at byte {index:,}, the file ends at {size:,})",
-            hint=HINTS["ros1"],
-        )
-
-
-def _check_mcap(name: str, tail: bytes, size: int) -> None:
-    if tail != MAGIC["mcap"]:
-        raise DamagedError(
-            name,
-            f"cut off at byte {size:,}: the end of the file and with it the index are missing",
-            hint=HINTS["mcap"],
-        )
+    if wrong:
+        raise DamagedError(name, wrong, hint=HINTS["ros1"])
 
 
 def _check_profile(name: str, head: bytes) -> None:
@@ -125,11 +112,8 @@ def _check_db3(path: Path, name: str, head: bytes, size: int) -> None:
         beside = path.with_name(path.name + ending)
         if beside.exists() and beside.stat().st_size > 0:
             finish = f"sqlite3 {shlex.quote(str(path))} 'PRAGMA journal_mode=DELETE'"
-            raise DamagedError(
-                name,
-                f"the recording was not closed: messages are left in {beside.name}",
-                hint=f"{HINT}, or finish it once with: {finish}",
-            )
+            wrong = f"the recording was not closed: messages are left in {beside.name}"
+            raise DamagedError(name, wrong, hint=f"{HINT}, or finish it once with: {finish}")
 
 
 def damaged(name: str, kind: str, error: Exception) -> DamagedError:

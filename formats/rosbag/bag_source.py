@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,10 +11,9 @@ import numpy as np
 
 from formats.errors import DamagedError, FormatError
 from formats.rosbag.containers import Container
-from formats.rosbag.decoding.decoder import Decodable, Decoder, UndecodableError
-from formats.rosbag.decoding.definitions import STAMP as HEADER_STAMP
-from formats.rosbag.decoding.definitions import UnusableError, define
-from formats.rosbag.decoding.plain_extraction import NAT, FieldRequest, labels
+from formats.rosbag.decoder import Decodable, Decoder, UndecodableError, labels
+from formats.rosbag.definitions import NAT, FieldRequest, UnusableError, define
+from formats.rosbag.definitions import STAMP as HEADER_STAMP
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.table import BATCH_ROWS, LOG_TIME, STAMP, Field, Source, Stream
 
@@ -24,9 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rosbags.interfaces import Connection
 
-    from formats.rosbag.decoding.bulk_extraction import Elements
-    from formats.rosbag.decoding.definitions import Leaf
-    from formats.rosbag.decoding.plain_extraction import Values
+    from formats.rosbag.bulk_extraction import Elements
+    from formats.rosbag.definitions import Leaf, Values
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Messages
     from formats.table import Batch
@@ -36,27 +34,23 @@ _ZERO = np.datetime64(0, "ns")
 MOST_ELEMENTS = 256
 
 
+@dataclass(eq=False)
 class Reading:
     """The columns of one topic, collected until they fill a batch; decoders are by connection."""
 
-    def __init__(
-        self,
-        path: str,
-        stream: Stream,
-        decoders: dict[int, Decoder],
-        requests: Sequence[FieldRequest],
-        batch_rows: int,
-    ) -> None:
-        self.topic = stream.topic
-        self._path = path
-        self._stream = stream
-        self.decoders = decoders
-        self._requests = [*requests, FieldRequest(STAMP, HEADER_STAMP, "time")]
-        self._absent = {request.asked: request for request in requests if request.key is not None}
-        self._batch_rows = batch_rows
+    path: str
+    stream: Stream
+    decoders: dict[int, Decoder]
+    asked: Sequence[FieldRequest]
+    batch_rows: int
+
+    def __post_init__(self) -> None:
+        self.topic = self.stream.topic
+        self._requests = [*self.asked, FieldRequest(STAMP, HEADER_STAMP, "time")]
+        self._absent = {request.asked: request for request in self.asked if request.key is not None}
         #: Which of two messages logged at one time comes first is for rosbags a matter of their
         #: connections in ROS 1, of their place in the file in ROS 2.
-        self._ties_by_connection = any(decoder.definition.ros1 for decoder in decoders.values())
+        self._ties_by_connection = any(decoder.definition.ros1 for decoder in self.decoders.values())
         self._done = 0
         #: Log times and columns that are not in a batch yet.
         self._waiting: list[list[Values]] = []
@@ -68,8 +62,8 @@ class Reading:
             yield run
             return
         for place, messages in run.items():
-            for begin in range(0, len(messages), self._batch_rows):
-                yield {place: messages.take(slice(begin, begin + self._batch_rows))}
+            for begin in range(0, len(messages), self.batch_rows):
+                yield {place: messages.take(slice(begin, begin + self.batch_rows))}
 
     def add(self, run: Run) -> None:
         """Decode messages of each connection, and put them in the order of their log times."""
@@ -94,23 +88,23 @@ class Reading:
 
     def batches(self, *, last: bool = False) -> Iterator[Batch]:
         """Yield the batches that are full; the `last` time also the rest."""
-        if self._rows >= self._batch_rows or (last and self._rows):
+        if self._rows >= self.batch_rows or (last and self._rows):
             columns = [
                 np.concatenate(parts) if len(parts) > 1 else parts[0]
                 for parts in zip(*self._waiting, strict=True)
             ]
-            full = self._rows if last else self._rows - self._rows % self._batch_rows
-            for begin in range(0, full, self._batch_rows):
-                yield self._batch([column[begin : min(begin + self._batch_rows, full)] for column in columns])
+            full = self._rows if last else self._rows - self._rows % self.batch_rows
+            for begin in range(0, full, self.batch_rows):
+                yield self._batch([column[begin : min(begin + self.batch_rows, full)] for column in columns])
             self._rows -= full
             self._waiting = [[column[full:].copy() for column in columns]] if self._rows else []
 
     def check(self) -> None:
         """Refuse an element that no message had."""
         for request in self._absent.values() if self._done else ():
-            elements = next(field.elements for field in self._stream.fields if field.name == request.field)
+            elements = next(field.elements for field in self.stream.fields if field.name == request.field)
             raise FormatError(
-                self._path,
+                self.path,
                 f"{self.topic}: no message has the element {request.key!r} of {request.field}",
                 hint=nearest(str(request.key), elements, "elements"),
             )
@@ -128,7 +122,7 @@ class Reading:
             found = self.decoders[place].columns(messages, self._requests)
         except UndecodableError as error:
             raise DamagedError(
-                self._path,
+                self.path,
                 f"{self.topic}: message {numbers[error.row]} does not fit its definition ({error})",
                 hint="the recording is damaged there, or its definition is not the one it was written with",
             ) from error
@@ -147,14 +141,16 @@ def nearest(name: str, choices: Iterable[str], what: str) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass
 class _Topic:
     """The connections that carry one topic, by their place in the container."""
 
-    stream: Stream
-    decoders: dict[int, Decoder]
-    unusable: dict[int, str]
-    names: dict[str, frozenset[str]]  # The names of the elements of each list, where they have names
+    places: list[int] = field(default_factory=list)
+    decoders: dict[int, Decoder] = field(default_factory=dict)
+    unusable: dict[int, str] = field(default_factory=dict)  # Why others have none
+    stream: Stream = field(init=False)
+    #: The names of the elements of each list, where they have names.
+    names: dict[str, frozenset[str]] = field(init=False)
 
 
 class BagSource(Source):
@@ -179,69 +175,49 @@ class BagSource(Source):
 
     @cached_property
     def _topics(self) -> dict[str, _Topic]:
-        places: dict[str, list[int]] = {}
+        topics: dict[str, _Topic] = {}
         for place, connection in enumerate(self._container.connections):
-            places.setdefault(connection.topic, []).append(place)
-        made = {name: self._decoders_of(name, of_topic) for name, of_topic in places.items()}
-        elements = self._elements({name: decoders for name, (decoders, _) in made.items()})
-        topics = {name: self._topic(name, places[name], *made[name], elements[name]) for name in made}
-        for origin in ("ROS 1 Noetic", "ROS 2 Humble"):
-            types = {
-                decoder.definition.type
-                for topic in topics.values()
-                for decoder in topic.decoders.values()
-                if decoder.definition.origin == origin
-            }
-            if types:
-                self.remarks.append(
-                    f"no definition in the file of {', '.join(sorted(types))}: read as {origin} defines it"
-                )
+            topic = topics.setdefault(connection.topic, _Topic())
+            topic.places.append(place)
+            try:
+                topic.decoders[place] = self._decoder(connection)
+            except UnusableError as error:
+                topic.unusable[place] = f"{connection.msgtype}: {error}"
+        for name, topic in topics.items():
+            reasons = sorted(set(topic.unusable.values()))
+            self.remarks += [f"{name} cannot be read: {reason}" for reason in reasons]
+        elements = self._elements({name: topic.decoders for name, topic in topics.items()})
+        for name, topic in topics.items():
+            topic.stream = self._stream(name, topic, elements[name])
+            topic.names = {of: frozenset(texts) for of, (texts, named) in elements[name].items() if named}
+        standard = [one.definition for one in self._decoders.values() if one.definition.origin]
+        if standard:
+            types, origin = ", ".join(sorted({one.type for one in standard})), standard[0].origin
+            self.remarks.append(f"no definition in the file of {types}: read as {origin} defines it")
         return topics
 
-    def _decoders_of(self, name: str, places: list[int]) -> tuple[dict[int, Decoder], dict[int, str]]:
-        """Return the decoders of a topic's connections, and why others have none."""
-        connections = self._container.connections
-        decoders: dict[int, Decoder] = {}
-        unusable: dict[int, str] = {}
-        for place in places:
-            try:
-                decoders[place] = self._decoder(connections[place])
-            except UnusableError as error:
-                unusable[place] = f"{connections[place].msgtype}: {error}"
-        self.remarks += sorted({f"{name} cannot be read: {reason}" for reason in unusable.values()})
-        return decoders, unusable
-
-    def _topic(
-        self,
-        name: str,
-        places: list[int],
-        decoders: dict[int, Decoder],
-        unusable: dict[int, str],
-        elements: Mapping[str, Elements],
-    ) -> _Topic:
+    def _stream(self, name: str, topic: _Topic, elements: Mapping[str, Elements]) -> Stream:
         connections = self._container.connections
         leaves: dict[str, Leaf] = {}
-        for decoder in decoders.values():
+        for decoder in topic.decoders.values():
             for leaf in decoder.definition.leaves.values():
                 if leaves.setdefault(leaf.name, leaf).kind != leaf.kind:
                     self.remarks.append(
                         f"{name}: {leaf.name} is {leaves[leaf.name].kind} to one publisher and {leaf.kind}"
                         " to another; only the former is read"
                     )
-        start, end = self._container.span(places) or (None, None)
-        stream = Stream(
+        start, end = self._container.span(topic.places) or (None, None)
+        return Stream(
             topic=name,
-            type=connections[places[0]].msgtype,
+            type=connections[topic.places[0]].msgtype,
             fields=tuple(
                 Field(leaf.name, leaf.kind, elements.get(leaf.name, ((), False))[0][:MOST_ELEMENTS])
                 for leaf in leaves.values()
             ),
-            count=sum(connections[place].msgcount for place in places),
+            count=sum(connections[place].msgcount for place in topic.places),
             start=start,
             end=end,
         )
-        names = {field: frozenset(texts) for field, (texts, named) in elements.items() if named}
-        return _Topic(stream, decoders, unusable, names)
 
     def _decoder(self, connection: Connection) -> Decoder:
         """Return the decoder of a type; wheels of one kind often have a topic each."""

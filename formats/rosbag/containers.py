@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import weakref
 from contextlib import ExitStack, suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
-
-import numpy as np
 
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMuchError
 from formats.recovery import Recovery
 from formats.rosbag.bag_files import HINTS, Recording, check, damaged
 from formats.rosbag.storage.chunks import RUN_BYTES
-from formats.rosbag.storage.raw_messages import of_payloads, unpack, unpacks
-from formats.salvage import salvaged
+from formats.rosbag.storage.raw_messages import CORRUPT, of_payloads, unpack
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -25,7 +21,8 @@ if TYPE_CHECKING:
 
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Messages
-    from formats.salvage.salvaged_file import SalvagedFile
+    from formats.rosbag.storage.record_file import RecordFile
+    from formats.rosbag.storage.salvaged_file import SalvagedFile
 
 #: What to do where not even salvage helps.
 LOST = "copy or record it again"
@@ -46,7 +43,7 @@ class Reader(Protocol):
     def close(self) -> None:
         """Close the file."""
 
-    def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
+    def runs(self, wanted: Collection[int], size: int) -> Iterator[Run]:
         """Yield the messages of some connections, in the order of their log times."""
 
 
@@ -66,6 +63,8 @@ class Container:
         self._readers: list[tuple[Reader, dict[int, int]]] = []
         try:
             self._recording = Recording(path, kind, self._stack, salvage=salvage)
+            #: What a person should know about which files were read.
+            self.remarks = self._recording.remarks
             for reader in self._opened():
                 places = {
                     connection.id: place
@@ -94,11 +93,6 @@ class Container:
             raise damaged(
                 self.path, self.kind, TooMuchError(f"its message definitions have more than {most}")
             )
-
-    @property
-    def remarks(self) -> list[str]:
-        """What a person should know about which files were read."""
-        return self._recording.remarks
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
         """Read the messages of some connections, file after file.
@@ -135,16 +129,17 @@ class Container:
     def _decompressed(self, messages: Messages, allowance: Allowance) -> Messages:
         if not self._recording.compressed_messages:
             return messages
-        if self.recovery is not None:
-            messages = self._unpackable(messages)
-        payloads = [unpack(messages.payload(row), "zstd") for row in range(len(messages))]
+        rows, payloads = [], []
+        for row in range(len(messages)):
+            try:
+                payloads.append(unpack(messages.payload(row), "zstd"))
+            except CORRUPT:
+                if self.recovery is None:
+                    raise
+            else:
+                rows.append(row)
         allowance.take(sum(map(len, payloads)))
-        return replace(of_payloads(payloads), times=messages.times, order=messages.order)
-
-    def _unpackable(self, messages: Messages) -> Messages:
-        """Leave out what is packed, and damaged."""
-        right = [row for row in range(len(messages)) if unpacks(messages.payload(row), "zstd")]
-        return messages.take(np.array(right, dtype=np.int64))
+        return of_payloads(payloads, messages.times[rows], messages.order[rows])
 
     def span(self, wanted: Collection[int]) -> tuple[int, int] | None:
         """Return first and last log time of some connections in ns, if the indexes tell them."""
@@ -189,7 +184,13 @@ class Container:
         """Open what is left of a file."""
         name = self._recording.name(file)
         check(file, self.kind, name, salvage=True)
-        reader = salvaged(file, self.kind)
+        reader: SalvagedFile
+        if self.kind == "db3":
+            from formats.rosbag.storage.salvaged_db3 import SalvagedDb3
+
+            reader = SalvagedDb3(file)
+        else:
+            reader = of_records(file, self.kind)
         try:
             reader.open()
         except OSError:
@@ -232,3 +233,14 @@ def _reader(file: Path, kind: str) -> Reader:
     from formats.rosbag.storage.db3 import Db3File
 
     return Db3File(file)
+
+
+def of_records(file: Path, kind: str) -> RecordFile:
+    """Return what reads a damaged MCAP or ROS 1 file, or one that is still written; not opened yet."""
+    if kind == "ros1":
+        from formats.rosbag.storage.salvaged_ros1 import SalvagedRos1
+
+        return SalvagedRos1(file)
+    from formats.rosbag.storage.salvaged_mcap import SalvagedMcap
+
+    return SalvagedMcap(file)

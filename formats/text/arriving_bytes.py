@@ -44,13 +44,14 @@ class ArrivingBytes:
     def __iter__(self) -> Iterator[bytes]:
         """Yield blocks as they arrive, empty ones while nothing does."""
         with self._opened() as descriptor:
-            grows = self._path != "-" and stat.S_ISREG(os.fstat(descriptor).st_mode)
-            last, changed = time.monotonic(), self._changed(grows=grows)
+            #: It is a file, which may become longer.
+            self._grows = self._path != "-" and stat.S_ISREG(os.fstat(descriptor).st_mode)
+            last, changed = time.monotonic(), self._changed()
             while True:
-                block = self._next(descriptor, grows=grows)
+                block = self._next(descriptor)
                 if block is None:
                     return
-                if block or changed != (changed := self._changed(grows=grows)):
+                if block or changed != (changed := self._changed()):
                     last = time.monotonic()
                 elif self.stopped:
                     break
@@ -58,21 +59,21 @@ class ArrivingBytes:
                     self.idled = True
                     return
                 yield block
-            yield from self._left(descriptor, grows=grows)
+            yield from self._left(descriptor)
 
-    def _next(self, descriptor: int, *, grows: bool) -> bytes | None:
+    def _next(self, descriptor: int) -> bytes | None:
         """Wait for a block; empty where none came, None at the end."""
         ready, _, _ = select.select(
-            [self._stop, *([] if grows else [descriptor])], [], [], 0 if grows else _LOOK
+            [self._stop, *([] if self._grows else [descriptor])], [], [], 0 if self._grows else _LOOK
         )
         self.stopped = self._stop in ready
-        if self.stopped or not (grows or ready):
+        if self.stopped or not (self._grows or ready):
             return b""
         try:
             block = os.read(descriptor, _BLOCK)
         except BlockingIOError:
             return b""
-        if block or not grows:
+        if block or not self._grows:
             return block or None
         if os.lseek(descriptor, 0, os.SEEK_CUR) > os.fstat(descriptor).st_size:
             raise FormatError(self.label, "became shorter while it was followed", hint="follow the new file")
@@ -80,15 +81,15 @@ class ArrivingBytes:
         self.stopped = bool(ready)
         return b""
 
-    def _changed(self, *, grows: bool) -> list[int]:
+    def _changed(self) -> list[int]:
         """Return when a file was changed, and what SQLite keeps beside it: it need not become longer."""
-        files = [self._path, *(f"{self._path}{ending}" for ending in SIDE_FILES)] if grows else []
+        files = [self._path, *(f"{self._path}{ending}" for ending in SIDE_FILES)] if self._grows else []
         return [os.stat(file).st_mtime_ns for file in files if os.path.exists(file)]  # noqa: PTH110, PTH116
 
-    def _left(self, descriptor: int, *, grows: bool) -> Iterator[bytes]:
+    def _left(self, descriptor: int) -> Iterator[bytes]:
         """Yield what had arrived when somebody asked to end."""
         size = 0
-        while size < _LEFT and (grows or select.select([descriptor], [], [], 0)[0]):
+        while size < _LEFT and (self._grows or select.select([descriptor], [], [], 0)[0]):
             try:
                 block = os.read(descriptor, _BLOCK)
             except BlockingIOError:

@@ -254,25 +254,18 @@ class DelimitedSource(Source):
         return [kind or "number" for kind in kinds]
 
 
+@dataclass
 class _Mending:
     """Puts rows with too few fields back in their places, filled up; counts those with too many."""
 
-    def __init__(
-        self,
-        path: str,
-        dialect: Dialect,
-        places: list[int],
-        uneven: list[tuple[int, str]],
-        findings: _Findings,
-    ) -> None:
-        self.row = dialect.first_row
-        self.skipped = 0
-        self._path = path
-        self._dialect = dialect
-        self._places = places
-        self._uneven = uneven
-        self._findings = findings
-        self._first = self.row
+    path: str
+    dialect: Dialect
+    places: list[int]
+    uneven: list[tuple[int, str]]
+    findings: _Findings
+
+    def __post_init__(self) -> None:
+        self.row, self.skipped = self.dialect.first_row, 0
 
     def __call__(
         self, block: list[pa.Array], *, last: bool = False, cut: bool = False
@@ -284,7 +277,7 @@ class _Mending:
         """
         count = len(block[0])
         here = 0
-        while here < len(self._uneven) and (last or self._number(here) - self.row - here < count):
+        while here < len(self.uneven) and (last or self._number(here) - self.row - here < count):
             here += 1
         rows = np.arange(self.row, self.row + count + here)
         self.row += len(rows)
@@ -293,34 +286,34 @@ class _Mending:
         even = np.delete(rows, [self._number(j) - rows[0] for j in range(here)])
         mended: list[tuple[int, list[str]]] = []
         for j in range(here):
-            fields = self._fields(self._number(j), self._uneven[j][1], cut=cut and j == here - 1)
+            fields = self._fields(self._number(j), self.uneven[j][1], cut=cut and j == here - 1)
             if fields:
                 mended.append((self._number(j), fields))
-        del self._uneven[:here]
+        del self.uneven[:here]
         added = np.array([number for number, _ in mended], dtype=np.int64)
         rows = np.concatenate([even, added])
         order = np.argsort(rows, kind="stable")
         filled = [
             pa.concat_arrays([cells, self._cells(place, mended)]).take(pa.array(order))
-            for cells, place in zip(block, self._places, strict=True)
+            for cells, place in zip(block, self.places, strict=True)
         ]
         return rows[order], filled
 
     def _number(self, j: int) -> int:
         # The parser counts the rows of data from 1.
-        return self._first - 1 + self._uneven[j][0]
+        return self.dialect.first_row - 1 + self.uneven[j][0]
 
     def _fields(self, row: int, text: str, *, cut: bool) -> list[str]:
         """Split an uneven row; nothing where it is set aside."""
         if not text.strip():
             return []
-        fields = split_line(text, self._dialect.delimiter)
-        width = len(self._dialect.names)
+        fields = split_line(text, self.dialect.delimiter)
+        width = len(self.dialect.names)
         while len(fields) > width and not fields[-1].strip():
             fields.pop()
         if cut and len(fields) < width:
             what = f"cut off in row {row}: its last row has {len(fields)} of {width} fields"
-            raise DamagedError(self._path, what, hint=HINT)
+            raise DamagedError(self.path, what, hint=HINT)
         if len(fields) > width:
             self._note(
                 "long", f"row {row} has {len(fields)} fields where the header names {width}: set aside"
@@ -332,7 +325,7 @@ class _Mending:
         return fields
 
     def _note(self, key: str, first: str) -> None:
-        self._findings.setdefault(("rows", key), _Finding(first, "rows")).count += 1
+        self.findings.setdefault(("rows", key), _Finding(first, "rows")).count += 1
 
     @staticmethod
     def _cells(place: int, mended: list[tuple[int, list[str]]]) -> pa.Array:

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
 
-from formats.rosbag.decoding.definitions import CODES, DURATION, FILLER, TIME
+from formats.rosbag.definitions import CODES, DURATION, FILLER, TIME
 
 NAMES = ("fl", "fr", "rl", "rr", "ä", "")
 INTEGERS = [base for base in CODES if base not in {"bool", "float32", "float64"}]

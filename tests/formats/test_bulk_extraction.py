@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from profiles import examples
 from rosbags.typesys import Stores, get_typestore
 
-from formats.rosbag.decoding.bulk_extraction import UnevenError, gather
-from formats.rosbag.decoding.decoder import Decoder, UndecodableError
-from formats.rosbag.decoding.definitions import Definition, find_leaves
-from formats.rosbag.decoding.plain_extraction import FieldRequest, extract
+from formats.rosbag.bulk_extraction import UnevenError, gather
+from formats.rosbag.decoder import Decoder, UndecodableError, extract
+from formats.rosbag.definitions import Definition, FieldRequest, find_leaves
 from formats.rosbag.storage.raw_messages import of_payloads
 
 

@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typest
 from salvage_cases import opened, samples, write
 
 from formats import DamagedError, FormatError, content, limits, open_source
-from formats.rosbag.decoding.definition_texts import msg_text, plain_types
+from formats.rosbag.definition_texts import msg_text, plain_types
 from formats.rosbag.storage.raw_messages import unpack, zstd
 
 salvage = pytest.mark.parametrize("salvage", [True, False])

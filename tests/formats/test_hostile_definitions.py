@@ -7,8 +7,8 @@ import struct
 import pytest
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
-from formats.rosbag.decoding.decoder import Decoder, UndecodableError
-from formats.rosbag.decoding.definitions import FILLER, UnusableError, define
+from formats.rosbag.decoder import Decoder, UndecodableError
+from formats.rosbag.definitions import FILLER, UnusableError, define
 
 pytestmark = pytest.mark.usefixtures("soon")
 

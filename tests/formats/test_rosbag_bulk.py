@@ -22,9 +22,8 @@ from test_bulk_extraction import requests
 
 from formats.errors import FormatError
 from formats.rosbag import BagSource
-from formats.rosbag.decoding.decoder import Decoder
-from formats.rosbag.decoding.definitions import define
-from formats.rosbag.decoding.plain_extraction import extract
+from formats.rosbag.decoder import Decoder, extract
+from formats.rosbag.definitions import define
 from formats.rosbag.storage import chunks, mcap, ros1
 from formats.table import LOG_TIME, Labels
 

@@ -99,7 +99,7 @@ def runs(
     kept: Run = {}
     joined: list[_Unpacked] = []
     length = 0
-    unpacked = _unpacked(file, [(rank, chunk) for _, rank, chunk in chosen], ahead=size > 1)
+    unpacked = _unpacked(file, [chunk for _, _, chunk in chosen], ahead=size > 1)
     allowance = Allowance(os.fstat(file.fileno()).st_size)
     for (first, rank, chunk), horizon in zip(chosen, [*horizons, None], strict=True):
         try:
@@ -117,18 +117,16 @@ def runs(
     yield _locate(file, joined, kept, wanted, layout)
 
 
-def _unpacked(
-    file: BinaryIO, chunks: Sequence[tuple[int, Chunk]], *, ahead: bool
-) -> Iterator[bytes | memoryview]:
+def _unpacked(file: BinaryIO, chunks: Sequence[Chunk], *, ahead: bool) -> Iterator[bytes | memoryview]:
     """Yield the contents of chunks; some are decompressed ahead, where that is what takes the time."""
-    if not (ahead and any(chunk.slow for _, chunk in chunks)):
-        for _, chunk in chunks:
+    if not (ahead and any(chunk.slow for chunk in chunks)):
+        for chunk in chunks:
             yield chunk.unpack(_read(file, chunk.position, chunk.stored))
         return
     threads = min(_MOST_THREADS, os.cpu_count() or 1)
     with ThreadPoolExecutor(threads) as pool:
         waiting: deque[Any] = deque()
-        for _, chunk in chunks:
+        for chunk in chunks:
             # Reading stays in this thread, for the file has one position.
             waiting.append(pool.submit(chunk.unpack, _read(file, chunk.position, chunk.stored)))
             if len(waiting) > threads:

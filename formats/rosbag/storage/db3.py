@@ -2,38 +2,59 @@
 
 Read here rather than with rosbags: its reader refuses a whole file when one of its types has
 no definition, as ROS 2 records them, and cannot open a path with ``?``, ``#`` or ``%`` in it.
+
+A recorder that goes on writing a file never has to wait. With a write-ahead log a reader locks nothing that
+a writer needs. Without one, its lock would make the next commit fail, and recorders do not try again: the
+file is then read without any lock, as it is between two commits. That nobody wrote meanwhile is seen from
+the lock of the writer, and from the count of its commits.
 """
 
 from __future__ import annotations
 
+import os
 import re
 import sqlite3
-from contextlib import suppress
+import struct
+import sys
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import MessageDefinition
 
+from formats.content import SIDE_FILES
 from formats.copies import named
 from formats.limits import CHUNK_BYTES, TooMuchError
+from formats.recovery import Recovery
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.db3_rows import Leaves
-from formats.rosbag.storage.raw_messages import astray, collected
+from formats.rosbag.storage.raw_messages import FORMATS, NO_DEFINITION, astray, collected, ros2_connection
 from formats.sqlite_pages import BrokenPageError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
-    from io import BufferedReader
+
+    from rosbags.interfaces import Connection
 
     from formats.rosbag.storage.chunks import Run
 
-_UNKNOWN = MessageDefinition(MessageDefinitionFormat.NONE, "")
 #: Name, type and place in the key of the columns that `Leaves` reads.
 _PLAIN = [("id", "INTEGER", 1), ("topic_id", "INTEGER", 0), ("timestamp", "INTEGER", 0), ("data", "BLOB", 0)]
 #: Log times and keys are compared with their index by one sum, of what is left over these.
 _PRIMES = 1_000_003, 1_009
-FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+#: Header of the file: its version of reading, 2 with a write-ahead log, and the count of commits.
+_HEADER, _VERSION, _COMMITS = 100, 19, slice(24, 28)
+#: Bytes that SQLite locks (https://www.sqlite.org/lockingv3.html): to write at all, and to write the file.
+_RESERVED, _SHARED = (0x40000001, 1), (0x40000002, 510)
+#: `struct flock` of Linux: kind, whence, first byte, length, process.
+_LOCK = struct.Struct("@hhqqi")
+#: How a journal begins that is not yet done with.
+_JOURNAL = bytes.fromhex("d9d505f920a163d7")
+#: Looks in which a journal stands without its writer: one may fall between two commits.
+_DEAD = 5
+#: Rows in one question.
+_ROWS = 5_000
 
 
 class Db3File:
@@ -44,18 +65,16 @@ class Db3File:
         self.connections: list[Connection] = []
         #: First and last log time of each connection that has messages, by its id.
         self.spans: dict[int, tuple[int, int]] = {}
-        self._database: sqlite3.Connection | None = None
-        self._file: BufferedReader | None = None
         self._leaves: Leaves | None = None
+        self._opened = ExitStack()
+        #: Closes what is open.
+        self.close = self._opened.close
 
     def open(self) -> None:
         """Read what topics there are."""
         # immutable: SQLite must neither wait for locks nor write anything beside the user's file.
-        # The garbage collector may close it from any thread.
         with named(str(self.path)) as path:
-            self._database = sqlite3.connect(
-                f"{Path(path).absolute().as_uri()}?immutable=1", uri=True, check_same_thread=False
-            )
+            self._database = self._opened.enter_context(closing(_connected(path, "immutable=1")))
             # Without a question it does not open the file.
             with suppress(sqlite3.Error, MemoryError):
                 self._database.execute("PRAGMA schema_version")
@@ -68,14 +87,6 @@ class Db3File:
         except BaseException:
             self.close()
             raise
-
-    def close(self) -> None:
-        if self._database is not None:
-            self._database.close()
-            self._database = self._leaves = None
-        if self._file is not None:
-            self._file.close()
-            self._file = None
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
         refuse_what_calculates(database)
@@ -117,16 +128,14 @@ class Db3File:
             return None
         ((root,),) = database.execute("SELECT rootpage FROM sqlite_master WHERE lower(name) = 'messages'")
         query = "SELECT data FROM messages WHERE id = ?"
-        self._file = self.path.open("rb")
+        file = self._opened.enter_context(self.path.open("rb"))
         try:
-            return Leaves(self._file, root, lambda number: database.execute(query, (number,)).fetchone()[0])
+            return Leaves(file, root, lambda number: database.execute(query, (number,)).fetchone()[0])
         except (BrokenPageError, IndexError):
             return None
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
         """Read the messages of some connections in the order of their log times, some bytes at a time."""
-        if self._database is None:
-            raise ValueError("not open")
         if self._leaves is not None:
             yield from self._leaves.runs(wanted, size)
             return
@@ -138,26 +147,25 @@ class Db3File:
         yield from collected(self._database.execute(query, tuple(wanted)), size)
 
 
+def _connected(path: str, how: str) -> sqlite3.Connection:
+    """Open a file to read, without waiting for locks; the garbage collector may close it from any thread."""
+    uri = f"{Path(path).absolute().as_uri()}?{how}"
+    return sqlite3.connect(uri, uri=True, timeout=0, check_same_thread=False)
+
+
 def topics_of(database: sqlite3.Connection, counts: Mapping[int, int]) -> list[Connection]:
     """Return the topics, in the order of their ids, with their definitions and these counts of messages."""
     definitions = _read_definitions(database)
     columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
     digest = "type_description_hash" if "type_description_hash" in columns else "''"
-    return [
-        Connection(
-            topic,
-            name,
-            type_name,
-            _definition(definitions.get(type_name, []), type_hash or ""),
-            type_hash or "",
-            counts.get(topic, 0),
-            ConnectionExtRosbag2(serialization, []),
-            None,
-        )
-        for topic, name, type_name, serialization, type_hash in database.execute(
-            f"SELECT id, name, type, serialization_format, {digest} FROM topics ORDER BY id"  # noqa: S608  no outside text
-        )
-    ]
+    found = []
+    for number, name, type_name, encoding, type_hash in database.execute(
+        f"SELECT id, name, type, serialization_format, {digest} FROM topics ORDER BY id"  # noqa: S608  no outside text
+    ):
+        definition = _definition(definitions.get(type_name, []), type_hash or "")
+        connection = ros2_connection(number, name, type_name, definition, type_hash or "", encoding)
+        found.append(connection._replace(msgcount=counts.get(number, 0)))
+    return found
 
 
 def _read_definitions(database: sqlite3.Connection) -> dict[str, list[tuple[str, MessageDefinition]]]:
@@ -187,8 +195,8 @@ def _indexes_of_time(database: sqlite3.Connection) -> list[str]:
 def _definition(known: Sequence[tuple[str, MessageDefinition]], type_hash: str) -> MessageDefinition:
     """Return the definition that a topic's hash says, or the only one; none where it may be another."""
     of_hash = [definition for own, definition in known if own == type_hash != ""]
-    first, *others = of_hash or [definition for _, definition in known] or [_UNKNOWN]
-    return first if all(one == first for one in others) else _UNKNOWN
+    first, *others = of_hash or [definition for _, definition in known] or [NO_DEFINITION]
+    return first if all(one == first for one in others) else NO_DEFINITION
 
 
 def _spans(database: sqlite3.Connection) -> dict[int, tuple[int, int, int]]:
@@ -207,3 +215,107 @@ def refuse_what_calculates(database: sqlite3.Connection) -> None:
     ):
         if kind != "table" or not root or re.search(r"\bAS\b", str(statement), re.IGNORECASE):
             raise TooMuchError(f"its {name} are no plain table")
+
+
+class GrowingDb3:
+    """One file, with what `RecordFile` has for a file that grows."""
+
+    #: Nothing in it says that no more will come, and rows are whole or not there.
+    ended, rest = False, 0
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.connections: list[Connection] = []
+        self.recovery = Recovery()
+        self.full = False
+        self._last = 0
+        self._seen: object = None
+        self._dead = 0
+
+    def grow(self, file: BinaryIO, most: int) -> list[Run]:
+        """Read on behind the last row, some `most` bytes at the most; nothing while the recorder commits."""
+        header = os.pread(file.fileno(), _HEADER, 0)
+        seen = [header[_COMMITS], os.fstat(file.fileno()).st_mtime_ns, *map(_changed, self._beside)]
+        if seen == self._seen or len(header) < _HEADER:
+            return []
+        logged = header[_VERSION] == 2 and any(_changed(beside) for beside in self._beside)
+        if not logged and self._is_written(file):
+            return []
+        try:
+            rows = self._rows(most, "mode=ro" if logged else "immutable=1")
+        except sqlite3.OperationalError:
+            # It has no tables yet, or is locked for a moment.
+            return []
+        except sqlite3.DatabaseError:
+            if logged or not self._was_written(file, header):
+                raise
+            return []
+        if not logged and self._was_written(file, header):
+            return []
+        self.full = bool(rows)
+        if rows:
+            self._last = rows[-1][0]
+        else:
+            self._seen = seen
+        return list(collected((row[1:] for row in rows), most))
+
+    @property
+    def _beside(self) -> list[Path]:
+        return [Path(f"{self.path}{ending}") for ending in SIDE_FILES]
+
+    def _is_written(self, file: BinaryIO) -> bool:
+        """Tell whether somebody writes the file, or died while writing it."""
+        journal = self._beside[1]
+        if _undoes(journal) and not _locked(file, *_RESERVED) and _undoes(journal):
+            self._dead += 1
+            if self._dead == _DEAD:
+                self.recovery.damage.append(f"its recorder died while it wrote: {journal.name} undoes that")
+            return True
+        self._dead = 0
+        return _locked(file, *_SHARED)
+
+    def _was_written(self, file: BinaryIO, header: bytes) -> bool:
+        commits = os.pread(file.fileno(), _HEADER, 0)[_COMMITS]
+        return commits != header[_COMMITS] or _locked(file, *_SHARED)
+
+    def _rows(self, most: int, how: str) -> list[tuple[int, int, int, bytes]]:
+        """Return number, topic, time and content of the rows behind the last."""
+        rows, size = [], 0
+        with named(str(self.path)) as path, closing(_connected(path, how)) as database:
+            refuse_what_calculates(database)
+            self.connections = topics_of(database, {})
+            query = "SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? ORDER BY 1 LIMIT ?"
+            for row in database.execute(query, (self._last, _ROWS)):
+                rows.append(row)
+                size += len(row[3])
+                if size > most:
+                    break
+        return rows
+
+
+def _changed(path: Path) -> int:
+    """Return when a file that is not empty was changed last, in ns; 0 where there is none."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return 0
+    return found.st_mtime_ns if found.st_size else 0
+
+
+def _undoes(path: Path) -> bool:
+    """Tell whether a journal has what a commit would undo."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_JOURNAL)) == _JOURNAL
+    except FileNotFoundError:
+        return False
+
+
+def _locked(file: BinaryIO, first: int, length: int) -> bool:
+    """Tell whether another process has locked some bytes for itself."""
+    if sys.platform != "linux":
+        return False
+    import fcntl
+
+    asked = _LOCK.pack(fcntl.F_RDLCK, os.SEEK_SET, first, length, 0)
+    return bool(_LOCK.unpack(fcntl.fcntl(file.fileno(), fcntl.F_GETLK, asked))[0] != fcntl.F_UNLCK)

@@ -10,7 +10,6 @@ https://www.sqlite.org/fileformat2.html; what pages and records are made of stan
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +29,9 @@ if TYPE_CHECKING:
     from formats.rosbag.storage.raw_messages import Index
 
     Bytes = NDArray[np.uint8]
+    #: Of messages the key, that of the topic, the log time in ns, where the payload begins in the file (−1 if
+    #: it goes on in other pages), and its bytes; shape (5, n).
+    Rows = NDArray[np.int64]
 
 _LEAF_HEAD = 8
 #: No row of a message takes less of its page: where it begins (2 bytes), its size, its key, the size
@@ -42,22 +44,6 @@ _WIDTHS = np.full(128, -1)
 for _serial in (1, 2, 3, 4, 5, 6, 8, 9):
     ((_, _begin, _end),) = layout(bytes((2, _serial)))
     _WIDTHS[_serial] = _end - _begin
-
-
-@dataclass(frozen=True, slots=True)
-class _Rows:
-    """Rows of messages."""
-
-    #: Key, key of the topic, log time in ns; shape (n,).
-    number: Index
-    topic: Index
-    time: Index
-    #: Where the payload begins in the file, −1 if it goes on in other pages, and its bytes; shape (n,).
-    begin: Index
-    size: Index
-
-    def take(self, rows: Any) -> _Rows:
-        return _Rows(self.number[rows], self.topic[rows], self.time[rows], self.begin[rows], self.size[rows])
 
 
 class Leaves:
@@ -78,12 +64,11 @@ class Leaves:
             _decoded(self._read(leaves[k : k + step]), leaves[k : k + step], self._pages)
             for k in range(0, len(leaves), step)
         ]
-        names = ("number", "topic", "time", "begin", "size")
-        rows = _Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-        if (rows.number[1:] <= rows.number[:-1]).any():
+        rows = np.concatenate(parts, axis=1)
+        number, _, time, _, _ = rows
+        if (number[1:] <= number[:-1]).any():
             raise BrokenPageError("rows out of order")
-        later = rows.time[1:] >= rows.time[:-1]
-        self._rows = rows if later.all() else rows.take(np.lexsort((rows.number, rows.time)))
+        self._rows = rows if (time[1:] >= time[:-1]).all() else rows[:, np.lexsort((number, time))]
 
     def _leaves(self, root: int) -> Index:
         """Return the pages with the rows, in the order of the keys: all are equally far from the root."""
@@ -118,49 +103,53 @@ class Leaves:
 
     def times(self) -> tuple[Index, Index]:
         """Return the keys and log times in ns of all messages, in the order of the keys."""
-        order = np.argsort(self._rows.number)
-        return self._rows.number[order], self._rows.time[order]
+        number, _, time, _, _ = self._rows
+        order = np.argsort(number)
+        return number[order], time[order]
 
     def spans(self) -> dict[int, tuple[int, int, int]]:
         """Return how many messages each topic has, and its first and last log time in ns."""
         spans = {}
-        for topic in np.unique(self._rows.topic):
-            times = self._rows.time[self._rows.topic == topic]
+        _, topics, time, _, _ = self._rows
+        for topic in np.unique(topics):
+            times = time[topics == topic]
             spans[int(topic)] = len(times), int(times[0]), int(times[-1])
         return spans
 
     def runs(self, wanted: Collection[int], size: int) -> Iterator[Run]:
         """Read the messages of some topics; see `db3.Db3File.runs`."""
-        rows = self._rows.take(np.isin(self._rows.topic, np.array(sorted(wanted), dtype=np.int64)))
-        if not len(rows.number):
+        rows = self._rows[:, np.isin(self._rows[1], np.array(sorted(wanted), dtype=np.int64))]
+        _, _, _, starts, sizes = rows
+        if not len(sizes):
             return
-        inside = rows.begin >= 0
+        inside = starts >= 0
         # Of the byte before the payload: an empty one may stand at the end of its page.
-        page = (rows.begin - 1) // self._pages.size + 1
+        page = (starts - 1) // self._pages.size + 1
         # A page is read whole, however little of it is wanted.
-        read = np.where(inside, self._pages.size, rows.size)
+        read = np.where(inside, self._pages.size, sizes)
         read[1:][inside[1:] & (page[1:] == page[:-1])] = 0
         bounds = np.flatnonzero(np.diff(np.cumsum(read) // size, prepend=-1))
         for begin, end in zip(bounds, [*bounds[1:], len(page)], strict=True):
             some = slice(int(begin), int(end))
-            yield self._run(rows.take(some), page[some], int(begin))
+            yield self._run(rows[:, some], page[some], int(begin))
 
-    def _run(self, rows: _Rows, page: Index, first: int) -> Run:
-        inside = rows.begin >= 0
+    def _run(self, rows: Rows, page: Index, first: int) -> Run:
+        numbers, topics, times, begins, sizes = rows
+        inside = begins >= 0
         starts = np.empty(len(page), np.int64)
         needed, rank = _distinct(page[inside])
         parts: list[Any] = [self._read(needed)]
-        starts[inside] = rows.begin[inside] + (rank - page[inside] + 1) * self._pages.size
+        starts[inside] = begins[inside] + (rank - page[inside] + 1) * self._pages.size
         end = len(parts[0])
         for row in np.flatnonzero(~inside):
-            payload = self._fetch(int(rows.number[row]))
-            if len(payload) != rows.size[row]:
+            payload = self._fetch(int(numbers[row]))
+            if len(payload) != sizes[row]:
                 raise BrokenPageError("a payload is not as long as it says")
             starts[row], end = end, end + len(payload)
             parts.append(np.frombuffer(payload, np.uint8))
         buffer = (np.concatenate(parts) if len(parts) > 1 else parts[0]).data
-        every = Messages(buffer, starts, rows.size, rows.time, np.arange(first, first + len(page)))
-        return {int(topic): every.take(rows.topic == topic) for topic in np.unique(rows.topic)}
+        every = Messages(buffer, starts, sizes, times, np.arange(first, first + len(page)))
+        return {int(topic): every.take(topics == topic) for topic in np.unique(topics)}
 
 
 def _distinct(page: Index) -> tuple[Index, Index]:
@@ -173,7 +162,7 @@ def _distinct(page: Index) -> tuple[Index, Index]:
     return np.flatnonzero(there) + least, (np.cumsum(there) - 1)[page - least]
 
 
-def _decoded(block: Bytes, page: Index, pages: Pages) -> _Rows:
+def _decoded(block: Bytes, page: Index, pages: Pages) -> Rows:
     """Decode the rows of some leaves: their bytes, one after the other, and their numbers."""
     size, usable = pages.size, pages.usable
     first = np.arange(len(page)) * size
@@ -202,13 +191,12 @@ def _decoded(block: Bytes, page: Index, pages: Pages) -> _Rows:
     plain &= ~inside | (record + length <= base + usable)
     if not (plain & (offset >= _LEAF_HEAD + 2 * count[of])).all():
         raise BrokenPageError("a row is not plain")
-    return _Rows(
-        number,
+    topic, time = (
         _integers(block, record + head, topic, topic_width),
         _integers(block, time_at, time, time_width),
-        np.where(inside, begin - base + (page[of] - 1) * size, -1),
-        payload,
     )
+    begin = np.where(inside, begin - base + (page[of] - 1) * size, -1)
+    return np.array([number, topic, time, begin, payload])
 
 
 def _varints(block: Bytes, at: Index) -> tuple[Index, Index]:

@@ -1,26 +1,38 @@
-"""MCAP files, read through their index in bulk."""
+"""MCAP files, read through their index in bulk.
+
+`McapReader` takes from its module what is replaced in rosbags 0.11.9 below, for the whole process. For
+rosbags to do, and then to go from here:
+
+- bounds on what a chunk unpacks to, `decompress(data, size)` used with the size that the chunk states: a
+  few bytes become gigabytes;
+- `McapReader.read_index` and `meta_scan` that pass over a schema of an unknown encoding, as over one without
+  any: a log with one topic that is not of ROS is refused whole;
+- profiles of quality, in YAML, parsed when they are asked for.
+"""
 
 from __future__ import annotations
 
 import os
 import struct
 from binascii import crc32
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rosbags.rosbag2 import storage_mcap
+from rosbags.rosbag2.storage_mcap import McapReader
 
 from formats.limits import Allowance
-from formats.rosbag.rosbags_patches import McapReader
 from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, opened, runs
-from formats.rosbag.storage.raw_messages import DAMAGE, Messages, parts_at, unpack
+from formats.rosbag.storage.raw_messages import DAMAGE, NO_DEFINITION, Messages, parts_at, unpack, widen
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
     from typing import BinaryIO
 
     from numpy.typing import NDArray
-    from rosbags.rosbag2.storage_mcap import ChunkInfo
+    from rosbags.interfaces import MessageDefinition
+    from rosbags.rosbag2.storage_mcap import ChunkInfo, Schema
 
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Index
@@ -46,6 +58,23 @@ _HEAD = np.dtype(
         "itemsize": _RECORD + _MESSAGE,
     }
 )
+#: Of definitions that rosbags reads; the last is that of types without one.
+_ENCODINGS = ("ros2msg", "ros2idl", "omgidl", "")
+_get_msgdef = storage_mcap.get_msgdef
+
+
+def _bounded(packing: str, data: bytes, _size: int) -> bytes:
+    return unpack(data, packing)
+
+
+def _known_definition(schema: Schema | None) -> MessageDefinition:
+    known = schema is None or schema.encoding in _ENCODINGS
+    return _get_msgdef(schema) if known else NO_DEFINITION
+
+
+storage_mcap.DECOMPRESSORS.update({packing: partial(_bounded, packing) for packing in ("lz4", "zstd")})
+storage_mcap.get_msgdef = _known_definition
+storage_mcap.get_qos = lru_cache(256)(storage_mcap.get_qos)
 
 
 class McapFile(McapReader):
@@ -61,7 +90,7 @@ class McapFile(McapReader):
             Chunk(
                 position=chunk.chunk_start_offset,
                 stored=chunk.chunk_length,
-                unpack=partial(_unpack, chunk),
+                unpack=partial(_contents, told=chunk),
                 slow=bool(chunk.compression),
                 first=chunk.message_start_time,
                 index=self._index(chunk),
@@ -85,9 +114,7 @@ class McapFile(McapReader):
                 if count > 0:
                     bio.seek(begin)
                     times, _ = self.entries(np.frombuffer(bio.read(count * _ENTRY.itemsize), _ENTRY))
-                    first, last = int(times.min()), int(times.max())
-                    start, end = self.spans.get(connection, (first, last))
-                    self.spans[connection] = min(start, first), max(end, last)
+                    widen(self.spans, connection, times)
 
     def _check_summary(self) -> None:
         """Refuse a summary that its checksum contradicts: names of topics and fields are read from there."""
@@ -114,22 +141,18 @@ class McapFile(McapReader):
         joined: list[tuple[bytes, list[int]]] = []
         # Topics read by turns would disturb each other in one file, which has one position.
         with self.path.open("rb") as file:
-            stretches = _stretches(file, self.data_start, self.data_end, size)
-            while True:
-                try:
-                    stretch = next(stretches, None)
-                except DAMAGE:
-                    yield self._gathered(joined, wanted, done)
-                    raise
-                if stretch is not None:
+            try:
+                for stretch in _stretches(file, self.data_start, self.data_end, size):
                     joined.append(stretch)
                     length += len(stretch[0])
-                if stretch is None or length >= size:
-                    yield self._gathered(joined, wanted, done)
-                    done += sum(len(places) for _, places in joined)
-                    joined, length = [], 0
-                if stretch is None:
-                    return
+                    if length >= size:
+                        yield self._gathered(joined, wanted, done)
+                        done += sum(len(places) for _, places in joined)
+                        joined, length = [], 0
+            except DAMAGE:
+                yield self._gathered(joined, wanted, done)
+                raise
+            yield self._gathered(joined, wanted, done)
 
     @staticmethod
     def _gathered(joined: Sequence[tuple[bytes, list[int]]], wanted: Collection[int], done: int) -> Run:
@@ -230,31 +253,17 @@ def _messages(chunk: bytes | memoryview) -> list[int]:
     return [at for code, at, _ in every if code == _MESSAGE_CODE]
 
 
-def _contents(record: memoryview) -> bytes | memoryview:
-    """Return the records in the record of a chunk that no index tells of, decompressed and checked."""
+def _contents(record: bytes | memoryview, told: ChunkInfo | None = None) -> bytes | memoryview:
+    """Return the records in the record of a chunk, decompressed and checked, also by what its index told."""
     _, _, size, checksum, letters = _CHUNK.unpack_from(record, _RECORD)
     begin = _RECORD + _CHUNK.size + letters
-    packing = bytes(record[begin - letters : begin]).decode()
     (stored,) = _LENGTH.unpack_from(record, begin)
-    packed = record[begin + 8 : begin + 8 + stored]
+    packed = memoryview(record)[begin + 8 : begin + 8 + stored]
+    if told and ((size, stored) != (told.uncompressed_size, told.compressed_size) or len(packed) < stored):
+        raise ValueError("a chunk is not as its index says")
     if len(packed) < stored:
         raise ValueError("a chunk is longer than its record")
-    return _checked(packed, packing, size, checksum)
-
-
-def _unpack(chunk: ChunkInfo, record: bytes) -> bytes | memoryview:
-    """Return the messages in the record of a chunk, decompressed and checked."""
-    # First and last log time, size, checksum, name of the compression, stored size.
-    _, _, size, checksum, letters = _CHUNK.unpack_from(record, _RECORD)
-    (stored,) = _LENGTH.unpack_from(record, begin := _RECORD + _CHUNK.size + letters)
-    contents = memoryview(record)[begin + 8 :]
-    if (size, stored) != (chunk.uncompressed_size, chunk.compressed_size) or stored > len(contents):
-        raise ValueError("a chunk is not as its index says")
-    return _checked(contents[:stored], chunk.compression, size, checksum)
-
-
-def _checked(packed: memoryview, packing: str, size: int, checksum: int) -> bytes | memoryview:
-    """Return the records of a chunk, unpacked."""
+    packing = told.compression if told else bytes(record[begin - letters : begin]).decode()
     records = unpack(packed, packing) if packing else packed
     if len(records) != size or (checksum and crc32(records) != checksum):
         raise ValueError("a chunk is not what its size and checksum say")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 
 from formats.limits import CHUNK_BYTES, TooMuchError, unpacked_limit
 
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
     Index = NDArray[np.int64]
 
+#: How ROS 2 names the languages of definitions.
+FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
 #: A log time this far from those around it, in ns, is no time of this log.
 WILD = 3600 * 10**9
 
@@ -91,15 +95,6 @@ def _lz4_frame(data: bytes) -> tuple[bytes, bytes]:
 def _claimed(data: bytes) -> int:
     """Return the size that a frame states, if any: lz4 makes room for it at once, be it true or not."""
     return int.from_bytes(data[6:14], "little") if len(data) > 4 and data[4] & 0x08 else 0
-
-
-def unpacks(packed: bytes, packing: str) -> bool:
-    """Tell whether something can be unpacked."""
-    try:
-        unpack(packed, packing)
-    except CORRUPT:
-        return False
-    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +175,20 @@ def astray(times: Index) -> NDArray[np.bool_]:
         )
     )
     return np.asarray(ahead & back & ~across)
+
+
+def ros2_connection(
+    number: int, topic: str, kind: str, definition: MessageDefinition, digest: str = "", encoding: str = "cdr"
+) -> Connection:
+    """Describe a topic as rosbags' own readers of ROS 2 do."""
+    return Connection(number, topic, kind, definition, digest, 0, ConnectionExtRosbag2(encoding, []), None)
+
+
+def widen(spans: dict[int, tuple[int, int]], connection: int, times: Index) -> None:
+    """Take some log times into the span of a connection, from its first to its last."""
+    first, last = int(times.min()), int(times.max())
+    start, end = spans.get(connection, (first, last))
+    spans[connection] = min(start, first), max(end, last)
 
 
 def numbers_at(buffer: bytes | memoryview | NDArray[np.uint8], places: Index, code: str) -> NDArray[Any]:

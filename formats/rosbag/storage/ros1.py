@@ -12,7 +12,7 @@ from rosbags.rosbag1 import Reader
 from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_uint32
 
 from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, opened, runs
-from formats.rosbag.storage.raw_messages import numbers_at, parts_at, unpack
+from formats.rosbag.storage.raw_messages import numbers_at, parts_at, unpack, widen
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
@@ -91,11 +91,10 @@ class Ros1File(Reader):
         self._found.setdefault(pos, []).append((connection, begin, count))
         if not count:
             return
-        first, last = int(times.min()), int(times.max())
+        first = int(times.min())
         self._firsts[pos] = min(first, self._firsts.get(pos, first))
         self._counts[connection] = self._counts.get(connection, 0) + count
-        start, end = self.spans.get(connection, (first, last))
-        self.spans[connection] = min(start, first), max(end, last)
+        widen(self.spans, connection, times)
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
         chunks = [

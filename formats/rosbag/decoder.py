@@ -1,24 +1,28 @@
-"""Payloads of one connection to columns: the fast way where it holds, else message by message."""
+"""Payloads of one connection to columns: the fast way where it holds, else message by message.
+
+The latter is also the measure of the fast one.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rosbags.typesys.base import normalize_fieldname
 
-from formats.rosbag.decoding.bulk_extraction import UnevenError, elements, gather
-from formats.rosbag.decoding.plain_extraction import FieldRequest, elements_of, extract
-from formats.table import STAMP
+from formats.rosbag.bulk_extraction import UnevenError, elements, gather
+from formats.rosbag.definitions import DURATION, FieldRequest
+from formats.table import STAMP, Labels
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from formats.recovery import Recovery
-    from formats.rosbag.decoding.bulk_extraction import Elements
-    from formats.rosbag.decoding.definitions import Definition, Leaf
-    from formats.rosbag.decoding.plain_extraction import Values
+    from formats.rosbag.bulk_extraction import Elements
+    from formats.rosbag.definitions import Definition, Leaf, Path, Values
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Messages
+    from formats.table import Kind
 
 
 class UndecodableError(Exception):
@@ -50,7 +54,7 @@ class Decoder:
         ]
 
     def elements(self, message: Messages, lists: Sequence[Leaf]) -> list[Elements]:
-        """Tell how the elements of lists are called in one message; see `plain_extraction.elements_of`."""
+        """Tell how the elements of lists are called in one message; see `elements_of`."""
         try:
             return elements(self.definition, message, lists)
         except UnevenError:
@@ -139,3 +143,60 @@ def _decodes(decoder: Decoder, messages: Messages, row: int) -> bool:
     except UndecodableError:
         return False
     return True
+
+
+def extract(messages: Sequence[object], leaf: Leaf, request: FieldRequest) -> tuple[Values, bool]:
+    """Take one value from each message; tell whether some message has the element asked for, be it NaN."""
+    column, present = request.blank(len(messages)), False
+    for i, message in enumerate(messages):
+        value = _walk(message, leaf.path)
+        if request.key is not None:
+            value = _element(message, value, leaf, request.key)
+        if value is not None:
+            column[i], present = _plain(value, leaf.base, request.kind), True
+    return column, present
+
+
+def elements_of(message: object, leaf: Leaf) -> tuple[tuple[str, ...], bool]:
+    """Tell how the elements of a list are called: by the names beside it if these fit (and True)."""
+    values = _walk(message, leaf.path)
+    names = _names(message, values, leaf)
+    if names and len(names) == len(values) == len(set(names)) and all(names):
+        return tuple(names), True
+    return tuple(str(place) for place in range(len(values))), False
+
+
+def labels(texts: Iterable[str | None]) -> Labels:
+    """Turn texts into codes; None has the code −1."""
+    places: dict[str, int] = {}
+    codes = [-1 if text is None else places.setdefault(text, len(places)) for text in texts]
+    return Labels(np.array(codes, dtype=np.int32), tuple(places))
+
+
+def _walk(message: object, path: Path) -> Any:
+    for member in path:
+        message = getattr(message, normalize_fieldname(member))
+    return message
+
+
+def _names(message: object, values: Sequence[Any], leaf: Leaf) -> list[str]:
+    if leaf.names is None:
+        return []
+    if leaf.inner:
+        return [_walk(element, leaf.names) for element in values]
+    return list(_walk(message, leaf.names))
+
+
+def _element(message: object, values: Sequence[Any], leaf: Leaf, key: int | str) -> Any:
+    if isinstance(key, str):
+        names = _names(message, values, leaf)
+        key = names.index(key) if key in names else len(values)
+    return _walk(values[key], leaf.inner) if key < len(values) else None
+
+
+def _plain(value: Any, base: str, kind: Kind) -> Any:
+    if kind == "time":
+        return np.datetime64(value.sec * 1_000_000_000 + value.nanosec, "ns")
+    if base == DURATION:
+        return value.sec + value.nanosec / 1e9
+    return value

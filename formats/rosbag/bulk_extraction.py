@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from rosbags.interfaces import Nodetype
 
-from formats.rosbag.decoding.definitions import CODES, DURATION, FILLER, TIME
+from formats.rosbag.definitions import CODES, DURATION, FILLER, TIME
 from formats.rosbag.storage.raw_messages import numbers_at, parts_at
 
 if TYPE_CHECKING:
@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rosbags.interfaces.typing import FieldDesc
 
-    from formats.rosbag.decoding.definitions import Definition, Leaf
-    from formats.rosbag.decoding.plain_extraction import FieldRequest, Values
+    from formats.rosbag.definitions import Definition, FieldRequest, Leaf, Values
     from formats.rosbag.storage.raw_messages import Messages
 
     #: Names or places, and whether they are names.
@@ -60,12 +59,12 @@ def gather(
 ) -> list[tuple[Values, bool]]:
     """Take values from all messages at once.
 
-    What `plain_extraction.extract` returns for the same messages, decoded, of which there is at least one;
+    What `decoder.extract` returns for the same messages, decoded, of which there is at least one;
     UnevenError where that cannot be.
     """
-    cursor = _Cursor(
-        definition, messages, {name for leaf, request in wanted for name in _needs(leaf, request)}
-    )
+    needed = {leaf.name for leaf, _ in wanted}
+    needed |= {_names_of(leaf) for leaf, request in wanted if isinstance(request.key, str)}
+    cursor = _Cursor(definition, messages, needed)
     return [cursor.values(leaf, request) for leaf, request in wanted]
 
 
@@ -74,16 +73,12 @@ def elements(definition: Definition, message: Messages, lists: Sequence[Leaf]) -
 
     rosbags would write and compile the code that decodes the type first.
 
-    What `plain_extraction.elements_of` returns for the same message, decoded; UnevenError where that cannot
+    What `decoder.elements_of` returns for the same message, decoded; UnevenError where that cannot
     be.
     """
     wanted = {name for leaf in lists for name in (leaf.name, _names_of(leaf)) if name}
     cursor = _Cursor(definition, message, wanted)
     return [cursor.elements(leaf) for leaf in lists]
-
-
-def _needs(leaf: Leaf, request: FieldRequest) -> list[str]:
-    return [leaf.name, _names_of(leaf)] if isinstance(request.key, str) else [leaf.name]
 
 
 def _names_of(leaf: Leaf) -> str:

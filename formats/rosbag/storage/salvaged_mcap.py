@@ -10,76 +10,56 @@ from __future__ import annotations
 import re
 import struct
 from binascii import crc32
-from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
 from formats.limits import CHUNK_BYTES
-from formats.salvage.record_file import BrokenRecordError, CutOffError, RecordFile
-from formats.salvage.salvaged_file import agreed, join_told, lost_between, rows_of
+from formats.rosbag.storage.raw_messages import FORMATS, ros2_connection
+from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, agreed, join_told
+from formats.rosbag.storage.salvaged_file import rows_of
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
+
+    from rosbags.interfaces import Connection
+
+    from formats.rosbag.storage.record_file import Told
+    from formats.rosbag.storage.salvaged_file import Found, Index, Row
 
 _RECORD = 9
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX = 0x03, 0x04, 0x05, 0x06, 0x07
 _STATISTICS, _DATA_END, _FOOTER = 0x0B, 0x0F, 0x02
-_MAGIC = b"\x89MCAP0\r\n"
 #: Opcode, length, first and last time, size, checksum; then the name of the compression.
 _CHUNK_BEGINS = re.compile(rb"\x06.{36}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd)", re.DOTALL)
 _ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
-_FORMATS = {
-    "ros2msg": MessageDefinitionFormat.MSG,
-    "ros2idl": MessageDefinitionFormat.IDL,
-    "omgidl": MessageDefinitionFormat.IDL,
-}
-
-
-@dataclass
-class _Told:
-    """What the file says of its channels, and of the log as a whole."""
-
-    schemas: dict[int, list[tuple[bool, Any]]] = field(default_factory=dict)
-    channels: dict[int, list[tuple[bool, Any]]] = field(default_factory=dict)
-    #: Number of messages by channel, and the last log time.
-    counts: dict[int, int] | None = None
-    end: int | None = None
+_FORMATS = FORMATS | {"omgidl": MessageDefinitionFormat.IDL}
 
 
 class SalvagedMcap(RecordFile):
     """What can be read of one MCAP file."""
 
+    magic = b"\x89MCAP0\r\n"
+    describes = _CHANNEL
+    is_cut = ": its index is missing"
+
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._told = _Told()
-        self.at = len(_MAGIC)
+        #: Number of messages by channel, and the last log time.
+        self._counts: dict[int, int] | None = None
+        self._end: int | None = None
 
-    def scan(self) -> dict[int, Connection]:
-        self.recovery.bytes_read = at = self.at
-        size = len(self.data)
-        while at < size and not self.ended:
-            try:
-                at = self.record(at)
-            except BrokenRecordError as error:
-                following = self.next_chunk(at + 1)
-                self.lose(
-                    str(error) if following else f"cut off at byte {size:,}, in {error}: its index is missing"
-                )
-                at = following or size
-        self.end_loose()
+    def account(self) -> int | None:
         if not self.ended and not self.recovery.damage:
-            self.lose(f"cut off at byte {size:,}: the end of the file and with it the index are missing")
-        told, recovery = self._told, self.recovery
-        recovery.checked = not self.unchecked
-        recovery.whole_known = self.ended
-        if told.counts is not None:
-            recovery.expected = sum(told.counts.values())
-        recovery.lost = lost_between(self.walk, told.end) if recovery.damaged else []
-        return self.known()
+            self.lose(
+                f"cut off at byte {len(self.data):,}: the end of the file and with it the index are missing"
+            )
+        self.recovery.whole_known = self.ended
+        if self._counts is not None:
+            self.recovery.expected = sum(self._counts.values())
+        return self._end
 
     def record(self, at: int) -> int:
         if at + _RECORD > len(self.data):
@@ -110,7 +90,7 @@ class SalvagedMcap(RecordFile):
         if code == _CHUNK:
             return self._chunk(begin, end)
         if code in {_SCHEMA, _CHANNEL}:
-            _note(self._told, code, self.data[begin:end], vouched=False)
+            _note(self.told, code, self.data[begin:end], vouched=False)
         elif code == _MESSAGE:
             self._message(begin, end)
         elif code == _STATISTICS:
@@ -118,10 +98,10 @@ class SalvagedMcap(RecordFile):
         elif code == _DATA_END:
             self._data_end(begin - _RECORD, *struct.unpack("<I", self.data[begin:end]))
         elif code == _FOOTER:
-            if self.growing and len(self.data) < end + len(_MAGIC):
+            if self.growing and len(self.data) < end + len(self.magic):
                 raise CutOffError("the end of the file")
             self._footer(begin, *struct.unpack("<QQI", self.data[begin:end]))
-            if self.data[end:] != _MAGIC:
+            if self.data[end:] != self.magic:
                 raise BrokenRecordError(f"the end of the file, behind byte {end:,},")
         return end
 
@@ -153,27 +133,15 @@ class SalvagedMcap(RecordFile):
             raise BrokenRecordError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
         index, end = self._index(end)
         start, last, size, checksum, packing = head
-        load = partial(self.contents, contents, chunk_end, packing, size, checksum)
-        raw = self.unpacked(load, chunk_end - contents, size)
-        if isinstance(raw, str):
-            self.lose(f"the chunk at byte {begin - _RECORD:,} cannot be read ({raw})")
-            return end
-        told = _Told()
-        found, whole = _messages_in(raw, told, vouched=bool(checksum))
-        rows = kept = rows_of(found)
-        agrees = True
-        if not checksum:
-            self.unchecked = True
-            kept = _confirmed(rows, index, start, last)
-            agrees = len(kept) == len(found) and _complete(rows, index)
-        damage = "" if whole else f"the chunk at byte {begin - _RECORD:,} contradicts itself"
-        if packing and not checksum and not (whole and agrees):
-            # One changed byte of packed data changes others, and no index shows in which values.
-            kept, damage = rows[:0], f"the chunk at byte {begin - _RECORD:,} contradicts its index"
-        else:
-            join_told(self._told.schemas, told.schemas)
-            join_told(self._told.channels, told.channels)
-        self.take(rows, kept, load, damage)
+        self.take_chunk(
+            begin - _RECORD,
+            slice(contents, chunk_end),
+            packing,
+            size,
+            lambda found: _confirmed(found, index, start, last),
+            checksum=checksum,
+            vouched=bool(checksum),
+        )
         return end
 
     def _index(self, at: int) -> tuple[dict[int, Any], int]:
@@ -204,8 +172,8 @@ class SalvagedMcap(RecordFile):
         counts = dict(struct.iter_unpack("<HQ", content[46:]))
         if sum(counts.values()) != struct.unpack_from("<Q", content)[0]:
             raise BrokenRecordError("the statistics")
-        self._told.counts = counts
-        self._told.end = end if 0 < end < 2**63 and counts else None
+        self._counts = counts
+        self._end = end if 0 < end < 2**63 and counts else None
 
     def _data_end(self, at: int, checksum: int) -> None:
         self.end_loose()
@@ -224,14 +192,21 @@ class SalvagedMcap(RecordFile):
         right = not checksum or (0 < summary <= begin and crc32(self.data[summary : begin + 16]) == checksum)
         if not right:
             self.recovery.damage.append("the checksum of the summary is wrong")
-            self._told.counts = self._told.end = None
+            self._counts = self._end = None
 
-    def numbers(self) -> Collection[int]:
-        return self._told.channels
+    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[Row]:
+        for code, begin, end in _records(raw):
+            if code == _MESSAGE:
+                channel, _, time, _ = struct.unpack_from("<HIQQ", raw, begin)
+                if end - begin < 22:
+                    raise BrokenRecordError("a message")
+                yield channel, time, begin + 22, end - begin - 22
+            elif code in {_SCHEMA, _CHANNEL}:
+                _note(told, code, raw[begin:end], vouched=vouched)
 
     def known(self) -> dict[int, Connection]:
         known = {}
-        for number, told in self._told.channels.items():
+        for number, told in self.told_of().items():
             channel = agreed(told)
             if channel is None:
                 self.recovery.damage.append(f"channel {number} is described twice, each time differently")
@@ -242,18 +217,10 @@ class SalvagedMcap(RecordFile):
                     f"{topic} is encoded as {encoding[:20]!r}; only 'cdr' can be read"
                 )
                 continue
-            schema = agreed(self._told.schemas.get(schema_number, []) or [(False, None)])
+            schema = agreed(self.told.get((_SCHEMA, schema_number), []) or [(False, None)])
             name, schema_encoding, text = schema or ("__schemaless__", "", "")
-            known[number] = Connection(
-                number,
-                topic,
-                name,
-                MessageDefinition(_FORMATS.get(schema_encoding, MessageDefinitionFormat.NONE), text),
-                "",
-                0,
-                ConnectionExtRosbag2(encoding, []),
-                self,
-            )
+            definition = MessageDefinition(_FORMATS.get(schema_encoding, MessageDefinitionFormat.NONE), text)
+            known[number] = ros2_connection(number, topic, name, definition)
         return known
 
 
@@ -269,42 +236,19 @@ def _head(data: Any, begin: int) -> tuple[tuple[int, int, int, int, str], int, i
 
 
 def _records(raw: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield code, begin and end of the records in a chunk; the last has no end where it does not fit."""
+    """Yield code, begin and end of the records in a chunk; an error at the first that does not fit."""
     at = 0
     while at < len(raw):
-        if at + _RECORD > len(raw):
-            yield 0, at, -1
-            return
         code, length = struct.unpack_from("<BQ", raw, at)
         at += _RECORD
         if at + length > len(raw) or code == 0:
-            yield code, at, -1
-            return
+            raise BrokenRecordError("a record")
         yield code, at, at + length
         at += length
 
 
-def _messages_in(raw: bytes, told: _Told, *, vouched: bool) -> tuple[list[tuple[int, int, int, int]], bool]:
-    """Return the messages of a chunk as rows of a piece, and whether all of it added up."""
-    found: list[tuple[int, int, int, int]] = []
-    for code, begin, end in _records(raw):
-        if end < 0:
-            return found, False
-        try:
-            if code == _MESSAGE:
-                channel, _, time, _ = struct.unpack_from("<HIQQ", raw, begin)
-                if end - begin < 22:
-                    return found, False
-                found.append((channel, time, begin + 22, end - begin - 22))
-            elif code in {_SCHEMA, _CHANNEL}:
-                _note(told, code, raw[begin:end], vouched=vouched)
-        except (struct.error, UnicodeDecodeError, BrokenRecordError):
-            return found, False
-    return found, True
-
-
-def _confirmed(rows: Any, index: dict[int, Any], start: int, last: int) -> Any:
-    """Keep the messages that the index names at the same place and time.
+def _confirmed(found: Found, index: dict[int, Any], start: int, last: int) -> tuple[Index, bool]:
+    """Keep the messages that the index names at the same place and time; tell if it and they are the same.
 
     Those of channels without an index, as the writer may leave it out or the cut takes it, must lie
     within the times of the chunk.
@@ -313,38 +257,35 @@ def _confirmed(rows: Any, index: dict[int, Any], start: int, last: int) -> Any:
         channel: set(zip(entries["time"].tolist(), entries["place"].tolist(), strict=True))
         for channel, entries in index.items()
     }
+    rows = rows_of(found)
     # A record begins with 9 bytes, a message with 22.
     keep = [
         (time, begin - 31) in named[channel] if channel in named else start <= time <= last
         for channel, time, begin, _ in rows.tolist()
     ]
-    return rows[np.array(keep, dtype=bool)]
+    kept = rows[np.array(keep, dtype=bool)]
+    counted = all(np.count_nonzero(rows[:, 0] == number) == len(entries) for number, entries in index.items())
+    return kept, len(kept) == len(found) and counted
 
 
-def _complete(rows: Any, index: dict[int, Any]) -> bool:
-    """Tell whether there are as many messages of each channel as the index names."""
-    return all(np.count_nonzero(rows[:, 0] == channel) == len(entries) for channel, entries in index.items())
-
-
-def _note(told: _Told, code: int, content: bytes, *, vouched: bool) -> None:
+def _note(told: Told, code: int, content: bytes, *, vouched: bool) -> None:
     """Take in what a record says of a schema or a channel."""
     (number,) = struct.unpack_from("<H", content)
+    kept: Any
     if code == _SCHEMA:
-        at, texts = 2, []
-        for _ in range(3):
-            at, text = _text(content, at)
-            texts.append(text)
-        kept: Any = tuple(texts)
-        where = told.schemas
+        at, name = _text(content, 2)
+        at, encoding = _text(content, at)
+        at, text = _text(content, at)
+        kept = name, encoding, text
     else:
         (schema,) = struct.unpack_from("<H", content, 2)
         at, topic = _text(content, 4)
         at, encoding = _text(content, at)
         (size,) = struct.unpack_from("<I", content, at)
-        at, kept, where = at + 4 + size, (schema, topic, encoding), told.channels
+        at, kept = at + 4 + size, (schema, topic, encoding)
     if at != len(content):
         raise BrokenRecordError(f"the description of {number}")
-    join_told(where, {number: [(vouched, kept)]})
+    join_told(told, {(code, number): [(vouched, kept)]})
 
 
 def _text(content: bytes, at: int) -> tuple[int, str]:

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
+import numpy as np
 from rosbags.interfaces import MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from formats.limits import DEPTH, TooMuchError
-from formats.rosbag.decoding.definition_texts import check_idl, checked, msg_text, plain_types
+from formats.rosbag.definition_texts import check_idl, checked, msg_text, plain_types
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from numpy.typing import NDArray
     from rosbags.interfaces import Connection
     from rosbags.interfaces.typing import FieldDesc, Typesdict
     from rosbags.typesys.store import Typestore
@@ -42,6 +44,9 @@ FILLER = "structure_needs_at_least_one_member"
 _FILLED: tuple[str, FieldDesc] = FILLER, (Nodetype.BASE, ("uint8", 0))
 
 Path: TypeAlias = tuple[str, ...]
+#: float64, datetime64[ns], or object (str, or None where there is none).
+Values: TypeAlias = "NDArray[Any]"
+NAT = np.datetime64("NaT", "ns")
 
 
 class UnusableError(Exception):
@@ -64,6 +69,22 @@ class Leaf:
     def name(self) -> str:
         """The dotted path by which a person asks for it."""
         return ".".join(self.path + self.inner)
+
+
+@dataclass(frozen=True, slots=True)
+class FieldRequest:
+    """What is asked of each message."""
+
+    asked: str  # As the caller wrote it
+    field: str  # Name of the leaf
+    kind: Kind  # What comes out, one per message
+    #: Which element of a list: its place or its name; None where the field is no list.
+    key: int | str | None = None
+
+    def blank(self, rows: int) -> Values:
+        if self.kind == "text":
+            return np.full(rows, None, dtype=object)
+        return np.full(rows, np.nan) if self.kind == "number" else np.full(rows, NAT)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,11 +151,11 @@ def _from_file(connection: Connection, *, ros1: bool) -> tuple[Typesdict, Callab
     if connection.msgdef.format == MessageDefinitionFormat.NONE or not (text.strip() or blank_on_purpose):
         raise UnusableError("the file has no definition of it")
     try:
-        types = checked(
-            _types_from_msg(msg_text(text), connection.msgtype)
-            if connection.msgdef.format == MessageDefinitionFormat.MSG
-            else _types_from_idl(text)
-        )
+        if connection.msgdef.format == MessageDefinitionFormat.MSG:
+            bare, name = msg_text(text), connection.msgtype
+            types = checked(plain_types(bare, name) or get_types_from_msg(bare, name))
+        else:
+            types = checked(_types_from_idl(text))
     except TooMuchError as error:
         raise UnusableError(str(error)) from error
     except Exception as error:  # a damaged text makes rosbags' parser fail in any way
@@ -148,11 +169,6 @@ def _compiled(types: Typesdict) -> Typestore:
     store = get_typestore(Stores.EMPTY)
     store.register({name: types[name] for name in types if name not in store.fielddefs})
     return store
-
-
-def _types_from_msg(text: str, name: str) -> Typesdict:
-    types = plain_types(text, name)
-    return get_types_from_msg(text, name) if types is None else types
 
 
 def _types_from_idl(text: str) -> Typesdict:

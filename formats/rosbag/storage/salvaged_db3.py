@@ -15,26 +15,38 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import MessageDefinition
 
 from formats.content import SIDE_FILES
 from formats.copies import kept, named
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.chunks import RUN_BYTES
-from formats.rosbag.storage.db3 import FORMATS
-from formats.rosbag.storage.raw_messages import WILD, Messages, astray, collected
-from formats.salvage.salvaged_file import Piece, SalvagedFile
+from formats.rosbag.storage.raw_messages import (
+    FORMATS,
+    NO_DEFINITION,
+    WILD,
+    Messages,
+    astray,
+    collected,
+    ros2_connection,
+)
+from formats.rosbag.storage.salvaged_file import Piece, SalvagedFile
 from formats.sqlite_pages import INDEX_LEAF, INDEX_NODE, TABLE_LEAF, BrokenPageError, PageCell, Pages, layout
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-    from formats.salvage.salvaged_file import Index
+    from rosbags.interfaces import Connection
+
+    from formats.rosbag.storage.salvaged_file import Index
     from formats.sqlite_pages import Value
+
+    #: Root page, and names of the columns.
+    _Table = tuple[int, list[str]]
 
 _MOST_TABLES = 100
 _BLOCK = 1 << 20
-_COLUMNS = ("id", "topic_id", "timestamp", "data")
+_COLUMNS = ("topic_id", "timestamp", "data")
 
 
 class SalvagedDb3(SalvagedFile):
@@ -42,11 +54,8 @@ class SalvagedDb3(SalvagedFile):
 
     def open(self) -> None:
         """Find the readable pages; what a log beside the file holds is put into a copy first."""
-        beside = [
-            Path(f"{self.path}{ending}")
-            for ending in SIDE_FILES
-            if Path(f"{self.path}{ending}").is_file() and Path(f"{self.path}{ending}").stat().st_size
-        ]
+        files = [Path(f"{self.path}{ending}") for ending in SIDE_FILES]
+        beside = [file for file in files if file.is_file() and file.stat().st_size]
         damage = [f"the recording was not closed: messages were left in {file.name}" for file in beside]
         with contextlib.ExitStack() as stack:
             if beside:
@@ -100,9 +109,9 @@ class SalvagedDb3(SalvagedFile):
         self._lost_times(cut=size < whole)
         return known
 
-    def _tables(self) -> dict[str, tuple[int, list[str], str]]:
-        """Return root page, columns and statement of each table, and of the index of times."""
-        tables: dict[str, tuple[int, list[str], str]] = {}
+    def _tables(self) -> dict[str, _Table]:
+        """Return root page and columns of each table, and of the index of times."""
+        tables: dict[str, _Table] = {}
         for _, row in self._table(1):
             if len(tables) > _MOST_TABLES:
                 raise TooMuchError("it has more tables than any recording")
@@ -110,9 +119,9 @@ class SalvagedDb3(SalvagedFile):
                 continue
             kind, name, of, root, sql = row[0], row[1], row[2], row[3], str(row[4] or "")
             if kind == "table":
-                tables[name] = root, _column_names(sql), sql
+                tables[name] = root, _column_names(sql)
             elif kind == "index" and of == "messages" and re.search(r"\(\s*timestamp\b[^,]*\)", sql):
-                tables["@times"] = root, [], sql
+                tables["@times"] = root, []
         return tables
 
     def _table(self, root: int) -> Iterator[tuple[int, list[Value]]]:
@@ -128,40 +137,34 @@ class SalvagedDb3(SalvagedFile):
             except (BrokenPageError, struct.error):
                 self._lost.add(page)
 
-    def _topics(self, tables: dict[str, tuple[int, list[str], str]]) -> dict[int, Connection]:
+    def _topics(self, tables: dict[str, _Table]) -> dict[int, Connection]:
         definitions: dict[str, MessageDefinition] = {}
-        if "message_definitions" in tables:
-            root, names, _ = tables["message_definitions"]
-            for _, row in self._table(root):
-                told = dict(zip(names, row, strict=False))
-                if told.get("encoding") in FORMATS:
-                    definitions[str(told.get("topic_type"))] = MessageDefinition(
-                        FORMATS[str(told["encoding"])], str(told.get("encoded_message_definition"))
-                    )
-        root, names, _ = tables["topics"]
+        for _, told in self._named_rows(tables.get("message_definitions")):
+            if told.get("encoding") in FORMATS:
+                definitions[str(told.get("topic_type"))] = MessageDefinition(
+                    FORMATS[str(told["encoding"])], str(told.get("encoded_message_definition"))
+                )
         known = {}
-        for number, row in self._table(root):
-            told = dict(zip(names, row, strict=False))
+        for number, told in self._named_rows(tables["topics"]):
             name, kind = told.get("name"), told.get("type")
             if isinstance(name, str) and isinstance(kind, str):
-                known[number] = Connection(
-                    number,
-                    name,
-                    kind,
-                    definitions.get(kind, MessageDefinition(MessageDefinitionFormat.NONE, "")),
-                    str(told.get("type_description_hash") or ""),
-                    0,
-                    ConnectionExtRosbag2(str(told.get("serialization_format") or "cdr"), []),
-                    self,
-                )
+                digest = str(told.get("type_description_hash") or "")
+                encoding = str(told.get("serialization_format") or "cdr")
+                definition = definitions.get(kind, NO_DEFINITION)
+                known[number] = ros2_connection(number, name, kind, definition, digest, encoding)
         return known
 
-    def _messages(self, tables: dict[str, tuple[int, list[str], str]], topics: set[int]) -> Index:
+    def _named_rows(self, table: _Table | None) -> Iterator[tuple[int, dict[str, Value]]]:
+        if table is not None:
+            root, names = table
+            yield from ((row, dict(zip(names, values, strict=False))) for row, values in self._table(root))
+
+    def _messages(self, tables: dict[str, _Table], topics: set[int]) -> Index:
         """Return the rows of messages: topic, time, place of the record in the file, its size, number."""
         names = tables["messages"][1]
-        if not set(_COLUMNS[1:]) <= set(names):
+        if not set(_COLUMNS) <= set(names):
             raise BrokenPageError("its table of messages has other columns")
-        self._places = [names.index(name) for name in _COLUMNS[1:]]
+        self._places = [names.index(name) for name in _COLUMNS]
         self._width = len(names)
         own, orphans = self._leaves(tables)
         self._times = self._index(tables)
@@ -191,7 +194,7 @@ class SalvagedDb3(SalvagedFile):
         self.recovery.aside += len(self._aside)
         return table[~alone]
 
-    def _leaves(self, tables: dict[str, tuple[int, list[str], str]]) -> tuple[dict[int, None], list[int]]:
+    def _leaves(self, tables: dict[str, _Table]) -> tuple[dict[int, None], list[int]]:
         """Return the pages of the table of messages, and those that perhaps are.
 
         Where the node above a page is lost, only the page itself tells that it holds messages.
@@ -200,7 +203,7 @@ class SalvagedDb3(SalvagedFile):
         own, lost = pages.tree(tables["messages"][0])
         self._lost.update(lost)
         taken = pages.free_pages().union(own, pages.tree(1)[0])
-        for name, (root, _, _) in tables.items():
+        for name, (root, _) in tables.items():
             if name != "messages":
                 taken.update(pages.tree(root)[0])
         leaves = (page for page in range(2, pages.count + 1) if pages.code(page) == TABLE_LEAF)
@@ -253,7 +256,7 @@ class SalvagedDb3(SalvagedFile):
             raise BrokenPageError("a row")
         return topic, time
 
-    def _index(self, tables: dict[str, tuple[int, list[str], str]]) -> dict[int, int]:
+    def _index(self, tables: dict[str, _Table]) -> dict[int, int]:
         """Return the log time of each row that the index of times names."""
         if "@times" not in tables:
             return {}

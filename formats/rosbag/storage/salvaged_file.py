@@ -1,18 +1,20 @@
-"""The readable pieces of a damaged bag, and their messages in the order of the log times."""
+"""The readable pieces of a damaged bag.
+
+Nothing is guessed: a message is given as it was recorded, or not at all.
+"""
 
 from __future__ import annotations
 
 import mmap
 from abc import ABC, abstractmethod
-from binascii import crc32
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formats.limits import CHUNK_BYTES, CONNECTIONS, Allowance, TooMuchError, unpacked_limit
+from formats.limits import CONNECTIONS, Allowance, TooMuchError
 from formats.recovery import Recovery
-from formats.rosbag.storage.raw_messages import CORRUPT, WILD, Messages, of_payloads, unpack
+from formats.rosbag.storage.raw_messages import WILD, Messages, of_payloads, widen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
@@ -23,12 +25,13 @@ if TYPE_CHECKING:
 
     Index = NDArray[np.int64]
     Span = tuple[int, int]
+    #: A message as a row of a piece.
+    Row = tuple[int, int, int, int]
+    #: Rows of a piece, perhaps with more at the end of each.
+    Found = Sequence[tuple[int, ...]]
 
 #: `Messages.order` of the first byte of the n-th piece is n times this: pieces are smaller.
 _ORDER = 1 << 40
-#: Bytes of messages that may wait for others which are earlier.
-_WAITING = 1 << 30
-_WAITING_PARTS = 50_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +46,6 @@ class Piece:
     def first(self) -> int:
         return int(self.rows[:, 1].min())
 
-    @property
-    def last(self) -> int:
-        return int(self.rows[:, 1].max())
-
 
 class SalvagedFile(ABC):
     """What can be read of one file of a bag, as the readers of whole files give it."""
@@ -58,13 +57,7 @@ class SalvagedFile(ABC):
         self.spans: dict[int, tuple[int, int]] = {}
         self.recovery = Recovery()
         self.pieces: list[Piece] = []
-        #: First and last log time of what can be read, as it lies in the file; None where something is lost.
-        self.walk: list[Span | None] = []
         self.data: mmap.mmap | bytes = b""
-        #: No checksum vouches for some of it.
-        self.unchecked = False
-        #: Messages in no chunk, as rows of a piece, places being those in the file.
-        self._loose: list[tuple[int, int, int, int]] = []
 
     def open(self) -> None:
         """Find the readable pieces."""
@@ -79,62 +72,6 @@ class SalvagedFile(ABC):
             self.close()
             raise
 
-    def take(self, found: Index, kept: Index, load: Callable[[], bytes], damage: str = "") -> None:
-        """Take the messages that can be trusted of those that were found together.
-
-        `found` and `kept` are as for `timeline`; `damage` says what is wrong where `found` is not all there
-        was.
-        """
-        self.recovery.aside += len(found) - len(kept)
-        self.walk += timeline(found, kept)
-        if len(kept):
-            self.pieces.append(Piece(kept, load))
-        if damage:
-            self.lose(damage)
-
-    def take_loose(self, row: tuple[int, int, int, int]) -> None:
-        """Take a message that is in no chunk, once those behind it are known; nothing vouches for it."""
-        self._loose.append(row)
-        if row[2] + row[3] - self._loose[0][2] > CHUNK_BYTES >> 5:
-            self.end_loose()
-
-    def end_loose(self) -> None:
-        """Take the messages that wait for those behind them."""
-        if self._loose:
-            first, last = self._loose[0][2], self._loose[-1][2] + self._loose[-1][3]
-            rows = rows_of([(number, time, begin - first, size) for number, time, begin, size in self._loose])
-            self._loose, self.unchecked = [], True
-            self.take(rows, tame(rows), lambda: self.data[first:last])
-
-    def contents(self, begin: int, end: int, packing: str, size: int, checksum: int = 0) -> bytes:
-        """Return what a chunk there unpacks to, if that is as it says."""
-        raw = unpack(self.data[begin:end], packing, size)
-        if len(raw) != size:
-            raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
-        if checksum and crc32(raw) != checksum:
-            raise ValueError("its checksum is wrong")
-        return raw
-
-    def unpacked(self, load: Callable[[], bytes], stored: int, size: int) -> bytes | str:
-        """Unpack a chunk, or say why that cannot be.
-
-        `load` returns no more than `size` bytes, which the file says that those `stored` become. TooMuchError
-        where all chunks together become more than a file may.
-        """
-        self._allowance.take(min(size, unpacked_limit(stored)))
-        try:
-            return load()
-        except CORRUPT as error:
-            return " ".join(str(error).split())[:120] or type(error).__name__
-
-    def lose(self, damage: str) -> None:
-        """Note that something is lost here."""
-        self.end_loose()
-        if damage not in self.recovery.damage:
-            self.recovery.damage.append(damage)
-        if not self.walk or self.walk[-1] is not None:
-            self.walk.append(None)
-
     def close(self) -> None:
         if isinstance(self.data, mmap.mmap):
             self.data.close()
@@ -142,7 +79,11 @@ class SalvagedFile(ABC):
 
     @abstractmethod
     def scan(self) -> dict[int, Connection]:
-        """Fill `salvaged_file` and `recovery`; return the connections that are known, by their number."""
+        """Fill `pieces` and `recovery`; return the connections that are known, by their number."""
+
+    @abstractmethod
+    def runs(self, wanted: Collection[int], size: int) -> Iterator[dict[int, Messages]]:
+        """Read the messages of some connections, none earlier than one of its connection before."""
 
     def _settle(self, known: dict[int, Connection]) -> None:
         """Keep the messages of known connections, and count them."""
@@ -159,10 +100,8 @@ class SalvagedFile(ABC):
         counts: dict[int, int] = {}
         for piece in kept:
             for number, rows in _by_connection(piece.rows):
-                times = rows[:, 1]
-                start, end = self.spans.get(number, (int(times.min()), int(times.max())))
-                self.spans[number] = min(start, int(times.min())), max(end, int(times.max()))
-                counts[number] = counts.get(number, 0) + len(times)
+                widen(self.spans, number, rows[:, 1])
+                counts[number] = counts.get(number, 0) + len(rows)
         self.connections = [
             connection._replace(msgcount=counts.get(number, 0)) for number, connection in known.items()
         ]
@@ -170,26 +109,6 @@ class SalvagedFile(ABC):
         self.recovery.first = min((start for start, _ in self.spans.values()), default=None)
         if self.recovery.expected is not None:
             self.recovery.expected = max(self.recovery.expected, self.recovery.read)
-
-    def runs(self, wanted: Collection[int], size: int = 0) -> Iterator[dict[int, Messages]]:  # noqa: ARG002 - as `rosbag.containers.Reader` has it
-        """Read the messages of some connections, none earlier than one of its connection before."""
-        numbers = np.array(sorted(wanted), dtype=np.int64)
-        chosen = sorted(
-            (piece.first, rank, piece)
-            for rank, piece in enumerate(self.pieces)
-            if np.isin(piece.rows[:, 0], numbers).any()
-        )
-        waiting: dict[int, list[Messages]] = {}
-        for k, (_, rank, piece) in enumerate(chosen):
-            for number, messages in messages_of(piece, rank, numbers).items():
-                waiting.setdefault(number, []).append(messages)
-            horizon = chosen[k + 1][0] if k + 1 < len(chosen) else None
-            before, waiting = _parted(waiting, horizon)
-            held = [len(part.buffer) for parts in waiting.values() for part in parts]
-            if sum(held) > _WAITING or len(held) > _WAITING_PARTS:
-                raise TooMuchError("its chunks overlap in time: too much would have to be held in memory")
-            if before:
-                yield before
 
 
 def messages_of(piece: Piece, rank: int, wanted: Index) -> dict[int, Messages]:
@@ -210,7 +129,7 @@ def _by_connection(rows: Index) -> Iterator[tuple[int, Index]]:
         yield int(part[0, 0]), part
 
 
-def _parted(
+def parted(
     waiting: dict[int, list[Messages]], horizon: int | None
 ) -> tuple[dict[int, Messages], dict[int, list[Messages]]]:
     """Part messages into those before a time, and the others; the latter in buffers of their own."""
@@ -239,9 +158,9 @@ def joined(parts: Sequence[Messages]) -> Messages:
     return of_payloads(payloads, times, order)
 
 
-def rows_of(found: Sequence[tuple[int, int, int, int]]) -> Index:
+def rows_of(found: Found) -> Index:
     """Return the table of a piece as `Piece.rows` has it; times beyond the year 2262 are left out."""
-    return np.array([row for row in found if 0 <= row[1] < 2**63], dtype=np.int64).reshape(-1, 4)
+    return np.array([row[:4] for row in found if 0 <= row[1] < 2**63], dtype=np.int64).reshape(-1, 4)
 
 
 def tame(rows: Index) -> Index:
@@ -249,19 +168,6 @@ def tame(rows: Index) -> Index:
     if not len(rows):
         return rows
     return np.asarray(rows[np.abs(rows[:, 1] - int(np.median(rows[:, 1]))) <= WILD])
-
-
-def agreed(told: Sequence[tuple[bool, Any]]) -> Any | None:
-    """Return what a file says of something, if it does not contradict itself; checksums vouch for some."""
-    trusted = [what for vouched, what in told if vouched] or [what for _, what in told]
-    return trusted[0] if all(what == trusted[0] for what in trusted) else None
-
-
-def join_told(told: dict[int, list[tuple[bool, Any]]], more: dict[int, list[tuple[bool, Any]]]) -> None:
-    """Add what else a file says of its connections, by their numbers, to what it said before."""
-    for number, said in more.items():
-        before = told.setdefault(number, [])
-        before += [one for one in said if one not in before[-8:]]
 
 
 def timeline(found: Index, kept: Index) -> list[Span | None]:

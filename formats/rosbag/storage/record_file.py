@@ -1,0 +1,296 @@
+"""Files of records one after another, MCAP and ROS 1, also while a recorder still writes them."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+from abc import abstractmethod
+from binascii import crc32
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from formats.limits import CHUNK_BYTES, Allowance, TooMuchError, unpacked_limit
+from formats.rosbag.storage.raw_messages import CORRUPT, unpack
+from formats.rosbag.storage.salvaged_file import (
+    Piece,
+    SalvagedFile,
+    lost_between,
+    messages_of,
+    parted,
+    rows_of,
+    tame,
+    timeline,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Sequence
+    from pathlib import Path
+
+    from rosbags.interfaces import Connection
+
+    from formats.rosbag.storage.raw_messages import Messages
+    from formats.rosbag.storage.salvaged_file import Found, Index, Row, Span
+
+    #: By code and number of a record: whether a checksum vouches for it, and what it says.
+    Told = dict[tuple[int, int], list[tuple[bool, Any]]]
+
+#: Bytes of messages that may wait for others which are earlier.
+_WAITING = 1 << 30
+_WAITING_PARTS = 50_000
+#: Bytes behind damage in a growing file in which a chunk begins. Judged: recorders write chunks of some MB.
+_SEARCHED = 16 << 20
+
+
+class BrokenRecordError(ValueError):
+    """A record does not add up."""
+
+
+class CutOffError(BrokenRecordError):
+    """A record ends beyond the file; of one that is still written, the rest will come."""
+
+
+class RecordFile(SalvagedFile):
+    """What can be read of a file of records."""
+
+    #: How the file begins, and the code of the records that describe a connection.
+    magic: bytes
+    describes: int
+    #: What is said behind a place that is damaged, and behind one that is cut off.
+    is_damaged = is_cut = ""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        #: Where the next record begins, and whether the last one was read.
+        self.at = len(self.magic)
+        self.ended = False
+        #: The file is still being written: what is cut off is waited for.
+        self.growing = False
+        #: There is more than was asked for; and pieces that were handed over.
+        self.full, self._handed = False, 0
+        #: What the file says of its connections.
+        self.told: Told = {}
+        #: First and last log time of what can be read, as it lies in the file; None where something is lost.
+        self.walk: list[Span | None] = []
+        #: No checksum vouches for some of it.
+        self.unchecked = False
+        #: Messages in no chunk, as rows of a piece, places being those in the file.
+        self._loose: list[Row] = []
+
+    def scan(self) -> dict[int, Connection]:
+        self.recovery.bytes_read = at = self.at
+        size = len(self.data)
+        while at < size and not self.ended:
+            try:
+                at = self.record(at)
+            except TooMuchError:
+                raise
+            except (ValueError, struct.error) as error:
+                what = str(error) if isinstance(error, BrokenRecordError) else f"a record at byte {at:,}"
+                following = self.next_chunk(at + 1)
+                cut = f"cut off at byte {size:,}, in {what}{self.is_cut}"
+                self.lose(f"{what}{self.is_damaged}" if following else cut)
+                at = following or size
+        self.end_loose()
+        end = self.account()
+        self.recovery.checked = not self.unchecked
+        self.recovery.lost = lost_between(self.walk, end) if self.recovery.damaged else []
+        return self.known()
+
+    def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
+        """Read on in a file that is being written, some `most` bytes: its messages, as they lie in it.
+
+        No record before `at` is looked at again. Damage is passed over, and is in `recovery`; ValueError
+        where nothing follows it.
+        """
+        self.growing = True
+        size = os.fstat(file.fileno()).st_size
+        if size < len(self.data):
+            raise BrokenRecordError(f"it became shorter, of {size:,} bytes, while it was followed")
+        if size > len(self.data):
+            self.close()
+            self.data = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
+            self._allowance = Allowance(size)
+        limit = min(size, self.at + most)
+        with suppress(CutOffError):
+            while self.at < limit and not self.ended:
+                self.at = self._next(size)
+        self.full = limit <= self.at < size
+        self.end_loose()
+        pieces, self.pieces, self.walk = self.pieces, [], []
+        if self.told_of().keys() != {connection.id for connection in self.connections}:
+            self.connections = list(self.known().values())
+        numbers = np.array([connection.id for connection in self.connections], dtype=np.int64)
+        found = [messages_of(piece, rank, numbers) for rank, piece in enumerate(pieces, self._handed)]
+        self._handed += len(pieces)
+        if isinstance(self.data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            # Else a process seems to hold all of the file that it has seen.
+            self.data.madvise(mmap.MADV_DONTNEED)
+        return found
+
+    def _next(self, size: int) -> int:
+        """Read one record of a growing file; return where the next begins, behind damage the next chunk."""
+        try:
+            return self.record(self.at)
+        except (CutOffError, TooMuchError):
+            raise
+        except (ValueError, struct.error) as error:
+            following = self.next_chunk(self.at + 1)
+            if following is None and size - self.at > _SEARCHED:
+                raise
+            if following is None:
+                raise CutOffError(f"what follows byte {self.at:,}") from error
+            self.lose(f"bytes {self.at:,} to {following:,} are damaged, and passed over")
+            return following
+
+    def take_chunk(
+        self,
+        at: int,
+        place: slice,
+        packing: str,
+        size: int,
+        confirm: Callable[[Found], tuple[Index, bool]],
+        *,
+        checksum: int = 0,
+        vouched: bool,
+    ) -> None:
+        """Take the messages of the chunk that begins at a byte, its contents packed at a `place` in the file.
+
+        Checksums vouch for all, or `confirm` returns the messages that can be trusted, and whether these and
+        the index are the same. TooMuchError where all chunks together become more than a file may.
+        """
+        load = partial(self._contents, place, packing, size, checksum)
+        self._allowance.take(min(size, unpacked_limit(place.stop - place.start)))
+        try:
+            raw = load()
+        except CORRUPT as error:
+            reason = " ".join(str(error).split())[:120] or type(error).__name__
+            self.lose(f"the chunk at byte {at:,} cannot be read ({reason})")
+            return
+        told: Told = {}
+        found, whole = self.found_in(raw, told, vouched=vouched)
+        rows = rows_of(found)
+        kept, agrees = (rows, True) if vouched else confirm(found)
+        self.unchecked = self.unchecked or not vouched
+        damage = "" if whole else "contradicts itself"
+        if packing not in {"", "none"} and not vouched and not (whole and agrees):
+            # One changed byte of packed data changes others, and no index shows in which values.
+            kept, damage = rows[:0], "contradicts its index"
+        else:
+            join_told(self.told, told)
+        self.take(rows, kept, load)
+        if damage:
+            self.lose(f"the chunk at byte {at:,} {damage}")
+
+    def _contents(self, place: slice, packing: str, size: int, checksum: int) -> bytes:
+        """Return what a chunk there unpacks to, if that is as it says."""
+        raw = unpack(self.data[place], packing, size)
+        if len(raw) != size:
+            raise ValueError(f"{size:,} bytes were packed, {len(raw):,} came out")
+        if checksum and crc32(raw) != checksum:
+            raise ValueError("its checksum is wrong")
+        return raw
+
+    def take(self, found: Index, kept: Index, load: Callable[[], bytes]) -> None:
+        """Take the messages that can be trusted of those that were found together; as for `timeline`."""
+        self.recovery.aside += len(found) - len(kept)
+        self.walk += timeline(found, kept)
+        if len(kept):
+            self.pieces.append(Piece(kept, load))
+
+    def told_of(self) -> dict[int, list[tuple[bool, Any]]]:
+        """Return what the file says of each connection, by its number."""
+        return {number: said for (code, number), said in self.told.items() if code == self.describes}
+
+    def take_loose(self, row: Row) -> None:
+        """Take a message that is in no chunk, once those behind it are known; nothing vouches for it."""
+        self._loose.append(row)
+        if row[2] + row[3] - self._loose[0][2] > CHUNK_BYTES >> 5:
+            self.end_loose()
+
+    def end_loose(self) -> None:
+        """Take the messages that wait for those behind them."""
+        if self._loose:
+            first, last = self._loose[0][2], self._loose[-1][2] + self._loose[-1][3]
+            rows = rows_of([(number, time, begin - first, size) for number, time, begin, size in self._loose])
+            self._loose, self.unchecked = [], True
+            self.take(rows, tame(rows), lambda: self.data[first:last])
+
+    def lose(self, damage: str) -> None:
+        """Note that something is lost here."""
+        self.end_loose()
+        if damage not in self.recovery.damage:
+            self.recovery.damage.append(damage)
+        if not self.walk or self.walk[-1] is not None:
+            self.walk.append(None)
+
+    def runs(self, wanted: Collection[int], size: int = 0) -> Iterator[dict[int, Messages]]:  # noqa: ARG002 - as `rosbag.containers.Reader` has it
+        """Read the messages of some connections, none earlier than one of its connection before."""
+        numbers = np.array(sorted(wanted), dtype=np.int64)
+        chosen = sorted(
+            (piece.first, rank, piece)
+            for rank, piece in enumerate(self.pieces)
+            if np.isin(piece.rows[:, 0], numbers).any()
+        )
+        waiting: dict[int, list[Messages]] = {}
+        for k, (_, rank, piece) in enumerate(chosen):
+            for number, messages in messages_of(piece, rank, numbers).items():
+                waiting.setdefault(number, []).append(messages)
+            horizon = chosen[k + 1][0] if k + 1 < len(chosen) else None
+            before, waiting = parted(waiting, horizon)
+            held = [len(part.buffer) for parts in waiting.values() for part in parts]
+            if sum(held) > _WAITING or len(held) > _WAITING_PARTS:
+                raise TooMuchError("its chunks overlap in time: too much would have to be held in memory")
+            if before:
+                yield before
+
+    @property
+    def rest(self) -> int:
+        """Bytes at the end of a growing file that are no whole record."""
+        return 0 if self.ended else len(self.data) - self.at
+
+    @abstractmethod
+    def record(self, at: int) -> int:
+        """Read one record; return where the next begins. CutOffError where it is not all there."""
+
+    @abstractmethod
+    def account(self) -> int | None:
+        """Fill in what the file says of itself as a whole; return the last log time, if it tells that."""
+
+    @abstractmethod
+    def next_chunk(self, start: int) -> int | None:
+        """Find the next place where a whole chunk begins."""
+
+    def found_in(self, raw: bytes, told: Told, *, vouched: bool) -> tuple[Found, bool]:
+        """Return the messages of a chunk, and whether all of it added up; take in what it tells."""
+        found = []
+        try:
+            for row in self.messages_in(raw, told, vouched=vouched):
+                found.append(row)  # noqa: PERF402 - those before the damage are kept
+        except (struct.error, ValueError):
+            return found, False
+        return found, True
+
+    @abstractmethod
+    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[tuple[int, ...]]:
+        """Yield the messages of a chunk; an error of `struct` or ValueError where it does not add up."""
+
+    @abstractmethod
+    def known(self) -> dict[int, Connection]:
+        """Return the connections of which all is known, by their number."""
+
+
+def agreed(told: Sequence[tuple[bool, Any]]) -> Any | None:
+    """Return what a file says of something, if it does not contradict itself; checksums vouch for some."""
+    trusted = [what for vouched, what in told if vouched] or [what for _, what in told]
+    return trusted[0] if all(what == trusted[0] for what in trusted) else None
+
+
+def join_told(told: Told, more: Told) -> None:
+    """Add what else a file says of its connections to what it said before."""
+    for about, said in more.items():
+        before = told.setdefault(about, [])
+        before += [one for one in said if one not in before[-8:]]

@@ -1,0 +1,399 @@
+"""ROS 1 bags without their end, their index or some of their bytes: every chunk that is whole.
+
+Records follow each other from the first byte on (http://wiki.ros.org/Bags/Format/2.0): a header of
+named fields, then data, each with its length. Where one does not add up, the next chunk is looked
+for. The format has no checksums (bz2 has its own): a message is taken where the index behind its
+chunk names it too, or where there is no such index, as in the last chunk before a cut.
+
+Each connection notes a checksum beside its definition. As ``genmsg`` computes it: MD5 of the constants, then
+of the fields in their order, without comments and spaces, each message type in place of which its own
+checksum stands.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+from hashlib import md5
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+from rosbags.interfaces import Connection, ConnectionExtRosbag1, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag1.reader import normalize
+from rosbags.typesys.msg import normalize_msgtype
+
+from formats.limits import CHUNK_BYTES
+from formats.rosbag.storage.record_file import BrokenRecordError, CutOffError, RecordFile, agreed, join_told
+from formats.rosbag.storage.salvaged_file import rows_of, tame
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from formats.rosbag.storage.raw_messages import Messages
+    from formats.rosbag.storage.record_file import Told
+    from formats.rosbag.storage.salvaged_file import Found, Index
+
+_MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
+_CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")
+#: The header of a chunk has three short fields.
+_LONGEST_CHUNK_HEADER = 80
+
+_SECOND = 1_000_000_000
+_LONGEST_HEADER = 1 << 20
+_BUILT_IN = frozenset(
+    {"bool", "byte", "char", "string", "time", "duration", "float32", "float64"}
+    | {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
+)
+_DEEPEST = 50
+
+
+@dataclass(frozen=True, slots=True)
+class _BagRecord:
+    """One record; its data need not all be there."""
+
+    fields: dict[bytes, bytes]
+    #: Where its data begin, and end.
+    begin: int
+    end: int
+
+    @property
+    def code(self) -> int:
+        """What it is; 0 where it does not tell."""
+        return self.fields.get(b"op", b"\0")[0] if len(self.fields.get(b"op", b"")) == 1 else 0
+
+    def number(self, name: bytes, code: str = "<I") -> int:
+        """Return a field that is a number."""
+        value: int = struct.unpack(code, self.fields.get(name, b""))[0]
+        return value
+
+    def time(self, name: bytes = b"time") -> int:
+        """Return a field that is a time, ns."""
+        seconds, rest = struct.unpack("<II", self.fields.get(name, b""))
+        if rest >= _SECOND:
+            raise BrokenRecordError("a time")
+        return int(seconds) * _SECOND + int(rest)
+
+
+def _read_record(data: Any, at: int) -> _BagRecord:
+    """Read the header of a record; its data may end beyond those that are there."""
+    if at + 4 > len(data):
+        raise CutOffError(f"a record at byte {at:,}")
+    (length,) = struct.unpack_from("<I", data, at)
+    begin, end = at + 4, at + 4 + length
+    if length > _LONGEST_HEADER:
+        raise BrokenRecordError(f"a record that begins at byte {at:,}")
+    if end + 4 > len(data):
+        raise CutOffError(f"a record that begins at byte {at:,}")
+    (stored,) = struct.unpack_from("<I", data, end)
+    return _BagRecord(_fields_of(data[begin:end]), end + 4, end + 4 + stored)
+
+
+def _fields_of(header: bytes) -> dict[bytes, bytes]:
+    """Return the fields of a header by their names."""
+    fields, at = {}, 0
+    while at < len(header):
+        (size,) = struct.unpack_from("<I", header, at)
+        name, sign, value = header[at + 4 : at + 4 + size].partition(b"=")
+        at += 4 + size
+        if not sign or at > len(header):
+            raise BrokenRecordError("the header of a record")
+        fields[name] = value
+    return fields
+
+
+class SalvagedRos1(RecordFile):
+    """What can be read of one ROS 1 bag."""
+
+    magic = b"#ROSBAG V2.0\n"
+    describes = _CONNECTION
+    is_damaged = " is damaged"
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        #: Where the index at the end of the file begins, by its header.
+        self._index_at: int | None = None
+        #: Chunks of the log, and connections and chunks together that the header promises in that index.
+        self._chunks = self._promised = 0
+        #: Records that stand there, and those of chunks among them.
+        self._indexed = self._counted = 0
+        #: Messages and the last log time, by the index.
+        self._messages = self._end = 0
+
+    def account(self) -> int | None:
+        recovery, size, index = self.recovery, len(self.data), self._index_at
+        if index is None and not recovery.damage:
+            self.lose(f"cut off at byte {size:,}: its header is missing")
+        elif index == 0:
+            self.lose("its index is missing: the recording was not closed properly")
+        elif index is not None and index >= size:
+            # Says more than where the last record is cut.
+            recovery.damage = [text for text in recovery.damage if not text.startswith("cut off")]
+            self.lose(f"cut off at byte {size:,} of at least {index:,}: its index is missing")
+            recovery.bytes_expected = index
+        elif self._indexed < self._promised and not recovery.damage:
+            of = f"{self._indexed:,} of {self._promised:,} records"
+            self.lose(f"cut off at byte {size:,}, in its index: {of} are there")
+        recovery.whole_known = bool(index)
+        if self._counted and self._counted == self._chunks:
+            recovery.expected = self._messages
+        return self._end or None
+
+    def grow(self, file: BinaryIO, most: int) -> list[dict[int, Messages]]:
+        found = super().grow(file, most)
+        if self.at > len(self.magic):
+            # The header is written again once the index is there.
+            index = _read_record(self.data, len(self.magic)).number(b"index_pos", "<Q")
+            self.ended = 0 < index <= self.at
+        return found
+
+    def record(self, at: int) -> int:
+        record = _read_record(self.data, at)
+        end = record.end
+        if end > len(self.data):
+            if record.code == _CHUNK and not self.growing:
+                self._cut_chunk(record)
+            what = "chunk" if record.code == _CHUNK else "record"
+            raise CutOffError(f"a {what} that begins at byte {at:,}")
+        match record.code:
+            case 5:
+                end = self._chunk(at, record)
+            case 2:
+                self._message(record)
+            case 3:
+                self._index_at = record.number(b"index_pos", "<Q")
+                self._chunks = record.number(b"chunk_count")
+                self._promised = self._chunks + record.number(b"conn_count")
+            case 7:
+                self._indexed += at >= (self._index_at or 0)
+                _note(self.told, record, self.data[record.begin : record.end], vouched=False)
+            case 6:
+                self._chunk_info(record)
+            case 4:
+                pass
+            case 0 if self.growing and not record.fields:
+                # The file is longer already than what was written into it.
+                raise CutOffError(f"a record at byte {at:,}")
+            case _:
+                raise BrokenRecordError(f"a record at byte {at:,}")
+        self.recovery.bytes_read += end - at
+        return end
+
+    def next_chunk(self, start: int) -> int | None:
+        for match in _CHUNK_FIELD.finditer(self.data, start):
+            for at in range(match.start() - 8, max(start, match.start() - _LONGEST_CHUNK_HEADER) - 1, -1):
+                (length,) = struct.unpack_from("<I", self.data, at)
+                if not match.end() - at - 4 <= length <= _LONGEST_CHUNK_HEADER:
+                    continue
+                try:
+                    record = _read_record(self.data, at)
+                except (BrokenRecordError, struct.error):
+                    continue
+                if record.code == _CHUNK and record.end <= len(self.data):
+                    return at
+        return None
+
+    def _chunk(self, at: int, record: _BagRecord) -> int:
+        """Read a chunk and the index behind it; return where that ends."""
+        self.end_loose()
+        if record.begin == record.end:
+            # Not closed: its messages follow as records of the file.
+            if self.growing and record.fields.get(b"compression") != b"none":
+                raise CutOffError(f"a chunk that begins at byte {at:,}")
+            return record.end
+        packing, size = record.fields.get(b"compression", b"").decode(), record.number(b"size")
+        index, end = self._index(record.end)
+        self.take_chunk(
+            at,
+            slice(record.begin, record.end),
+            packing,
+            size,
+            lambda found: _settled(found, index),
+            vouched=packing == "bz2",
+        )
+        return end
+
+    def _cut_chunk(self, record: _BagRecord) -> None:
+        """Take the whole messages of a chunk that is cut off, if it is not packed."""
+        if record.fields.get(b"compression") != b"none" or len(self.data) - record.begin > CHUNK_BYTES:
+            return
+        first, last = record.begin, len(self.data)
+        found, _ = self.found_in(self.data[first:last], self.told, vouched=False)
+        rows = rows_of(found)
+        self.unchecked = True
+        self.take(rows, tame(rows), lambda: self.data[first:last])
+
+    def _index(self, at: int) -> tuple[dict[int, set[tuple[int, int]]], int]:
+        """Read the records of the index behind a chunk: times and places by connection."""
+        index: dict[int, set[tuple[int, int]]] = {}
+        while at < len(self.data):
+            try:
+                record = _read_record(self.data, at)
+                if record.code != _INDEX or record.end > len(self.data):
+                    break
+                if record.number(b"count") * 12 != record.end - record.begin or record.number(b"ver") != 1:
+                    break
+                connection = record.number(b"conn")
+            except (BrokenRecordError, struct.error):
+                break
+            numbers = np.frombuffer(self.data[record.begin : record.end], "<u4")
+            entries = numbers.reshape(-1, 3).astype(np.int64)
+            times = entries[:, 0] * _SECOND + entries[:, 1]
+            index[connection] = set(zip(times.tolist(), entries[:, 2].tolist(), strict=True))
+            at = record.end
+        return index, at
+
+    def _message(self, record: _BagRecord) -> None:
+        """Take a message of a chunk that was never closed."""
+        self.take_loose((record.number(b"conn"), record.time(), record.begin, record.end - record.begin))
+
+    def _chunk_info(self, record: _BagRecord) -> None:
+        content = self.data[record.begin : record.end]
+        if len(content) != 8 * record.number(b"count"):
+            raise BrokenRecordError("the index")
+        self._counted += 1
+        self._indexed += 1
+        self._messages += sum(count for _, count in struct.iter_unpack("<II", content))
+        self._end = max(self._end, record.time(b"end_time"))
+
+    def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[tuple[int, ...]]:
+        """Yield messages, each a row of a piece, and where its record begins.
+
+        Then also where that of the connection just before it begins, at which some writers let the index
+        point.
+        """
+        at, earlier = 0, None
+        while at < len(raw):
+            record = _read_record(raw, at)
+            if record.end > len(raw):
+                raise BrokenRecordError("a record")
+            if record.code == _CONNECTION:
+                _note(told, record, raw[record.begin : record.end], vouched=vouched)
+                earlier = at if earlier is None else earlier
+            elif record.code == _MESSAGE:
+                number, time, size = record.number(b"conn"), record.time(), record.end - record.begin
+                yield number, time, record.begin, size, at, at if earlier is None else earlier
+                earlier = None
+            else:
+                raise BrokenRecordError("a record")
+            at = record.end
+
+    def known(self) -> dict[int, Connection]:
+        known = {}
+        for number, told in self.told_of().items():
+            fitting = [what for _, what in told if _fits(what)]
+            said = agreed(told) or (fitting[0] if len(set(fitting)) == 1 else None)
+            if said is None:
+                self.recovery.damage.append(f"connection {number} is described twice, each time differently")
+                continue
+            topic, kind, digest, text, caller = said
+            if not _fits(said):
+                # Perhaps it is a standard type, which its checksum tells.
+                self.recovery.damage.append(f"the definition of {topic} is not the one its checksum is of")
+                text = ""
+            known[number] = Connection(
+                number,
+                topic,
+                kind,
+                MessageDefinition(MessageDefinitionFormat.MSG, text),
+                digest,
+                0,
+                ConnectionExtRosbag1(caller, None),
+                self,
+            )
+        return known
+
+
+def _settled(found: Found, index: dict[int, set[tuple[int, int]]]) -> tuple[Index, bool]:
+    """Keep the messages that the index names at the same place and time, where there is an index.
+
+    Tell too whether index and messages are the same.
+    """
+    named, unnamed = [], []
+    for row in found:
+        connection, time, _, _, at, earlier = row
+        if connection not in index:
+            unnamed.append(row)
+        elif (time, at) in index[connection] or (time, earlier) in index[connection]:
+            named.append(row)
+    rows = rows_of(named + unnamed)
+    # Those without an index are compared with the others of their chunk.
+    agrees = len(named) == sum(map(len, index.values())) == len(found) - len(unnamed)
+    return tame(rows) if unnamed else rows, agrees
+
+
+def _fits(said: tuple[str, str, str, str, str | None]) -> bool:
+    """Tell whether a definition has the checksum noted beside it, as far as there is one."""
+    _, kind, digest, text, _ = said
+    found = checksum(text, kind) if re.fullmatch("[0-9a-f]{32}", digest) and text.strip() else None
+    return found in {None, digest}
+
+
+def _note(told: Told, record: _BagRecord, content: bytes, *, vouched: bool) -> None:
+    """Take in what a record says of a connection."""
+    number, topic = record.number(b"conn"), record.fields.get(b"topic", b"").decode()
+    about = _fields_of(content)
+    if not topic or b"type" not in about:
+        raise BrokenRecordError(f"the description of connection {number}")
+    kept = (
+        normalize(topic),
+        normalize_msgtype(about[b"type"].decode()),
+        about.get(b"md5sum", b"").decode(),
+        about.get(b"message_definition", b"").decode(),
+        about.get(b"callerid", b"").decode() or None,
+    )
+    join_told(told, {(_CONNECTION, number): [(vouched, kept)]})
+
+
+class _UnknownError(Exception):
+    """Not all that the checksum covers can be told."""
+
+
+def checksum(text: str, type_name: str) -> str | None:
+    """Return the checksum of a definition, behind which are those of its parts, as bags hold it.
+
+    None where it cannot be told: a type is missing, or a constant is a number with a fraction or a text,
+    which tools write in more than one way.
+    """
+    main, *others = re.split(r"^=+\n", text, flags=re.MULTILINE)
+    sections = {_short(type_name): main}
+    for section in others:
+        first, _, rest = section.partition("\n")
+        sections[first.removeprefix("MSG:").strip()] = rest
+    try:
+        return _of(_short(type_name), sections, {}, 0)
+    except _UnknownError:
+        return None
+
+
+def _short(name: str) -> str:
+    return name.replace("/msg/", "/")
+
+
+def _of(name: str, sections: dict[str, str], known: dict[str, str], depth: int) -> str:
+    if name in known:
+        return known[name]
+    if name not in sections or depth > _DEEPEST:
+        raise _UnknownError
+    constants, fields = [], []
+    for line in sections[name].split("\n"):
+        kind, _, rest = line.partition("#")[0].strip().partition(" ")
+        rest = rest.strip()
+        if not kind:
+            continue
+        if "=" in rest:
+            if kind in {"string", "float32", "float64"}:
+                raise _UnknownError
+            constant, _, value = rest.partition("=")
+            constants.append(f"{kind} {constant.strip()}={value.strip()}")
+            continue
+        base = kind.partition("[")[0]
+        if base in _BUILT_IN:
+            fields.append(f"{kind} {rest}")
+            continue
+        package = name.partition("/")[0]
+        full = "std_msgs/Header" if base == "Header" else base if "/" in base else f"{package}/{base}"
+        fields.append(f"{_of(full, sections, known, depth + 1)} {rest}")
+    known[name] = md5("\n".join([*constants, *fields]).encode(), usedforsecurity=False).hexdigest()
+    return known[name]
