@@ -336,6 +336,21 @@ def test_a_recorder_that_died_within_a_commit(tmp_path):
     assert recorder.bag.faults() == [f"its recorder died while it wrote: {path.name}-journal undoes that"]
 
 
+def test_a_row_without_a_message_is_passed_over_and_told(tmp_path):
+    path = finished(tmp_path, "db3")
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute("CREATE TABLE loose (id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
+        database.execute("INSERT INTO loose SELECT * FROM messages")
+        database.execute("DROP TABLE messages")
+        database.execute("ALTER TABLE loose RENAME TO messages")
+        database.execute("UPDATE messages SET data = NULL WHERE id = 30")
+    recorder = Recorder(path, "db3")
+    for _ in range(5):
+        recorder.look()
+    assert recorder.bag.count == len(list(rows()))
+    assert recorder.bag.faults() == ["1 messages set aside, which contradict themselves"]
+
+
 def test_a_commit_that_is_going_on_is_waited_for(tmp_path):
     path = finished(tmp_path, "db3")
     with closing(sqlite3.connect(path, isolation_level=None)) as file:

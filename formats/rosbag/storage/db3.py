@@ -284,7 +284,11 @@ class GrowingDb3:
         with named(str(self.path)) as path, closing(_connected(path, how)) as database:
             refuse_what_calculates(database)
             self.connections = topics_of(database, {})
-            query = "SELECT rowid, topic_id, timestamp, data FROM messages WHERE rowid > ? ORDER BY 1 LIMIT ?"
+            # A message of nothing is one that cannot be decoded, and is told as such.
+            query = (
+                "SELECT rowid, topic_id, timestamp, CAST(coalesce(data, x'') AS BLOB) FROM messages "
+                "WHERE rowid > ? ORDER BY 1 LIMIT ?"
+            )
             for row in database.execute(query, (self._last, _ROWS)):
                 rows.append(row)
                 size += len(row[3])

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from formats.rosbag.storage.record_file import Told
     from formats.rosbag.storage.salvaged_file import Found, Index
 
-_MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
+_MESSAGE, _INDEX, _CHUNK, _CONNECTION = 2, 4, 5, 7
 _CHUNK_FIELD = re.compile(rb"compression=(?:none|bz2|lz4)")
 #: The header of a chunk has three short fields.
 _LONGEST_CHUNK_HEADER = 80
