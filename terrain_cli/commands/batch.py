@@ -88,28 +88,21 @@ def duration(seconds: float) -> str:
     return f"{seconds / 3600:.1f} h"
 
 
-@click.command(
+@options.verb(
     "batch",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est batch downlink/ -o mission
-  terrain-est batch sol*/*.bag -o mission --method wong-reece --timeout 600
-  terrain-est batch downlink/ -o mission --dry-run
-  terrain-est batch downlink/ -o mission --retry-failed
-  terrain-est batch downlink/ -o mission --watch
-  terrain-est batch 's3://rover/sol*/*.mcap' -o mission --scheduler tcp://cluster:8786
-""",
+    "terrain-est batch downlink/ -o mission",
+    "terrain-est batch sol*/*.bag -o mission --method wong-reece --timeout 600",
+    "terrain-est batch downlink/ -o mission --dry-run",
+    "terrain-est batch downlink/ -o mission --retry-failed",
+    "terrain-est batch downlink/ -o mission --watch",
+    "terrain-est batch 's3://rover/sol*/*.mcap' -o mission --scheduler tcp://cluster:8786",
 )
 @options.inputs
-@click.option(
-    "-o",
-    "--output",
-    type=paths.BATCH,
+@options.value(
+    "-o --output DIR",
+    paths.BATCH,
+    "The folder of the batch: results, manifest.jsonl, segments.parquet and summary.json.",
     required=True,
-    metavar="DIR",
-    help="The folder of the batch: results, manifest.jsonl, segments.parquet and summary.json.",
 )
 @click.option(
     "--format",
@@ -127,43 +120,31 @@ Examples:
     help="Write the mission table as this kind too, such as gpkg, geojson or csv (repeatable).",
 )
 @options.estimation
-@click.option(
-    "--jobs",
-    type=options.JOBS,
-    metavar="N",
-    help="Worker processes.  [one for each core]",
-)
+@options.value("--jobs N", options.JOBS, "Worker processes.  [one for each core]")
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
     help="Use the workers of this Dask scheduler instead, such as tcp://host:8786 (extra: distributed).",
 )
-@click.option(
-    "--timeout",
-    type=options.POSITIVE,
-    metavar="S",
-    help="Give up an input after this many seconds.  [never]",
-)
-@click.option(
-    "--memory",
-    type=options.POSITIVE,
-    metavar="GB",
-    help="Give up an input whose worker needs more address space than this.  [no limit]",
+@options.value("--timeout S", options.POSITIVE, "Give up an input after this many seconds.  [never]")
+@options.value(
+    "--memory GB",
+    options.POSITIVE,
+    "Give up an input whose worker needs more address space than this.  [no limit]",
 )
 @click.option("--force", is_flag=True, help="Process all inputs again.")
 @click.option("--retry-failed", is_flag=True, help="Try failed inputs again, although nothing has changed.")
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @click.option("--dry-run", is_flag=True, help="Only list what would be done, and why.")
 @click.option("--watch", is_flag=True, help="Process new inputs as they arrive, until interrupted.")
-@click.option(
-    "--settle",
-    type=options.Amount(0),
+@options.value(
+    "--settle S",
+    options.Amount(0),
+    "With --watch: take a file when it has not changed for this many seconds.",
     default=5.0,
     show_default=True,
-    metavar="S",
-    help="With --watch: take a file when it has not changed for this many seconds.",
 )
-@click.option("--seed", type=int, metavar="N", help="No effect here; other verbs use it.")
+@options.value("--seed N", int, "No effect here; other verbs use it.")
 @options.quiet
 @options.verbose
 @click.pass_context

@@ -14,42 +14,34 @@ if TYPE_CHECKING:
     from terrain_cli.comparison import Comparison
 
 
-@click.command(
+@options.verb(
     "compare",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est compare run.bag
-  terrain-est compare day1/*.mcap --model model.toml --json > misfit.json
-  terrain-est compare run.bag --model wong-reece --model model.toml
-  terrain-est compare bench.csv --segments none --where "slip_angle_deg == 0"
-  terrain-est compare run.bag --plot pictures
-""",
+    "terrain-est compare run.bag",
+    "terrain-est compare day1/*.mcap --model model.toml --json > misfit.json",
+    "terrain-est compare run.bag --model wong-reece --model model.toml",
+    'terrain-est compare bench.csv --segments none --where "slip_angle_deg == 0"',
+    "terrain-est compare run.bag --plot pictures",
 )
 @options.inputs
 @options.rover
-@click.option(
-    "--model",
-    "models",
+@options.value(
+    "--model models FILE|linear|wong-reece",
+    paths.MODEL,
+    "Model of wheel and soil: a base, or a model file that adds effects to one. "
+    "Given twice, two models side by side on the same blocks.  [wong-reece]",
     multiple=True,
-    type=paths.MODEL,
     shell_complete=suggestions.models,
     envvar="TERRAIN_EST_MODEL",
     default=("wong-reece",),
-    metavar="FILE|linear|wong-reece",
-    help="Model of wheel and soil: a base, or a model file that adds effects to one. "
-    "Given twice, two models side by side on the same blocks.  [wong-reece]",
 )
 @options.wheel
 @comparison_options.cutting
 @comparison_options.soils
 @options.as_json
-@click.option(
-    "--plot",
-    type=paths.PICTURES,
-    metavar="DIR",
-    help="Write pictures into this folder, as PNG and SVG, of the last model (extra: plot).",
+@options.value(
+    "--plot DIR",
+    paths.PICTURES,
+    "Write pictures into this folder, as PNG and SVG, of the last model (extra: plot).",
 )
 @options.quiet
 @click.pass_context

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import reduce
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,26 +24,25 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Rover
     from terrain_cli.windows.cut_windows import Windows
 
-_CUTTING = (
+#: By which windows are cut, samples are kept and chance is drawn.
+cutting = options.together(
     options.segments,
-    click.option(
-        "--min-samples",
-        type=click.IntRange(3, options.MOST_SAMPLES),
-        metavar="N",
-        help=f"Fewest samples of a window that auto cuts.  [{CUT_SAMPLES}]",
+    options.value(
+        "--min-samples N",
+        click.IntRange(3, options.MOST_SAMPLES),
+        f"Fewest samples of a window that auto cuts.  [{CUT_SAMPLES}]",
     ),
     options.window_distance,
     options.window_samples,
     options.where,
     options.salvage,
     options.largest,
-    click.option(
-        "--seed",
-        type=click.IntRange(0),
+    options.value(
+        "--seed N",
+        click.IntRange(0),
+        "Seed of the resampling behind intervals and tests.",
         default=0,
         show_default=True,
-        metavar="N",
-        help="Seed of the resampling behind intervals and tests.",
     ),
     options.jobs("Processes that fit wheels and effects; what comes out is the same."),
     options.verbose,
@@ -58,24 +56,16 @@ _REPEATED = frozenset(
 )
 
 
-keep_aside = click.option(
-    "--keep-aside",
-    type=options.Amount(0, 1, min_open=True, max_open=True),
-    metavar="SHARE",
-    help="Keep this share of each input aside, in eight stretches: diagnose does not see them, and model add "
+keep_aside = options.value(
+    "--keep-aside SHARE",
+    options.Amount(0, 1, min_open=True, max_open=True),
+    "Keep this share of each input aside, in eight stretches: diagnose does not see them, and model add "
     "judges on them alone. Give both the same share, such as 0.5.  [none]",
 )
 
 
-def cutting(command: options.F) -> options.F:
-    """Add the options by which windows are cut, samples are kept and chance is drawn."""
-    return reduce(lambda decorated, option: option(decorated), reversed(_CUTTING), command)
-
-
-def soils(command: options.F) -> options.F:
-    """Add the options of `estimate` that decide on c and φ of the segments, and on nothing else."""
-    of_estimate = (options.folds, options.robust, options.at_stress)
-    return reduce(lambda decorated, option: option(decorated), reversed(of_estimate), command)
+#: Options of `estimate` that decide on c and φ of the segments, and on nothing else.
+soils = options.together(options.folds, options.robust, options.at_stress)
 
 
 def draw(found: Comparison | Diagnosis, given: Mapping[str, Any]) -> None:
@@ -182,19 +172,20 @@ def repeated(context: click.Context, model: str, inputs: Sequence[str] | None = 
             continue
         for one in value if isinstance(value, (list, tuple)) else (value,):
             words += [parameter.opts[0], str(one)]
-    fresh = next(path for path in _model_files() if not Path(path).exists())
+    fresh = next(path for path in numbered(Path("model.toml")) if not path.exists())
     given = context.params["inputs"] if inputs is None else inputs
     return Asked(
         inputs=tuple(map(shown, given)),
         model=shown(model),
         options=tuple(map(shown, words)),
-        fresh=fresh,
+        fresh=str(fresh),
     )
 
 
-def _model_files() -> Iterator[str]:
-    yield "model.toml"
-    yield from (f"model-{number}.toml" for number in count(2))
+def numbered(path: Path) -> Iterator[Path]:
+    """Yield a name, and others beside it, of which one is free."""
+    yield path
+    yield from (path.with_stem(f"{path.stem}-{number}") for number in count(2))
 
 
 def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> EstimateRequest:

@@ -40,16 +40,11 @@ def command() -> None:
     """
 
 
-@command.command(
+@options.verb(
     "list",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
+    "terrain-est effects list",
+    "terrain-est effects list --kind contact --json",
     short_help="List the effects of the catalogue.",
-    epilog="""\b
-Examples:
-  terrain-est effects list
-  terrain-est effects list --kind contact --json
-""",
 )
 @click.option(
     "--kind",
@@ -77,16 +72,11 @@ def list_effects(kind: str | None, as_json: bool) -> None:
         say(f"\n{effect_text.overview_of_assumptions(assumptions)}")
 
 
-@command.command(
+@options.verb(
     "show",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
+    "terrain-est effects show slip-sinkage",
+    "terrain-est effects show max-stress-angle cable-drag.toml --json",
     short_help="Tell all about effects: law, parameters, signature, source.",
-    epilog="""\b
-Examples:
-  terrain-est effects show slip-sinkage
-  terrain-est effects show max-stress-angle cable-drag.toml --json
-""",
 )
 @click.argument(
     "names", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…", shell_complete=suggestions.effects
@@ -111,16 +101,11 @@ def show(names: tuple[str, ...], as_json: bool) -> None:
     say("\n\n".join(told.get(name) or effect_text.text_of_assumption(ASSUMPTIONS[name]) for name in names))
 
 
-@command.command(
+@options.verb(
     "check",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
+    "terrain-est effects check cable-drag.toml",
+    "terrain-est effects check my-effects/*.toml --json",
     short_help="Check effects of your own.",
-    epilog="""\b
-Examples:
-  terrain-est effects check cable-drag.toml
-  terrain-est effects check my-effects/*.toml --json
-""",
 )
 @click.argument("files", nargs=-1, required=True, type=paths.EFFECT_FILE, metavar="FILE…")
 @options.as_json
@@ -188,3 +173,7 @@ def _effect(name: str) -> Effect:
 
 def _write(document: dict[str, Any]) -> None:
     click.echo(json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False))
+
+
+for verb in (list_effects, show, check):
+    command.add_command(verb)

@@ -7,23 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options, paths
+from terrain_cli.commands import options
 from terrain_cli.presentation.terminal import in_lines, say
 
 if TYPE_CHECKING:
     from formats import FormatError
 
 
-@click.command(
+@options.verb(
     "inspect",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est inspect run.bag
-  terrain-est inspect day1/*.mcap --rover rover.toml --json
-  terrain-est inspect --salvage downlink/*.db3
-""",
+    "terrain-est inspect run.bag",
+    "terrain-est inspect day1/*.mcap --rover rover.toml --json",
+    "terrain-est inspect --salvage downlink/*.db3",
 )
 @options.inputs
 @options.rover
