@@ -168,15 +168,8 @@ class LongWheel:
             final, self._cut = len(cut), self._cut + 1
         end = int(cut.bounds[final])
         if final:
-            self._keep(
-                cut_windows.Windows(
-                    samples.taken(slice(0, end)),
-                    cut.rows[:end],
-                    cut.bounds[: final + 1],
-                    cut.x[:end],
-                    cut.y[:end],
-                )
-            )
+            own = cut.taken(slice(end), cut.bounds[: final + 1])
+            self._keep(replace(own, samples=samples.taken(slice(end))))
         self._waiting = self._carried = n - end
         if end < n:
             going_on = samples.stretch[end]

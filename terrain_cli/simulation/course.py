@@ -82,12 +82,7 @@ def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
     """Follow one wheel."""
     own = _profiles(scenario, place.name, course.time, OF_WHEEL)
     velocity = course.body["velocity"] - place.y * course.body["yaw_rate"]
-    smooth_ = {
-        **course.body,
-        "velocity": velocity,
-        "load": scenario.load * own["load"],
-        "slip": own["slip"],
-    }
+    smooth_ = {**course.body, "velocity": velocity, "load": scenario.load * own["load"], "slip": own["slip"]}
     return Ride(
         place, course.time, smooth_, _soils(scenario, course, place), _passes(scenario, course, place)
     )

@@ -53,10 +53,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "slip-sweep": {"slip": [0.02, 0.7, 0.05]},
     # Ballast on and off: the one way to tell c from φ, and a load cell from a torque sensor.
     "load-steps": {"load": {"steps": [0.7, 1.0, 1.3, 0.85, 1.15, 0.6]}},
-    "slope": {
-        "pitch_deg": [0.0, 12.0, 4.0, -8.0, 0.0],
-        "slip": [0.2, 0.45, 0.3, 0.08, 0.2],
-    },
+    "slope": {"pitch_deg": [0.0, 12.0, 4.0, -8.0, 0.0], "slip": [0.2, 0.45, 0.3, 0.08, 0.2]},
     # Everything at once, each on a period of its own.
     "mixed": {
         "slip": {"mean": 0.32, "swing": 0.28, "period": 13.0},

@@ -86,13 +86,7 @@ class Windows:
         step = np.maximum(-(-count // most), 1)
         place = np.arange(len(self.rows)) - np.repeat(self.bounds[:-1], count)
         chosen = np.flatnonzero(place % np.repeat(step, count) == 0)
-        return replace(
-            self,
-            rows=self.rows[chosen],
-            bounds=np.searchsorted(chosen, self.bounds),
-            x=self.x[chosen],
-            y=self.y[chosen],
-        )
+        return self.taken(chosen, np.searchsorted(chosen, self.bounds))
 
     def groups(self, most: int) -> Iterator[Windows]:
         """Yield runs of whole windows with so many samples together, or one window each."""
@@ -100,9 +94,8 @@ class Windows:
         while first < len(self):
             last = int(np.searchsorted(self.bounds, self.bounds[first] + most, side="right")) - 1
             last = min(max(last, first + 1), len(self))
-            rows = slice(self.bounds[first], self.bounds[last])
-            bounds = self.bounds[first : last + 1] - self.bounds[first]
-            yield replace(self, rows=self.rows[rows], bounds=bounds, x=self.x[rows], y=self.y[rows])
+            bounds = self.bounds[first : last + 1]
+            yield self.taken(slice(bounds[0], bounds[-1]), bounds - bounds[0])
             first = last
 
     def on_line(self) -> Windows:
@@ -111,9 +104,11 @@ class Windows:
         if driving.all():
             return self
         before = np.concatenate([[0], np.cumsum(driving)])
-        return replace(
-            self, rows=self.rows[driving], bounds=before[self.bounds], x=self.x[driving], y=self.y[driving]
-        )
+        return self.taken(driving, before[self.bounds])
+
+    def taken(self, chosen: Index | Mask | slice, bounds: Index) -> Windows:
+        """Return windows of some of the usable samples, with bounds among these."""
+        return Windows(self.samples, self.rows[chosen], bounds, self.x[chosen], self.y[chosen])
 
 
 def at_rows(column: NDArray[Any], rows: Index) -> NDArray[Any]:
@@ -218,7 +213,8 @@ def cut(
             min_distance=MIN_DISTANCE if window_distance is None else window_distance,
             before=before,
         )
-        followed = [column[lined_up] for column in _followed(samples, index)]
+        # What the line of a soil may seem to follow where the model lacks an effect.
+        followed = [samples.channels[name][index][lined_up] for name in FOLLOWED if name in samples.channels]
         load, sinkage, slip = (
             samples.channels[name][index][lined_up] for name in ("load", "sinkage", "slip")
         )
@@ -231,11 +227,6 @@ def cut(
     else:
         bounds = segmentation.whole_windows(len(rows), breaks=breaks)
     return Windows(samples, rows, bounds, x, y)
-
-
-def _followed(samples: Samples, index: Index | slice) -> list[Array]:
-    """Return what the line of a soil may seem to follow where the model lacks an effect."""
-    return [samples.channels[name][index] for name in FOLLOWED if name in samples.channels]
 
 
 def check_number(source: str, count: int) -> None:
@@ -259,14 +250,7 @@ def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, Index] | None:
     names, counts = np.unique(terrain[order], return_counts=True)
     if len(names) >= len(windows):
         return None
-    joined = replace(
-        windows,
-        rows=rows[order],
-        bounds=np.concatenate([[0], np.cumsum(counts)]).astype(np.intp),
-        x=windows.x[order],
-        y=windows.y[order],
-    )
-    return joined, order
+    return windows.taken(order, np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)), order
 
 
 def thinned(windows: Windows, share: float) -> Windows:
@@ -296,10 +280,5 @@ def pieces(windows: Windows, chosen: Index) -> Windows:
     kept[chosen] = True
     breaks = np.diff(kept) | (np.diff(stretch[rows]) != 0)
     stretch[rows] = np.cumsum(np.concatenate([[False], breaks])[: len(rows)])
-    return Windows(
-        replace(windows.samples, stretch=stretch),
-        rows[chosen],
-        np.unique(np.searchsorted(chosen, windows.bounds)),
-        windows.x[chosen],
-        windows.y[chosen],
-    )
+    kept_windows = windows.taken(chosen, np.unique(np.searchsorted(chosen, windows.bounds)))
+    return replace(kept_windows, samples=replace(windows.samples, stretch=stretch))

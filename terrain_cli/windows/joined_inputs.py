@@ -52,14 +52,9 @@ def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
     if not kept.any() or not found.keys() >= needed:
         raise InputError(f"{place}: in no sample is all known that {', '.join(e.id for e in new)} needs")
     before = np.concatenate([[0], np.cumsum(kept)])
-    return Windows(
-        replace(samples, drivers={**samples.drivers, **found}, set_aside=reasons),
-        windows.rows[kept],
-        # A window of which nothing is left is none.
-        np.unique(before[windows.bounds]),
-        windows.x[kept],
-        windows.y[kept],
-    )
+    known = replace(samples, drivers={**samples.drivers, **found}, set_aside=reasons)
+    # A window of which nothing is left is none.
+    return replace(windows.taken(kept, np.unique(before[windows.bounds])), samples=known)
 
 
 def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list[Windows]:

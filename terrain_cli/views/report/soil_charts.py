@@ -27,10 +27,7 @@ _MAP = 300
 _MOST_ELLIPSES = 60
 #: Points of all tracks on a map, and of all ellipses, that keep the page small.
 _MOST_VERTICES = 1_500
-_QUANTITIES = (
-    ("Cohesion c (kPa)", "c_kPa", "c_se_kPa"),
-    ("Friction angle φ (°)", "phi_deg", "phi_se_deg"),
-)
+_QUANTITIES = (("Cohesion c (kPa)", "c_kPa", "c_se_kPa"), ("Friction angle φ (°)", "phi_deg", "phi_se_deg"))
 #: Times the usual error, beyond which a band may leave the picture: it would flatten all that is known.
 _UNSURE = 4.0
 
@@ -214,11 +211,7 @@ def of_soil(table: Mapping[str, Any], chosen: str) -> list[tuple[str, Spec]]:
     if not np.isfinite(start).any():
         return []
     label, _ = shown_segments.mapped_strength(table)
-    strength = (
-        f"{label[:1].upper()}{label[1:]}",
-        "strength_at_stress_kPa",
-        "strength_at_stress_se_kPa",
-    )
+    strength = (f"{label[:1].upper()}{label[1:]}", "strength_at_stress_kPa", "strength_at_stress_se_kPa")
     return [
         (title, _timeline(table, (start, end), title, (value, error), chosen))
         for title, value, error in (strength, *_QUANTITIES)
