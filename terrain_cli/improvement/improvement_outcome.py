@@ -79,9 +79,9 @@ class Estimated:
     source: str
     wheel: str
     name: str
-    unit: str
     value: float
     se: float
+    unit: str
     determined: bool  # By the data, rather than by what was known beforehand
 
 

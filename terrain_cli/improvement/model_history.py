@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -30,10 +30,10 @@ class Rung:
     number: int  # From 1
     action: str  # "add", "remove", or empty where the entry is of another hand
     label: str  # What changed: "+ slip-sinkage"
-    because: str  # Why it was made
-    proof: str  # Why the stretches that may have named it judged it too; empty where others did
-    data: str  # On what it was tried, for a person; empty if it was not
-    channels: list[ChannelChange]  # Empty if it was not tried
+    because: str = ""  # Why it was made
+    proof: str = ""  # Why the stretches that may have named it judged it too; empty where others did
+    data: str = ""  # On what it was tried, for a person; empty if it was not
+    channels: list[ChannelChange] = field(default_factory=list)  # Empty if it was not tried
 
 
 def rungs(history: Sequence[Mapping[str, Any]]) -> list[Rung]:
@@ -51,15 +51,8 @@ def _rung(number: int, entry: Mapping[str, Any]) -> Rung:
     action = entry.get("action", "")
     changed = entry.get("changed")
     if action not in _SIGNS or not isinstance(changed, list) or not changed:
-        return Rung(
-            number=number,
-            action="",
-            label=", ".join(f"{key} {value}" for key, value in entry.items()),
-            because="",
-            proof="",
-            data="",
-            channels=[],
-        )
+        told = ", ".join(f"{key} {value}" for key, value in entry.items())
+        return Rung(number=number, action="", label=told)
     found, same = entry.get("channels", {}), entry.get("proof_because")
     table = found if isinstance(found, dict) else {}
     return Rung(

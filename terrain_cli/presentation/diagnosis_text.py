@@ -38,9 +38,7 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
         "channels": {
             name: {
                 "unit": errors.unit,
-                "rmse": known(errors.rmse),
-                "heldout_rmse": known(errors.heldout_rmse),
-                "noise": known(errors.noise),
+                **{key: known(getattr(errors, key)) for key in ("rmse", "heldout_rmse", "noise")},
             }
             for name, errors in comparison.channels.items()
         },

@@ -135,12 +135,7 @@ def _places(table: Table, rows: Index, ends: Index) -> tuple[Mask, Array]:
 
 
 def _fix(places: Array, crs: str) -> dict[str, Any]:
-    return {
-        "header.frame_id": crs,
-        "longitude": places[:, 0],
-        "latitude": places[:, 1],
-        "altitude": np.nan,
-    }
+    return {"header.frame_id": crs, "longitude": places[:, 0], "latitude": places[:, 1], "altitude": np.nan}
 
 
 def check(output: str | None, samples: str | None = None, crs: str | None = None) -> None:

@@ -30,34 +30,6 @@ def fields(plan: Plan, wanted: Collection[str], extras: Sequence[str]) -> list[s
     return sorted(names.union(extras, [label] if label else []))
 
 
-def read(
-    plan: Plan,
-    wanted: Collection[str],
-    extras: Sequence[str],
-    choose: Callable[[Labels | None], list[str]],
-    max_gap: float | None,
-    batches: list[Batch] | None = None,
-) -> list[Raw]:
-    """Read the wheels of a table; `choose` names them, from the column of wheel labels if there is one.
-
-    `batches` are the columns `fields`, where they were read before.
-    """
-    names = fields(plan, wanted, extras)
-    table: dict[str, Column] = {}
-    if batches:
-        table = raw_columns.whole(batches)
-    elif names:
-        table = raw_columns.read_whole(plan.source, "", names)
-    raws = wheels(plan, table, wanted, extras, choose)
-    for raw in raws:
-        clocks = own_clocks.find(raw)
-        if clocks:
-            interpolated = clocks.bring(raw, max_gap)
-            raw.remarks.append(clocks.told(raw.wheel, len(raw), int(interpolated.sum())))
-        raw.remarks += passed_over(plan, nameless(plan, table))
-    return raws
-
-
 def nameless(plan: Plan, table: Mapping[str, Column], rows: slice = slice(None)) -> int:
     """Count those of some rows that name no wheel, after `wheels`."""
     column = table.get(plan.labels.get("", ""))
@@ -145,24 +117,38 @@ def read_raw(
     channels: Iterable[str],
     extras: Sequence[str] = (),
     *,
-    wheels: Collection[str] = (),
+    named: Collection[str] = (),
     batches: list[Batch] | None = None,
     topics: Mapping[str, dict[str, Column]] | None = None,
 ) -> list[Raw]:
     """Read the channels asked for, wheel by wheel, ordered by name; those without a feed are passed over.
 
-    `batches` are the columns of a table, `topics` those of the topics of a bag, where they were read before.
+    Only the `named` wheels are read, if any. `batches` are the columns of a table, `topics` those of the
+    topics of a bag, where they were read before.
     """
     wanted = set(channels)
 
     def choose(labels: Labels | None) -> list[str]:
-        return choose_wheels(plan, rover, labels, wheels)
+        return choose_wheels(plan, rover, labels, named)
 
-    if is_table(plan.source):
-        return read(plan, wanted, extras, choose, rover.max_gap, batches)
-    if topics is None:
-        topics = read_topics(plan.source, bags.fields(plan, wanted))
-    return bags.wheels(plan, topics, wanted, choose, rover.max_gap)
+    if not is_table(plan.source):
+        if topics is None:
+            topics = read_topics(plan.source, bags.fields(plan, wanted))
+        return bags.wheels(plan, topics, wanted, choose, rover.max_gap)
+    names = fields(plan, wanted, extras)
+    table: dict[str, Column] = {}
+    if batches:
+        table = raw_columns.whole(batches)
+    elif names:
+        table = raw_columns.read_whole(plan.source, "", names)
+    raws = wheels(plan, table, wanted, extras, choose)
+    for raw in raws:
+        clocks = own_clocks.find(raw)
+        if clocks:
+            interpolated = clocks.bring(raw, rover.max_gap)
+            raw.remarks.append(clocks.told(raw.wheel, len(raw), int(interpolated.sum())))
+        raw.remarks += passed_over(plan, nameless(plan, table))
+    return raws
 
 
 def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Collection[str]) -> list[str]:

@@ -69,7 +69,8 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
     test points. `pairs` are its columns of whole seconds and fractions.
     """
     source, known = plan.source, plan.shared.get("time")
-    unused = _unused(plan)
+    used = {name for feed in plan.every_feed for name in feed.fields} | set(plan.labels.values())
+    unused = [f.name for f in source.streams()[0].fields if f.name not in used]
     halves = {header for pair in pairs for header in pair.headers}
     names = time_names(header for header in unused if header not in halves)
     if known and not (pairs or names):
@@ -92,11 +93,6 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
             return
     if not known:
         _doubt(plan, {header: table[header] for header in unused}, wheels)
-
-
-def _unused(plan: Plan) -> list[str]:
-    used = {name for feed in plan.every_feed for name in feed.fields} | set(plan.labels.values())
-    return [f.name for f in plan.source.streams()[0].fields if f.name not in used]
 
 
 def _beginning(source: Source, headers: Collection[str]) -> Mapping[str, Column]:
