@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import comparison_options, options, paths, suggestions
-from terrain_cli.presentation.terminal import say
+from terrain_cli.errors import UsageError
+from terrain_cli.presentation.terminal import Progress, as_json, say
 
 if TYPE_CHECKING:
     from terrain_cli.comparison import Comparison
@@ -53,11 +54,9 @@ def command(context: click.Context, /, **_: Any) -> None:
     fit has not seen. docs/compare.md tells how often chance alone makes a finding.
     """
     from terrain_cli import models
-    from terrain_cli.commands.progress import Progress
     from terrain_cli.comparison import against
-    from terrain_cli.errors import UsageError
     from terrain_cli.improvement import compared
-    from terrain_cli.presentation import comparison_text, terminal
+    from terrain_cli.presentation import comparison_text
 
     names = context.params["models"]
     if len(names) > 2:
@@ -79,7 +78,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     differences = against(first, second, seed=seed) if second else []
     asked = [comparison_options.repeated(context, name) for name in names]
     if context.params["as_json"]:
-        click.echo(terminal.as_json(comparison_text.document(first, second, differences, asked)))
+        click.echo(as_json(comparison_text.document(first, second, differences, asked)))
     else:
         say(comparison_text.text(first, second, differences, asked))
     if context.params["plot"]:

@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options
+from terrain_cli.errors import InputError
 from terrain_cli.vocabulary.choices import CUT_SAMPLES
 from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from terrain_cli.commands.progress import Progress
     from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
     from terrain_cli.estimation.estimators import EstimateRequest
     from terrain_cli.models import ModelFile
+    from terrain_cli.presentation.terminal import Progress
     from terrain_cli.rover import Rover
     from terrain_cli.windows.cut_windows import Windows
 
@@ -95,7 +96,6 @@ def read(
     import formats
     from terrain_cli import processes
     from terrain_cli.comparison import kept_aside
-    from terrain_cli.errors import InputError
     from terrain_cli.telemetry.long_logs import MOST_ROWS
 
     paths = formats.expand(context.params["inputs"] if inputs is None else inputs)
@@ -143,20 +143,13 @@ def _cut(
         used = f"{len(samples.usable)} of {len(samples)} samples used"
         told = [f"{name}: {how}" for name, how in samples.origins.items()]
         progress.tell("\n  ".join([f"{samples.source}  {samples.wheel}: {used}", *told]))
+    lengths = {name: given[name] for name in ("min_samples", "window_samples", "window_distance")}
     return [
-        cut_windows.cut(
-            samples,
-            given["segments"],
-            min_samples=given["min_samples"],
-            window_samples=given["window_samples"],
-            window_distance=given["window_distance"],
-        )
-        for samples in wheels
-        if len(samples.usable)
+        cut_windows.cut(samples, given["segments"], **lengths) for samples in wheels if len(samples.usable)
     ]
 
 
-def repeated(context: click.Context, model: str, inputs: Sequence[str] | None = None) -> Asked:
+def repeated(context: click.Context, model: str) -> Asked:
     """Return what was asked, so that the next command can ask it again of a model."""
     from formats.errors import shown
     from terrain_cli.diagnosis.conclusion import Asked
@@ -173,9 +166,8 @@ def repeated(context: click.Context, model: str, inputs: Sequence[str] | None = 
         for one in value if isinstance(value, (list, tuple)) else (value,):
             words += [parameter.opts[0], str(one)]
     fresh = next(path for path in numbered(Path("model.toml")) if not path.exists())
-    given = context.params["inputs"] if inputs is None else inputs
     return Asked(
-        inputs=tuple(map(shown, given)),
+        inputs=tuple(map(shown, context.params["inputs"])),
         model=shown(model),
         options=tuple(map(shown, words)),
         fresh=str(fresh),

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from terrain_cli.commands import comparison_options, options, paths, suggestions
-from terrain_cli.presentation.terminal import say
+from terrain_cli.presentation.terminal import Progress, as_json, say
 
 
 @options.verb(
@@ -73,10 +73,9 @@ def command(context: click.Context, /, **_: Any) -> None:
     """
     import formats
     from terrain_cli import effects, models
-    from terrain_cli.commands.progress import Progress
     from terrain_cli.comparison import kept_aside
     from terrain_cli.diagnosis import diagnose, verdict
-    from terrain_cli.presentation import diagnosis_text, terminal
+    from terrain_cli.presentation import diagnosis_text
 
     given = context.params
     if given["draft"]:
@@ -102,7 +101,7 @@ def command(context: click.Context, /, **_: Any) -> None:
         found = replace(found, sentence=verdict.with_draft(found.sentence, given["draft"]))
     asked = comparison_options.repeated(context, given["model"])
     if given["as_json"]:
-        click.echo(terminal.as_json(diagnosis_text.document(found, asked, given["draft"] or "")))
+        click.echo(as_json(diagnosis_text.document(found, asked, given["draft"] or "")))
     else:
         say(diagnosis_text.text(found, asked, given["draft"] or ""))
     comparison_options.draw(found, given)

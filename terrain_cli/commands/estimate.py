@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from contextlib import ExitStack
 from functools import partial
@@ -12,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.commands.progress import Progress, draw, wipe
-from terrain_cli.presentation.terminal import in_lines, say
+from terrain_cli.errors import UsageError
+from terrain_cli.presentation.terminal import Progress, StatusLine, as_json, in_lines, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -116,7 +115,6 @@ def command(context: click.Context, /, **_: Any) -> None:
     says not-separable, and the strength at the stress σ* holds as far as its error says.
     """
     import formats
-    from terrain_cli.errors import UsageError
     from terrain_cli.presentation import segment_files
 
     logs = formats.expand(context.params["inputs"])
@@ -173,7 +171,7 @@ def _write(  # noqa: C901, PLR0912 - one branch for each thing asked for
 
         plots.write(outcomes, given["plot"])
     if given["summary"]:
-        text = json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False)
+        text = as_json(document)
         if given["summary"] == "-":
             click.echo(text)
         else:
@@ -236,7 +234,6 @@ def _follow(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None
     """Follow one input to its end; a first signal to end is an end as any other."""
     from formats.text.arriving_bytes import ArrivingBytes
     from terrain_cli import processes
-    from terrain_cli.errors import UsageError
     from terrain_cli.presentation import segment_files
     from terrain_cli.stream.follow import Follow
     from terrain_cli.stream.growing_table import GrowingTable
@@ -283,10 +280,11 @@ class _Teller:
     def __init__(self, table: GrowingTable | None, pictures: LivePictures | None, *, quiet: bool) -> None:
         self._table, self._pictures, self._quiet = table, pictures, quiet
         self._drawing = not quiet and sys.stderr.isatty()
-        self._drawn = False
+        self._line = StatusLine()
+        #: Leaves an empty line for what is written next.
+        self.wipe = self._line.wipe
 
     def closed(self, row: Table) -> None:
-        """Write a row that stays."""
         self.wipe()
         if self._table:
             self._table.add(row)
@@ -312,17 +310,9 @@ class _Teller:
     def now(self, text: str) -> None:
         """Draw over the one line of a terminal."""
         if self._drawing:
-            draw(text)
-            self._drawn = True
+            self._line.draw(text)
 
     def remark(self, text: str) -> None:
-        """Say something on stderr."""
         self.wipe()
         if not self._quiet:
             click.echo(text, err=True)
-
-    def wipe(self) -> None:
-        """Leave an empty line for what is written next."""
-        if self._drawn:
-            wipe()
-            self._drawn = False

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from terrain_cli.commands import options, paths
+from terrain_cli.errors import UsageError
 
 
 @options.verb(
@@ -30,7 +31,6 @@ def command(log: str, output: str | None, force: bool, salvage: bool, quiet: boo
     Only the log counts: a rover.toml that is there is not read.
     """
     import formats
-    from terrain_cli.errors import UsageError
     from terrain_cli.presentation import rover_draft
 
     if output:

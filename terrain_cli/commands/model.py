@@ -12,6 +12,7 @@ import click
 from terrain_cli.commands import comparison_options, model_changes, options, paths, suggestions
 from terrain_cli.commands.model_changes import add
 from terrain_cli.commands.suggestions import Group
+from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import aligned, say
 from terrain_cli.vocabulary.choices import BASES
 from terrain_cli.vocabulary.quantities import counted
@@ -64,7 +65,6 @@ def new(file: str, base: str, effects: tuple[str, ...], fixed: tuple[str, ...], 
     """
     import formats
     from terrain_cli import models
-    from terrain_cli.errors import UsageError
 
     formats.check_free(file, replace=force)
     folder = Path(file).parent
@@ -110,10 +110,7 @@ def _description(name: str, file: ModelFile) -> dict[str, Any]:
         "base": file.model.base,
         "effects": [
             {
-                "id": effect.id,
-                "title": effect.title,
-                "kind": effect.kind,
-                "formula": effect.formula,
+                **{key: getattr(effect, key) for key in ("id", "title", "kind", "formula")},
                 "needs": list(effect.needs),
                 "any_of": list(effect.any_of),
                 "origin": effect.origin,

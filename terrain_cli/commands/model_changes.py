@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import comparison_options, options, paths, suggestions
-from terrain_cli.commands.progress import Progress
-from terrain_cli.presentation.terminal import say
+from terrain_cli.errors import UsageError
+from terrain_cli.presentation.terminal import Progress, as_json, say
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
@@ -63,7 +63,6 @@ with_options = options.together(
 def load(path: str) -> ModelFile:
     """Read the model file that is to be changed, which is not the name of a base."""
     from terrain_cli import models
-    from terrain_cli.errors import UsageError
 
     if path in BASES and not Path(path).exists():
         raise UsageError(
@@ -73,7 +72,6 @@ def load(path: str) -> ModelFile:
 
 
 def change(context: click.Context, action: Action) -> tuple[ModelFile, Changed]:
-    """Read the model file, and change it as the command line says."""
     from terrain_cli import models
 
     given = context.params
@@ -118,7 +116,6 @@ def tried(
 
 
 def untested(context: click.Context, action: Action, changed: Changed) -> None:
-    """Make a change without data, and tell it."""
     from terrain_cli.improvement import model_history
     from terrain_cli.presentation import change_text
 
@@ -130,11 +127,9 @@ def untested(context: click.Context, action: Action, changed: Changed) -> None:
 
 def tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
     """Write what came out, for a person or as JSON."""
-    from terrain_cli.presentation import terminal
-
     file = context.params["file"]
     if context.params["as_json"]:
-        click.echo(terminal.as_json({**content, "file": file}))
+        click.echo(as_json({**content, "file": file}))
     else:
         say(f"{file}: {text}")
 
@@ -201,8 +196,6 @@ def add(context: click.Context, /, **_: Any) -> None:
     physically impossible (friction that drives the wheel). The reason is printed; the exit code is 0.
     Without --data the effect is added untested, which the history says too.
     """
-    from terrain_cli.errors import UsageError
-
     given = context.params
     if given["confirm"]:
         _check_confirm(given)
@@ -227,7 +220,6 @@ def add(context: click.Context, /, **_: Any) -> None:
 def _check_confirm(given: Mapping[str, Any]) -> None:
     """Refuse a proof that is none: no data to compare with, or the same data."""
     import formats
-    from terrain_cli.errors import UsageError
 
     if not given["inputs"]:
         raise UsageError(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from terrain_cli.commands import paths, suggestions
+from terrain_cli.errors import UsageError
 from terrain_cli.run.settings import Settings
 from terrain_cli.vocabulary.choices import (
     CUT_SAMPLES,
@@ -45,7 +46,6 @@ class Amount(click.FloatRange):
     """A finite number: for click even nan lies within any range."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Read a number."""
         number: float = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
@@ -63,7 +63,6 @@ class Duration(click.ParamType):  # type: ignore[type-arg]
     name = "duration"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Read a time."""
         from terrain_cli.vocabulary import units
 
         number, symbol = re.fullmatch(r"\s*(.*?)\s*([a-zA-Z]*)\s*", str(value)).groups()  # type: ignore[union-attr]
@@ -231,7 +230,6 @@ estimation = together(
 def settings(given: Mapping[str, Any]) -> Settings:
     """Return what `estimation` was given, checked as far as it can be before any input is read."""
     import formats
-    from terrain_cli.errors import UsageError
     from terrain_cli.estimation import estimators
     from terrain_cli.windows import locations as tables
 
@@ -240,23 +238,15 @@ def settings(given: Mapping[str, Any]) -> Settings:
             formats.check_crs(given["crs"])
         except formats.FormatError as error:
             raise UsageError(f"--crs {error}", hint=error.hint) from None
+    lengths = ("min_samples", "window_samples", "window_distance")
+    others = ("method", "segments", "folds", "where", "model", "robust", "at_stress", "salvage")
     chosen = Settings(
-        method=given["method"],
-        segments=given["segments"],
-        min_samples=given["min_samples"],
-        window_samples=given["window_samples"],
-        window_distance=given["window_distance"],
-        folds=given["folds"],
+        **{name: given[name] for name in (*lengths, *others)},
         wheels=tuple(given["wheels"]),
-        where=given["where"],
-        model=given["model"],
-        robust=given["robust"],
-        at_stress=given["at_stress"],
         places=tables.load(given["places"], given["crs"]) if given["places"] else None,
         samples=bool(given.get("samples")),
         joint=sys.maxsize if given.get("posterior") else MOST_VALLEYS if given.get("plot") else 0,
         whole=any(given.get(name) for name in ("rejects", "trace", "samples", "posterior", "plot")),
-        salvage=given["salvage"],
     )
     # Whether the model can be read, and goes with the method.
     estimators.choose(chosen.method, chosen.model, robust=chosen.robust)

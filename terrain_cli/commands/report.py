@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from terrain_cli.commands import comparison_options, options, paths, suggestions
+from terrain_cli.presentation.terminal import Progress
 
 
 @options.verb(
@@ -54,7 +55,6 @@ def command(context: click.Context, /, **_: Any) -> None:
 
     chart_style.need("report")
     from terrain_cli import models
-    from terrain_cli.commands.progress import Progress
     from terrain_cli.improvement import compared
     from terrain_cli.improvement.model_alternatives import alternatives
     from terrain_cli.views import report

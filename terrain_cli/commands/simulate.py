@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options, paths, suggestions
+from terrain_cli.errors import ConfigurationError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -134,7 +135,6 @@ def command(context: click.Context, /, **_: Any) -> None:
 def _name_outputs(context: click.Context) -> None:
     """Name what goes beside the log, and make sure that no file is lost where all of it goes."""
     import formats
-    from terrain_cli.errors import UsageError
 
     given = context.params
     if given["hide"] and not given["truth"]:
@@ -182,7 +182,6 @@ def _number(text: str) -> float | str:
 
 
 def _noise(texts: Sequence[str]) -> dict[str, Any]:
-    from terrain_cli.errors import ConfigurationError, UsageError
     from terrain_cli.simulation import COMMAND_LINE
     from terrain_cli.simulation.sensors import USUAL, Sensor, share_rule
 
@@ -209,8 +208,6 @@ def _noise(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _effect(text: str) -> tuple[str, dict[str, float]]:
-    from terrain_cli.errors import UsageError
-
     match = _EFFECT.fullmatch(text)
     values = {}
     for part in match["values"].split(",") if match and match["values"] else ():
