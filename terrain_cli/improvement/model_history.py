@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from terrain_cli.comparison.comparison_outcome import UNITS
-from terrain_cli.improvement.improvement_outcome import ChannelChange, Interval
+from terrain_cli.improvement.improvement_outcome import Action, ChannelChange, Estimated, Interval, Step
 from terrain_cli.version import __version__
 from terrain_cli.vocabulary.quantities import listed
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
-    from terrain_cli.improvement.improvement_outcome import Action, Estimated, Step
     from terrain_cli.models import ModelFile
 
 

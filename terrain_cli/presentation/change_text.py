@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
@@ -18,7 +18,6 @@ from terrain_cli.vocabulary.quantities import counted, listed
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.improvement.improvement_outcome import (
         Action,
@@ -222,7 +221,6 @@ def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
 
 
 def loop(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -> dict[str, Any]:
-    """Return the whole loop as it is written to JSON."""
     return {
         "format": LOOP_FORMAT,
         "sentence": end.because,
@@ -340,7 +338,6 @@ def _parameters(parameters: Sequence[Estimated]) -> list[str]:
 
 
 def _moved(step: Step) -> str:
-    """Say how far c and φ moved."""
     several = len(step.first.wheels) > 1 or any(len(wheel.segments) > 1 for wheel in step.first.wheels)
     parts = []
     for one, symbol in zip(step.shifts, ("c", "φ"), strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 
 from terrain_cli.comparison import segment_soils
 from terrain_cli.diagnosis import conclusion
-from terrain_cli.diagnosis.conclusion import Asked, conclude, looked
+from terrain_cli.diagnosis.conclusion import Asked, Conclusion, Evidence, conclude, looked
 from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.quantities import counted, known, short
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
         Finding,
         WheelComparison,
     )
-    from terrain_cli.diagnosis.conclusion import Conclusion, Evidence
     from terrain_cli.estimation import WindowEstimates
 
 FORMAT = "terrain-est/comparison/1"

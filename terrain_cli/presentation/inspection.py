@@ -15,7 +15,7 @@ from terrain_cli import telemetry
 from terrain_cli.errors import InputError, TerrainError
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.rover.vehicle import FILE_NAME
-from terrain_cli.telemetry import bags
+from terrain_cli.telemetry import Plan, bags
 from terrain_cli.telemetry.alignment import seconds
 from terrain_cli.telemetry.plan import rover_advice, topic_discovery
 from terrain_cli.telemetry.plan.mapping import is_table
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from formats import Column, Source, Stream
     from terrain_cli.rover import Rover
-    from terrain_cli.telemetry import Plan
     from terrain_cli.telemetry.wheel_samples import Raw
     from terrain_cli.vocabulary.arrays import Array
 

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.estimation import assumed
+from terrain_cli.estimation import WindowEstimates, assumed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.joint_grid import JointGrid, JointPosterior
     from terrain_cli.telemetry.wheel_samples import Samples
     from terrain_cli.vocabulary.arrays import Array, Index
