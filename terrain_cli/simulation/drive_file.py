@@ -26,13 +26,11 @@ from terrain_cli.simulation.scenario import (
 )
 from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, sensors_rule
 from terrain_cli.vocabulary import toml_files
-from terrain_cli.vocabulary.choices import BASES
+from terrain_cli.vocabulary.choices import BASES, Base
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from terrain_cli.vocabulary.choices import Base
 
 
 #: What is not said of a part.

@@ -52,7 +52,6 @@ class Profile:
 
 
 def constant(value: float) -> Profile:
-    """Return the profile that stays the same."""
     return Profile("ramps", (value,))
 
 

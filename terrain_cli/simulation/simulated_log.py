@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
 from terrain_cli.simulation import course, drive_file, perfect_sensors
 from terrain_cli.simulation.profiles import generator
-from terrain_cli.simulation.scenario import Chosen, drawn
+from terrain_cli.simulation.scenario import Chosen, Scenario, drawn
 from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, OF_BODY, SLIP, Sensor, clock, ten_digits
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from terrain_cli.simulation.course import Ride
-    from terrain_cli.simulation.scenario import Scenario
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
@@ -153,8 +153,6 @@ _SAMPLES = 400
 
 def draw(scenario: Scenario) -> Scenario:
     """Add an effect and its size, drawn by the seed."""
-    from terrain_cli import effects
-
     rng = generator(scenario.seed, "hidden effect")
     taken = {chosen.effect.id for chosen in scenario.effects}
     catalogue = effects.catalogue()

@@ -6,20 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formats import LOG_TIME, Labels
+from formats import LOG_TIME, Batch, Column, Labels
 from terrain_cli.errors import ConfigurationError, InputError, nearest
 from terrain_cli.telemetry import bags, own_clocks, raw_columns
 from terrain_cli.telemetry.plan.mapping import is_table, only_wheel
 from terrain_cli.telemetry.raw_columns import read_topics
-from terrain_cli.telemetry.wheel_samples import CLOCKS, Raw, match_name
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    from formats import Batch, Column
     from terrain_cli.rover import Rover
-    from terrain_cli.telemetry.wheel_samples import Feed, Plan
     from terrain_cli.vocabulary.arrays import Array, Index
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.mechanics import linear
-from terrain_cli.telemetry.wheel_samples import NEEDED
-from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
+from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
+from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
 from terrain_cli.windows import segmentation
 
 if TYPE_CHECKING:
@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.telemetry.wheel_samples import Samples
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-    from terrain_cli.vocabulary.choices import Segments
 
 #: Samples of an unbroken piece where windows are thinned, the fewest pieces of a window, and what is
 #: kept of one at least.
@@ -40,13 +38,6 @@ class Measured(TypedDict):
     torque: Array
     sinkage: Array
     slip: Array
-
-
-class _Limits(TypedDict):
-    distance: Array | None
-    min_samples: int
-    min_distance: float
-    before: int
 
 
 @dataclass(frozen=True)
@@ -137,16 +128,14 @@ def line(samples: Samples, rows: Index) -> tuple[Array, Array]:
 
 
 def _coordinates(samples: Samples, rows: Index, driving: Index) -> tuple[Array, Array]:
-    """Return x and y of some rows, NaN of those that are not driving."""
-    if len(driving) == len(rows):
+    """Return x and y of some rows, NaN of those that are not driving, or have no line."""
+    lined = _lined(samples)
+    if lined and len(driving) == len(rows):
         return line(samples, rows)
-    x, y = _unknown(rows)
-    x[driving], y[driving] = line(samples, rows[driving])
+    x, y = np.full((2, len(rows)), np.nan)
+    if lined:
+        x[driving], y[driving] = line(samples, rows[driving])
     return x, y
-
-
-def _unknown(rows: Index) -> Array:
-    return np.full((2, len(rows)), np.nan)
 
 
 def cut(
@@ -169,8 +158,7 @@ def cut(
     """
     rows = samples.usable
     labels = samples.labels.get("terrain")
-    lined = _lined(samples)
-    if method == "auto" and (samples.time is None or not lined):
+    if method == "auto" and (samples.time is None or not _lined(samples)):
         # Steady test points have no order in which the soil could change, and without torque and sinkage
         # there is no line whose change would show it.
         method = "none" if labels is None else "terrain"
@@ -178,7 +166,7 @@ def cut(
         rows = rows[np.argsort(labels.codes[rows], kind="stable")]
     index = which(rows, len(samples))
     driving = np.flatnonzero(samples.channels["slip"][index] >= 0.0)
-    x, y = _coordinates(samples, rows, driving) if lined else _unknown(rows)
+    x, y = _coordinates(samples, rows, driving)
     # A soil goes on between pieces of one drive.
     stretch = (samples.stretch if samples.drive is None else samples.drive)[index]
     breaks = np.flatnonzero(np.diff(stretch)) + 1
@@ -207,12 +195,12 @@ def cut(
     elif method == "auto":
         lined_up = which(driving, len(rows))
         own = breaks if len(driving) == len(rows) else np.flatnonzero(np.diff(stretch[lined_up])) + 1
-        limits = _Limits(
-            distance=None if distance is None else distance[lined_up],
-            min_samples=CUT_SAMPLES if min_samples is None else min_samples,
-            min_distance=MIN_DISTANCE if window_distance is None else window_distance,
-            before=before,
-        )
+        limits: dict[str, Any] = {
+            "distance": None if distance is None else distance[lined_up],
+            "min_samples": CUT_SAMPLES if min_samples is None else min_samples,
+            "min_distance": MIN_DISTANCE if window_distance is None else window_distance,
+            "before": before,
+        }
         # What the line of a soil may seem to follow where the model lacks an effect.
         followed = [samples.channels[name][index][lined_up] for name in FOLLOWED if name in samples.channels]
         load, sinkage, slip = (

@@ -68,10 +68,6 @@ def _parameters(value: Any, place: str) -> Any:
     return checked
 
 
-def _quantity(value: Any, place: str) -> Any:
-    return toml_files.choice(*QUANTITIES)(value, place)
-
-
 _PARAMETER = toml_files.table(
     {
         "unit": _unit_text,
@@ -88,7 +84,7 @@ FILE = toml_files.table(
         "id": _id,
         "title": _line,
         "kind": toml_files.choice(*KINDS),
-        "changes": _quantity,
+        "changes": toml_files.choice(*QUANTITIES),
         "law": toml_files.text,
         "laws": toml_files.table(dict.fromkeys(QUANTITIES, toml_files.text)),
         "needs": _several_needs,

@@ -121,7 +121,6 @@ def _sparse(e: UnitEvidence) -> Suspicion | None:
 
 
 def _slip(e: UnitEvidence) -> Suspicion | None:
-    """Find a measured slip beyond ±1."""
     found = e.columns("slip") if "slip" in e.measured else None
     if found is None:
         return None
@@ -135,7 +134,6 @@ def _slip(e: UnitEvidence) -> Suspicion | None:
 
 
 def _rim(e: UnitEvidence) -> Suspicion | None:
-    """Set ω r against V."""
     if not {"angular_velocity", "velocity"} <= e.measured:
         return None
     found = e.columns("angular_velocity", "velocity")
@@ -213,7 +211,6 @@ def _slip_of(ratio: float) -> float:
 
 
 def _depth(e: UnitEvidence) -> Suspicion | None:
-    """Set the sinkage against the radius."""
     source = "sinkage" if "sinkage" in e.measured else "entry_angle"
     found = e.columns(source) if source in e.measured else None
     if found is None:

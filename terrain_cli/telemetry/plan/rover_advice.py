@@ -11,7 +11,7 @@ from terrain_cli.telemetry import derived_channels
 from terrain_cli.telemetry.plan import topic_discovery
 from terrain_cli.telemetry.plan.mapping import is_table
 from terrain_cli.telemetry.plan.topic_discovery import OF_WHEELS
-from terrain_cli.telemetry.wheel_samples import NEEDED, match_name
+from terrain_cli.telemetry.wheel_samples import NEEDED, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from formats import Stream
     from terrain_cli.rover import Rover, Wheel
-    from terrain_cli.telemetry.wheel_samples import Feed, Plan, Raw
     from terrain_cli.vocabulary.arrays import Array
 
 

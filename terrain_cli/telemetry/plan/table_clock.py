@@ -8,19 +8,16 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from formats import Labels
+from formats import Batch, Column, Labels, Source
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry.raw_columns import as_labels, as_numbers, take
-from terrain_cli.telemetry.wheel_samples import Feed, Notice
+from terrain_cli.telemetry.wheel_samples import Feed, Notice, Plan
 from terrain_cli.vocabulary import toml_files
-from terrain_cli.vocabulary.channels import CHANNELS, stated_unit, time_names
+from terrain_cli.vocabulary.channels import CHANNELS, TimeName, stated_unit, time_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Generator, Mapping, Sequence
 
-    from formats import Batch, Column, Source
-    from terrain_cli.telemetry.wheel_samples import Plan
-    from terrain_cli.vocabulary.channels import TimeName
 
 #: Rows that are looked at.
 _ROWS = 65_536

@@ -14,17 +14,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.telemetry.wheel_samples import Feed, match_name
+from terrain_cli.telemetry.wheel_samples import Feed, Plan, match_name
 from terrain_cli.vocabulary import units
-from terrain_cli.vocabulary.channels import CHANNELS, LABEL, identify
+from terrain_cli.vocabulary.channels import CHANNELS, LABEL, Match, identify
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from formats import Field, Stream
-    from terrain_cli.telemetry.wheel_samples import Plan
     from terrain_cli.vocabulary.arrays import Array
-    from terrain_cli.vocabulary.channels import Match
 
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

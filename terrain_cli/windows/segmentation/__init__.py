@@ -2,7 +2,6 @@
 
 from terrain_cli.windows.segmentation.change_points import (
     PENALTY,
-    TOLERANCE,
     change_points,
     needed,
     sinkage_changes,
@@ -11,7 +10,6 @@ from terrain_cli.windows.segmentation.plain_windows import fixed_windows, label_
 
 __all__ = [
     "PENALTY",
-    "TOLERANCE",
     "change_points",
     "fixed_windows",
     "label_windows",

@@ -9,14 +9,13 @@ import numpy as np
 
 from terrain_cli.windows.segmentation import line_costs
 from terrain_cli.windows.segmentation.plain_windows import distinct
-from terrain_cli.windows.segmentation.running_moments import FINE, LONG
+from terrain_cli.windows.segmentation.running_moments import FINE, LONG, RunningMoments
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.windows.segmentation.candidate_search import Limits
-    from terrain_cli.windows.segmentation.running_moments import RunningMoments
 
 
 #: Samples beside a bound in which a new soil shows.

@@ -84,7 +84,6 @@ class OnlineCuts:
         return now >= self._last[0] + EVERY_SECONDS and self.count >= self._last[1] + EVERY_SAMPLES
 
     def _keep(self, columns: Array) -> None:
-        """Keep the last samples."""
         for first in range(0, columns.shape[1], HORIZON):
             part = columns[:, first : first + HORIZON].copy()
             size = part.shape[1]

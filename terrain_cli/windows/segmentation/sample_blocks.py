@@ -176,7 +176,6 @@ class ReplacedSamples:
         return len(self._values[0])
 
     def check_finite(self) -> None:
-        """Raise a ValueError where a sample is not finite."""
         if not all(np.isfinite(values).all() for values in self._values):
             raise ValueError("x and y must be finite")
 
