@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.batch.batch_inputs import Input
 
-
 MANIFEST, RESULTS, CONFIGURATIONS, STATE = "manifest.jsonl", "results", "configurations", ".state"
 _LOCK, _RECORDS, _NEW, _ASSEMBLED = "lock", "records", "new", "assembled"
 #: What is written to where it lies; all else is made anew and put in its place.

@@ -49,13 +49,11 @@ cutting = options.together(
     options.verbose,
 )
 
-
 #: Options that decide which samples are looked at, and how they are cut.
 _REPEATED = frozenset(
     {"rover", "wheels", "segments", "min_samples", "window_distance", "window_samples", "where"}
     | {"salvage", "largest", "keep_aside"}
 )
-
 
 keep_aside = options.value(
     "--keep-aside SHARE",
@@ -63,7 +61,6 @@ keep_aside = options.value(
     "Keep this share of each input aside, in eight stretches: diagnose does not see them, and model add "
     "judges on them alone. Give both the same share, such as 0.5.  [none]",
 )
-
 
 #: Options of `estimate` that decide on c and φ of the segments, and on nothing else.
 soils = options.together(options.folds, options.robust, options.at_stress)

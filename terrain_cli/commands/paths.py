@@ -21,7 +21,6 @@ from terrain_cli.vocabulary.choices import BASES
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Sequence
 
-
 #: Names of the standard output, of which there is one for all that is written.
 _STANDARD_OUTPUT = frozenset({"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"})
 _STREAM = "standard output"

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Mask
 
-
 #: Keeps the logarithm of an error of 0 finite.
 _TINY = 1e-300
 _UNKNOWN = Interval(np.nan, np.nan, np.nan)

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
     from terrain_cli.models import ModelFile
 
-
 _SIGNS = {"add": "+", "remove": "−"}
 
 

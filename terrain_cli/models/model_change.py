@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Any
 
-
 T = TypeVar("T")
 
 STRESSES, MODULUS = "linearised-stresses", "assumed-shear-modulus"

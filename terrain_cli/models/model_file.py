@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from tomlkit.container import Container
     from tomlkit.items import Item
 
-
 FORMAT = "terrain-est/model/1"
 #: What a document says is compared by.
 _TOP, _TABLES = ("format", "base", "effects", "shared"), ("fixed", "priors")

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-
 SEGMENT = "terrain_est_msgs/msg/Segment"
 FIX = "sensor_msgs/msg/NavSatFix"
 #: In the topic, or of no use in a message.

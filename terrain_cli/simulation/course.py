@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-
 #: In m: no rover comes back to the millimetre.
 _SAME_SPOT = 0.01
 #: Of one wheel: they swing with phases of their own.

@@ -32,7 +32,6 @@ from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-
 #: What is not said of a part.
 CALM: dict[str, Any] = {
     "slip": {"mean": 0.3, "swing": 0.1, "period": 11.0},
@@ -81,7 +80,6 @@ PRESETS: dict[str, dict[str, Any]] = {
 WHEELS = {"multi": 4}
 #: s, of a part whose duration is not given.
 DURATION = 60.0
-
 
 #: s; the fine time base of a longer drive would fill the memory.
 _LONGEST = 36_000.0

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from terrain_cli.simulation.scenario import Scenario
     from terrain_cli.vocabulary.arrays import Array, Index
 
-
 _RATE = "_rate"
 _RATE_ROUNDS = 3
 #: Points of the time base on either side of the one whose slope is taken: 0.1 s, the pace of a log.

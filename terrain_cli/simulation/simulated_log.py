@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from terrain_cli.simulation.course import Ride
     from terrain_cli.vocabulary.arrays import Array, Index
 
-
 #: Channels that the message of a bag holds together, and how often it is sent: parts of the rate.
 TOGETHER: dict[str, tuple[tuple[str, ...], float]] = {
     "joints": (("torque", "angular_velocity"), 1.0),

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array
 
-
 #: One stamped number; the name of the topic says of what.
 NUMBER = "terrain_est_msgs/msg/Float64Stamped"
 NUMBER_DEFINITION = "std_msgs/Header header\nfloat64 data\n"

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index
 
-
 #: Headers whose clocks differ by more than this, in s, do not tell the same time: no message is so late.
 LATEST = 60.0
 

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry.own_clocks import OwnClocks
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-
 #: Rows that are read whole, of all inputs together, where only a share of them is compared.
 MOST_ROWS = 2_000_000
 #: Usable samples of a piece.

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-
 #: What a sample is made of, and from what it is derived where it is not there itself.
 _MADE_OF = {
     "torque": ("motor_current",),

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-
 #: How soon after a clock's zero its first stamps come.
 _SOON = np.timedelta64(10, "s")
 #: Rows read at once of a table that may be too long to be held: half as many more take 50 MB more.

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from terrain_cli.rover import SensorNoise
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-
 #: Whose samples the other channels are brought to: the first of these that is there.
 CLOCKS = ("torque", "motor_current", "drawbar_pull", "sinkage", "entry_angle", "load")
 #: Said of every wheel, so that they tell none apart.

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry import Samples
     from terrain_cli.vocabulary.arrays import Array, Mask
 
-
 #: s between the end of an input and the start of the next.
 _PAUSE = 1000.0
 

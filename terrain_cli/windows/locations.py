@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.vocabulary.units import Unit
 
-
 #: The rover motion counter of a Mars mission, by the names that PLACES has.
 KEYS = ("site", "drive", "pose")
 PAIRS = (("longitude", "latitude"), ("x", "y"))

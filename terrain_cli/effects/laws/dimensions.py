@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.effects.laws.expression import Node
 
-
 _BASE = ("kg", "m", "s", "K", "A", "m^n")
 #: Bounds of the text of a unit: characters, brackets, powers.
 _LONGEST = 60
@@ -227,7 +226,6 @@ _COMMON = {PLAIN: "a plain number"} | {
         *("Pa s", "Pa/m^n", "Pa/m^(n-1)", "kg/m³", "N/m³", "s/m", "s²/m"),
     )
 }
-
 
 #: Characters of a term that an error shows.
 _SHOWN = 40

@@ -17,7 +17,6 @@ from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-
 _MOST_PARAMETERS = 20
 _MOST_NEEDS = 20
 _ID = re.compile(r"[a-z][a-z0-9]*(?:-[a-z0-9]+)*")
@@ -96,7 +95,6 @@ FILE = toml_files.table(
         "reference": _line,
     }
 )
-
 
 #: Always known, whatever is measured.
 OF_THE_WHEEL = {"wheel_radius": "m", "width": "m", "gravity": "m/s²"}

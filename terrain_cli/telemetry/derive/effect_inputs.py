@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Wheel
     from terrain_cli.vocabulary.arrays import Array, Index
 
-
 #: Constants of a wheel, which rover.toml gives.
 CONSTANTS = ("wheel_radius", "width", "grouser_height", "grouser_count", "gravity")
 ANGLE, RUT = "wheel_angle", "rut_slope"

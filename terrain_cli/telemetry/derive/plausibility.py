@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry.wheel_samples import Plan
     from terrain_cli.vocabulary.arrays import Array
 
-
 #: Ranges: 1.5 kPa and more, under 1.5 kPa of load on r · b. A rover of 1 kg on the Moon has 0.8; Pa.
 LEAST_PRESSURE = 200.0
 #: T/(W r). Ranges: up to 2.05, at full slip on the soil of most cohesion; grousers and friction add 30 %.

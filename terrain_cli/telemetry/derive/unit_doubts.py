@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index
 
-
 #: Samples that are kept: the 5th and 95th percentile of so many are known to a hundredth of a deviation.
 MOST = 1 << 14
 #: Blocks into which a part is cut to set the distance beside the track: enough for a median.

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from terrain_cli.rover import Rover, Wheel
     from terrain_cli.vocabulary.arrays import Array
 
-
 #: Positive forward or nose up, and so with the other sign to a wheel that turns backwards. Pitch and roll
 #: are turned for the effects only (`effect_inputs.drivers`): in the body's frame they say where the load is.
 _WITH_DIRECTION = ("torque", "drawbar_pull", "acceleration")

@@ -18,7 +18,6 @@ from terrain_cli.vocabulary.channels import CHANNELS, TimeName, stated_unit, tim
 if TYPE_CHECKING:
     from collections.abc import Collection, Generator, Mapping, Sequence
 
-
 #: Rows that are looked at.
 _ROWS = 65_536
 #: A column rises if it does so at this share of its steps: sweeps of up to 20 points fall back more often.

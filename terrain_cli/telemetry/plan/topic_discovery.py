@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from formats import Field, Stream
     from terrain_cli.vocabulary.arrays import Array
 
-
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _STANDARD = re.compile(
     r"(std|sensor|geometry|nav|diagnostic|tf2|rosgraph|rcl_interfaces|visualization)_msgs/msg/"

@@ -14,7 +14,6 @@ from terrain_cli.windows.segmentation.running_moments import FINE, LONG, Running
 if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-
 #: Bounds are chosen exactly among up to so many places, ...
 EXACT = 64
 #: ... and where there are more, among so many at a time: what is chosen anywhere, and the seams

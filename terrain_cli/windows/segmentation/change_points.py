@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Bounds, Index
     from terrain_cli.windows.segmentation.plain_windows import Breaks
 
-
 #: Gain in units of the noise's variance, χ² with 2 degrees of freedom if there is no change. Chance
 #: exceeds 25 once in 270,000, and the best of all places in a clean run less than once in 300 runs.
 PENALTY = 25.0

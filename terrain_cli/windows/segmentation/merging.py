@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.windows.segmentation.candidate_search import Limits
 
-
 #: Samples beside a bound in which a new soil shows.
 BESIDE = 60
 #: Samples by which a bound is moved at the most in a round.

@@ -23,7 +23,6 @@ from terrain_cli.windows.segmentation.change_points import change_points, needed
 if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
-
 #: Samples that are searched: what is further back does not move a bound any more.
 HORIZON = 2048
 #: Samples behind a bound that make it final, twice those in which a new soil must show (`merging.BESIDE`).

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index
 
-
 #: Rows of what `summed` returns: sums of x, y, x², xy and y²;
 POWERS, SUMS, POWER_X, POWER_Y = slice(0, 5), slice(0, 2), 2, 4
 #: and of squares and products of the second differences of x and y, as far as they are noise.
