@@ -80,7 +80,6 @@ class Verbs(Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """List the verbs without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl(list(VERBS.items()))
 
@@ -125,13 +124,7 @@ def fail(message: str, hint: str, code: int) -> NoReturn:
 
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line and end the process.
-
-    Parameters
-    ----------
-    args : sequence of str, optional
-        ``sys.argv[1:]`` if not given.
-    """
+    """Run the command line, ``sys.argv[1:]`` if none is given, and end the process."""
     processes.one_thread_of_algebra()
     with terminal.prepared():
         _run(args)

@@ -19,15 +19,7 @@ if TYPE_CHECKING:
 
 
 class TerrainError(Exception):
-    """An error told to a person in one line.
-
-    Parameters
-    ----------
-    message : str
-        Where, and what is wrong.
-    hint : str, optional
-        What to do about it.
-    """
+    """An error told to a person in one line: where, and what is wrong; the hint says what to do about it."""
 
     exit_code = 1
 

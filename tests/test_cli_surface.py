@@ -164,9 +164,9 @@ class TestNoEscapeCodes:
 
     WORK = """
 import time
-from terrain_cli.commands import progress
-progress.PATIENCE = 0.0
-with progress.Progress(2, enabled={enabled}) as bar:
+from terrain_cli.presentation import terminal
+terminal.PATIENCE = 0.0
+with terminal.Progress(2, enabled={enabled}) as bar:
     bar.say("run.bag", "reading")
     bar.advance()
     time.sleep(0.4)
@@ -185,9 +185,9 @@ print("done")
 
     TELL = """
 import sys, time
-from terrain_cli.commands import progress
-progress.PATIENCE = 0.0
-with progress.Progress(2, enabled={enabled}) as bar:
+from terrain_cli.presentation import terminal
+terminal.PATIENCE = 0.0
+with terminal.Progress(2, enabled={enabled}) as bar:
     time.sleep(0.4)
     bar.tell("first\\n  second")
 """

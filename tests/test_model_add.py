@@ -13,7 +13,7 @@ import pytest
 from changed_models import DIGS, MODEL, ROVER, write_all
 
 from terrain_cli import models
-from terrain_cli.commands.model_add import add
+from terrain_cli.commands.model_changes import add
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared" / "data"

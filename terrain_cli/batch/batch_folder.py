@@ -21,14 +21,12 @@ from typing import TYPE_CHECKING, Self
 from formats.errors import CannotWriteError, DamagedError, shown
 from formats.output.whole_files import explained
 from terrain_cli.batch import manifest
-from terrain_cli.batch.manifest import Manifest, ManifestEntry, Records
+from terrain_cli.batch.manifest import Manifest, ManifestEntry, Pointer, Records
 
 if TYPE_CHECKING:
     from types import TracebackType
 
     from terrain_cli.batch.batch_inputs import Input
-    from terrain_cli.batch.manifest import Pointer
-
 
 MANIFEST, RESULTS, CONFIGURATIONS, STATE = "manifest.jsonl", "results", "configurations", ".state"
 _LOCK, _RECORDS, _NEW, _ASSEMBLED = "lock", "records", "new", "assembled"

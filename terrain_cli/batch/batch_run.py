@@ -20,20 +20,17 @@ from formats.limits import COPY_GB
 from formats.source import natural
 from terrain_cli.batch import batch_folder, batch_inputs
 from terrain_cli.batch.batch_folder import CONFIGURATIONS, STATE, Folder
-from terrain_cli.batch.batch_inputs import Arrivals
-from terrain_cli.batch.coordinator import Keeper
-from terrain_cli.batch.worker_pool import LocalPool
-from terrain_cli.batch.worker_tasks import Job, Reply, versions
-from terrain_cli.errors import TerrainError, UnfinishedError
+from terrain_cli.batch.batch_inputs import Arrivals, Input
+from terrain_cli.batch.coordinator import Keeper, Tally
+from terrain_cli.batch.manifest import ManifestEntry, Pointer, Records, decode
+from terrain_cli.batch.worker_pool import LocalPool, Pool
+from terrain_cli.batch.worker_tasks import Configuration, Job, Reply, versions
+from terrain_cli.errors import InputError, TerrainError, UnfinishedError
+from terrain_cli.presentation.terminal import as_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from terrain_cli.batch.batch_inputs import Input
-    from terrain_cli.batch.coordinator import Tally
-    from terrain_cli.batch.manifest import ManifestEntry, Pointer, Records
-    from terrain_cli.batch.worker_pool import Pool
-    from terrain_cli.batch.worker_tasks import Configuration
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.run.settings import Settings
@@ -90,12 +87,7 @@ def mission_account(folder: Folder) -> dict[str, Any]:
         "inputs": len(entries),
         "status": dict(sorted(Counter(entry.status for entry in entries).items())),
         "failed": [
-            {
-                "path": entry.path,
-                "error_class": entry.error_class,
-                "error": entry.error,
-                "exit_code": entry.exit_code,
-            }
+            {key: getattr(entry, key) for key in ("path", "error_class", "error", "exit_code")}
             for entry in entries
             if entry.status == "failed"
         ],
@@ -136,12 +128,8 @@ class Assemble:
             else:
                 # These cannot be written in parts.
                 segment_files.write(segment_table.join(list(self._tables(crs))), path, crs)
-        with (
-            formats.replacing(str(state / SUMMARY)) as temporary,
-            Path(temporary).open("w", encoding="utf-8") as stream,
-        ):
-            json.dump(document, stream, ensure_ascii=False, indent=2, allow_nan=False)
-            stream.write("\n")
+        with formats.replacing(str(state / SUMMARY)) as temporary:
+            Path(temporary).write_text(as_json(document) + "\n", encoding="utf-8")
         return Reply()
 
     def _summary(self) -> tuple[dict[str, Any], str | None]:
@@ -182,8 +170,6 @@ class Assemble:
             yield _empty(segment_table.COLUMNS)
 
     def _blocks(self) -> Iterator[list[tuple[Table, WindowEstimates, dict[str, Any]]]]:
-        from terrain_cli.batch.manifest import Records, decode
-
         if not self.parts:
             return
         file = Records(Path(self.folder, STATE, "records"))
@@ -193,8 +179,6 @@ class Assemble:
                 yield [decode(self._record(file, part), part.path) for part in some]
 
     def _record(self, file: Records, part: MissionPart) -> bytes:
-        from terrain_cli.errors import InputError
-
         record = file.read(part.record)
         if record is None:
             raise InputError(
@@ -342,8 +326,7 @@ def _watch(
 def _document(folder: Folder, configuration: Configuration) -> None:
     name = f"{CONFIGURATIONS}/{configuration.hash}.json"
     if not (folder.path / name).exists():
-        text = json.dumps(configuration.document, ensure_ascii=False, indent=2, allow_nan=False)
-        folder.put(name, text.encode() + b"\n")
+        folder.put(name, as_json(configuration.document).encode() + b"\n")
 
 
 def _assemble(folder: Folder, configuration: Configuration, order: Order) -> None:

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING
 from formats.errors import NotFoundError
 from formats.recovery import told
 from terrain_cli.batch import batch_folder
-from terrain_cli.batch.batch_folder import result_name
+from terrain_cli.batch.batch_folder import Folder, Wish, result_name
 from terrain_cli.batch.manifest import ManifestEntry, uninterrupted
-from terrain_cli.batch.worker_tasks import Estimate, Failure, Identify, Reply, Restore, failure
+from terrain_cli.batch.worker_tasks import Estimate, Failure, Identify, Job, Reply, Restore, Task, failure
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from terrain_cli.batch.batch_folder import Folder, Wish
     from terrain_cli.batch.batch_inputs import Input
     from terrain_cli.batch.worker_pool import Pool
-    from terrain_cli.batch.worker_tasks import Job, Task
 
 #: What an input costs beyond its bytes, in bytes: for the time that remains.
 _OVERHEAD = 1_000_000
+#: What a manifest keeps of a reply as it is.
+_TOLD = ("samples", "set_aside", "segments", "recovered", "recovered_of", "warnings")
 
 
 @dataclass(eq=False, kw_only=True)
@@ -88,7 +88,6 @@ class Keeper:
         self._sizes = Counter(entry.size for entry in folder.latest.values() if entry.sha256)
 
     def add(self, items: Iterable[Input]) -> None:
-        """Take on inputs."""
         cases = []
         for item in items:
             entry = self._folder.latest.get(item.location)
@@ -179,14 +178,10 @@ class Keeper:
             if record is not None:
                 case.restored, case.configuration = True, key[1]
             self._folder.holders[case.sha256, self._configuration(case)] = case.item.location
-            self._ready.append(
-                (
-                    case,
-                    Estimate(case.item, self._job, case.sha256)
-                    if record is None
-                    else Restore(case.item, self._job, case.sha256, record),
-                )
-            )
+            task: Task = Estimate(case.item, self._job, case.sha256)
+            if record is not None:
+                task = Restore(case.item, self._job, case.sha256, record)
+            self._ready.append((case, task))
 
     def _leave(self, item: Input, entry: ManifestEntry) -> None:
         if entry.status == "duplicate":
@@ -261,21 +256,13 @@ class Keeper:
 
     def _entry(self, case: _Case, reply: Reply) -> ManifestEntry:
         return ManifestEntry(
-            path=case.item.path,
-            location=case.item.location,
-            size=case.item.size,
-            stamp=case.item.stamp,
+            **{name: getattr(case.item, name) for name in ("path", "location", "size", "stamp")},
             sha256=case.sha256,
             configuration=self._configuration(case),
             versions=self._job.versions,
             status="ok",
             exit_code=0,
-            samples=reply.samples,
-            set_aside=reply.set_aside,
-            segments=reply.segments,
-            recovered=reply.recovered,
-            recovered_of=reply.recovered_of,
-            warnings=reply.warnings,
+            **{name: getattr(reply, name) for name in _TOLD},
             seconds=round(reply.seconds, 3),
             finished=datetime.now(UTC).isoformat(timespec="milliseconds"),
         )

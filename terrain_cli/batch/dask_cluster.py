@@ -14,16 +14,13 @@ import queue
 import threading
 import time
 from multiprocessing.connection import wait
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from uuid import uuid4
 
 from terrain_cli import version
 from terrain_cli.batch.worker_pool import Child
-from terrain_cli.batch.worker_tasks import Failure, Reply
+from terrain_cli.batch.worker_tasks import Failure, Reply, Task, versions
 from terrain_cli.errors import ConfigurationError, TerrainError, UsageError
-
-if TYPE_CHECKING:
-    from terrain_cli.batch.worker_tasks import Task
 
 #: Seconds to reach the scheduler, and for a first worker to be there.
 _PATIENCE = 10.0
@@ -92,7 +89,6 @@ class Cluster:
         future.add_done_callback(self._done.put)
 
     def collect(self, seconds: float) -> list[tuple[int, Reply]]:
-        """Return what was done, after some seconds at the most."""
         done = []
         try:
             future = self._done.get(timeout=seconds)
@@ -107,7 +103,6 @@ class Cluster:
         return done
 
     def close(self) -> None:
-        """Take back all work."""
         with contextlib.suppress(Exception):
             self._client.cancel(list(self._tickets), force=True)
         self._tickets.clear()
@@ -156,8 +151,6 @@ def _check_address(address: str) -> None:
 def tell_versions() -> dict[str, str]:
     """Return the versions that must be the same everywhere: they give the numbers, or are sent."""
     from importlib.metadata import version
-
-    from terrain_cli.batch.worker_tasks import versions
 
     return {**versions(), **{name: version(name) for name in ("dask", "distributed")}}
 

@@ -17,14 +17,10 @@ import sys
 import tempfile
 import time
 from multiprocessing.connection import wait
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from terrain_cli import processes
-from terrain_cli.batch.worker_tasks import Failure, Reply, failure
-
-if TYPE_CHECKING:
-    from terrain_cli.batch.worker_tasks import Task
-
+from terrain_cli.batch.worker_tasks import Failure, Reply, Task, failure
 
 #: Seconds that a process may take to start, and to accept a task.
 _PATIENCE = 120.0
@@ -52,7 +48,8 @@ class Child:
     def __init__(self, timeout: float | None = None, memory: int | None = None) -> None:
         self._timeout = timeout
         self.ready = False
-        self._deadline = time.monotonic() + _PATIENCE
+        #: When it is out of time, on the monotonic clock.
+        self.deadline = time.monotonic() + _PATIENCE
         self._seconds = _PATIENCE
         self._started = time.monotonic()
         self._buffer = bytearray()
@@ -82,17 +79,12 @@ class Child:
     def pid(self) -> int:
         return self._process.pid
 
-    @property
-    def deadline(self) -> float:
-        """When it is out of time, on the monotonic clock."""
-        return self._deadline
-
     def begin(self, task: Task) -> None:
         """Send a task to a process that is ready."""
         self.ready = False
         self._started = time.monotonic()
         self._seconds = _PATIENCE if self._timeout is None else self._timeout
-        self._deadline = float("inf") if self._timeout is None else self._started + self._timeout
+        self.deadline = float("inf") if self._timeout is None else self._started + self._timeout
         self._tell(task)
 
     def collect(self) -> Reply | None:
@@ -103,7 +95,12 @@ class Child:
         try:
             data = self._link.recv(_BLOCK)
         except BlockingIOError:
-            return self._overdue() if time.monotonic() >= self._deadline else None
+            if time.monotonic() < self.deadline:
+                return None
+            self._kill()
+            text = f"took longer than {self._seconds:g} s"
+            why = Failure("TimeoutError", text, "run again with a longer --timeout", passing=True)
+            return self._reply(why)
         except OSError:
             data = b""
         if not data:
@@ -116,7 +113,7 @@ class Child:
             return None
         message: Reply | None = pickle.loads(self._buffer[_HEADER.size : end])  # noqa: S301 - of our own child
         del self._buffer[:end]
-        self.ready, self._deadline = True, float("inf")
+        self.ready, self.deadline = True, float("inf")
         if message and message.failure and message.failure.error_class == "MemoryError":
             # What is left of the process is no good start for the next task.
             self._kill()
@@ -132,7 +129,6 @@ class Child:
         self._process.kill()
 
     def close(self) -> None:
-        """End the process at once."""
         if self._process.returncode is None:
             self.kill()
             # One that hangs in the system cannot be ended; it must not hold up the others.
@@ -148,11 +144,6 @@ class Child:
         with contextlib.suppress(OSError):
             _send(self._link, message)
         self._link.setblocking(False)
-
-    def _overdue(self) -> Reply:
-        self._kill()
-        text = f"took longer than {self._seconds:g} s"
-        return self._reply(Failure("TimeoutError", text, "run again with a longer --timeout", passing=True))
 
     def _lost(self) -> Reply:
         self._kill()
@@ -175,7 +166,7 @@ class Child:
             self._process.wait(5.0)
         except subprocess.TimeoutExpired:
             self._process.returncode = -signal.SIGKILL
-        self.ready, self._deadline = False, float("inf")
+        self.ready, self.deadline = False, float("inf")
 
     def _reply(self, why: Failure) -> Reply:
         return Reply(failure=why, seconds=time.monotonic() - self._started)
@@ -279,7 +270,6 @@ class LocalPool:
         self._busy[Child(*self._limits)] = ticket, task
 
     def collect(self, seconds: float) -> list[tuple[int, Reply]]:
-        """Return what was done, after some seconds at the most."""
         now = time.monotonic()
         patience = min([seconds, *(max(child.deadline - now, 0.0) for child in self._busy)])
         wait([child.fileno() for child in self._busy], patience)

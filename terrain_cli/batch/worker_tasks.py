@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from formats.errors import CannotWriteError, FormatError, NotFoundError, shown
-from terrain_cli import effects, models
-from terrain_cli.batch import batch_inputs
+from terrain_cli import effects, estimation, models
+from terrain_cli.batch import batch_inputs, manifest
 from terrain_cli.errors import TerrainError
 from terrain_cli.estimation import estimators
 from terrain_cli.version import __version__
@@ -216,8 +216,6 @@ class Estimate:
         return reply
 
     def _estimate(self, path: str, reply: Reply) -> None:
-        from terrain_cli import estimation
-        from terrain_cli.batch import manifest
         from terrain_cli.run import one_log
 
         outcome = one_log.run(path, self.job.rover, self.job.settings)
@@ -240,8 +238,6 @@ class Restore:
     record: bytes
 
     def run(self) -> Reply:
-        from terrain_cli.batch import manifest
-
         table, _, account = manifest.decode(self.record, self.item.path)
         reply = Reply(sha256=self.sha256, result=as_file(table, self.job), segments=len(table["source"]))
         reply.tell(account)

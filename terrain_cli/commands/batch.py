@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.commands.progress import PATIENCE, draw, wipe
+from terrain_cli.errors import InterruptedBatchError, UnfinishedError, UsageError
 from terrain_cli.presentation import terminal
+from terrain_cli.presentation.terminal import PATIENCE, StatusLine
 from terrain_cli.processes import ENDINGS, EndedError
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from terrain_cli.batch.coordinator import Tally
     from terrain_cli.batch.manifest import ManifestEntry
     from terrain_cli.batch.worker_tasks import Configuration
-    from terrain_cli.errors import InterruptedBatchError
 
 #: Seconds between two pictures on a terminal, and between two lines in a file.
 _ON_TERMINAL, _IN_FILE = 0.2, 10.0
@@ -39,7 +39,7 @@ class Rate:
         self._terminal = sys.stderr.isatty()
         self._started = time.monotonic()
         self._next = self._started + PATIENCE
-        self._drawn = False
+        self._line = StatusLine()
         self.tally: Tally | None = None
 
     @property
@@ -47,23 +47,18 @@ class Rate:
         return time.monotonic() - self._started
 
     def show(self, tally: Tally) -> None:
-        """Show the state, if it is time to."""
         self.tally = tally
         now = time.monotonic()
         if not self._enabled or now < self._next or tally.done == tally.total:
             return
         self._next = now + (_ON_TERMINAL if self._terminal else _IN_FILE)
         if self._terminal:
-            draw(line(tally, self.seconds))
-            self._drawn = True
+            self._line.draw(line(tally, self.seconds))
         else:
             click.echo(line(tally, self.seconds), err=True)
 
     def close(self) -> None:
-        """Wipe the line on the terminal."""
-        if self._drawn:
-            wipe()
-            self._drawn = False
+        self._line.wipe()
 
 
 def line(tally: Tally, seconds: float) -> str:
@@ -80,7 +75,6 @@ def line(tally: Tally, seconds: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a time as people say it."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     if seconds < 5400:
@@ -88,28 +82,21 @@ def duration(seconds: float) -> str:
     return f"{seconds / 3600:.1f} h"
 
 
-@click.command(
+@options.verb(
     "batch",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est batch downlink/ -o mission
-  terrain-est batch sol*/*.bag -o mission --method wong-reece --timeout 600
-  terrain-est batch downlink/ -o mission --dry-run
-  terrain-est batch downlink/ -o mission --retry-failed
-  terrain-est batch downlink/ -o mission --watch
-  terrain-est batch 's3://rover/sol*/*.mcap' -o mission --scheduler tcp://cluster:8786
-""",
+    "terrain-est batch downlink/ -o mission",
+    "terrain-est batch sol*/*.bag -o mission --method wong-reece --timeout 600",
+    "terrain-est batch downlink/ -o mission --dry-run",
+    "terrain-est batch downlink/ -o mission --retry-failed",
+    "terrain-est batch downlink/ -o mission --watch",
+    "terrain-est batch 's3://rover/sol*/*.mcap' -o mission --scheduler tcp://cluster:8786",
 )
 @options.inputs
-@click.option(
-    "-o",
-    "--output",
-    type=paths.BATCH,
+@options.value(
+    "-o --output DIR",
+    paths.BATCH,
+    "The folder of the batch: results, manifest.jsonl, segments.parquet and summary.json.",
     required=True,
-    metavar="DIR",
-    help="The folder of the batch: results, manifest.jsonl, segments.parquet and summary.json.",
 )
 @click.option(
     "--format",
@@ -127,43 +114,31 @@ Examples:
     help="Write the mission table as this kind too, such as gpkg, geojson or csv (repeatable).",
 )
 @options.estimation
-@click.option(
-    "--jobs",
-    type=options.JOBS,
-    metavar="N",
-    help="Worker processes.  [one for each core]",
-)
+@options.value("--jobs N", options.JOBS, "Worker processes.  [one for each core]")
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
     help="Use the workers of this Dask scheduler instead, such as tcp://host:8786 (extra: distributed).",
 )
-@click.option(
-    "--timeout",
-    type=options.POSITIVE,
-    metavar="S",
-    help="Give up an input after this many seconds.  [never]",
-)
-@click.option(
-    "--memory",
-    type=options.POSITIVE,
-    metavar="GB",
-    help="Give up an input whose worker needs more address space than this.  [no limit]",
+@options.value("--timeout S", options.POSITIVE, "Give up an input after this many seconds.  [never]")
+@options.value(
+    "--memory GB",
+    options.POSITIVE,
+    "Give up an input whose worker needs more address space than this.  [no limit]",
 )
 @click.option("--force", is_flag=True, help="Process all inputs again.")
 @click.option("--retry-failed", is_flag=True, help="Try failed inputs again, although nothing has changed.")
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @click.option("--dry-run", is_flag=True, help="Only list what would be done, and why.")
 @click.option("--watch", is_flag=True, help="Process new inputs as they arrive, until interrupted.")
-@click.option(
-    "--settle",
-    type=options.Amount(0),
+@options.value(
+    "--settle S",
+    options.Amount(0),
+    "With --watch: take a file when it has not changed for this many seconds.",
     default=5.0,
     show_default=True,
-    metavar="S",
-    help="With --watch: take a file when it has not changed for this many seconds.",
 )
-@click.option("--seed", type=int, metavar="N", help="No effect here; other verbs use it.")
+@options.value("--seed N", int, "No effect here; other verbs use it.")
 @options.quiet
 @options.verbose
 @click.pass_context
@@ -188,16 +163,12 @@ def command(context: click.Context, /, **_: Any) -> int:
     _check_kinds(given["also"])
     gathered = worker_tasks.gather(rover, options.settings(given), given["crs"])
     order = batch_run.Order(
-        kind=given["kind"],
+        **{name: given[name] for name in ("kind", "scheduler", "timeout")},
+        **{name: given[name] for name in ("force", "retry_failed", "fail_fast")},
         also=tuple(given["also"]),
         jobs=given["jobs"] or cores(),
-        scheduler=given["scheduler"],
-        timeout=given["timeout"],
         memory=int(given["memory"] * _GIGA) if given["memory"] else None,
         largest=largest_copy(),
-        force=given["force"],
-        retry_failed=given["retry_failed"],
-        fail_fast=given["fail_fast"],
         settle=given["settle"] if given["watch"] else None,
     )
     if given["dry_run"]:
@@ -209,7 +180,6 @@ def command(context: click.Context, /, **_: Any) -> int:
 
 def _check_kinds(kinds: tuple[str, ...]) -> None:
     import formats
-    from terrain_cli.errors import UsageError
 
     for kind in kinds:
         try:
@@ -220,7 +190,6 @@ def _check_kinds(kinds: tuple[str, ...]) -> None:
 
 def _run(found: Sequence[Input], gathered: Configuration, order: Order, given: dict[str, Any]) -> int:
     from terrain_cli.batch import batch_run
-    from terrain_cli.errors import UnfinishedError
 
     before = signal.signal(signal.SIGTERM, _stop)
     progress = Rate(enabled=not given["quiet"])
@@ -293,8 +262,6 @@ def _remarks(remarks: Mapping[str, Sequence[str]], folder: str) -> Iterator[str]
 
 
 def _interrupted(tally: Tally | None, folder: str) -> InterruptedBatchError:
-    from terrain_cli.errors import InterruptedBatchError
-
     done = f"{tally.done} of {tally.total} inputs done" if tally else "no input done"
     return InterruptedBatchError(
         f"{folder}: interrupted; {done}, and kept",

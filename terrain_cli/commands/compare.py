@@ -8,48 +8,41 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import comparison_options, options, paths, suggestions
-from terrain_cli.presentation.terminal import say
+from terrain_cli.errors import UsageError
+from terrain_cli.presentation.terminal import Progress, as_json, say
 
 if TYPE_CHECKING:
     from terrain_cli.comparison import Comparison
 
 
-@click.command(
+@options.verb(
     "compare",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est compare run.bag
-  terrain-est compare day1/*.mcap --model model.toml --json > misfit.json
-  terrain-est compare run.bag --model wong-reece --model model.toml
-  terrain-est compare bench.csv --segments none --where "slip_angle_deg == 0"
-  terrain-est compare run.bag --plot pictures
-""",
+    "terrain-est compare run.bag",
+    "terrain-est compare day1/*.mcap --model model.toml --json > misfit.json",
+    "terrain-est compare run.bag --model wong-reece --model model.toml",
+    'terrain-est compare bench.csv --segments none --where "slip_angle_deg == 0"',
+    "terrain-est compare run.bag --plot pictures",
 )
 @options.inputs
 @options.rover
-@click.option(
-    "--model",
-    "models",
+@options.value(
+    "--model models FILE|linear|wong-reece",
+    paths.MODEL,
+    "Model of wheel and soil: a base, or a model file that adds effects to one. "
+    "Given twice, two models side by side on the same blocks.  [wong-reece]",
     multiple=True,
-    type=paths.MODEL,
     shell_complete=suggestions.models,
     envvar="TERRAIN_EST_MODEL",
     default=("wong-reece",),
-    metavar="FILE|linear|wong-reece",
-    help="Model of wheel and soil: a base, or a model file that adds effects to one. "
-    "Given twice, two models side by side on the same blocks.  [wong-reece]",
 )
 @options.wheel
 @comparison_options.cutting
 @comparison_options.soils
 @options.as_json
-@click.option(
-    "--plot",
-    type=paths.PICTURES,
-    metavar="DIR",
-    help="Write pictures into this folder, as PNG and SVG, of the last model (extra: plot).",
+@options.value(
+    "--plot DIR",
+    paths.PICTURES,
+    "Write pictures into this folder, as PNG and SVG, of the last model (extra: plot).",
 )
 @options.quiet
 @click.pass_context
@@ -61,11 +54,9 @@ def command(context: click.Context, /, **_: Any) -> None:
     fit has not seen. docs/compare.md tells how often chance alone makes a finding.
     """
     from terrain_cli import models
-    from terrain_cli.commands.progress import Progress
     from terrain_cli.comparison import against
-    from terrain_cli.errors import UsageError
     from terrain_cli.improvement import compared
-    from terrain_cli.presentation import comparison_text, terminal
+    from terrain_cli.presentation import comparison_text
 
     names = context.params["models"]
     if len(names) > 2:
@@ -87,7 +78,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     differences = against(first, second, seed=seed) if second else []
     asked = [comparison_options.repeated(context, name) for name in names]
     if context.params["as_json"]:
-        click.echo(terminal.as_json(comparison_text.document(first, second, differences, asked)))
+        click.echo(as_json(comparison_text.document(first, second, differences, asked)))
     else:
         say(comparison_text.text(first, second, differences, asked))
     if context.params["plot"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import reduce
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,46 +9,45 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options
+from terrain_cli.errors import InputError
 from terrain_cli.vocabulary.choices import CUT_SAMPLES
 from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from terrain_cli.commands.progress import Progress
     from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
     from terrain_cli.estimation.estimators import EstimateRequest
     from terrain_cli.models import ModelFile
+    from terrain_cli.presentation.terminal import Progress
     from terrain_cli.rover import Rover
     from terrain_cli.windows.cut_windows import Windows
 
-_CUTTING = (
+#: By which windows are cut, samples are kept and chance is drawn.
+cutting = options.together(
     options.segments,
-    click.option(
-        "--min-samples",
-        type=click.IntRange(3, options.MOST_SAMPLES),
-        metavar="N",
-        help=f"Fewest samples of a window that auto cuts.  [{CUT_SAMPLES}]",
+    options.value(
+        "--min-samples N",
+        click.IntRange(3, options.MOST_SAMPLES),
+        f"Fewest samples of a window that auto cuts.  [{CUT_SAMPLES}]",
     ),
     options.window_distance,
     options.window_samples,
     options.where,
     options.salvage,
     options.largest,
-    click.option(
-        "--seed",
-        type=click.IntRange(0),
+    options.value(
+        "--seed N",
+        click.IntRange(0),
+        "Seed of the resampling behind intervals and tests.",
         default=0,
         show_default=True,
-        metavar="N",
-        help="Seed of the resampling behind intervals and tests.",
     ),
     options.jobs("Processes that fit wheels and effects; what comes out is the same."),
     options.verbose,
 )
-
 
 #: Options that decide which samples are looked at, and how they are cut.
 _REPEATED = frozenset(
@@ -57,25 +55,15 @@ _REPEATED = frozenset(
     | {"salvage", "largest", "keep_aside"}
 )
 
-
-keep_aside = click.option(
-    "--keep-aside",
-    type=options.Amount(0, 1, min_open=True, max_open=True),
-    metavar="SHARE",
-    help="Keep this share of each input aside, in eight stretches: diagnose does not see them, and model add "
+keep_aside = options.value(
+    "--keep-aside SHARE",
+    options.Amount(0, 1, min_open=True, max_open=True),
+    "Keep this share of each input aside, in eight stretches: diagnose does not see them, and model add "
     "judges on them alone. Give both the same share, such as 0.5.  [none]",
 )
 
-
-def cutting(command: options.F) -> options.F:
-    """Add the options by which windows are cut, samples are kept and chance is drawn."""
-    return reduce(lambda decorated, option: option(decorated), reversed(_CUTTING), command)
-
-
-def soils(command: options.F) -> options.F:
-    """Add the options of `estimate` that decide on c and φ of the segments, and on nothing else."""
-    of_estimate = (options.folds, options.robust, options.at_stress)
-    return reduce(lambda decorated, option: option(decorated), reversed(of_estimate), command)
+#: Options of `estimate` that decide on c and φ of the segments, and on nothing else.
+soils = options.together(options.folds, options.robust, options.at_stress)
 
 
 def draw(found: Comparison | Diagnosis, given: Mapping[str, Any]) -> None:
@@ -105,7 +93,6 @@ def read(
     import formats
     from terrain_cli import processes
     from terrain_cli.comparison import kept_aside
-    from terrain_cli.errors import InputError
     from terrain_cli.telemetry.long_logs import MOST_ROWS
 
     paths = formats.expand(context.params["inputs"] if inputs is None else inputs)
@@ -153,20 +140,13 @@ def _cut(
         used = f"{len(samples.usable)} of {len(samples)} samples used"
         told = [f"{name}: {how}" for name, how in samples.origins.items()]
         progress.tell("\n  ".join([f"{samples.source}  {samples.wheel}: {used}", *told]))
+    lengths = {name: given[name] for name in ("min_samples", "window_samples", "window_distance")}
     return [
-        cut_windows.cut(
-            samples,
-            given["segments"],
-            min_samples=given["min_samples"],
-            window_samples=given["window_samples"],
-            window_distance=given["window_distance"],
-        )
-        for samples in wheels
-        if len(samples.usable)
+        cut_windows.cut(samples, given["segments"], **lengths) for samples in wheels if len(samples.usable)
     ]
 
 
-def repeated(context: click.Context, model: str, inputs: Sequence[str] | None = None) -> Asked:
+def repeated(context: click.Context, model: str) -> Asked:
     """Return what was asked, so that the next command can ask it again of a model."""
     from formats.errors import shown
     from terrain_cli.diagnosis.conclusion import Asked
@@ -182,19 +162,19 @@ def repeated(context: click.Context, model: str, inputs: Sequence[str] | None = 
             continue
         for one in value if isinstance(value, (list, tuple)) else (value,):
             words += [parameter.opts[0], str(one)]
-    fresh = next(path for path in _model_files() if not Path(path).exists())
-    given = context.params["inputs"] if inputs is None else inputs
+    fresh = next(path for path in numbered(Path("model.toml")) if not path.exists())
     return Asked(
-        inputs=tuple(map(shown, given)),
+        inputs=tuple(map(shown, context.params["inputs"])),
         model=shown(model),
         options=tuple(map(shown, words)),
-        fresh=fresh,
+        fresh=str(fresh),
     )
 
 
-def _model_files() -> Iterator[str]:
-    yield "model.toml"
-    yield from (f"model-{number}.toml" for number in count(2))
+def numbered(path: Path) -> Iterator[Path]:
+    """Yield a name, and others beside it, of which one is free."""
+    yield path
+    yield from (path.with_stem(f"{path.stem}-{number}") for number in count(2))
 
 
 def asked(given: Mapping[str, Any], cut: Sequence[Windows], file: ModelFile) -> EstimateRequest:

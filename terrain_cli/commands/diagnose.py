@@ -10,65 +10,54 @@ from typing import Any
 import click
 
 from terrain_cli.commands import comparison_options, options, paths, suggestions
-from terrain_cli.presentation.terminal import say
+from terrain_cli.presentation.terminal import Progress, as_json, say
 
 
-@click.command(
+@options.verb(
     "diagnose",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est diagnose run.bag
-  terrain-est diagnose day1/*.mcap --model model.toml --json > diagnosis.json
-  terrain-est diagnose run.csv --effect cable-drag.toml
-  terrain-est diagnose run.csv --draft law.toml
-  terrain-est diagnose run.csv --keep-aside 0.5
-  terrain-est diagnose run.csv --plot pictures
-""",
+    "terrain-est diagnose run.bag",
+    "terrain-est diagnose day1/*.mcap --model model.toml --json > diagnosis.json",
+    "terrain-est diagnose run.csv --effect cable-drag.toml",
+    "terrain-est diagnose run.csv --draft law.toml",
+    "terrain-est diagnose run.csv --keep-aside 0.5",
+    "terrain-est diagnose run.csv --plot pictures",
 )
 @options.inputs
 @options.rover
-@click.option(
-    "--model",
-    type=paths.MODEL,
+@options.value(
+    "--model FILE|linear|wong-reece",
+    paths.MODEL,
+    "Model that may lack something: a base, or a model file.  [wong-reece]",
     shell_complete=suggestions.models,
     envvar="TERRAIN_EST_MODEL",
     default="wong-reece",
-    metavar="FILE|linear|wong-reece",
-    help="Model that may lack something: a base, or a model file.  [wong-reece]",
 )
-@click.option(
-    "--effect",
-    "further",
+@options.value(
+    "--effect further FILE.toml",
+    paths.EFFECT_FILE,
+    "An effect of your own that may be missing, beside those of the catalogue (repeatable).",
     multiple=True,
-    type=paths.EFFECT_FILE,
     envvar="TERRAIN_EST_EFFECT",
-    metavar="FILE.toml",
-    help="An effect of your own that may be missing, beside those of the catalogue (repeatable).",
 )
-@click.option(
-    "--draft",
-    type=paths.OUTPUT,
-    metavar="FILE.toml",
-    help="Write a law here if no effect of the catalogue explains what is missing.",
+@options.value(
+    "--draft FILE.toml",
+    paths.OUTPUT,
+    "Write a law here if no effect of the catalogue explains what is missing.",
 )
 @click.option("--force", is_flag=True, help="Replace the file of --draft if it is there.")
-@click.option(
-    "--smallest-share",
-    type=options.Amount(0, 1),
-    metavar="SHARE",
-    help="Raise no alarm for what is less than this share of the root mean square of every channel.  [0.003]",
+@options.value(
+    "--smallest-share SHARE",
+    options.Amount(0, 1),
+    "Raise no alarm for what is less than this share of the root mean square of every channel.  [0.003]",
 )
 @comparison_options.keep_aside
 @options.wheel
 @comparison_options.cutting
 @options.as_json
-@click.option(
-    "--plot",
-    type=paths.PICTURES,
-    metavar="DIR",
-    help="Write a picture of the candidates into this folder, as PNG and SVG (extra: plot).",
+@options.value(
+    "--plot DIR",
+    paths.PICTURES,
+    "Write a picture of the candidates into this folder, as PNG and SVG (extra: plot).",
 )
 @options.quiet
 @click.pass_context
@@ -84,10 +73,9 @@ def command(context: click.Context, /, **_: Any) -> None:
     """
     import formats
     from terrain_cli import effects, models
-    from terrain_cli.commands.progress import Progress
     from terrain_cli.comparison import kept_aside
     from terrain_cli.diagnosis import diagnose, verdict
-    from terrain_cli.presentation import diagnosis_text, terminal
+    from terrain_cli.presentation import diagnosis_text
 
     given = context.params
     if given["draft"]:
@@ -113,7 +101,7 @@ def command(context: click.Context, /, **_: Any) -> None:
         found = replace(found, sentence=verdict.with_draft(found.sentence, given["draft"]))
     asked = comparison_options.repeated(context, given["model"])
     if given["as_json"]:
-        click.echo(terminal.as_json(diagnosis_text.document(found, asked, given["draft"] or "")))
+        click.echo(as_json(diagnosis_text.document(found, asked, given["draft"] or "")))
     else:
         say(diagnosis_text.text(found, asked, given["draft"] or ""))
     comparison_options.draw(found, given)

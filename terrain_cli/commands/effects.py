@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import asdict
 from pathlib import Path
@@ -12,13 +11,14 @@ import click
 
 from terrain_cli.commands import options, paths, suggestions
 from terrain_cli.commands.suggestions import Group
-from terrain_cli.mechanics.effect import KINDS
+from terrain_cli.errors import TerrainError
+from terrain_cli.mechanics.effect import KINDS, Effect
+from terrain_cli.presentation import terminal
 from terrain_cli.presentation.terminal import say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.mechanics.effect import Effect
     from terrain_cli.models import Assumption
 
 
@@ -40,16 +40,11 @@ def command() -> None:
     """
 
 
-@command.command(
+@options.verb(
     "list",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
+    "terrain-est effects list",
+    "terrain-est effects list --kind contact --json",
     short_help="List the effects of the catalogue.",
-    epilog="""\b
-Examples:
-  terrain-est effects list
-  terrain-est effects list --kind contact --json
-""",
 )
 @click.option(
     "--kind",
@@ -70,23 +65,18 @@ def list_effects(kind: str | None, as_json: bool) -> None:
     chosen = [effect for effect in effects.catalogue().values() if kind in {None, effect.kind}]
     assumptions = list(ASSUMPTIONS.values()) if kind is None else []
     if as_json:
-        _write(_listed(chosen, assumptions))
+        click.echo(terminal.as_json(_listed(chosen, assumptions)))
         return
     say(effect_text.overview(chosen))
     if assumptions:
         say(f"\n{effect_text.overview_of_assumptions(assumptions)}")
 
 
-@command.command(
+@options.verb(
     "show",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
+    "terrain-est effects show slip-sinkage",
+    "terrain-est effects show max-stress-angle cable-drag.toml --json",
     short_help="Tell all about effects: law, parameters, signature, source.",
-    epilog="""\b
-Examples:
-  terrain-est effects show slip-sinkage
-  terrain-est effects show max-stress-angle cable-drag.toml --json
-""",
 )
 @click.argument(
     "names", nargs=-1, required=True, type=paths.EFFECT, metavar="EFFECT…", shell_complete=suggestions.effects
@@ -105,22 +95,17 @@ def show(names: tuple[str, ...], as_json: bool) -> None:
     effects = {name: _effect(name) for name in names if name not in ASSUMPTIONS}
     if as_json:
         assumptions = [ASSUMPTIONS[name] for name in names if name in ASSUMPTIONS]
-        _write(_listed(list(effects.values()), assumptions))
+        click.echo(terminal.as_json(_listed(list(effects.values()), assumptions)))
         return
     told = {name: effect_text.text(effect) for name, effect in effects.items()}
     say("\n\n".join(told.get(name) or effect_text.text_of_assumption(ASSUMPTIONS[name]) for name in names))
 
 
-@command.command(
+@options.verb(
     "check",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
+    "terrain-est effects check cable-drag.toml",
+    "terrain-est effects check my-effects/*.toml --json",
     short_help="Check effects of your own.",
-    epilog="""\b
-Examples:
-  terrain-est effects check cable-drag.toml
-  terrain-est effects check my-effects/*.toml --json
-""",
 )
 @click.argument("files", nargs=-1, required=True, type=paths.EFFECT_FILE, metavar="FILE…")
 @options.as_json
@@ -136,7 +121,6 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
     from formats import FormatError
     from terrain_cli import effects
     from terrain_cli.effects.laws import effect_file
-    from terrain_cli.errors import TerrainError
     from terrain_cli.presentation import effect_text
 
     documents: list[dict[str, Any]] = []
@@ -161,7 +145,7 @@ def check(context: click.Context, files: tuple[str, ...], as_json: bool, quiet: 
         if not as_json:
             say("\n" * (len(documents) > 1) + effect_text.checked_text(file, understood))
     if as_json:
-        _write({"format": effect_text.CHECK_FORMAT, "files": documents})
+        click.echo(terminal.as_json({"format": effect_text.CHECK_FORMAT, "files": documents}))
     # A file that is wrong outweighs one that is not there.
     context.exit(max(codes, default=0))
 
@@ -186,5 +170,5 @@ def _effect(name: str) -> Effect:
     return effects.find(name)
 
 
-def _write(document: dict[str, Any]) -> None:
-    click.echo(json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False))
+for verb in (list_effects, show, check):
+    command.add_command(verb)

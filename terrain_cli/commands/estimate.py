@@ -1,9 +1,9 @@
-"""`terrain-est estimate INPUT…`."""
+"""`terrain-est estimate INPUT…`, and with --follow who is told what, and how it ends."""
 
 from __future__ import annotations
 
-import json
 import sys
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,84 +11,73 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options, paths
-from terrain_cli.presentation.terminal import in_lines, say
+from terrain_cli.errors import UsageError
+from terrain_cli.presentation.terminal import Progress, StatusLine, as_json, in_lines, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from terrain_cli.presentation.segment_table import Table
     from terrain_cli.rover import Rover
     from terrain_cli.run.one_log import Outcome
     from terrain_cli.run.settings import Settings
+    from terrain_cli.stream.growing_table import GrowingTable
+    from terrain_cli.views.live_pictures import LivePictures
+
+#: What needs the whole log, and what is about several inputs.
+_WHOLE = ("summary", "samples", "rejects", "trace", "posterior", "places", "salvage")
 
 
-@click.command(
+@options.verb(
     "estimate",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est estimate run.bag
-  terrain-est estimate run.bag > soil.csv
-  terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900 --summary soil.json
-  terrain-est estimate run.bag -o soil.gpkg --samples soil.gpkg
-  terrain-est estimate sol1200.csv --places localized_interp.csv --crs IAU_2015:49900 -o soil.parquet
-  terrain-est estimate run.mcap -o soil.mcap
-  terrain-est estimate day1/ day2/*.parquet --segments terrain -o soil.parquet
-  terrain-est estimate bench.csv --where "slip_angle_deg == 0" --segments none
-  terrain-est estimate run.bag --method recursive --trace convergence.csv
-  terrain-est estimate run.bag --method wong-reece --summary soil.json
-  terrain-est estimate run.bag --model model.toml --plot pictures
-  terrain-est estimate run.bag -o soil.csv --posterior posterior.parquet
-  terrain-est estimate --follow growing.csv --every 1s --idle-timeout 10min
-  terrain-est estimate --follow day1/day1_0.mcap -o soil.mcap
-  mosquitto_sub -t rover/wheels | terrain-est estimate --follow - -o soil.geojsons
-  terrain-est estimate run.bag | ogr2ogr -f GPKG soil.gpkg CSV:/vsistdin/ \\
-      -oo AUTODETECT_TYPE=YES -oo EMPTY_STRING_AS_NULL=YES -a_srs IAU_2015:49900
-""",
+    "terrain-est estimate run.bag",
+    "terrain-est estimate run.bag > soil.csv",
+    "terrain-est estimate run.mcap -o soil.gpkg --crs IAU_2015:49900 --summary soil.json",
+    "terrain-est estimate run.bag -o soil.gpkg --samples soil.gpkg",
+    "terrain-est estimate sol1200.csv --places localized_interp.csv --crs IAU_2015:49900 -o soil.parquet",
+    "terrain-est estimate run.mcap -o soil.mcap",
+    "terrain-est estimate day1/ day2/*.parquet --segments terrain -o soil.parquet",
+    'terrain-est estimate bench.csv --where "slip_angle_deg == 0" --segments none',
+    "terrain-est estimate run.bag --method recursive --trace convergence.csv",
+    "terrain-est estimate run.bag --method wong-reece --summary soil.json",
+    "terrain-est estimate run.bag --model model.toml --plot pictures",
+    "terrain-est estimate run.bag -o soil.csv --posterior posterior.parquet",
+    "terrain-est estimate --follow growing.csv --every 1s --idle-timeout 10min",
+    "terrain-est estimate --follow day1/day1_0.mcap -o soil.mcap",
+    "mosquitto_sub -t rover/wheels | terrain-est estimate --follow - -o soil.geojsons",
+    "terrain-est estimate run.bag | ogr2ogr -f GPKG soil.gpkg CSV:/vsistdin/ \\\n"
+    "      -oo AUTODETECT_TYPE=YES -oo EMPTY_STRING_AS_NULL=YES -a_srs IAU_2015:49900",
 )
 @options.inputs
-@click.option(
-    "-o",
-    "--output",
-    type=paths.SEGMENTS,
-    metavar="FILE",
-    help="Write the table here, by its ending: .csv .parquet .json .geojson .geojsonl .geojsons .gpkg .mcap. "
+@options.value(
+    "-o --output FILE",
+    paths.SEGMENTS,
+    "Write the table here, by its ending: .csv .parquet .json .geojson .geojsonl .geojsons .gpkg .mcap. "
     "Otherwise CSV on stdout, and on a terminal a table to read.",
 )
 @click.option("--csv", is_flag=True, help="Write CSV to stdout on a terminal too, as into a pipe.")
-@click.option("--summary", type=paths.SUMMARY, metavar="FILE", help="Write the summary here, as JSON.")
+@options.value("--summary FILE", paths.SUMMARY, "Write the summary here, as JSON.")
 @options.estimation
-@click.option(
-    "--samples",
-    type=paths.SAMPLES,
-    metavar="FILE",
-    help="Write the samples of every segment here, as points; into the .gpkg of -o, if it is the same file, "
+@options.value(
+    "--samples FILE",
+    paths.SAMPLES,
+    "Write the samples of every segment here, as points; into the .gpkg of -o, if it is the same file, "
     "as its second layer.",
 )
-@click.option(
-    "--rejects",
-    type=paths.REJECTS,
-    metavar="FILE",
-    help="Write the samples set aside here, each with its reason.",
+@options.value("--rejects FILE", paths.REJECTS, "Write the samples set aside here, each with its reason.")
+@options.value(
+    "--trace FILE", paths.TRACE, "With --method recursive: write the estimate after each sample here."
 )
-@click.option(
-    "--trace",
-    type=paths.TRACE,
-    metavar="FILE",
-    help="With --method recursive: write the estimate after each sample here.",
-)
-@click.option(
-    "--posterior",
-    type=paths.POSTERIOR,
-    metavar="FILE",
-    help="Write the joint posterior of c and φ here: for each segment a grid, and the covariance of all its "
+@options.value(
+    "--posterior FILE",
+    paths.POSTERIOR,
+    "Write the joint posterior of c and φ here: for each segment a grid, and the covariance of all its "
     "parameters. Takes a second or two a segment.",
 )
-@click.option(
-    "--plot",
-    type=paths.PICTURES,
-    metavar="DIR",
-    help="Write pictures into this folder, as PNG and SVG (extra: plot). With --method recursive also "
+@options.value(
+    "--plot DIR",
+    paths.PICTURES,
+    "Write pictures into this folder, as PNG and SVG (extra: plot). With --method recursive also "
     "how it converges. With --follow only that, by any method, drawn anew as rows come.",
 )
 @click.option(
@@ -98,11 +87,10 @@ Examples:
     "JSON Lines from a pipe, - or a file that grows, or a bag while it is recorded. Ends with the pipe or "
     "the bag, or by Ctrl-C.",
 )
-@click.option(
-    "--every",
-    type=options.Duration(),
-    metavar="TIME",
-    help="With --follow: also write the segments that are still open, every 1s or so; the last column, "
+@options.value(
+    "--every TIME",
+    options.Duration(),
+    "With --follow: also write the segments that are still open, every 1s or so; the last column, "
     "open, marks them.",
 )
 @click.option(
@@ -111,15 +99,14 @@ Examples:
     help="With --follow: at the end, write the rows again, as the full model has them after the whole "
     "drive: the last 64 segments of each wheel. The column again marks them.",
 )
-@click.option(
-    "--idle-timeout",
-    type=options.Duration(),
-    metavar="TIME",
-    help="With --follow: end when nothing has arrived for this long.  [never]",
+@options.value(
+    "--idle-timeout TIME",
+    options.Duration(),
+    "With --follow: end when nothing has arrived for this long.  [never]",
 )
 @options.force
 @options.jobs("Inputs read at the same time.")
-@click.option("--seed", type=int, metavar="N", help="No effect here; other verbs use it.")
+@options.value("--seed N", int, "No effect here; other verbs use it.")
 @options.quiet
 @options.verbose
 @click.pass_context
@@ -134,7 +121,6 @@ def command(context: click.Context, /, **_: Any) -> None:
     says not-separable, and the strength at the stress σ* holds as far as its error says.
     """
     import formats
-    from terrain_cli.errors import UsageError
     from terrain_cli.presentation import segment_files
 
     logs = formats.expand(context.params["inputs"])
@@ -144,9 +130,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     if given["csv"] and given["output"]:
         raise UsageError("--csv and -o both say where the table goes", hint="leave one of them out")
     if given["follow"]:
-        from terrain_cli.commands import following
-
-        following.run(logs, rover, given)
+        _follow(logs, rover, given)
         return
     for name in ("every", "again", "idle_timeout"):
         if given[name] not in {None, False}:
@@ -193,7 +177,7 @@ def _write(  # noqa: C901, PLR0912 - one branch for each thing asked for
 
         plots.write(outcomes, given["plot"])
     if given["summary"]:
-        text = json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False)
+        text = as_json(document)
         if given["summary"] == "-":
             click.echo(text)
         else:
@@ -228,7 +212,6 @@ def _outcomes(
     logs: Sequence[str], rover: Rover, settings: Settings, *, jobs: int, quiet: bool
 ) -> Iterable[Outcome]:
     """Run every input, in order, with a progress bar once it has taken a second."""
-    from terrain_cli.commands.progress import Progress
     from terrain_cli.run import one_log
     from terrain_cli.run.long_log import cores
 
@@ -251,3 +234,105 @@ def _outcomes(
                     progress.advance()
             finally:
                 pool.shutdown(cancel_futures=True)
+
+
+def _follow(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
+    """Follow one input to its end; a first signal to end is an end as any other."""
+    from formats.text.arriving_bytes import ArrivingBytes
+    from terrain_cli import processes
+    from terrain_cli.estimation import estimators
+    from terrain_cli.presentation import segment_files
+    from terrain_cli.stream.follow import Follow
+    from terrain_cli.stream.growing_table import AGAIN, OPEN, GrowingTable
+
+    if len(logs) != 1:
+        raise UsageError(f"--follow takes one input, not {len(logs)}", hint="start a process for each")
+    for name in _WHOLE:
+        if given[name]:
+            raise UsageError(
+                f"--{name} needs the whole log, and --follow writes while it goes on",
+                hint="leave one of them out; record the log for the other",
+            )
+    if given["segments"] == "fixed" and given["window_samples"] is None:
+        raise UsageError(
+            "--follow counts fixed windows in samples",
+            hint="give --window-samples N, or leave out --segments fixed",
+        )
+    segment_files.check(None, None, given["crs"])
+    settings = options.settings(given)
+    if given["again"] and estimators.choose(settings.method, settings.model, robust=settings.robust) is None:
+        raise UsageError(
+            "--again is for the full model: by an estimator of the line, later segments change nothing",
+            hint="leave out --again or --method",
+        )
+    shown = given["output"] is None and not given["csv"] and sys.stdout.isatty()
+    with ExitStack() as stack:
+        table = None
+        if not shown:
+            marks = {AGAIN: given["again"], OPEN: given["every"] is not None}
+            marked = [name for name, wanted in marks.items() if wanted]
+            table = GrowingTable(given["output"] or "-", given["crs"], marked)
+        stop = stack.enter_context(processes.noted())
+        if table:
+            stack.enter_context(table)
+        pictures = None
+        if given["plot"]:
+            from terrain_cli.views.live_pictures import LivePictures
+
+            pictures = LivePictures(given["plot"])
+        teller = _Teller(table, pictures, quiet=given["quiet"])
+        stack.callback(teller.wipe)
+        arriving = ArrivingBytes(logs[0], stop=stop, idle=given["idle_timeout"])
+        Follow(rover, settings, teller, every=given["every"], again=given["again"]).run(arriving, logs[0])
+        if pictures:
+            pictures.draw(last=True)
+
+
+class _Teller:
+    """Rows to the table, or to the terminal, and to the pictures; what is said besides to stderr."""
+
+    def __init__(self, table: GrowingTable | None, pictures: LivePictures | None, *, quiet: bool) -> None:
+        self._table, self._pictures, self._quiet = table, pictures, quiet
+        self._drawing = not quiet and sys.stderr.isatty()
+        self._line = StatusLine()
+        #: Leaves an empty line for what is written next.
+        self.wipe = self._line.wipe
+
+    def closed(self, row: Table) -> None:
+        self._write(row)
+        self._draw([row])
+
+    def again(self, row: Table) -> None:
+        self._write(row, "again")
+
+    def _write(self, row: Table, mark: str = "") -> None:
+        self.wipe()
+        if self._table:
+            self._table.add(row, mark)
+        else:
+            from terrain_cli.stream.growing_table import readable
+
+            say(f"{mark}  {readable(row)}" if mark else readable(row))
+
+    def open(self, rows: Sequence[Table]) -> None:
+        """Write rows that are not the last word on their segments; a terminal shows them in its one line."""
+        for row in rows if self._table else ():
+            assert self._table is not None  # noqa: S101 - asked above
+            self._table.add(row, "open")
+        self._draw(rows)
+
+    def _draw(self, rows: Sequence[Table]) -> None:
+        if self._pictures:
+            for row in rows:
+                self._pictures.add(row)
+            self._pictures.draw()
+
+    def now(self, text: str) -> None:
+        """Draw over the one line of a terminal."""
+        if self._drawing:
+            self._line.draw(text)
+
+    def remark(self, text: str) -> None:
+        self.wipe()
+        if not self._quiet:
+            click.echo(text, err=True)

@@ -7,23 +7,17 @@ from pathlib import Path
 import click
 
 from terrain_cli.commands import options, paths
+from terrain_cli.errors import UsageError
 
 
-@click.command(
+@options.verb(
     "init",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est init run.bag
-  terrain-est init run.bag -o rover.toml
-  terrain-est init day1/run_0.db3 --salvage -o day1/rover.toml --force
-""",
+    "terrain-est init run.bag",
+    "terrain-est init run.bag -o rover.toml",
+    "terrain-est init day1/run_0.db3 --salvage -o day1/rover.toml --force",
 )
 @click.argument("log", type=paths.INPUT, metavar="INPUT")
-@click.option(
-    "-o", "--output", type=paths.RESULT, metavar="FILE", help="Write the rover file here, not to stdout."
-)
+@options.value("-o --output FILE", paths.RESULT, "Write the rover file here, not to stdout.")
 @click.option("--force", is_flag=True, help="Replace FILE if it is there.")
 @options.salvage
 @options.largest
@@ -37,7 +31,6 @@ def command(log: str, output: str | None, force: bool, salvage: bool, quiet: boo
     Only the log counts: a rover.toml that is there is not read.
     """
     import formats
-    from terrain_cli.errors import UsageError
     from terrain_cli.presentation import rover_draft
 
     if output:

@@ -7,23 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import options, paths
-from terrain_cli.presentation.terminal import in_lines, say
+from terrain_cli.commands import options
+from terrain_cli.presentation.terminal import Progress, in_lines, say
 
 if TYPE_CHECKING:
     from formats import FormatError
 
 
-@click.command(
+@options.verb(
     "inspect",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est inspect run.bag
-  terrain-est inspect day1/*.mcap --rover rover.toml --json
-  terrain-est inspect --salvage downlink/*.db3
-""",
+    "terrain-est inspect run.bag",
+    "terrain-est inspect day1/*.mcap --rover rover.toml --json",
+    "terrain-est inspect --salvage downlink/*.db3",
 )
 @options.inputs
 @options.rover
@@ -33,15 +28,7 @@ Examples:
 @options.as_json
 @options.quiet
 @options.verbose
-def command(
-    inputs: tuple[str, ...],
-    rover: str | None,
-    wheels: tuple[str, ...],
-    salvage: bool,
-    as_json: bool,
-    quiet: bool,
-    verbose: bool,
-) -> int:
+def command(**given: Any) -> int:
     """Say what is inside each INPUT, and for each channel what would be used, in which unit.
 
     Where something is missing it gives the lines of rover.toml that would supply it. Rates, gaps
@@ -50,19 +37,19 @@ def command(
     log, or columns contradict each other, the content comes first and then the problem.
     """
     import formats
-    from terrain_cli.commands.progress import Progress
     from terrain_cli.presentation import inspection
     from terrain_cli.telemetry.wheel_samples import Notice
 
-    logs = formats.expand(inputs)
-    rovers = options.load_rover(rover, logs)
+    logs = formats.expand(given["inputs"])
+    rovers = options.load_rover(given["rover"], logs)
+    read = {name: given[name] for name in ("wheels", "salvage")}
     documents: list[dict[str, Any]] = []
     failed: list[FormatError] = []
-    with Progress(len(logs), enabled=not quiet) as progress:
+    with Progress(len(logs), enabled=not given["quiet"]) as progress:
         for path in logs:
             progress.say(path, "")
             try:
-                documents.append(inspection.inspect(path, rovers, wheels=wheels, salvage=salvage))
+                documents.append(inspection.inspect(path, rovers, **read))
             except formats.FormatError as error:
                 if len(logs) == 1:
                     raise
@@ -73,7 +60,7 @@ def command(
         for one in failed
     ]
     problems += [{"source": one["source"], **one["problem"]} for one in documents if one["problem"]]
-    if as_json:
+    if given["as_json"]:
         content: dict[str, Any] = {"format": inspection.FORMAT, "inputs": documents}
         if problems:
             content["failed"] = problems
@@ -81,8 +68,8 @@ def command(
     elif documents:
         # The lines for rover.toml are lines of a file.
         shown = [in_lines(one) | {"rover_toml": one["rover_toml"]} for one in documents]
-        say("\n\n".join(inspection.text(one, verbose=verbose) for one in shown))
-    for document in () if quiet else documents:
+        say("\n\n".join(inspection.text(one, verbose=given["verbose"]) for one in shown))
+    for document in () if given["quiet"] else documents:
         for remark in (remark for remark in document["remarks"] if isinstance(remark, Notice)):
             click.echo(f"{document['source']}: {remark}", err=True)
     for one in problems:

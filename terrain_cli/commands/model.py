@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import comparison_options, model_changes, options, paths, suggestions
-from terrain_cli.commands.model_add import add
+from terrain_cli.commands.model_changes import add
 from terrain_cli.commands.suggestions import Group
+from terrain_cli.errors import UsageError
 from terrain_cli.presentation.terminal import aligned, say
 from terrain_cli.vocabulary.choices import BASES
 from terrain_cli.vocabulary.quantities import counted
@@ -23,17 +24,12 @@ DESCRIPTION_FORMAT = "terrain-est/model-description/1"
 HISTORY_FORMAT = "terrain-est/model-history/1"
 
 
-@click.command(
+@options.verb(
     "new",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
+    "terrain-est model new model.toml",
+    "terrain-est model new model.toml --effect slip-sinkage --effect drivetrain-friction",
+    "terrain-est model new model.toml --effect cable-drag.toml --fix shear_modulus=0.018",
     short_help="Write a new model file.",
-    epilog="""\b
-Examples:
-  terrain-est model new model.toml
-  terrain-est model new model.toml --effect slip-sinkage --effect drivetrain-friction
-  terrain-est model new model.toml --effect cable-drag.toml --fix shear_modulus=0.018
-""",
 )
 @click.argument("file", type=paths.RESULT, metavar="FILE")
 @click.option(
@@ -43,15 +39,13 @@ Examples:
     show_default=True,
     help="The stresses under the rim: those of Wong and Reece, or the triangles of the linearised model.",
 )
-@click.option(
-    "--effect",
-    "effects",
+@options.value(
+    "--effect effects EFFECT",
+    paths.EFFECT,
+    "An id of the catalogue, or the TOML file of an effect (repeatable).",
     multiple=True,
-    type=paths.EFFECT,
     envvar="TERRAIN_EST_EFFECT",
-    metavar="EFFECT",
     shell_complete=suggestions.effects,
-    help="An id of the catalogue, or the TOML file of an effect (repeatable).",
 )
 @click.option(
     "--fix",
@@ -71,7 +65,6 @@ def new(file: str, base: str, effects: tuple[str, ...], fixed: tuple[str, ...], 
     """
     import formats
     from terrain_cli import models
-    from terrain_cli.errors import UsageError
 
     formats.check_free(file, replace=force)
     folder = Path(file).parent
@@ -88,16 +81,11 @@ def new(file: str, base: str, effects: tuple[str, ...], fixed: tuple[str, ...], 
     models.save(models.build(base, named, values, folder), file)
 
 
-@click.command(
+@options.verb(
     "show",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
+    "terrain-est model show model.toml",
+    "terrain-est model show wong-reece --json",
     short_help="Say what a model file holds.",
-    epilog="""\b
-Examples:
-  terrain-est model show model.toml
-  terrain-est model show wong-reece --json
-""",
 )
 @click.argument("file", type=paths.MODEL, metavar="FILE")
 @options.as_json
@@ -122,10 +110,7 @@ def _description(name: str, file: ModelFile) -> dict[str, Any]:
         "base": file.model.base,
         "effects": [
             {
-                "id": effect.id,
-                "title": effect.title,
-                "kind": effect.kind,
-                "formula": effect.formula,
+                **{key: getattr(effect, key) for key in ("id", "title", "kind", "formula")},
                 "needs": list(effect.needs),
                 "any_of": list(effect.any_of),
                 "origin": effect.origin,
@@ -182,25 +167,19 @@ def _text(document: dict[str, Any]) -> list[str]:
     return lines
 
 
-@click.command(
+@options.verb(
     "history",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
+    "terrain-est model history model.toml",
+    "terrain-est model history model.toml --json",
+    "terrain-est model history model.toml --plot pictures",
     short_help="Show what each change did to the held-out error.",
-    epilog="""\b
-Examples:
-  terrain-est model history model.toml
-  terrain-est model history model.toml --json
-  terrain-est model history model.toml --plot pictures
-""",
 )
 @click.argument("file", type=paths.MODEL, metavar="FILE")
 @options.as_json
-@click.option(
-    "--plot",
-    type=paths.PICTURES,
-    metavar="DIR",
-    help="Write a picture of the errors into this folder, as PNG and SVG (extra: plot).",
+@options.value(
+    "--plot DIR",
+    paths.PICTURES,
+    "Write a picture of the errors into this folder, as PNG and SVG (extra: plot).",
 )
 @options.quiet
 def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
@@ -209,7 +188,6 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
     Errors are rms errors on stretches of the data that were not fitted, with 95 % intervals, beside the
     noise that no model could predict. A step may have been tried on other data than the one before.
     """
-    from terrain_cli.commands import model_changes
     from terrain_cli.improvement import model_history
     from terrain_cli.views import ladder_table as views
 
@@ -241,16 +219,12 @@ def history(file: str, as_json: bool, plot: str | None, quiet: bool) -> None:
             click.echo(said, err=True)
 
 
-@click.command(
+@options.verb(
     "remove",
+    "terrain-est model remove model.toml load-bias",
+    "terrain-est model remove model.toml load-bias --data day1/*.mcap",
     cls=model_changes.TakesInputs,
-    context_settings=options.CONTEXT,
     short_help="Remove an effect, and see what it was worth.",
-    epilog="""\b
-Examples:
-  terrain-est model remove model.toml load-bias
-  terrain-est model remove model.toml load-bias --data day1/*.mcap
-""",
 )
 @click.argument("file", type=paths.CHANGED, metavar="FILE")
 @click.argument(

@@ -1,21 +1,26 @@
-"""`model add` and `model remove`: their common options, the trial on data, the writing of the result."""
+"""`terrain-est model add FILE EFFECT… [--data INPUT…]`, its loop `--until-quiet`, and what remove shares."""
 
 from __future__ import annotations
 
-from functools import reduce
+import os
+import tomllib
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from terrain_cli.commands import comparison_options, options, paths
-from terrain_cli.presentation.terminal import say
+from terrain_cli.commands import comparison_options, options, paths, suggestions
+from terrain_cli.errors import UsageError
+from terrain_cli.presentation.terminal import Progress, as_json, say
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from terrain_cli.improvement import Step
+    from terrain_cli.diagnosis.diagnosis_outcome import UnknownEffect
+    from terrain_cli.improvement import Step, Stopped
     from terrain_cli.improvement.improvement_outcome import Action
     from terrain_cli.models import Changed, ModelFile
 
@@ -37,16 +42,15 @@ class TakesInputs(paths.Verb):
         return super().parse_args(ctx, spread)
 
 
-_OPTIONS = (
-    click.option(
-        "--data",
-        "inputs",
-        multiple=True,
-        type=paths.INPUT,
-        envvar="TERRAIN_EST_DATA",
-        metavar="INPUT…",
-        help="Try it on these: files (CSV, Parquet, ROS 1 or ROS 2 bag), folders, patterns, or - for the "
+#: Options of a change that is tried on data.
+with_options = options.together(
+    options.value(
+        "--data inputs INPUT…",
+        paths.INPUT,
+        "Try it on these: files (CSV, Parquet, ROS 1 or ROS 2 bag), folders, patterns, or - for the "
         "standard input. Takes all that follows, up to the next option.",
+        multiple=True,
+        envvar="TERRAIN_EST_DATA",
     ),
     options.rover,
     options.wheel,
@@ -56,15 +60,9 @@ _OPTIONS = (
 )
 
 
-def with_options(command: options.F) -> options.F:
-    """Add the options of a change that is tried on data."""
-    return reduce(lambda decorated, option: option(decorated), reversed(_OPTIONS), command)
-
-
 def load(path: str) -> ModelFile:
     """Read the model file that is to be changed, which is not the name of a base."""
     from terrain_cli import models
-    from terrain_cli.errors import UsageError
 
     if path in BASES and not Path(path).exists():
         raise UsageError(
@@ -74,7 +72,6 @@ def load(path: str) -> ModelFile:
 
 
 def change(context: click.Context, action: Action) -> tuple[ModelFile, Changed]:
-    """Read the model file, and change it as the command line says."""
     from terrain_cli import models
 
     given = context.params
@@ -102,7 +99,6 @@ def tried(
 ) -> Step:
     """Try a change on the data of the command line, or on other inputs; it is not kept."""
     from terrain_cli import improvement
-    from terrain_cli.commands.progress import Progress
 
     given = context.params
     number = len(given["inputs"] if inputs is None else inputs)
@@ -120,7 +116,6 @@ def tried(
 
 
 def untested(context: click.Context, action: Action, changed: Changed) -> None:
-    """Make a change without data, and tell it."""
     from terrain_cli.improvement import model_history
     from terrain_cli.presentation import change_text
 
@@ -132,11 +127,9 @@ def untested(context: click.Context, action: Action, changed: Changed) -> None:
 
 def tell(context: click.Context, text: str, content: Mapping[str, Any]) -> None:
     """Write what came out, for a person or as JSON."""
-    from terrain_cli.presentation import terminal
-
     file = context.params["file"]
     if context.params["as_json"]:
-        click.echo(terminal.as_json({**content, "file": file}))
+        click.echo(as_json({**content, "file": file}))
     else:
         say(f"{file}: {text}")
 
@@ -148,3 +141,220 @@ def write(path: str, after: ModelFile, *entries: Mapping[str, Any]) -> None:
     for entry in entries:
         after = models.recorded(after, entry)
     models.save(after, path)
+
+
+@options.verb(
+    "add",
+    "terrain-est model add model.toml slip-sinkage --data day1/*.mcap",
+    "terrain-est model add model.toml cable-drag.toml --data run.bag --json > change.json",
+    "terrain-est model add model.toml slip-sinkage --data monday.csv --confirm tuesday.csv",
+    "terrain-est model add model.toml slip-sinkage --data run.csv --keep-aside 0.5",
+    "terrain-est model add model.toml load-bias slope --data run.csv --segments none --keep",
+    "terrain-est model add model.toml --until-quiet --data run.bag",
+    "terrain-est model add model.toml hardpan",
+    cls=TakesInputs,
+    short_help="Add an effect, if it makes the held-out error fall.",
+)
+@click.argument("file", type=paths.CHANGED, metavar="FILE")
+@click.argument(
+    "effects", nargs=-1, type=paths.EFFECT, metavar="[EFFECT…]", shell_complete=suggestions.effects
+)
+@options.value(
+    "--confirm INPUT",
+    paths.INPUT,
+    "Another drive, which did not choose the effect (repeatable): FILE gets the effect only if the "
+    "held-out error falls there too.",
+    multiple=True,
+)
+@comparison_options.keep_aside
+@click.option("--keep", is_flag=True, help="Add it even if the held-out error does not fall.")
+@click.option(
+    "--until-quiet",
+    is_flag=True,
+    help="Let the data choose: diagnose, add what pays, and again, until nothing is missing that the data "
+    "could tell. EFFECT… are then candidates beside the catalogue.",
+)
+@options.value(
+    "--draft FILE.toml|DIR",
+    paths.OUTPUT,
+    "With --until-quiet: where to write an effect of your own for what no candidate explains.  [stop there]",
+)
+@with_options
+@click.pass_context
+def add(context: click.Context, /, **_: Any) -> None:
+    """Add each EFFECT to the model FILE, if that makes the error on held-out data fall.
+
+    EFFECT is an id of the catalogue (terrain-est effects list), the TOML file of an effect of your own
+    or of a draft, or an assumption of the base that is lifted. With --data the model is fitted without
+    and with it, c, φ and all, and both are compared on stretches of the data that were not fitted.
+    Several are added together. FILE gets the effect and an entry of its history, which says what
+    proved the effect: the stretches that may have named it, stretches that were kept aside
+    (--keep-aside), or another drive (--confirm).
+
+    FILE is left as it is, unless --keep is given, if the held-out error falls significantly in no
+    channel, rises in one by more than it falls in others, or falls only with a parameter that is
+    physically impossible (friction that drives the wheel). The reason is printed; the exit code is 0.
+    Without --data the effect is added untested, which the history says too.
+    """
+    given = context.params
+    if given["confirm"]:
+        _check_confirm(given)
+    if given["keep_aside"] is not None and not given["inputs"]:
+        raise UsageError("--keep-aside needs --data", hint="the share is taken from the inputs of --data")
+    if given["until_quiet"]:
+        if not given["inputs"]:
+            raise UsageError("--until-quiet needs --data", hint="--data run.bag, or several inputs")
+        if given["keep"]:
+            raise UsageError("--keep and --until-quiet contradict each other", hint="leave out one of them")
+        _until_quiet(context)
+        return
+    if not given["effects"]:
+        raise UsageError(
+            "model add: which EFFECT?", hint="terrain-est effects list shows them; --until-quiet finds out"
+        )
+    if given["draft"]:
+        raise UsageError("--draft is for --until-quiet", hint="a draft is added by its file name")
+    _add(context)
+
+
+def _check_confirm(given: Mapping[str, Any]) -> None:
+    """Refuse a proof that is none: no data to compare with, or the same data."""
+    import formats
+
+    if not given["inputs"]:
+        raise UsageError(
+            "--confirm needs --data", hint="give with --data the drive on which the effect was named"
+        )
+    if given["keep_aside"] is not None:
+        raise UsageError("--confirm and --keep-aside are two proofs", hint="give one of them")
+    if given["until_quiet"]:
+        raise UsageError(
+            "--confirm is for effects that are named",
+            hint="let --until-quiet choose first, then add what it chose to a new model with --confirm",
+        )
+    data = {Path(path).resolve() for path in formats.expand(given["inputs"])}
+    for path in formats.expand(given["confirm"]):
+        if Path(path).resolve() in data:
+            raise UsageError(f"--confirm {path} is also an input of --data", hint="name another drive")
+
+
+def _add(context: click.Context) -> None:
+    from terrain_cli.improvement import model_history
+    from terrain_cli.presentation import change_text
+
+    given = context.params
+    before, changed = change(context, "add")
+    if not given["inputs"]:
+        untested(context, "add", changed)
+        return
+    step = tried(context, "add", before, changed)
+    if given["confirm"] and step.pays:
+        step = replace(step, confirmation=tried(context, "add", before, changed, given["confirm"]))
+    step = replace(step, kept=(step.pays and step.confirmed) or given["keep"])
+    if step.kept:
+        entry = model_history.entry(step, change_text.reason(step))
+        write(given["file"], changed.file, entry)
+    asked = comparison_options.repeated(context, given["file"])
+    tell(context, change_text.text(step, asked), change_text.document(step, asked))
+
+
+def _until_quiet(context: click.Context) -> None:
+    """Run the loop on the data of the command line, tell each step, and write the model file at its end."""
+    from terrain_cli.improvement import Stopped, model_history
+    from terrain_cli.presentation import change_text
+
+    given = context.params
+    drafts = _Drafts(given["draft"], given["file"]) if given["draft"] else None
+    steps: list[Step] = []
+    end: Stopped | None = None
+    try:
+        for event in _events(context, drafts):
+            if isinstance(event, Stopped):
+                end = event
+                continue
+            steps.append(event)
+            if not given["as_json"]:
+                say(f"{len(steps)}. {change_text.tried(event)}")
+    finally:
+        if drafts:
+            drafts.tidy(end.file.effects if end else ())
+    assert end is not None  # noqa: S101 - the last that the loop yields
+    kept = [step for step in steps if step.kept]
+    if kept:
+        entries = [
+            model_history.entry(step, f"--until-quiet; {change_text.found(step)}{doubt}")
+            for step in kept
+            for doubt in [f"; {change_text.doubt(step)}" if step.rivals else ""]
+        ]
+        write(given["file"], end.file, *entries)
+    if steps and not given["as_json"]:
+        say()
+    asked = comparison_options.repeated(context, given["file"])
+    tell(context, change_text.loop_text(steps, end, asked), change_text.loop(steps, end, asked))
+
+
+def _events(context: click.Context, drafts: _Drafts | None) -> Iterator[Step | Stopped]:
+    """Yield what the loop does, with the progress shown only while it works."""
+    from terrain_cli import effects, models
+    from terrain_cli.diagnosis import diagnose
+    from terrain_cli.improvement import until_quiet
+
+    given = context.params
+    file = load(given["file"])
+    folder = Path(given["file"]).parent
+    names = models.named_from(given["effects"], folder)
+    own = {models.find_effect(name, folder).id: name for name in names}
+    candidates = effects.catalogue() | {key: models.find_effect(name, folder) for key, name in own.items()}
+    bar = Progress(1, enabled=False)
+
+    def say(step: str) -> None:
+        bar.say(given["file"], step)
+
+    with Progress(len(given["inputs"]), enabled=not given["quiet"]) as reading:
+        cut = comparison_options.read(context, [file], reading)
+    loop = until_quiet(
+        cut,
+        file,
+        diagnose=partial(diagnose, effects=list(candidates.values()), seed=given["seed"], progress=say),
+        draft=drafts.write if drafts else None,
+        paths=own,
+        seed=given["seed"],
+        progress=say,
+    )
+    while True:
+        bar = Progress(1, enabled=not given["quiet"])
+        with bar:
+            event = next(loop, None)
+        if event is None:
+            return
+        yield event
+
+
+class _Drafts:
+    """Effect files written on the way."""
+
+    def __init__(self, where: str, model: str) -> None:
+        self.where, self.folder = Path(where), Path(model).parent
+        self.written: list[Path] = []
+
+    def write(self, unknown: UnknownEffect) -> str:
+        """Write a draft under a name that is free, and return its path as the model file has it."""
+        import formats
+        from formats.output.whole_files import explained
+
+        name = self.where
+        if name.suffix != ".toml":
+            with explained(str(name)):
+                name.mkdir(parents=True, exist_ok=True)
+            name = name / f"{tomllib.loads(unknown.draft)['id']}.toml"
+        free = next(path for path in comparison_options.numbered(name) if not path.exists())
+        with formats.replacing(str(free)) as temporary:
+            Path(temporary).write_text(unknown.draft, encoding="utf-8")
+        self.written.append(free)
+        return os.path.relpath(free, self.folder)
+
+    def tidy(self, kept: tuple[str, ...]) -> None:
+        """Remove the drafts that did not pay."""
+        for path in self.written:
+            if os.path.relpath(path, self.folder) not in kept:
+                path.unlink(missing_ok=True)

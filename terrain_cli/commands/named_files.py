@@ -12,6 +12,8 @@ import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from terrain_cli.errors import ConfigurationError
+
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Mapping, Sequence
 
@@ -62,7 +64,6 @@ def effects_of(name: str) -> Iterator[str]:
 
 def content(name: str) -> Mapping[str, Any]:
     """Return what a file says in TOML, nothing where it is wrong: whoever reads it will tell."""
-    from terrain_cli.errors import ConfigurationError
     from terrain_cli.vocabulary import toml_files
 
     try:

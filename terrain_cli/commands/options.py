@@ -6,11 +6,13 @@ import math
 import os
 import re
 import sys
+from functools import reduce
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from terrain_cli.commands import paths, suggestions
+from terrain_cli.errors import UsageError
 from terrain_cli.run.settings import Settings
 from terrain_cli.vocabulary.choices import (
     CUT_SAMPLES,
@@ -35,7 +37,6 @@ CONTEXT = {"auto_envvar_prefix": "TERRAIN_EST"}
 MOST_SAMPLES = 10**12
 _MOST_FOLDS = 10**6
 
-
 #: Of gigabytes, seconds, metres or kPa: beyond any machine, any life and any ground.
 _MOST_AMOUNT = 1e9
 
@@ -44,7 +45,6 @@ class Amount(click.FloatRange):
     """A finite number: for click even nan lies within any range."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Read a number."""
         number: float = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
@@ -62,7 +62,6 @@ class Duration(click.ParamType):  # type: ignore[type-arg]
     name = "duration"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Read a time."""
         from terrain_cli.vocabulary import units
 
         number, symbol = re.fullmatch(r"\s*(.*?)\s*([a-zA-Z]*)\s*", str(value)).groups()  # type: ignore[union-attr]
@@ -83,19 +82,43 @@ def _bound_copies(_context: click.Context, _option: click.Parameter, gigabytes: 
         os.environ[COPY_VARIABLE] = str(gigabytes)
 
 
+def verb(
+    name: str, *examples: str, cls: type[click.Command] = paths.Verb, short_help: str | None = None
+) -> Callable[[Callable[..., Any]], click.Command]:
+    """Return the decorator of a verb, whose help ends with examples, each what a person types."""
+    epilog = "\b\nExamples:\n" + "".join(f"  {example}\n" for example in examples)
+    return click.command(name, cls=cls, context_settings=CONTEXT, short_help=short_help, epilog=epilog)
+
+
+def value(shown: str, kind: Any, told: str, **more: Any) -> Callable[[F], F]:
+    """Return an option that takes a value, of a type of click or of `paths`; `told` is its help.
+
+    It is `shown` as there: ``-o --output FILE``; a name that only the program uses stands before FILE.
+    """
+    *names, metavar = shown.split()
+    return click.option(*names, type=kind, metavar=metavar, help=told, **more)
+
+
+def together(*options: Callable[[F], F]) -> Callable[[F], F]:
+    """Return the decorator that gives a command several options, in the order of its help."""
+
+    def decorated(command: F) -> F:
+        return reduce(lambda inner, option: option(inner), reversed(options), command)
+
+    return decorated
+
+
 inputs = click.argument("inputs", nargs=-1, required=True, type=paths.INPUT, metavar="INPUT…")
-rover = click.option(
-    "--rover",
-    type=paths.ROVER,
-    metavar="FILE",
-    help="Rover file. Otherwise rover.toml beside the first input, or in the current folder.",
+rover = value(
+    "--rover FILE",
+    paths.ROVER,
+    "Rover file. Otherwise rover.toml beside the first input, or in the current folder.",
 )
-model = click.option(
-    "--model",
-    type=paths.MODEL,
+model = value(
+    "--model FILE|linear|wong-reece",
+    paths.MODEL,
+    "Model of wheel and soil: a base, or a model file that adds effects to one.  [wong-reece]",
     shell_complete=suggestions.models,
-    metavar="FILE|linear|wong-reece",
-    help="Model of wheel and soil: a base, or a model file that adds effects to one.  [wong-reece]",
 )
 wheel = click.option(
     "--wheel",
@@ -113,17 +136,13 @@ segments = click.option(
     show_default=True,
     help="Windows: where the soil changes, of a fixed length, by terrain label, or none.",
 )
-window_distance = click.option(
-    "--window-distance",
-    type=POSITIVE,
-    metavar="M",
-    help=f"Length of a window in metres: exact for fixed, the least for auto.  [auto: {MIN_DISTANCE:.2f}]",
+window_distance = value(
+    "--window-distance M",
+    POSITIVE,
+    f"Length of a window in metres: exact for fixed, the least for auto.  [auto: {MIN_DISTANCE:.2f}]",
 )
-window_samples = click.option(
-    "--window-samples",
-    type=click.IntRange(3, MOST_SAMPLES),
-    metavar="N",
-    help="Length of a fixed window in samples.",
+window_samples = value(
+    "--window-samples N", click.IntRange(3, MOST_SAMPLES), "Length of a fixed window in samples."
 )
 where = click.option(
     "--where",
@@ -139,23 +158,20 @@ method = click.option(
     "the linear model least squares, and ridge where that is ill-conditioned. recursive: Kalman filter. "
     "wong-reece: the full model, however long the log.",
 )
-min_samples = click.option(
-    "--min-samples",
-    type=click.IntRange(3, MOST_SAMPLES),
-    metavar="N",
-    help=f"Fewest samples of a window.  [{CUT_SAMPLES} to cut, {FIT_SAMPLES} to estimate]",
+min_samples = value(
+    "--min-samples N",
+    click.IntRange(3, MOST_SAMPLES),
+    f"Fewest samples of a window.  [{CUT_SAMPLES} to cut, {FIT_SAMPLES} to estimate]",
 )
-folds = click.option(
-    "--folds",
-    type=click.IntRange(2, _MOST_FOLDS),
-    metavar="N",
-    help="Choose the ridge's δ over N contiguous blocks.  [leave-one-out]",
+folds = value(
+    "--folds N",
+    click.IntRange(2, _MOST_FOLDS),
+    "Choose the ridge's δ over N contiguous blocks.  [leave-one-out]",
 )
-at_stress = click.option(
-    "--at-stress",
-    type=Amount(0.0),
-    metavar="KPA",
-    help="Compare strengths at this normal stress, in kPa.  [that under the wheel: 1, 2, 5, 10 …]",
+at_stress = value(
+    "--at-stress KPA",
+    Amount(0.0),
+    "Compare strengths at this normal stress, in kPa.  [that under the wheel: 1, 2, 5, 10 …]",
 )
 robust = click.option(
     "--robust",
@@ -169,11 +185,10 @@ crs = click.option(
     help="Reference system of longitude and latitude, such as IAU_2015:49900 (Mars) or IAU_2015:30100 "
     "(Moon). Positions in x and y stay a site frame.  [EPSG:4326]",
 )
-places = click.option(
-    "--places",
-    type=paths.PLACES,
-    metavar="FILE",
-    help="Localisation table (CSV, Parquet): gives samples longitude and latitude, or x and y, by its "
+places = value(
+    "--places FILE",
+    paths.PLACES,
+    "Localisation table (CSV, Parquet): gives samples longitude and latitude, or x and y, by its "
     "columns site, drive and pose, or by time.",
 )
 salvage = click.option(
@@ -181,14 +196,13 @@ salvage = click.option(
     is_flag=True,
     help="Read what is left of files that are cut off, damaged or without index, and say how much that is.",
 )
-largest = click.option(
-    "--largest",
-    type=POSITIVE,
-    metavar="GB",
+largest = value(
+    "--largest GB",
+    POSITIVE,
+    "Largest input that is copied to the disk before it is read: a pipe, a packed recording, an object "
+    "of a store.  [16]",
     expose_value=False,
     callback=_bound_copies,
-    help="Largest input that is copied to the disk before it is read: a pipe, a packed recording, an object "
-    "of a store.  [16]",
 )
 as_json = click.option(
     "--json", "as_json", is_flag=True, envvar="TERRAIN_EST_JSON", help="Write JSON instead of tables."
@@ -202,27 +216,19 @@ verbose = click.option("-v", "--verbose", is_flag=True, help="Say on stderr wher
 
 def jobs(told: str) -> Callable[[F], F]:
     """Return the option --jobs, with what it does told in the help."""
-    return click.option("--jobs", type=JOBS, default=1, show_default=True, metavar="N", help=told)
+    return value("--jobs N", JOBS, told, default=1, show_default=True)
 
 
-#: What decides on the numbers of an estimate, in the order of the help.
-_ESTIMATION = (
+#: What decides on the numbers of an estimate.
+estimation = together(
     *(rover, model, wheel, method, segments, min_samples, window_distance, window_samples),
     *(folds, robust, at_stress, where, crs, places, salvage, largest),
 )
 
 
-def estimation(command: F) -> F:
-    """Give a command every option that decides on the numbers of an estimate."""
-    for option in reversed(_ESTIMATION):
-        command = option(command)
-    return command
-
-
 def settings(given: Mapping[str, Any]) -> Settings:
     """Return what `estimation` was given, checked as far as it can be before any input is read."""
     import formats
-    from terrain_cli.errors import UsageError
     from terrain_cli.estimation import estimators
     from terrain_cli.windows import locations as tables
 
@@ -231,23 +237,15 @@ def settings(given: Mapping[str, Any]) -> Settings:
             formats.check_crs(given["crs"])
         except formats.FormatError as error:
             raise UsageError(f"--crs {error}", hint=error.hint) from None
+    lengths = ("min_samples", "window_samples", "window_distance")
+    others = ("method", "segments", "folds", "where", "model", "robust", "at_stress", "salvage")
     chosen = Settings(
-        method=given["method"],
-        segments=given["segments"],
-        min_samples=given["min_samples"],
-        window_samples=given["window_samples"],
-        window_distance=given["window_distance"],
-        folds=given["folds"],
+        **{name: given[name] for name in (*lengths, *others)},
         wheels=tuple(given["wheels"]),
-        where=given["where"],
-        model=given["model"],
-        robust=given["robust"],
-        at_stress=given["at_stress"],
         places=tables.load(given["places"], given["crs"]) if given["places"] else None,
         samples=bool(given.get("samples")),
         joint=sys.maxsize if given.get("posterior") else MOST_VALLEYS if given.get("plot") else 0,
         whole=any(given.get(name) for name in ("rejects", "trace", "samples", "posterior", "plot")),
-        salvage=given["salvage"],
     )
     # Whether the model can be read, and goes with the method.
     estimators.choose(chosen.method, chosen.model, robust=chosen.robust)

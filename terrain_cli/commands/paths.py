@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from terrain_cli.commands import named_files
-from terrain_cli.commands.named_files import content, effects_of, identity, logs_of, resolved, text
+from terrain_cli.commands.named_files import Sign, content, effects_of, identity, logs_of, resolved, text
+from terrain_cli.errors import UsageError
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Sequence
-
-    from terrain_cli.commands.named_files import Sign
 
 #: Names of the standard output, of which there is one for all that is written.
 _STANDARD_OUTPUT = frozenset({"-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"})
@@ -87,7 +86,6 @@ class _Model(Reads):
     """A base, or a model file and the effect files that it names."""
 
     def reads(self, name: str) -> Iterator[Read]:
-        """Yield the files, if it is none of the bases."""
         if name in BASES:
             return
         yield Read(self.what, name)
@@ -120,7 +118,6 @@ class Writes(Named):
         self.sign, self.result, self.layer, self.changed = sign, result, layer, changed
 
     def reads(self, name: str) -> Iterator[Read]:
-        """Yield the effects of a model file that is changed."""
         if self.changed:
             yield from _effects(name)
 
@@ -185,13 +182,11 @@ class _Batch(_Folder):
         yield from (name, *(str(Path(name, file)) for file in GROWING))
 
     def holds(self, name: str, file: str) -> bool:
-        """Tell whether a batch writes a file of this name."""
         from terrain_cli.batch.batch_folder import belongs
 
         return belongs(resolved(name), file)
 
     def of_others(self, name: str) -> Iterator[str]:
-        """Yield the files of others that have the name of a result."""
         yield from named_files.files_of_others(name)
 
     def skips(self, name: str, read: Read) -> bool:
@@ -262,7 +257,6 @@ class Verb(click.Command):
     """A command that does not begin where an output is one of its inputs, or another output."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Compare what it reads and writes, then run it."""
         check(ctx)
         if not _takes_rover(ctx):
             check_others(ctx)
@@ -338,8 +332,6 @@ def _writes(context: click.Context) -> Iterator[_Write]:
 
 
 def _check_reads(write: _Write, reads: Sequence[tuple[Read, Hashable]]) -> None:
-    from terrain_cli.errors import UsageError
-
     replaced, kind = write.identities, write.kind
     for read, known in reads:
         onto = known in replaced or kind.holds(write.path, read.path)
@@ -353,7 +345,6 @@ def _check_reads(write: _Write, reads: Sequence[tuple[Read, Hashable]]) -> None:
 def _check_folders(write: _Write, names: Sequence[str]) -> None:
     """Refuse what would become part of a log, or a log of its own when the command is run again."""
     from formats.source import parts, takes
-    from terrain_cli.errors import UsageError
 
     place = resolved(write.path)
     above = {identity(str(folder)) for folder in (place, *place.parents)}
@@ -375,7 +366,6 @@ def _check_folders(write: _Write, names: Sequence[str]) -> None:
 
 
 def _check_pair(first: _Write, second: _Write) -> None:
-    from terrain_cli.errors import UsageError
     from terrain_cli.presentation import segment_files
 
     one = first.places & second.places

@@ -8,46 +8,35 @@ from typing import Any
 import click
 
 from terrain_cli.commands import comparison_options, options, paths, suggestions
+from terrain_cli.presentation.terminal import Progress
 
 
-@click.command(
+@options.verb(
     "report",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est report run.bag -o run.html
-  terrain-est report day1/*.mcap --model model.toml -o day1.html
-  terrain-est report bench.csv --segments none --where "slip_angle_deg == 0" -o bench.html
-""",
+    "terrain-est report run.bag -o run.html",
+    "terrain-est report day1/*.mcap --model model.toml -o day1.html",
+    'terrain-est report bench.csv --segments none --where "slip_angle_deg == 0" -o bench.html',
 )
 @options.inputs
-@click.option(
-    "-o",
-    "--output",
-    type=paths.PAGE,
-    required=True,
-    metavar="FILE.html",
-    help="Write the page here; - is the standard output.",
+@options.value(
+    "-o --output FILE.html", paths.PAGE, "Write the page here; - is the standard output.", required=True
 )
 @options.rover
-@click.option(
-    "--model",
-    type=paths.MODEL,
+@options.value(
+    "--model FILE|linear|wong-reece",
+    paths.MODEL,
+    "Model of wheel and soil: a base, or a model file that adds effects to one.",
     shell_complete=suggestions.models,
     default="wong-reece",
     show_default=True,
-    metavar="FILE|linear|wong-reece",
-    help="Model of wheel and soil: a base, or a model file that adds effects to one.",
 )
 @options.wheel
-@click.option(
-    "--candidates",
-    type=click.IntRange(0, 10),
+@options.value(
+    "--candidates N",
+    click.IntRange(0, 10),
+    "Where the model lacks an effect, also fit the N likeliest ones, to choose from on the page.",
     default=3,
     show_default=True,
-    metavar="N",
-    help="Where the model lacks an effect, also fit the N likeliest ones, to choose from on the page.",
 )
 @comparison_options.cutting
 @comparison_options.soils
@@ -66,7 +55,6 @@ def command(context: click.Context, /, **_: Any) -> None:
 
     chart_style.need("report")
     from terrain_cli import models
-    from terrain_cli.commands.progress import Progress
     from terrain_cli.improvement import compared
     from terrain_cli.improvement.model_alternatives import alternatives
     from terrain_cli.views import report

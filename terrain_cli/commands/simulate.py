@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from terrain_cli.commands import options, paths, suggestions
+from terrain_cli.errors import ConfigurationError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -19,30 +20,24 @@ _EFFECT = re.compile(r"(?P<name>.+?)(?::(?P<values>[^:/\\]*=[^:/\\]*))?")
 _VALUE = re.compile(r"\s*([A-Za-z_]\w*)\s*=\s*(\S+)\s*")
 
 
-@click.command(
+@options.verb(
     "simulate",
-    cls=paths.Verb,
-    context_settings=options.CONTEXT,
-    epilog="""\b
-Examples:
-  terrain-est simulate -o run.csv
-  terrain-est simulate -o run.bag --drive slip-sweep --drive load-steps --noise 3% --truth truth.json
-  terrain-est simulate -o run.mcap --soil dry-sand --soil clayey-soil --wheels 4 --seed 7
-  terrain-est simulate -o run.parquet --effect slip-sinkage:n1=0.5 --noise torque=0.02 --noise sinkage=1mm
-  terrain-est simulate -o riddle.csv --drive mixed --noise 3% --hide
-  terrain-est simulate drive.toml -o run.csv --truth truth.csv
-  terrain-est simulate -q --drive passes --rate 1 | head
-""",
+    "terrain-est simulate -o run.csv",
+    "terrain-est simulate -o run.bag --drive slip-sweep --drive load-steps --noise 3% --truth truth.json",
+    "terrain-est simulate -o run.mcap --soil dry-sand --soil clayey-soil --wheels 4 --seed 7",
+    "terrain-est simulate -o run.parquet --effect slip-sinkage:n1=0.5 --noise torque=0.02 "
+    "--noise sinkage=1mm",
+    "terrain-est simulate -o riddle.csv --drive mixed --noise 3% --hide",
+    "terrain-est simulate drive.toml -o run.csv --truth truth.csv",
+    "terrain-est simulate -q --drive passes --rate 1 | head",
 )
 @click.argument("drive_file", required=False, type=paths.DRIVE, metavar="[DRIVE.toml]")
-@click.option(
-    "-o",
-    "--output",
-    type=paths.RESULT,
-    default="-",
-    metavar="FILE",
-    help="Write the log here, by its ending: .csv (.gz .bz2 .zst) .parquet .bag .mcap .db3. Otherwise CSV on "
+@options.value(
+    "-o --output FILE",
+    paths.RESULT,
+    "Write the log here, by its ending: .csv (.gz .bz2 .zst) .parquet .bag .mcap .db3. Otherwise CSV on "
     "stdout.",
+    default="-",
 )
 @click.option(
     "--drive",
@@ -60,18 +55,13 @@ Examples:
     help="Soil (repeatable, one after another over equal distances): dry-sand, sandy-loam, clayey-soil, "
     "snow … or [soils.NAME] of the file.  [dry-sand]",
 )
-@click.option("--duration", type=float, metavar="S", help="Of the whole drive, in s.  [60 for each --drive]")
+@options.value("--duration S", float, "Of the whole drive, in s.  [60 for each --drive]")
 @click.option(
-    "--rate",
-    multiple=True,
-    metavar="HZ",
-    help="Samples in a second; also CHANNEL=HZ (repeatable).  [20]",
+    "--rate", multiple=True, metavar="HZ", help="Samples in a second; also CHANNEL=HZ (repeatable).  [20]"
 )
-@click.option("--wheels", type=int, metavar="N", help="Number of wheels.  [1; 4 for --drive multi]")
-@click.option(
-    "--load", type=float, metavar="N", help="Mean load of each wheel, in N.  [80, less on weak soil]"
-)
-@click.option("--speed", type=float, metavar="V", help="Mean speed, in m/s.  [0.1]")
+@options.value("--wheels N", int, "Number of wheels.  [1; 4 for --drive multi]")
+@options.value("--load N", float, "Mean load of each wheel, in N.  [80, less on weak soil]")
+@options.value("--speed V", float, "Mean speed, in m/s.  [0.1]")
 @click.option(
     "--noise",
     multiple=True,
@@ -79,32 +69,29 @@ Examples:
     help="White noise (repeatable): 3% of load, torque, sinkage, pull and slip; or CHANNEL=3%, torque=0.02, "
     "sinkage=1mm, torque=3%,outliers=1%.  [none]",
 )
-@click.option(
-    "--model",
-    type=paths.MODEL,
-    metavar="MODEL",
+@options.value(
+    "--model MODEL",
+    paths.MODEL,
+    "Where the truth is from: wong-reece, linear, or a model file with its effects.  [wong-reece]",
     shell_complete=suggestions.models,
-    help="Where the truth is from: wong-reece, linear, or a model file with its effects.  [wong-reece]",
 )
-@click.option(
-    "--effect",
-    multiple=True,
-    type=paths.EFFECT,
-    metavar="EFFECT",
-    shell_complete=suggestions.effects,
-    help="Add an effect (repeatable): ID, ID:NAME=VALUE,… or FILE.toml. A parameter that is not "
+@options.value(
+    "--effect EFFECT",
+    paths.EFFECT,
+    "Add an effect (repeatable): ID, ID:NAME=VALUE,… or FILE.toml. A parameter that is not "
     "given has its typical size.",
+    multiple=True,
+    shell_complete=suggestions.effects,
 )
 @click.option(
     "--hide",
     is_flag=True,
     help="Add an effect of the catalogue, drawn at random with its size, and tell it only in the truth.",
 )
-@click.option(
-    "--truth",
-    type=paths.OUTPUT,
-    metavar="FILE",
-    help="Write the truth here: .json, or a table as .csv.  [none; with --hide OUTPUT.sealed.json]",
+@options.value(
+    "--truth FILE",
+    paths.OUTPUT,
+    "Write the truth here: .json, or a table as .csv.  [none; with --hide OUTPUT.sealed.json]",
 )
 @click.option(
     "--rover",
@@ -117,11 +104,8 @@ Examples:
 @click.option(
     "--drawbar-pull/--no-drawbar-pull", default=None, help="Measure the drawbar pull, or not.  [measured]"
 )
-@click.option(
-    "--seed",
-    type=int,
-    metavar="N",
-    help="The same seed gives the same file, byte for byte.  [0; with --hide a new one]",
+@options.value(
+    "--seed N", int, "The same seed gives the same file, byte for byte.  [0; with --hide a new one]"
 )
 @click.option("--force", is_flag=True, help="Replace the files of -o, --truth and --rover if they are there.")
 @options.quiet
@@ -151,7 +135,6 @@ def command(context: click.Context, /, **_: Any) -> None:
 def _name_outputs(context: click.Context) -> None:
     """Name what goes beside the log, and make sure that no file is lost where all of it goes."""
     import formats
-    from terrain_cli.errors import UsageError
 
     given = context.params
     if given["hide"] and not given["truth"]:
@@ -199,7 +182,6 @@ def _number(text: str) -> float | str:
 
 
 def _noise(texts: Sequence[str]) -> dict[str, Any]:
-    from terrain_cli.errors import ConfigurationError, UsageError
     from terrain_cli.simulation import COMMAND_LINE
     from terrain_cli.simulation.sensors import USUAL, Sensor, share_rule
 
@@ -226,8 +208,6 @@ def _noise(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _effect(text: str) -> tuple[str, dict[str, float]]:
-    from terrain_cli.errors import UsageError
-
     match = _EFFECT.fullmatch(text)
     values = {}
     for part in match["values"].split(",") if match and match["values"] else ():

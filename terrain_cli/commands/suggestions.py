@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 from click.shell_completion import CompletionItem
 
+from terrain_cli.errors import ConfigurationError
 from terrain_cli.vocabulary.choices import BASES
 
 if TYPE_CHECKING:
@@ -56,7 +57,6 @@ def drives(_context: click.Context, _option: click.Parameter, begun: str) -> lis
 
 def wheels(context: click.Context, _option: click.Parameter, begun: str) -> list[CompletionItem]:
     from terrain_cli import rover
-    from terrain_cli.errors import ConfigurationError
 
     # An option without its value ends the reading of the line, and the inputs are then only words.
     inputs = context.params.get("inputs") or context.args or (None,)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from terrain_cli import models
-from terrain_cli.comparison import comparison_criteria, distributions, segment_soils
+from terrain_cli.comparison import Comparison, Difference, comparison_criteria, distributions, segment_soils
 from terrain_cli.comparison.compare import of_fitted, on_few_soils
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.two_models import between_soils
@@ -17,7 +17,7 @@ from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
 from terrain_cli.estimation.estimators import EstimateRequest
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
-from terrain_cli.improvement.improvement_outcome import Estimated, Idle, Lost, Shift, Step
+from terrain_cli.improvement.improvement_outcome import Action, Estimated, Idle, Lost, Shift, Step
 from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.vocabulary.quantities import counted
 from terrain_cli.windows import joined_inputs
@@ -26,9 +26,7 @@ from terrain_cli.windows.joined_inputs import with_inputs
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from terrain_cli.comparison import Comparison, Difference
     from terrain_cli.comparison.comparison_outcome import WheelComparison
-    from terrain_cli.improvement.improvement_outcome import Action
     from terrain_cli.models import ModelFile
     from terrain_cli.telemetry import Samples
     from terrain_cli.windows.cut_windows import Windows
@@ -70,17 +68,9 @@ def fitted(
     )
 
 
-def compared(
-    wheels: Sequence[Windows],
-    file: ModelFile,
-    *,
-    like: Comparison | None = None,
-    soils: EstimateRequest | None = None,
-    seed: int = 0,
-    progress: Callable[[str], None] = lambda _: None,
-) -> Comparison:
+def compared(wheels: Sequence[Windows], file: ModelFile, **options: Any) -> Comparison:
     """Compare a model file with inputs as they were read, and say what was not read of them; as `fitted`."""
-    found = fitted(wheels, file, like=like, soils=soils, seed=seed, progress=progress)
+    found = fitted(wheels, file, **options)
     return replace(found, warnings=[*notes([windows.samples for windows in wheels]), *found.warnings])
 
 
@@ -118,6 +108,7 @@ def tried(
     with_it, file = (second, after) if action == "add" else (first, before)
     places = _places(parts, wheels)
     channels, evidence = weigh(first, second)
+    open_before = _open(first)
     return Step(
         action=action,
         changed=tuple(changed),
@@ -129,7 +120,7 @@ def tried(
         evidence=evidence,
         parameters=list(_parameters(second, after, changed)),
         shifts=[_shift(name, differences, places) for name in ("c", "phi")],
-        undetermined=_undetermined(first, second),
+        undetermined=tuple(name for name, n in _open(second).items() if n > open_before.get(name, 0)),
         lost=list(_lost(first, second, places)),
         sources=tuple(dict.fromkeys(windows.samples.source for windows in parts)),
         absent=_absent(with_it, file, changed),
@@ -178,7 +169,7 @@ def _places(parts: Sequence[Windows], wheels: Sequence[Windows]) -> list[Place]:
     """Return where each segment of joined inputs begins: input, wheel, and its number there."""
     places: list[Place] = []
     for wheel in wheels:
-        own = [one for one in parts if _same_wheel(one.samples, wheel.samples)]
+        own = [one for one in parts if _kind(one.samples) == _kind(wheel.samples)]
         firsts = np.concatenate([[0], np.cumsum([len(one.rows) for one in own])])
         for start in wheel.bounds[:-1]:
             part = int(np.searchsorted(firsts, start, side="right")) - 1
@@ -191,8 +182,8 @@ def _soils(comparison: Comparison) -> int:
     return sum(len(wheel.windows) for wheel in comparison.wheels)
 
 
-def _same_wheel(a: Samples, b: Samples) -> bool:
-    return (a.wheel, a.geometry, a.time is None) == (b.wheel, b.geometry, b.time is None)
+def _kind(samples: Samples) -> tuple[object, ...]:
+    return samples.wheel, samples.geometry, samples.time is None
 
 
 def _parameters(comparison: Comparison, file: ModelFile, changed: Sequence[str]) -> Iterator[Estimated]:
@@ -285,12 +276,6 @@ def _shift(name: str, differences: Sequence[Difference], places: Sequence[Place]
         return Shift(name, np.nan, np.nan, None)
     largest = known[np.argmax(sizes[known])]
     return Shift(name, float(sizes[largest]), float(np.median(sizes[known])), places[largest])
-
-
-def _undetermined(first: Comparison, second: Comparison) -> tuple[str, ...]:
-    """Return the parameters that the data leave open for more samples than before."""
-    before, after = _open(first), _open(second)
-    return tuple(name for name, samples in after.items() if samples > before.get(name, 0))
 
 
 def _open(comparison: Comparison) -> dict[str, int]:

@@ -6,16 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.comparison import distributions, kept_aside
+from terrain_cli.comparison import Comparison, distributions, kept_aside
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.improvement.improvement_outcome import ChannelChange, HeldOutEvidence, Interval
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from terrain_cli.comparison import Comparison
     from terrain_cli.vocabulary.arrays import Array, Mask
-
 
 #: Keeps the logarithm of an error of 0 finite.
 _TINY = 1e-300

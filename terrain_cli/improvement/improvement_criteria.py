@@ -23,8 +23,7 @@ MOST_EFFECTS = criterion(8, "effects in a model; if more seem to be missing, the
 
 """Which change of an error counts?"""
 LEAST_CHANGE = criterion(
-    0.02,
-    "smallest change of a channel's error that counts: in a fit, sensor noise causes less",
+    0.02, "smallest change of a channel's error that counts: in a fit, sensor noise causes less"
 )
 MUCH = criterion(
     0.05,

@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria
 from terrain_cli.improvement import improvement_criteria as criteria
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.conclusion import Evidence
     from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
     from terrain_cli.models import ModelFile
@@ -79,9 +78,9 @@ class Estimated:
     source: str
     wheel: str
     name: str
-    unit: str
     value: float
     se: float
+    unit: str
     determined: bool  # By the data, rather than by what was known beforehand
 
 
@@ -189,12 +188,10 @@ class Step:
 
     @property
     def fell(self) -> list[ChannelChange]:
-        """Channels whose held-out error is less."""
         return [one for one in self.channels if one.fell]
 
     @property
     def rose(self) -> list[ChannelChange]:
-        """Channels whose held-out error is more."""
         return [one for one in self.channels if one.rose]
 
     @property

@@ -35,23 +35,9 @@ def alternatives(
 ) -> list[Alternative]:
     """Fit a model without its later effects, and with each of the effects that its scores name.
 
-    Parameters
-    ----------
-    wheels : sequence of Windows
-        As `own` was fitted to.
-    own : Comparison
-        Of `file`; the others are judged on its blocks.
-    candidates : int
-        Effects that are added at most, one at a time. There are none where chance explains the scores.
-    seed : int
-        Of the random draws.
-    progress : callable
-        Told what is fitted.
-
-    Returns
-    -------
-    list of Alternative
-        From the base to `file`, effect by effect, then the candidates, the highest score first.
+    `own` is the comparison of `file`, on whose windows and blocks the others are judged. From the base to
+    `file`, effect by effect, then with one more effect of so many `candidates` at most, the highest score
+    first; with none where chance explains the scores.
     """
     modulus = wheels[0].samples.geometry.shear_modulus
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from terrain_cli.comparison.comparison_outcome import UNITS
-from terrain_cli.improvement.improvement_outcome import ChannelChange, Interval
+from terrain_cli.improvement.improvement_outcome import Action, ChannelChange, Estimated, Interval, Step
 from terrain_cli.version import __version__
 from terrain_cli.vocabulary.quantities import listed
 
@@ -16,9 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from terrain_cli.diagnosis.diagnosis_outcome import NextDrive
-    from terrain_cli.improvement.improvement_outcome import Action, Estimated, Step
     from terrain_cli.models import ModelFile
-
 
 _SIGNS = {"add": "+", "remove": "−"}
 
@@ -30,10 +28,10 @@ class Rung:
     number: int  # From 1
     action: str  # "add", "remove", or empty where the entry is of another hand
     label: str  # What changed: "+ slip-sinkage"
-    because: str  # Why it was made
-    proof: str  # Why the stretches that may have named it judged it too; empty where others did
-    data: str  # On what it was tried, for a person; empty if it was not
-    channels: list[ChannelChange]  # Empty if it was not tried
+    because: str = ""  # Why it was made
+    proof: str = ""  # Why the stretches that may have named it judged it too; empty where others did
+    data: str = ""  # On what it was tried, for a person; empty if it was not
+    channels: list[ChannelChange] = field(default_factory=list)  # Empty if it was not tried
 
 
 def rungs(history: Sequence[Mapping[str, Any]]) -> list[Rung]:
@@ -51,15 +49,8 @@ def _rung(number: int, entry: Mapping[str, Any]) -> Rung:
     action = entry.get("action", "")
     changed = entry.get("changed")
     if action not in _SIGNS or not isinstance(changed, list) or not changed:
-        return Rung(
-            number=number,
-            action="",
-            label=", ".join(f"{key} {value}" for key, value in entry.items()),
-            because="",
-            proof="",
-            data="",
-            channels=[],
-        )
+        told = ", ".join(f"{key} {value}" for key, value in entry.items())
+        return Rung(number=number, action="", label=told)
     found, same = entry.get("channels", {}), entry.get("proof_because")
     table = found if isinstance(found, dict) else {}
     return Rung(

@@ -16,8 +16,7 @@ from terrain_cli.models.model_change import (
     recorded,
     removed,
 )
-from terrain_cli.models.model_file import ModelFile, build, find_effect, is_path, load, resolve
-from terrain_cli.models.model_writer import save
+from terrain_cli.models.model_file import ModelFile, build, find_effect, is_path, load, resolve, save
 
 __all__ = [
     "ASSUMPTIONS",

@@ -10,15 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 from terrain_cli.errors import ConfigurationError, UsageError, nearest
 from terrain_cli.mechanics.effect import Prior
 from terrain_cli.mechanics.wheel_model import Model
-from terrain_cli.models.model_file import find_effect, is_path
+from terrain_cli.models.model_file import ModelFile, find_effect, is_path
 from terrain_cli.vocabulary.choices import K_FACTOR
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Any
-
-    from terrain_cli.models.model_file import ModelFile
-
 
 T = TypeVar("T")
 
@@ -150,13 +147,7 @@ def folder_of(file: ModelFile) -> Path:
 
 
 def named_from(names: Sequence[str], folder: Path) -> list[str]:
-    """Return names of effects as a model file in a folder writes them.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Ids of the catalogue, and paths that begin in the current folder.
-    """
+    """Return ids, and paths that begin in the current folder, as a model file in a folder writes them."""
     return [os.path.relpath(name, folder) if is_path(name) else name for name in names]
 
 
@@ -217,7 +208,6 @@ def removed(file: ModelFile, names: Sequence[str], shear_modulus: float) -> Chan
 
 
 def recorded(file: ModelFile, entry: Mapping[str, Any]) -> ModelFile:
-    """Add an entry to the history."""
     return replace(file, history=(*file.history, entry))
 
 

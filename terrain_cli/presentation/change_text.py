@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison import Comparison, comparison_criteria
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement import model_history
@@ -17,7 +18,6 @@ from terrain_cli.vocabulary.quantities import counted, listed
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
     from terrain_cli.improvement.improvement_outcome import (
         Action,
@@ -221,22 +221,16 @@ def untested(entry: dict[str, Any], sentence: str) -> dict[str, Any]:
 
 
 def loop(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -> dict[str, Any]:
-    """Return the whole loop as it is written to JSON."""
     return {
         "format": LOOP_FORMAT,
         "sentence": end.because,
         "silent": end.quiet,
-        "model": {
-            "base": end.file.model.base,
-            "effects": [effect.id for effect in end.file.model.effects],
-        },
+        "model": {"base": end.file.model.base, "effects": [effect.id for effect in end.file.model.effects]},
         "steps": [_change(step) for step in steps],
-        "conclusion": comparison_text.conclusion_document(_at_end(end, asked)),
+        "conclusion": comparison_text.conclusion_document(
+            comparison_text.conclusion_of(end.evidence, end.comparison, asked)
+        ),
     }
-
-
-def _at_end(end: Stopped, asked: Asked | None) -> conclusion.Conclusion:
-    return comparison_text.conclusion_of(end.evidence, end.comparison, asked)
 
 
 def _failures(comparison: Comparison) -> list[dict[str, Any]]:
@@ -247,25 +241,15 @@ def _failures(comparison: Comparison) -> list[dict[str, Any]]:
 
 
 def _parameter(one: Estimated) -> dict[str, Any]:
-    return {
-        "source": one.source,
-        "wheel": one.wheel,
-        "name": one.name,
-        "value": model_history.number(one.value),
-        "se": model_history.number(one.se),
-        "unit": one.unit,
-        "determined": one.determined,
-    }
+    return asdict(one) | {"value": model_history.number(one.value), "se": model_history.number(one.se)}
 
 
 def _shift(one: Shift) -> dict[str, Any]:
-    source, wheel, segment = one.where or (None, None, None)
+    place = zip(("source", "wheel", "segment"), one.where or (None, None, None), strict=True)
     return {
         "largest_se": model_history.number(one.largest),
         "median_se": model_history.number(one.median),
-        "source": source,
-        "wheel": wheel,
-        "segment": segment,
+        **dict(place),
     }
 
 
@@ -310,7 +294,7 @@ def loop_text(steps: Sequence[Step], end: Stopped, asked: Asked | None = None) -
             noise = next(x.noise for x in last.channels if x.name == one.name)
             rows.append((what.label, *cells, quantities.number(noise * what.factor)))
         lines += ["", *aligned(rows), "", proof(first, "--keep-aside SHARE")]
-    return "\n".join([*lines, _at_end(end, asked).sentence])
+    return "\n".join([*lines, comparison_text.conclusion_of(end.evidence, end.comparison, asked).sentence])
 
 
 def _errors(step: Step) -> list[str]:
@@ -354,7 +338,6 @@ def _parameters(parameters: Sequence[Estimated]) -> list[str]:
 
 
 def _moved(step: Step) -> str:
-    """Say how far c and φ moved."""
     several = len(step.first.wheels) > 1 or any(len(wheel.segments) > 1 for wheel in step.first.wheels)
     parts = []
     for one, symbol in zip(step.shifts, ("c", "φ"), strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 
 from terrain_cli.comparison import segment_soils
 from terrain_cli.diagnosis import conclusion
-from terrain_cli.diagnosis.conclusion import Asked, conclude, looked
+from terrain_cli.diagnosis.conclusion import Asked, Conclusion, Evidence, conclude, looked
 from terrain_cli.presentation.terminal import aligned, in_line
 from terrain_cli.vocabulary.quantities import counted, known, short
 
@@ -23,10 +23,11 @@ if TYPE_CHECKING:
         Finding,
         WheelComparison,
     )
-    from terrain_cli.diagnosis.conclusion import Conclusion, Evidence
     from terrain_cli.estimation import WindowEstimates
 
 FORMAT = "terrain-est/comparison/1"
+#: What tells a segment from others.
+_PLACE = ("source", "wheel", "segment")
 #: Segments that a finding names, and a person reads.
 _WORST = 3
 
@@ -105,11 +106,7 @@ def _errors(errors: ChannelErrors) -> dict[str, Any]:
     return {
         "unit": errors.unit,
         "samples": errors.n,
-        "rmse": known(errors.rmse),
-        "bias": known(errors.bias),
-        "nrmse": known(errors.nrmse),
-        "noise": known(errors.noise),
-        "heldout_rmse": known(errors.heldout_rmse),
+        **{key: known(getattr(errors, key)) for key in ("rmse", "bias", "nrmse", "noise", "heldout_rmse")},
         "heldout_interval": [known(errors.heldout_low), known(errors.heldout_high)],
     }
 
@@ -120,17 +117,12 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "driver": finding.driver or None,
         "shape": finding.shape,
         "p_value": finding.p_value,
-        "share": known(finding.share),
-        "amplitude": known(finding.amplitude),
-        "seen": known(finding.seen),
+        **{key: known(getattr(finding, key)) for key in ("share", "amplitude", "seen")},
         "unit": finding.unit,
         "at": None if finding.at is None else known(finding.at),
         "sentence": finding.sentence,
         "alternatives": list(finding.alternatives),
-        "worst_segments": [
-            {"source": source, "wheel": wheel, "segment": segment}
-            for source, wheel, segment in finding.worst_segments
-        ],
+        "worst_segments": [dict(zip(_PLACE, place, strict=True)) for place in finding.worst_segments],
     }
 
 
@@ -180,16 +172,11 @@ def _of_segment(error: Any) -> dict[str, float | None]:
 
 
 def _difference(one: Difference) -> dict[str, Any]:
-    source, wheel, segment = one.where or (None, None, None)
     return {
         "name": one.name,
         "unit": one.unit,
-        "source": source,
-        "wheel": wheel,
-        "segment": segment,
-        "first": known(one.first),
-        "second": known(one.second),
-        "difference": known(one.difference),
+        **dict(zip(_PLACE, one.where or (None, None, None), strict=True)),
+        **{key: known(getattr(one, key)) for key in ("first", "second", "difference")},
         "interval": [known(one.low), known(one.high)],
         "se": known(one.se),
         "moved": bool(one.moved),

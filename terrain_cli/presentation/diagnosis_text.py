@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from terrain_cli.comparison import kept_aside
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.verdict import sizes_text
+from terrain_cli.improvement import model_history
 from terrain_cli.presentation import comparison_text
 from terrain_cli.presentation.terminal import aligned
 from terrain_cli.vocabulary.quantities import known, listed, short
@@ -38,9 +39,7 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
         "channels": {
             name: {
                 "unit": errors.unit,
-                "rmse": known(errors.rmse),
-                "heldout_rmse": known(errors.heldout_rmse),
-                "noise": known(errors.noise),
+                **{key: known(getattr(errors, key)) for key in ("rmse", "heldout_rmse", "noise")},
             }
             for name, errors in comparison.channels.items()
         },
@@ -73,11 +72,8 @@ def document(diagnosis: Diagnosis, asked: Asked | None = None, draft: str = "") 
             "sentence": unknown.sentence,
             "alternatives": list(unknown.alternatives),
         },
-        "next_drive": [
-            {"pair": list(one.pair), "manoeuvre": one.manoeuvre, "power": one.power, "settings": one.settings}
-            for one in diagnosis.next_drive
-        ],
-        "not_testable": [{"effect": one.effect, "because": one.because} for one in diagnosis.not_testable],
+        "next_drive": [model_history.drive(one) for one in diagnosis.next_drive],
+        "not_testable": [one._asdict() for one in diagnosis.not_testable],
         "warnings": list(diagnosis.warnings),
         "sentence": diagnosis.sentence,
         "conclusion": comparison_text.conclusion_document(_concluded(diagnosis, asked, draft)),

@@ -6,19 +6,19 @@ import math
 import textwrap
 from typing import TYPE_CHECKING, Any
 
-from terrain_cli.mechanics.effect import QUANTITIES
+from terrain_cli.mechanics.effect import QUANTITIES, Effect, Parameter
 from terrain_cli.presentation.terminal import aligned
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from terrain_cli.effects.laws.effect_file import Understood
-    from terrain_cli.mechanics.effect import Effect, Parameter
     from terrain_cli.models import Assumption
 
 LIST_FORMAT = "terrain-est/effects/1"
 CHECK_FORMAT = "terrain-est/effects-check/1"
 _WIDTH = 100
+_PROSE = ("explanation", "shows", "settled_by", "reference", "origin")
 _KINDS = {
     "soil": "changes what the soil is",
     "stress": "changes the stress under the rim",
@@ -31,19 +31,13 @@ _KINDS = {
 def document(effect: Effect) -> dict[str, Any]:
     """Describe an effect for JSON, with the keys of docs/effects.md."""
     return {
-        "id": effect.id,
-        "title": effect.title,
-        "kind": effect.kind,
+        **{key: getattr(effect, key) for key in ("id", "title", "kind")},
         "changes": list(effect.laws),
         "needs": list(effect.needs),
         "any_of": list(effect.any_of),
         "formula": effect.formula,
         "parameters": [_parameter(parameter) for parameter in effect.parameters],
-        "explanation": effect.explanation,
-        "shows": effect.shows,
-        "settled_by": effect.settled_by,
-        "reference": effect.reference,
-        "origin": effect.origin,
+        **{key: getattr(effect, key) for key in _PROSE},
     }
 
 
@@ -97,13 +91,9 @@ def text(effect: Effect) -> str:
     lines = [f"{effect.id}: {effect.title}", *_summary(effect), "", *_parameters(effect)]
     if effect.explanation:
         lines += ["", textwrap.fill(effect.explanation, _WIDTH)]
-    for name, words in (
-        ("shows", effect.shows),
-        ("settled by", effect.settled_by),
-        ("reference", effect.reference),
-    ):
-        if words:
-            lines += _field(name, words)
+    for name in _PROSE[1:4]:
+        if words := getattr(effect, name):
+            lines += _field(name.replace("_", " "), words)
     return "\n".join(lines)
 
 

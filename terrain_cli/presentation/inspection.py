@@ -13,8 +13,9 @@ import formats
 from formats.content import FILE_KINDS
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError, TerrainError
+from terrain_cli.presentation.terminal import aligned
 from terrain_cli.rover.vehicle import FILE_NAME
-from terrain_cli.telemetry import bags
+from terrain_cli.telemetry import Plan, bags
 from terrain_cli.telemetry.alignment import seconds
 from terrain_cli.telemetry.plan import rover_advice, topic_discovery
 from terrain_cli.telemetry.plan.mapping import is_table
@@ -24,13 +25,12 @@ from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import counted
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from formats import Column, Source, Stream
     from terrain_cli.rover import Rover
-    from terrain_cli.telemetry import Plan
     from terrain_cli.telemetry.wheel_samples import Raw
     from terrain_cli.vocabulary.arrays import Array
 
@@ -91,7 +91,7 @@ def holdings(source: Source, rover: Rover, wheels: Collection[str] = ()) -> Hold
     """Find the channels of every wheel of a log; what is missing is no error."""
     layout = telemetry.plan(source, rover)
     tables = None if is_table(source) else read_topics(source, bags.fields(layout, CHANNELS))
-    raws = read_raw(layout, rover, CHANNELS, wheels=wheels, topics=tables)
+    raws = read_raw(layout, rover, CHANNELS, named=wheels, topics=tables)
     clock = layout.no_time
     doubts = (
         [rover_advice.Lack("time", str(clock), lines=tuple(clock.hint.splitlines()[1:]))] if clock else []
@@ -207,7 +207,7 @@ def text(document: dict[str, Any], *, verbose: bool = False) -> str:
     topics = [stream for stream in document["streams"] if stream["topic"]]
     if topics:
         header = ("topic", "type", "messages", "rate", "largest gap")
-        lines += ["", *_aligned([header, *map(_topic, topics)])]
+        lines += ["", *aligned([header, *map(_topic, topics)], "  ")]
     for stream in document["streams"]:
         known = stream["topic"] and topic_discovery.is_standard(stream["type"]) and not document["problem"]
         if verbose or not known:
@@ -278,7 +278,11 @@ def _wheel_text(wheel: dict[str, Any]) -> list[str]:
         )
     lines = [", ".join(parts)]
     if wheel["channels"] or wheel["derived"]:
-        lines += _aligned([("channel", "range", "missing", "from"), *_channel_rows(wheel)])
+        rows = [("channel", "range", "missing", "from")]
+        for name, entry in wheel["channels"].items():
+            rows.append((name, spread(name, entry), str(entry["missing"] or ""), entry["from"]))
+        rows += [(name, "", "", f"derived from {how}") for name, how in wheel["derived"].items()]
+        lines += aligned(rows, "  ")
     lines += [f"  set aside: {count} · {reason}" for reason, count in wheel.get("set_aside", {}).items()]
     lines += [f"  {remark}" for remark in wheel["remarks"]]
     lines += [
@@ -301,19 +305,12 @@ def _missing_text(document: dict[str, Any]) -> list[str]:
         (what, because + f" (wheel {', '.join(wheels)})" * (len(wheels) < len(document["wheels"])))
         for (what, because), wheels in lacks.items()
     ]
-    lines = ["", "missing for an estimate:", *_aligned(rows)]
+    lines = ["", "missing for an estimate:", *aligned(rows, "  ")]
     if document["rover_toml"]:
         file = document["rover"] or "a file rover.toml beside the log"
         lines += ["", f"write into {file}, and fill in each …:", ""]
         lines += [f"    {line}".rstrip() for line in document["rover_toml"].splitlines()]
     return lines
-
-
-def _channel_rows(wheel: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    for name, entry in wheel["channels"].items():
-        yield name, spread(name, entry), str(entry["missing"] or ""), entry["from"]
-    for name, how in wheel["derived"].items():
-        yield name, "", "", f"derived from {how}"
 
 
 def spread(name: str, entry: dict[str, Any]) -> str:
@@ -331,8 +328,3 @@ def _moment(time: float) -> str:
     if time > _LAST:
         return f"{time:.4g} s"
     return datetime.fromtimestamp(time, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-
-
-def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return ["  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-
 SEGMENT = "terrain_est_msgs/msg/Segment"
 FIX = "sensor_msgs/msg/NavSatFix"
 #: In the topic, or of no use in a message.
@@ -135,12 +134,7 @@ def _places(table: Table, rows: Index, ends: Index) -> tuple[Mask, Array]:
 
 
 def _fix(places: Array, crs: str) -> dict[str, Any]:
-    return {
-        "header.frame_id": crs,
-        "longitude": places[:, 0],
-        "latitude": places[:, 1],
-        "altitude": np.nan,
-    }
+    return {"header.frame_id": crs, "longitude": places[:, 0], "latitude": places[:, 1], "altitude": np.nan}
 
 
 def check(output: str | None, samples: str | None = None, crs: str | None = None) -> None:

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.estimation import assumed
+from terrain_cli.estimation import WindowEstimates, assumed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.joint_grid import JointGrid, JointPosterior
     from terrain_cli.telemetry.wheel_samples import Samples
     from terrain_cli.vocabulary.arrays import Array, Index
@@ -61,26 +60,20 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
     first, last = rows[bounds[:-1]], rows[bounds[1:] - 1]
     middle = rows[(bounds[:-1] + bounds[1:]) // 2]
     nothing = np.full(n, np.nan)
-    time = nothing if samples.time is None else samples.time
     distance = samples.distance
     place = {name: samples.channels.get(name) for name in ("x", "y", "longitude", "latitude")}
     values: Table = {
-        "source": [samples.source] * n,
-        "wheel": [samples.wheel] * n,
+        **_placed(samples, first),
         "segment": np.arange(1, n + 1),
         "terrain": _terrain(windows),
-        "t_start_s": nothing if samples.time is None else time[first] + samples.origin,
-        "t_end_s": nothing if samples.time is None else time[last] + samples.origin,
+        "t_start_s": _times(samples, first),
+        "t_end_s": _times(samples, last),
         "distance_m": nothing if distance is None else distance[last] - distance[first],
         "n_samples": np.diff(bounds),
         "n_rejected": _rejected(windows),
         "method": _texts(estimates.method),
         "status": _texts(estimates.status),
-        "c_kPa": estimates.c / 1e3,
-        "c_se_kPa": estimates.c_se / 1e3,
-        "phi_deg": np.degrees(estimates.phi),
-        "phi_se_deg": np.degrees(estimates.phi_se),
-        "corr_c_phi": estimates.corr,
+        **_soil(estimates),
         "c_ls_kPa": estimates.c_ls / 1e3,
         "phi_ls_deg": np.degrees(estimates.phi_ls),
         "c_ridge_kPa": estimates.c_ridge / 1e3,
@@ -102,6 +95,16 @@ def table(windows: Windows, estimates: WindowEstimates) -> Table:
         "WKT": _tracks(windows),
     }
     return {name: values[name] for name in COLUMNS}
+
+
+def _soil(estimates: Any) -> Table:
+    return {
+        "c_kPa": estimates.c / 1e3,
+        "c_se_kPa": estimates.c_se / 1e3,
+        "phi_deg": np.degrees(estimates.phi),
+        "phi_se_deg": np.degrees(estimates.phi_se),
+        "corr_c_phi": estimates.corr,
+    }
 
 
 def _texts(values: NDArray[np.str_]) -> list[str]:
@@ -201,16 +204,29 @@ def join(tables: Sequence[Table]) -> Table:
     }
 
 
+def _placed(samples: Samples, rows: Index) -> Table:
+    return {"source": [samples.source] * len(rows), "wheel": [samples.wheel] * len(rows)}
+
+
+def _in_segments(windows: Windows) -> Table:
+    """Return the first columns of a table with a row for each usable sample."""
+    segment = np.repeat(np.arange(1, len(windows) + 1), np.diff(windows.bounds))
+    return {**_placed(windows.samples, windows.rows), "segment": segment}
+
+
+def _times(samples: Samples, rows: Index) -> Array:
+    return np.full(len(rows), np.nan) if samples.time is None else samples.time[rows] + samples.origin
+
+
 def rejects(samples: Samples) -> Table:
     """Return the samples set aside, counted from 1 within the wheel, with the reason of each."""
     codes = samples.set_aside.codes
     rows = np.flatnonzero(codes >= 0)
     known = samples.channels
     return {
-        "source": [samples.source] * len(rows),
-        "wheel": [samples.wheel] * len(rows),
+        **_placed(samples, rows),
         "sample": rows + 1,
-        "time_s": np.full(len(rows), np.nan) if samples.time is None else samples.time[rows] + samples.origin,
+        "time_s": _times(samples, rows),
         "reason": [samples.set_aside.names[code] for code in codes[rows]],
         "load_N": known["load"][rows],
         "torque_Nm": known["torque"][rows],
@@ -226,11 +242,9 @@ def samples(windows: Windows) -> Table:
     place = coordinates(of)
     points = np.column_stack([axis[rows] for axis in place]) if place else np.full((len(rows), 2), np.nan)
     return {
-        "source": [of.source] * len(rows),
-        "wheel": [of.wheel] * len(rows),
-        "segment": np.repeat(np.arange(1, len(windows) + 1), np.diff(windows.bounds)),
+        **_in_segments(windows),
         "sample": rows + 1,
-        "time_s": nothing if of.time is None else of.time[rows] + of.origin,
+        "time_s": _times(of, rows),
         **{
             column: nothing if name not in of.channels else of.channels[name][rows]
             for name, column in _SAMPLE_COLUMNS.items()
@@ -245,18 +259,10 @@ def samples(windows: Windows) -> Table:
 def trace(windows: Windows) -> Table:
     """Return the recursive estimate after each sample of a wheel that does not skid, NaN until the second."""
     windows = windows.on_line()
-    samples, rows = windows.samples, windows.rows
-    steps = assumed.trace(windows)
     return {
-        "source": [samples.source] * len(rows),
-        "wheel": [samples.wheel] * len(rows),
-        "segment": np.repeat(np.arange(1, len(windows) + 1), np.diff(windows.bounds)),
-        "time_s": np.full(len(rows), np.nan) if samples.time is None else samples.time[rows] + samples.origin,
-        "c_kPa": steps.c / 1e3,
-        "c_se_kPa": steps.c_se / 1e3,
-        "phi_deg": np.degrees(steps.phi),
-        "phi_se_deg": np.degrees(steps.phi_se),
-        "corr_c_phi": steps.corr,
+        **_in_segments(windows),
+        "time_s": _times(windows.samples, windows.rows),
+        **_soil(assumed.trace(windows)),
     }
 
 
@@ -280,16 +286,7 @@ def posterior_table(windows: Windows, estimates: WindowEstimates, joint: Sequenc
         name: np.concatenate([np.zeros(0), *(part[name] for part in parts)])
         for name in (*_NUMBERS_OF_GRID, *_NUMBERS)
     }
-    names = (
-        "kind",
-        *along,
-        *_NUMBERS_OF_GRID,
-        "parameter",
-        "unit",
-        *_NUMBERS[:4],
-        "other",
-        *_NUMBERS[4:],
-    )
+    names = ("kind", *along, *_NUMBERS_OF_GRID, "parameter", "unit", *_NUMBERS[:4], "other", *_NUMBERS[4:])
     every = along | texts | numbers
     return {name: every[name] for name in names}
 

@@ -1,4 +1,7 @@
-"""Safe output: control characters are escaped, faults of the terminal stop no work, and JSON has no NaN."""
+"""Safe output, and the progress on a terminal.
+
+Control characters are escaped, faults of the terminal stop no work, and JSON has no NaN.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,12 @@ import io
 import json
 import os
 import re
+import shutil
 import sys
+import threading
+import time
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import click
 
@@ -21,6 +27,10 @@ _CONTROLS = r"\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud8
 _IN_LINE = re.compile(f"[{_CONTROLS}]")
 _IN_TEXT = re.compile(rf"(?![\n\t])[{_CONTROLS}]")
 
+#: Seconds of work before anything is shown.
+PATIENCE = 1.0
+WIDTH = 24
+
 
 def _named(match: re.Match[str]) -> str:
     return match[0].encode("unicode_escape").decode("ascii")
@@ -32,7 +42,6 @@ def escaped(text: str) -> str:
 
 
 def in_line(text: str) -> str:
-    """Return text that stands in one line, such as a name."""
     return _IN_LINE.sub(_named, text)
 
 
@@ -56,9 +65,9 @@ def aligned(rows: Sequence[Sequence[str]], indent: str = "") -> list[str]:
     ]
 
 
-def say(text: str = "", *, nl: bool = True) -> None:
+def say(text: str = "") -> None:
     """Write what people read to the standard output."""
-    click.echo(escaped(text), nl=nl)
+    click.echo(escaped(text))
 
 
 class Screen(io.TextIOWrapper):
@@ -124,3 +133,84 @@ def _discard(descriptor: int) -> None:
 def as_json(document: Mapping[str, Any]) -> str:
     """Write a document of a result; it holds None, never NaN, where something is not known."""
     return json.dumps(document, ensure_ascii=False, indent=2, allow_nan=False)
+
+
+class Progress:
+    """Shows how many inputs are done and what is being done now.
+
+    Drawn only on a terminal, only after a second, and wiped when the work ends. What is told stays, and is
+    written to a file or a pipe too.
+    """
+
+    def __init__(self, total: int, *, enabled: bool = True) -> None:
+        self._total, self._enabled = total, enabled
+        self._done, self._share = 0, 0.0
+        self._text = ""
+        self._line = StatusLine()
+        self._started = time.monotonic()
+        self._stop = threading.Event()
+        shown = enabled and sys.stderr.isatty()
+        # A thread, so that a single long step is shown too.
+        self._thread = threading.Thread(target=self._run, daemon=True) if shown else None
+
+    def __enter__(self) -> Self:
+        if self._thread:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        if self._thread:
+            self._thread.join()
+        self._line.wipe()
+
+    def say(self, path: str, step: str, share: float = 0.0) -> None:
+        """Set what is being done, and which share of this input is done."""
+        self._text, self._share = f"{path}  {step}", share
+
+    def advance(self) -> None:
+        self._done, self._share = self._done + 1, 0.0
+
+    def tell(self, text: str) -> None:
+        """Write a result that is there before the work ends."""
+        if self._enabled:
+            # In one call, or the bar could be drawn between wiping it and the text.
+            self._line.wipe(escaped(text) + "\n")
+
+    def _run(self) -> None:
+        if self._stop.wait(PATIENCE):
+            return
+        while not self._stop.wait(0.1):
+            elapsed = time.monotonic() - self._started
+            filled = min(int(WIDTH * (self._done + self._share) / self._total), WIDTH)
+            bar = "█" * filled + "░" * (WIDTH - filled)
+            self._line.draw(f"{bar} {self._done}/{self._total}  {elapsed:.0f} s  {self._text}")
+
+
+class StatusLine:
+    """The one line of a terminal that is drawn over until it is wiped."""
+
+    def __init__(self) -> None:
+        self._drawn = False
+
+    def draw(self, text: str) -> None:
+        """Write over it, with spaces in place of escape codes."""
+        self._write("\r" + self._over(in_line(text)))
+        self._drawn = True
+
+    def wipe(self, then: str = "") -> None:
+        """Leave an empty line, and write what comes then in the same call."""
+        if self._drawn or then:
+            self._write(("\r" + self._over("") + "\r" if self._drawn else "") + then)
+        # Behind what stays, a thread may have drawn it again.
+        self._drawn = self._drawn and bool(then)
+
+    def _over(self, line: str) -> str:
+        """Cut or fill a line to the width of the terminal."""
+        width = shutil.get_terminal_size().columns - 1
+        return line[:width].ljust(width)
+
+    def _write(self, text: str) -> None:
+        """Write to stderr text that may go back to the start of its line."""
+        getattr(sys.stderr, "draw", sys.stderr.write)(text)
+        sys.stderr.flush()

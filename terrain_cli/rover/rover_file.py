@@ -20,10 +20,9 @@ from terrain_cli.rover.vehicle import (
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL, unit_hint
 from terrain_cli.vocabulary.choices import BASES, K_FACTOR, METHODS, SEGMENTS, SOIL_BOUNDS
-from terrain_cli.vocabulary.toml_files import choice, flag, number, require, table, tables, text, vector
+from terrain_cli.vocabulary.toml_files import Rule, choice, flag, number, require, table, tables, text, vector
 
 if TYPE_CHECKING:
-    from terrain_cli.vocabulary.toml_files import Rule
     from terrain_cli.vocabulary.units import Unit
 
 #: Fields whose unit no message type tells: effort is N, N m or A, data is anything.

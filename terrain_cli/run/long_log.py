@@ -19,7 +19,7 @@ import numpy as np
 
 from terrain_cli import estimation
 from terrain_cli.errors import TerrainError
-from terrain_cli.estimation import estimators
+from terrain_cli.estimation import WindowEstimates, estimators
 from terrain_cli.presentation import segment_table
 from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.wheel_samples import NEEDED
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.estimation import WindowEstimates
     from terrain_cli.models import ModelFile
     from terrain_cli.run.settings import Settings
     from terrain_cli.telemetry import Samples
@@ -132,7 +131,6 @@ class LongWheel:
         return self._rows
 
     def take(self, part: Samples) -> None:
-        """Add the samples that follow."""
         if self._first is None:
             self._first = part.taken(slice(0, 0))
         usable = part.usable
@@ -153,7 +151,6 @@ class LongWheel:
             self._work(last=False)
 
     def end(self) -> None:
-        """Make windows of what is left."""
         if self._pending:
             self._work(last=True)
 
@@ -168,15 +165,8 @@ class LongWheel:
             final, self._cut = len(cut), self._cut + 1
         end = int(cut.bounds[final])
         if final:
-            self._keep(
-                cut_windows.Windows(
-                    samples.taken(slice(0, end)),
-                    cut.rows[:end],
-                    cut.bounds[: final + 1],
-                    cut.x[:end],
-                    cut.y[:end],
-                )
-            )
+            own = cut.taken(slice(end), cut.bounds[: final + 1])
+            self._keep(replace(own, samples=samples.taken(slice(end))))
         self._waiting = self._carried = n - end
         if end < n:
             going_on = samples.stretch[end]

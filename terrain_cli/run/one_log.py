@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import formats
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError
-from terrain_cli.estimation import estimators
+from terrain_cli.estimation import WindowEstimates, estimators
 from terrain_cli.presentation import segment_table
 from terrain_cli.run import long_log
 from terrain_cli.telemetry.derive.unit_doubts import Doubt
@@ -18,7 +18,6 @@ from terrain_cli.windows import cut_windows, locations
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from terrain_cli.estimation import WindowEstimates
     from terrain_cli.rover import Rover
     from terrain_cli.run.settings import Settings
     from terrain_cli.telemetry import Samples

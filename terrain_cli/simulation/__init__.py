@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from terrain_cli.simulation.described_drive import draw, drive
 from terrain_cli.simulation.drive_file import COMMAND_LINE, read
-from terrain_cli.simulation.simulated_log import SimulatedLog, simulate, table, truth_table
+from terrain_cli.simulation.simulated_log import SimulatedLog, draw, drive, simulate, table, truth_table
 
 __all__ = ["COMMAND_LINE", "SimulatedLog", "draw", "drive", "read", "simulate", "table", "truth_table"]

@@ -11,14 +11,13 @@ import numpy as np
 
 from terrain_cli.errors import ConfigurationError
 from terrain_cli.simulation.profiles import STEP, generator, smooth
+from terrain_cli.simulation.scenario import Place, Scenario
 from terrain_cli.telemetry.derived_channels import STANDING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from terrain_cli.simulation.scenario import Place, Scenario
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
 
 #: In m: no rover comes back to the millimetre.
 _SAME_SPOT = 0.01
@@ -56,7 +55,6 @@ class Ride:
 
 
 def plan(scenario: Scenario) -> Course:
-    """Drive the body."""
     count = round(scenario.duration / STEP) + 1
     time = np.arange(count, dtype=np.float64) * STEP
     series = _profiles(scenario, "body", time, set(scenario.parts[0].profiles) - OF_WHEEL)
@@ -79,15 +77,9 @@ def plan(scenario: Scenario) -> Course:
 
 
 def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
-    """Follow one wheel."""
     own = _profiles(scenario, place.name, course.time, OF_WHEEL)
     velocity = course.body["velocity"] - place.y * course.body["yaw_rate"]
-    smooth_ = {
-        **course.body,
-        "velocity": velocity,
-        "load": scenario.load * own["load"],
-        "slip": own["slip"],
-    }
+    smooth_ = {**course.body, "velocity": velocity, "load": scenario.load * own["load"], "slip": own["slip"]}
     return Ride(
         place, course.time, smooth_, _soils(scenario, course, place), _passes(scenario, course, place)
     )
@@ -95,8 +87,6 @@ def ride(scenario: Scenario, course: Course, place: Place) -> Ride:
 
 def body_ride(course: Course) -> Ride:
     """Follow the origin of the body, for what is measured there: no wheel, no soil."""
-    from terrain_cli.simulation.scenario import Place
-
     nothing = np.zeros(len(course.time))
     return Ride(Place(""), course.time, course.body, nothing.astype(int), nothing)
 

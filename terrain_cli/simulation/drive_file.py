@@ -26,14 +26,11 @@ from terrain_cli.simulation.scenario import (
 )
 from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, sensors_rule
 from terrain_cli.vocabulary import toml_files
-from terrain_cli.vocabulary.choices import BASES
+from terrain_cli.vocabulary.choices import BASES, Base
 from terrain_cli.vocabulary.units import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from terrain_cli.vocabulary.choices import Base
-
 
 #: What is not said of a part.
 CALM: dict[str, Any] = {
@@ -53,10 +50,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     "slip-sweep": {"slip": [0.02, 0.7, 0.05]},
     # Ballast on and off: the one way to tell c from φ, and a load cell from a torque sensor.
     "load-steps": {"load": {"steps": [0.7, 1.0, 1.3, 0.85, 1.15, 0.6]}},
-    "slope": {
-        "pitch_deg": [0.0, 12.0, 4.0, -8.0, 0.0],
-        "slip": [0.2, 0.45, 0.3, 0.08, 0.2],
-    },
+    "slope": {"pitch_deg": [0.0, 12.0, 4.0, -8.0, 0.0], "slip": [0.2, 0.45, 0.3, 0.08, 0.2]},
     # Everything at once, each on a period of its own.
     "mixed": {
         "slip": {"mean": 0.32, "swing": 0.28, "period": 13.0},
@@ -86,7 +80,6 @@ PRESETS: dict[str, dict[str, Any]] = {
 WHEELS = {"multi": 4}
 #: s, of a part whose duration is not given.
 DURATION = 60.0
-
 
 #: s; the fine time base of a longer drive would fill the memory.
 _LONGEST = 36_000.0

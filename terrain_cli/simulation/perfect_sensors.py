@@ -16,8 +16,8 @@ from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.dual import seed, slopes, value
-from terrain_cli.mechanics.wheel_model import Model, predict
-from terrain_cli.simulation.course import plan, ride, standing
+from terrain_cli.mechanics.wheel_model import Model, Prediction, predict
+from terrain_cli.simulation.course import Ride, plan, ride, standing
 from terrain_cli.simulation.profiles import STEP
 from terrain_cli.telemetry.derive.effect_inputs import RUT
 from terrain_cli.vocabulary.channels import CHANNELS
@@ -25,11 +25,8 @@ from terrain_cli.vocabulary.channels import CHANNELS
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from terrain_cli.mechanics.wheel_model import Prediction
-    from terrain_cli.simulation.course import Ride
     from terrain_cli.simulation.scenario import Scenario
     from terrain_cli.vocabulary.arrays import Array, Index
-
 
 _RATE = "_rate"
 _RATE_ROUNDS = 3
@@ -169,7 +166,8 @@ class Physics:
             known["angular_velocity"] = wheel_speed(known["velocity"], shown["slip"], radius)
             # Nothing is measured yet that a law could read.
             model = self.felt if number or not self.coupled else Model(self.scenario.base)
-            after = self._forces(model, {**known, **_measured(shown, number)}, values)
+            seen = {name: shown[name] for name in _STOPPING} if number else {}
+            after = self._forces(model, {**known, **seen}, values)
             after["load"] = self._solve("load", felt_load, {**known, **after, "slip": felt_slip}, values)
             after["slip"] = self._solve("slip", felt_slip, {**known, **after}, values)
             if not self.coupled:
@@ -244,11 +242,6 @@ class Physics:
             f"{', '.join(e.id for e in laws)}",
             hint="make them smaller",
         )
-
-
-def _measured(shown: dict[str, Array], number: int) -> dict[str, Array]:
-    """Return what a law may read as measured: nothing is, before the first round."""
-    return {name: shown[name] for name in ("torque", "drawbar_pull")} if number else {}
 
 
 def _without(base: Any, effects: Iterable[Any], *quantities: str) -> Model:

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.vocabulary.toml_files import Rule
 
-
 #: Times between the points of a course in s.
 STEP = 0.01
 #: s, over which every change is rounded off: no motor, and no derivative, knows a corner.
@@ -52,7 +51,6 @@ class Profile:
 
 
 def constant(value: float) -> Profile:
-    """Return the profile that stays the same."""
     return Profile("ramps", (value,))
 
 

@@ -170,7 +170,6 @@ class Chosen:
     hidden: bool = False  # Drawn at random, and told only in the truth
 
     def qualified(self) -> dict[str, float]:
-        """Return the values by the names that the model has for them."""
         return {self.effect.qualified(p): self.values[p.name] for p in self.effect.parameters}
 
 
@@ -331,7 +330,6 @@ def identifier(wheel: str) -> str:
 
 
 def joint(wheel: str) -> str:
-    """Return the name of a wheel's joint."""
     return f"{identifier(wheel)}_joint"
 
 

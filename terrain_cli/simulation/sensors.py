@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Mask
     from terrain_cli.vocabulary.toml_files import Rule
 
-
 #: Channels that a drive has, in the order of the table.
 CHANNELS_WRITTEN = (
     *("load", "torque", "sinkage", "angular_velocity", "velocity", "drawbar_pull"),

@@ -11,20 +11,17 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 import formats
-from formats.output.bag_writer import Topic
+from formats.output.bag_writer import Topic, write_bag
 from formats.output.text_writer import PACKINGS, write_packed
 from terrain_cli.simulation import scenario
 from terrain_cli.simulation import simulated_log as logs
-from terrain_cli.simulation.scenario import JOINTS, identifier, joint
-from terrain_cli.simulation.simulated_log import TOGETHER, truth_table
+from terrain_cli.simulation.scenario import JOINTS, Scenario, identifier, joint
+from terrain_cli.simulation.simulated_log import TOGETHER, SimulatedLog, SimulatedSeries, truth_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from terrain_cli.simulation.scenario import Scenario
-    from terrain_cli.simulation.simulated_log import SimulatedLog, SimulatedSeries
     from terrain_cli.vocabulary.arrays import Array
-
 
 #: One stamped number; the name of the topic says of what.
 NUMBER = "terrain_est_msgs/msg/Float64Stamped"
@@ -226,8 +223,6 @@ def write_log(log: SimulatedLog, destination: str) -> None:
     """Write the telemetry, whole or not at all."""
     kind = kind_of(destination)
     if kind in BAGS:
-        from formats.output.bag_writer import write_bag
-
         write_bag(topics(log), destination, kind)
     elif Path(destination).suffix.lower() in PACKINGS:
         write_packed(logs.table(log), destination)

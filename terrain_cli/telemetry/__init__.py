@@ -70,7 +70,9 @@ def read_source(
     Of a table of more than `most` rows, and of a bag of more samples, only unbroken pieces are kept that are
     spread over it (`Excerpt`). A table is then never in memory as a whole.
     """
-    request = _request(source, rover, wheels, where, effects, compared=compared, kept=kept)
+    request = _request(
+        source, rover, wheels=wheels, where=where, effects=effects, compared=compared, kept=kept
+    )
     check = partial(_check, request, compared=compared)
     begin, rest = _begun(request, most)
     if most is not None and begin is not None and rest is not None:
@@ -84,17 +86,12 @@ def read_source(
     return result
 
 
-def read_parts(
-    source: Source,
-    rover: Rover,
-    rows: int,
-    *,
-    wheels: Collection[str] = (),
-    where: Condition | None = None,
-    effects: Sequence[Effect] | None = None,
-) -> list[Samples] | Iterator[Samples]:
-    """Read a table of more than some rows part by part, for the line y = c + x tan φ; anything else whole."""
-    request = _request(source, rover, wheels, where, effects)
+def read_parts(source: Source, rover: Rover, rows: int, **asked: Any) -> list[Samples] | Iterator[Samples]:
+    """Read a table of more than some rows part by part, for the line y = c + x tan φ; anything else whole.
+
+    Of what `read_source` may be asked, wheels, where and effects.
+    """
+    request = _request(source, rover, **asked)
     check = partial(_check, request, compared=False)
     timed = any(feed.channel == "time" for feed in request.layout.every_feed)
     # Steady test points belong together by their labels, wherever they stand.
@@ -107,16 +104,12 @@ def read_parts(
     return result
 
 
-def part_reader(
-    source: Source,
-    rover: Rover,
-    *,
-    wheels: Collection[str] = (),
-    where: Condition | None = None,
-    effects: Sequence[Effect] | None = None,
-) -> PartReader:
-    """Return what makes samples of rows or messages as they arrive; InputError where a row has no clock."""
-    request = _request(source, rover, wheels, where, effects)
+def part_reader(source: Source, rover: Rover, **asked: Any) -> PartReader:
+    """Return what makes samples of rows or messages as they arrive, asked as `read_parts`.
+
+    InputError where a row has no clock.
+    """
+    request = _request(source, rover, **asked)
     if is_table(source) and not any(feed.channel == "time" for feed in request.layout.every_feed):
         raise InputError(
             f"{source.label}: no column is the time of a row, without which nothing can be followed",
@@ -128,10 +121,10 @@ def part_reader(
 def _request(
     source: Source,
     rover: Rover,
-    wheels: Collection[str],
-    where: Condition | None,
-    effects: Sequence[Effect] | None,
     *,
+    wheels: Collection[str] = (),
+    where: Condition | None = None,
+    effects: Sequence[Effect] | None = None,
     compared: bool = False,
     kept: Collection[str] = (),
 ) -> Request:
@@ -171,7 +164,7 @@ def _whole(
     request: Request, begin: list[Batch] | None, check: Callable[[list[Raw]], None], *, compared: bool
 ) -> list[Samples]:
     layout, rover = request.layout, request.rover
-    raws = read_raw(layout, rover, request.channels, request.extras, wheels=request.wheels, batches=begin)
+    raws = read_raw(layout, rover, request.channels, request.extras, named=request.wheels, batches=begin)
     if compared:
         _drop_empty(raws)
     check(raws)

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
-
 #: Smallest default for the largest gap across which a channel is interpolated, in s.
 LEAST_GAP = 0.5
 #: The same, in sampling intervals of the channel: two lost samples make a gap of three, and clocks jitter.

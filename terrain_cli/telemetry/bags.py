@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formats import LOG_TIME, STAMP, Labels
+from formats import LOG_TIME, STAMP, Column, Labels
 from terrain_cli.telemetry import alignment, own_clocks, raw_columns
-from terrain_cli.telemetry.wheel_samples import CLOCKS, Raw, match_name
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
 if TYPE_CHECKING:
@@ -17,10 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from formats import Column
-    from terrain_cli.telemetry.wheel_samples import Feed, Plan
     from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Headers whose clocks differ by more than this, in s, do not tell the same time: no message is so late.
 LATEST = 60.0
@@ -238,7 +235,6 @@ def _in_order(topic: _Topic, wheel: str, elements: Collection[str]) -> Index | N
 
 
 def _rows(topic: _Topic, wheel: str) -> Index:
-    """Return the messages of one wheel."""
     if topic.wheels is None:
         return np.arange(len(topic.time))
     label = match_name(wheel, topic.wheels.names)

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from terrain_cli.rover.vehicle import Motor, Vehicle
     from terrain_cli.vocabulary.arrays import Array, Mask
 
-
 #: rad/s. Below it a wheel stands, whatever its encoder's last digit does.
 STANDING = 1e-3
 _BLOCK = 8192

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formats import Labels
+from formats import Batch, Column, Labels
 from formats.recovery import told
 from terrain_cli.processes import keep_freed
 from terrain_cli.telemetry import alignment, bags, own_clocks, raw_channels, raw_columns
@@ -17,20 +17,17 @@ from terrain_cli.telemetry.derive.assembly import assemble
 from terrain_cli.telemetry.derive.effect_inputs import ANGLE
 from terrain_cli.telemetry.derive.unit_doubts import Doubt, UnitEvidence
 from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
-from terrain_cli.telemetry.wheel_samples import Notice, joined_columns
+from terrain_cli.telemetry.wheel_samples import Notice, Plan, Raw, Samples, joined_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from formats import Batch, Column
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry.bags import TopicClocks
     from terrain_cli.telemetry.derive.usable_samples import Condition
     from terrain_cli.telemetry.own_clocks import OwnClocks
-    from terrain_cli.telemetry.wheel_samples import Plan, Raw, Samples
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
 
 #: Rows that are read whole, of all inputs together, where only a share of them is compared.
 MOST_ROWS = 2_000_000

@@ -14,14 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.telemetry import alignment
-from terrain_cli.telemetry.wheel_samples import CLOCKS, Notice
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Notice, Raw
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Mapping
 
-    from terrain_cli.telemetry.wheel_samples import Raw
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
 
 #: What a sample is made of, and from what it is derived where it is not there itself.
 _MADE_OF = {
@@ -170,12 +168,8 @@ def _measured(raw: Raw) -> list[str]:
 
 def _counted(measured: Collection[str]) -> list[str]:
     """Return the measured channels that make a sample, in the order of `CLOCKS`."""
-
-    def parts() -> Iterator[str]:
-        for name, sources in _MADE_OF.items():
-            yield from (name,) if name in measured else sources
-
-    found = [name for name in parts() if name in measured]
+    parts = ((name,) if name in measured else sources for name, sources in _MADE_OF.items())
+    found = [name for several in parts for name in several if name in measured]
     return sorted(found, key=lambda name: CLOCKS.index(name) if name in CLOCKS else len(CLOCKS))
 
 

@@ -6,20 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formats import LOG_TIME, Labels
+from formats import LOG_TIME, Batch, Column, Labels
 from terrain_cli.errors import ConfigurationError, InputError, nearest
 from terrain_cli.telemetry import bags, own_clocks, raw_columns
 from terrain_cli.telemetry.plan.mapping import is_table, only_wheel
 from terrain_cli.telemetry.raw_columns import read_topics
-from terrain_cli.telemetry.wheel_samples import CLOCKS, Raw, match_name
+from terrain_cli.telemetry.wheel_samples import CLOCKS, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    from formats import Batch, Column
     from terrain_cli.rover import Rover
-    from terrain_cli.telemetry.wheel_samples import Feed, Plan
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
@@ -28,34 +26,6 @@ def fields(plan: Plan, wanted: Collection[str], extras: Sequence[str]) -> list[s
     label = plan.labels.get("")
     names = {name for feed in plan.every_feed if feed.channel in wanted for name in feed.fields}
     return sorted(names.union(extras, [label] if label else []))
-
-
-def read(
-    plan: Plan,
-    wanted: Collection[str],
-    extras: Sequence[str],
-    choose: Callable[[Labels | None], list[str]],
-    max_gap: float | None,
-    batches: list[Batch] | None = None,
-) -> list[Raw]:
-    """Read the wheels of a table; `choose` names them, from the column of wheel labels if there is one.
-
-    `batches` are the columns `fields`, where they were read before.
-    """
-    names = fields(plan, wanted, extras)
-    table: dict[str, Column] = {}
-    if batches:
-        table = raw_columns.whole(batches)
-    elif names:
-        table = raw_columns.read_whole(plan.source, "", names)
-    raws = wheels(plan, table, wanted, extras, choose)
-    for raw in raws:
-        clocks = own_clocks.find(raw)
-        if clocks:
-            interpolated = clocks.bring(raw, max_gap)
-            raw.remarks.append(clocks.told(raw.wheel, len(raw), int(interpolated.sum())))
-        raw.remarks += passed_over(plan, nameless(plan, table))
-    return raws
 
 
 def nameless(plan: Plan, table: Mapping[str, Column], rows: slice = slice(None)) -> int:
@@ -145,24 +115,38 @@ def read_raw(
     channels: Iterable[str],
     extras: Sequence[str] = (),
     *,
-    wheels: Collection[str] = (),
+    named: Collection[str] = (),
     batches: list[Batch] | None = None,
     topics: Mapping[str, dict[str, Column]] | None = None,
 ) -> list[Raw]:
     """Read the channels asked for, wheel by wheel, ordered by name; those without a feed are passed over.
 
-    `batches` are the columns of a table, `topics` those of the topics of a bag, where they were read before.
+    Only the `named` wheels are read, if any. `batches` are the columns of a table, `topics` those of the
+    topics of a bag, where they were read before.
     """
     wanted = set(channels)
 
     def choose(labels: Labels | None) -> list[str]:
-        return choose_wheels(plan, rover, labels, wheels)
+        return choose_wheels(plan, rover, labels, named)
 
-    if is_table(plan.source):
-        return read(plan, wanted, extras, choose, rover.max_gap, batches)
-    if topics is None:
-        topics = read_topics(plan.source, bags.fields(plan, wanted))
-    return bags.wheels(plan, topics, wanted, choose, rover.max_gap)
+    if not is_table(plan.source):
+        if topics is None:
+            topics = read_topics(plan.source, bags.fields(plan, wanted))
+        return bags.wheels(plan, topics, wanted, choose, rover.max_gap)
+    names = fields(plan, wanted, extras)
+    table: dict[str, Column] = {}
+    if batches:
+        table = raw_columns.whole(batches)
+    elif names:
+        table = raw_columns.read_whole(plan.source, "", names)
+    raws = wheels(plan, table, wanted, extras, choose)
+    for raw in raws:
+        clocks = own_clocks.find(raw)
+        if clocks:
+            interpolated = clocks.bring(raw, rover.max_gap)
+            raw.remarks.append(clocks.told(raw.wheel, len(raw), int(interpolated.sum())))
+        raw.remarks += passed_over(plan, nameless(plan, table))
+    return raws
 
 
 def choose_wheels(plan: Plan, rover: Rover, labels: Labels | None, wheels: Collection[str]) -> list[str]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formats import LOG_TIME, STAMP, Labels
+from formats import LOG_TIME, STAMP, Batch, Column, Labels, Source
 from terrain_cli.errors import InputError
 from terrain_cli.processes import most_held
 from terrain_cli.telemetry import alignment
@@ -16,9 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from formats import Batch, Column, Source
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
 
 #: How soon after a clock's zero its first stamps come.
 _SOON = np.timedelta64(10, "s")
@@ -126,7 +124,6 @@ def _bytes(column: Column) -> int:
 
 
 def empty(fields: Sequence[str]) -> dict[str, Column]:
-    """Return the columns of a topic without messages."""
     columns: dict[str, Column] = {name: np.empty(0) for name in fields}
     return columns | {name: np.empty(0, "datetime64[ns]") for name in (LOG_TIME, STAMP)}
 

@@ -8,25 +8,22 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple, TypedDict
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from formats import Labels
+from formats import Column, Labels, Source
 from terrain_cli.telemetry.raw_columns import take
 from terrain_cli.vocabulary.choices import K_FACTOR
-from terrain_cli.vocabulary.units import STANDARD_GRAVITY
+from terrain_cli.vocabulary.units import STANDARD_GRAVITY, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from formats import Column, Source
     from terrain_cli.errors import InputError
     from terrain_cli.mechanics.wheel_model import WheelGeometry
     from terrain_cli.rover import SensorNoise
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-    from terrain_cli.vocabulary.units import Unit
-
 
 #: Whose samples the other channels are brought to: the first of these that is there.
 CLOCKS = ("torque", "motor_current", "drawbar_pull", "sinkage", "entry_angle", "load")
@@ -72,7 +69,6 @@ class Feed:
         return self.si([np.full(n, float(self.constant or 0.0))])
 
     def labels(self, n: int) -> Labels:
-        """Repeat a constant label."""
         return Labels(np.zeros(n, dtype=np.int32), (str(self.constant),))
 
     @property
@@ -84,7 +80,6 @@ class Feed:
         return " ".join(filter(None, (self.topic, *names)))
 
     def __str__(self) -> str:
-        """Say in words where the channel comes from."""
         return _origin(self)
 
     def _words(self) -> str:
@@ -188,14 +183,6 @@ class Notice(str):
     __slots__ = ()
 
 
-class LineGeometry(TypedDict):
-    """Geometry and shear modulus, in m, by the names that the equations of the line have."""
-
-    radius: float
-    width: float
-    shear_modulus: float
-
-
 class Geometry(NamedTuple):
     """Of a wheel, and the shear modulus assumed of its soil."""
 
@@ -210,9 +197,9 @@ class Geometry(NamedTuple):
     shear_modulus_factor: float = K_FACTOR  # Within which k is expected to be right (one standard deviation)
 
     @property
-    def line(self) -> LineGeometry:
-        """What the line y = c + x tan φ is computed with."""
-        return LineGeometry(radius=self.radius, width=self.width, shear_modulus=self.shear_modulus)
+    def line(self) -> dict[str, Any]:
+        """What the line y = c + x tan φ is computed with, in m, by the names that its equations have."""
+        return {"radius": self.radius, "width": self.width, "shear_modulus": self.shear_modulus}
 
     @property
     def wheel(self) -> WheelGeometry:
@@ -242,7 +229,6 @@ class Raw:
         return len(self.time) if self.time is not None else max(map(len, columns), default=0)
 
     def select(self, rows: Index | Mask) -> None:
-        """Keep some samples only."""
         self.time = None if self.time is None else self.time[rows]
         self.channels = {name: values[rows] for name, values in self.channels.items()}
         self.labels = {name: column.take(rows) for name, column in self.labels.items()}

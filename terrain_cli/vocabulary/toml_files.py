@@ -139,8 +139,6 @@ def choice(*choices: str) -> Rule:
 
 
 def several(rule_of_each: Rule) -> Rule:
-    """Return the rule for a list."""
-
     def rule(value: Any, place: str) -> Any:
         if not isinstance(value, list):
             raise ConfigurationError(f"{place}: must be a list, not {shown(value)}")

@@ -9,8 +9,8 @@ import numpy as np
 
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.mechanics import linear
-from terrain_cli.telemetry.wheel_samples import NEEDED
-from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
+from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
+from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
 from terrain_cli.windows import segmentation
 
 if TYPE_CHECKING:
@@ -18,14 +18,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from terrain_cli.telemetry.wheel_samples import Samples
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-    from terrain_cli.vocabulary.choices import Segments
 
 #: Samples of an unbroken piece where windows are thinned, the fewest pieces of a window, and what is
 #: kept of one at least.
 _PIECE, _FEWEST, _LEAST_KEPT = 1000, 4, 200
-
 
 #: What every verb reads of a log, and what effects follow: without them a soil would seem to change with it.
 FOLLOWED = ("slip", "angular_velocity", "pitch", "roll", "yaw_rate")
@@ -40,13 +37,6 @@ class Measured(TypedDict):
     torque: Array
     sinkage: Array
     slip: Array
-
-
-class _Limits(TypedDict):
-    distance: Array | None
-    min_samples: int
-    min_distance: float
-    before: int
 
 
 @dataclass(frozen=True)
@@ -86,13 +76,7 @@ class Windows:
         step = np.maximum(-(-count // most), 1)
         place = np.arange(len(self.rows)) - np.repeat(self.bounds[:-1], count)
         chosen = np.flatnonzero(place % np.repeat(step, count) == 0)
-        return replace(
-            self,
-            rows=self.rows[chosen],
-            bounds=np.searchsorted(chosen, self.bounds),
-            x=self.x[chosen],
-            y=self.y[chosen],
-        )
+        return self.taken(chosen, np.searchsorted(chosen, self.bounds))
 
     def groups(self, most: int) -> Iterator[Windows]:
         """Yield runs of whole windows with so many samples together, or one window each."""
@@ -100,9 +84,8 @@ class Windows:
         while first < len(self):
             last = int(np.searchsorted(self.bounds, self.bounds[first] + most, side="right")) - 1
             last = min(max(last, first + 1), len(self))
-            rows = slice(self.bounds[first], self.bounds[last])
-            bounds = self.bounds[first : last + 1] - self.bounds[first]
-            yield replace(self, rows=self.rows[rows], bounds=bounds, x=self.x[rows], y=self.y[rows])
+            bounds = self.bounds[first : last + 1]
+            yield self.taken(slice(bounds[0], bounds[-1]), bounds - bounds[0])
             first = last
 
     def on_line(self) -> Windows:
@@ -111,9 +94,11 @@ class Windows:
         if driving.all():
             return self
         before = np.concatenate([[0], np.cumsum(driving)])
-        return replace(
-            self, rows=self.rows[driving], bounds=before[self.bounds], x=self.x[driving], y=self.y[driving]
-        )
+        return self.taken(driving, before[self.bounds])
+
+    def taken(self, chosen: Index | Mask | slice, bounds: Index) -> Windows:
+        """Return windows of some of the usable samples, with bounds among these."""
+        return Windows(self.samples, self.rows[chosen], bounds, self.x[chosen], self.y[chosen])
 
 
 def at_rows(column: NDArray[Any], rows: Index) -> NDArray[Any]:
@@ -142,16 +127,14 @@ def line(samples: Samples, rows: Index) -> tuple[Array, Array]:
 
 
 def _coordinates(samples: Samples, rows: Index, driving: Index) -> tuple[Array, Array]:
-    """Return x and y of some rows, NaN of those that are not driving."""
-    if len(driving) == len(rows):
+    """Return x and y of some rows, NaN of those that are not driving, or have no line."""
+    lined = _lined(samples)
+    if lined and len(driving) == len(rows):
         return line(samples, rows)
-    x, y = _unknown(rows)
-    x[driving], y[driving] = line(samples, rows[driving])
+    x, y = np.full((2, len(rows)), np.nan)
+    if lined:
+        x[driving], y[driving] = line(samples, rows[driving])
     return x, y
-
-
-def _unknown(rows: Index) -> Array:
-    return np.full((2, len(rows)), np.nan)
 
 
 def cut(
@@ -174,8 +157,7 @@ def cut(
     """
     rows = samples.usable
     labels = samples.labels.get("terrain")
-    lined = _lined(samples)
-    if method == "auto" and (samples.time is None or not lined):
+    if method == "auto" and (samples.time is None or not _lined(samples)):
         # Steady test points have no order in which the soil could change, and without torque and sinkage
         # there is no line whose change would show it.
         method = "none" if labels is None else "terrain"
@@ -183,7 +165,7 @@ def cut(
         rows = rows[np.argsort(labels.codes[rows], kind="stable")]
     index = which(rows, len(samples))
     driving = np.flatnonzero(samples.channels["slip"][index] >= 0.0)
-    x, y = _coordinates(samples, rows, driving) if lined else _unknown(rows)
+    x, y = _coordinates(samples, rows, driving)
     # A soil goes on between pieces of one drive.
     stretch = (samples.stretch if samples.drive is None else samples.drive)[index]
     breaks = np.flatnonzero(np.diff(stretch)) + 1
@@ -212,13 +194,14 @@ def cut(
     elif method == "auto":
         lined_up = which(driving, len(rows))
         own = breaks if len(driving) == len(rows) else np.flatnonzero(np.diff(stretch[lined_up])) + 1
-        limits = _Limits(
-            distance=None if distance is None else distance[lined_up],
-            min_samples=CUT_SAMPLES if min_samples is None else min_samples,
-            min_distance=MIN_DISTANCE if window_distance is None else window_distance,
-            before=before,
-        )
-        followed = [column[lined_up] for column in _followed(samples, index)]
+        limits: dict[str, Any] = {
+            "distance": None if distance is None else distance[lined_up],
+            "min_samples": CUT_SAMPLES if min_samples is None else min_samples,
+            "min_distance": MIN_DISTANCE if window_distance is None else window_distance,
+            "before": before,
+        }
+        # What the line of a soil may seem to follow where the model lacks an effect.
+        followed = [samples.channels[name][index][lined_up] for name in FOLLOWED if name in samples.channels]
         load, sinkage, slip = (
             samples.channels[name][index][lined_up] for name in ("load", "sinkage", "slip")
         )
@@ -231,11 +214,6 @@ def cut(
     else:
         bounds = segmentation.whole_windows(len(rows), breaks=breaks)
     return Windows(samples, rows, bounds, x, y)
-
-
-def _followed(samples: Samples, index: Index | slice) -> list[Array]:
-    """Return what the line of a soil may seem to follow where the model lacks an effect."""
-    return [samples.channels[name][index] for name in FOLLOWED if name in samples.channels]
 
 
 def check_number(source: str, count: int) -> None:
@@ -259,14 +237,7 @@ def by_terrain(windows: Windows, step: int = 1) -> tuple[Windows, Index] | None:
     names, counts = np.unique(terrain[order], return_counts=True)
     if len(names) >= len(windows):
         return None
-    joined = replace(
-        windows,
-        rows=rows[order],
-        bounds=np.concatenate([[0], np.cumsum(counts)]).astype(np.intp),
-        x=windows.x[order],
-        y=windows.y[order],
-    )
-    return joined, order
+    return windows.taken(order, np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)), order
 
 
 def thinned(windows: Windows, share: float) -> Windows:
@@ -296,10 +267,5 @@ def pieces(windows: Windows, chosen: Index) -> Windows:
     kept[chosen] = True
     breaks = np.diff(kept) | (np.diff(stretch[rows]) != 0)
     stretch[rows] = np.cumsum(np.concatenate([[False], breaks])[: len(rows)])
-    return Windows(
-        replace(windows.samples, stretch=stretch),
-        rows[chosen],
-        np.unique(np.searchsorted(chosen, windows.bounds)),
-        windows.x[chosen],
-        windows.y[chosen],
-    )
+    kept_windows = windows.taken(chosen, np.unique(np.searchsorted(chosen, windows.bounds)))
+    return replace(kept_windows, samples=replace(windows.samples, stretch=stretch))

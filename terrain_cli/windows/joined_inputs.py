@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.effects import Effect
     from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
+    from terrain_cli.vocabulary.arrays import Array, Mask
 
 #: s between the end of an input and the start of the next.
 _PAUSE = 1000.0
@@ -52,14 +51,9 @@ def with_channels(windows: Windows, effects: Sequence[Effect]) -> Windows:
     if not kept.any() or not found.keys() >= needed:
         raise InputError(f"{place}: in no sample is all known that {', '.join(e.id for e in new)} needs")
     before = np.concatenate([[0], np.cumsum(kept)])
-    return Windows(
-        replace(samples, drivers={**samples.drivers, **found}, set_aside=reasons),
-        windows.rows[kept],
-        # A window of which nothing is left is none.
-        np.unique(before[windows.bounds]),
-        windows.x[kept],
-        windows.y[kept],
-    )
+    known = replace(samples, drivers={**samples.drivers, **found}, set_aside=reasons)
+    # A window of which nothing is left is none.
+    return replace(windows.taken(kept, np.unique(before[windows.bounds])), samples=known)
 
 
 def by_wheel(several: Sequence[Windows], effects: Iterable[Effect] = ()) -> list[Windows]:
@@ -96,7 +90,7 @@ def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
     samples = [windows.samples for windows in parts]
     sizes = [len(one) for one in samples]
     starts = np.concatenate([[0], np.cumsum(sizes)])
-    stretches = np.concatenate([[0], np.cumsum([_count(one.stretch) for one in samples])])
+    stretches = np.concatenate([[0], np.cumsum([1 + int(one.stretch.max(initial=-1)) for one in samples])])
     bounds = np.concatenate([[0], np.cumsum([len(windows.rows) for windows in parts])])
     first = samples[0]
     joined = replace(
@@ -130,10 +124,6 @@ def _joined(parts: Sequence[Windows], turning: Sequence[Effect]) -> Windows:
 
 def _aside(samples: Samples) -> Mask:
     return np.zeros(len(samples), dtype=bool) if samples.aside is None else samples.aside
-
-
-def _count(stretch: Index) -> int:
-    return 1 + int(stretch.max(initial=-1))
 
 
 def _times(samples: Sequence[Samples]) -> Array | None:

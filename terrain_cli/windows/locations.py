@@ -17,7 +17,7 @@ import numpy as np
 
 import formats
 from terrain_cli.errors import InputError, UsageError
-from terrain_cli.telemetry import alignment
+from terrain_cli.telemetry import Samples, alignment
 from terrain_cli.telemetry.plan.mapping import is_table
 from terrain_cli.telemetry.raw_columns import as_clock, as_labels, as_numbers, read_whole
 from terrain_cli.vocabulary.channels import identify, resolve
@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from formats import Column
-    from terrain_cli.telemetry import Samples
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.vocabulary.units import Unit
-
 
 #: The rover motion counter of a Mars mission, by the names that PLACES has.
 KEYS = ("site", "drive", "pose")

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from terrain_cli import effects, models
-from terrain_cli.models import Prior, model_writer
+from terrain_cli.models import Prior, model_file
 from terrain_cli.vocabulary import choices
 
 WR = 'format = "terrain-est/model/1"\nbase = "wong-reece"\n'
@@ -185,6 +185,6 @@ def test_nothing_is_written_where_nothing_has_changed(write):
 
 def test_a_new_file_explains_itself(tmp_path):
     file = models.build("wong-reece", ["slip-sinkage"], {"shear_modulus": 0.018})
-    text = model_writer.new(file)
+    text = model_file.new(file)
     assert tomllib.loads(text)["fixed"] == {"shear_modulus": 0.018}
     assert "cohesion (Pa), tan_phi (1), shear_modulus (m)" in text

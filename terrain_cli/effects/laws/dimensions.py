@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.effects.laws.expression import Node
 
-
 _BASE = ("kg", "m", "s", "K", "A", "m^n")
 #: Bounds of the text of a unit: characters, brackets, powers.
 _LONGEST = 60
@@ -43,19 +42,15 @@ class Dimension:
     powers: tuple[Fraction, ...] = (Fraction(0),) * len(_BASE)  # Of kg, m, s, K, A and m^n
 
     def __mul__(self, other: Dimension) -> Dimension:
-        """Multiply."""
         return Dimension(tuple(a + b for a, b in zip(self.powers, other.powers, strict=True)))
 
     def __truediv__(self, other: Dimension) -> Dimension:
-        """Divide."""
         return self * other ** Fraction(-1)
 
     def __pow__(self, exponent: Fraction) -> Dimension:
-        """Raise to a power."""
         return Dimension(tuple(power * exponent for power in self.powers))
 
     def __str__(self) -> str:
-        """Return its common SI unit, or its base units."""
         return _COMMON.get(self) or " ".join(
             unit if power == 1 else f"{unit.replace('m^n', '(m^n)')}^{power}"
             for unit, power in zip(_BASE, self.powers, strict=True)
@@ -71,15 +66,12 @@ class Scale:
     dimension: Dimension
 
     def __mul__(self, other: Scale) -> Scale:
-        """Multiply."""
         return Scale(self.factor * other.factor, self.dimension * other.dimension)
 
     def __truediv__(self, other: Scale) -> Scale:
-        """Divide."""
         return Scale(self.factor / other.factor, self.dimension / other.dimension)
 
     def __pow__(self, exponent: Fraction) -> Scale:
-        """Raise to a power."""
         return Scale(self.factor ** float(exponent), self.dimension**exponent)
 
 
@@ -234,7 +226,6 @@ _COMMON = {PLAIN: "a plain number"} | {
         *("Pa s", "Pa/m^n", "Pa/m^(n-1)", "kg/m³", "N/m³", "s/m", "s²/m"),
     )
 }
-
 
 #: Characters of a term that an error shows.
 _SHOWN = 40

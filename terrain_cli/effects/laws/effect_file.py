@@ -81,7 +81,6 @@ def parse(text: str, name: str = "draft") -> Effect:
 
 
 def read(path: str | Path) -> Understood:
-    """Read an effect, and say what was understood of it."""
     raw = _text(str(path))
     content = FILE(toml_files.parse(raw, path), f"{path}: ")
     return _Reader(str(path), raw, content).understood()

@@ -43,7 +43,6 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 WORDS = ("and", "or", "not")
 RESERVED = {*WORDS, *FUNCTIONS, *CONSTANTS}
 
-
 #: What can stand behind a term.
 _JOINING = {*("or", "and", "<", "<=", ">", ">=", "==", "!=", "+", "-", "*", "/", "^", ")", ",")}
 _NO_NUMBER, _WHERE = "a condition stands where a number must be", "use where(condition, a, b)"

@@ -17,7 +17,6 @@ from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-
 _MOST_PARAMETERS = 20
 _MOST_NEEDS = 20
 _ID = re.compile(r"[a-z][a-z0-9]*(?:-[a-z0-9]+)*")
@@ -68,10 +67,6 @@ def _parameters(value: Any, place: str) -> Any:
     return checked
 
 
-def _quantity(value: Any, place: str) -> Any:
-    return toml_files.choice(*QUANTITIES)(value, place)
-
-
 _PARAMETER = toml_files.table(
     {
         "unit": _unit_text,
@@ -88,7 +83,7 @@ FILE = toml_files.table(
         "id": _id,
         "title": _line,
         "kind": toml_files.choice(*KINDS),
-        "changes": _quantity,
+        "changes": toml_files.choice(*QUANTITIES),
         "law": toml_files.text,
         "laws": toml_files.table(dict.fromkeys(QUANTITIES, toml_files.text)),
         "needs": _several_needs,
@@ -100,7 +95,6 @@ FILE = toml_files.table(
         "reference": _line,
     }
 )
-
 
 #: Always known, whatever is measured.
 OF_THE_WHEEL = {"wheel_radius": "m", "width": "m", "gravity": "m/s²"}

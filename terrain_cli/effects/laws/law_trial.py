@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from terrain_cli.mechanics.effect import Effect, Law
     from terrain_cli.vocabulary.arrays import Array
 
-
 #: Samples of a trial.
 SAMPLES = 256
 #: Largest difference at the null values, as a share of the quantity.

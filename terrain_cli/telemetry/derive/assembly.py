@@ -11,7 +11,7 @@ from terrain_cli.telemetry.derive import effect_inputs, plausibility, usable_sam
 from terrain_cli.telemetry.derive.unit_doubts import UnitEvidence
 from terrain_cli.telemetry.plan import rover_advice
 from terrain_cli.telemetry.raw_columns import as_numbers
-from terrain_cli.telemetry.wheel_samples import Geometry, Raw, Samples, match_name
+from terrain_cli.telemetry.wheel_samples import Geometry, Plan, Raw, Samples, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover, Wheel
     from terrain_cli.telemetry.derive.usable_samples import Condition
-    from terrain_cli.telemetry.wheel_samples import Plan
     from terrain_cli.vocabulary.arrays import Array
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from terrain_cli.mechanics import rates
 from terrain_cli.telemetry.plan.rover_advice import Lack
 from terrain_cli.telemetry.raw_columns import as_numbers
-from terrain_cli.telemetry.wheel_samples import NEEDED
+from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Raw, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
@@ -17,9 +17,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Wheel
-    from terrain_cli.telemetry.wheel_samples import Geometry, Raw, Samples
     from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Constants of a wheel, which rover.toml gives.
 CONSTANTS = ("wheel_radius", "width", "grouser_height", "grouser_count", "gravity")

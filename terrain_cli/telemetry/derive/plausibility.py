@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from terrain_cli.telemetry.wheel_samples import Plan
     from terrain_cli.vocabulary.arrays import Array
 
-
 #: Ranges: 1.5 kPa and more, under 1.5 kPa of load on r · b. A rover of 1 kg on the Moon has 0.8; Pa.
 LEAST_PRESSURE = 200.0
 #: T/(W r). Ranges: up to 2.05, at full slip on the soil of most cohesion; grousers and friction add 30 %.
@@ -121,7 +120,6 @@ def _sparse(e: UnitEvidence) -> Suspicion | None:
 
 
 def _slip(e: UnitEvidence) -> Suspicion | None:
-    """Find a measured slip beyond ±1."""
     found = e.columns("slip") if "slip" in e.measured else None
     if found is None:
         return None
@@ -135,7 +133,6 @@ def _slip(e: UnitEvidence) -> Suspicion | None:
 
 
 def _rim(e: UnitEvidence) -> Suspicion | None:
-    """Set ω r against V."""
     if not {"angular_velocity", "velocity"} <= e.measured:
         return None
     found = e.columns("angular_velocity", "velocity")
@@ -213,7 +210,6 @@ def _slip_of(ratio: float) -> float:
 
 
 def _depth(e: UnitEvidence) -> Suspicion | None:
-    """Set the sinkage against the radius."""
     source = "sinkage" if "sinkage" in e.measured else "entry_angle"
     found = e.columns(source) if source in e.measured else None
     if found is None:

@@ -10,16 +10,14 @@ import numpy as np
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry.derived_channels import STANDING
 from terrain_cli.telemetry.plan import rover_advice
-from terrain_cli.telemetry.wheel_samples import Notice
+from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Notice, Plan, Samples
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Plan, Samples
     from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Samples that are kept: the 5th and 95th percentile of so many are known to a hundredth of a deviation.
 MOST = 1 << 14
@@ -76,7 +74,6 @@ class UnitEvidence:
         return list(columns) if columns.shape[1] >= 5 else None
 
     def add(self, part: Samples) -> None:
-        """Take the samples that follow."""
         channels = part.channels
         if part.time is not None and np.isnan(self.interval):
             steps = np.abs(np.diff(part.time[np.isfinite(part.time)]))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from formats import Labels
+from formats import Column, Labels
 from terrain_cli.errors import UsageError
 from terrain_cli.telemetry.alignment import RESOLUTION, split_clock, stretch_gap
 from terrain_cli.telemetry.derived_channels import STANDING
@@ -20,9 +20,7 @@ from terrain_cli.telemetry.wheel_samples import NEEDED
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from formats import Column
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-
 
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Eq: operator.eq,

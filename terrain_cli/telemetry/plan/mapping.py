@@ -27,7 +27,6 @@ ONLY_WHEEL = "wheel"
 
 
 def is_table(source: Source) -> bool:
-    """Tell a table from a bag."""
     return [stream.topic for stream in source.streams()] == [""]
 
 

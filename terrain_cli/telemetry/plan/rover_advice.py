@@ -11,7 +11,7 @@ from terrain_cli.telemetry import derived_channels
 from terrain_cli.telemetry.plan import topic_discovery
 from terrain_cli.telemetry.plan.mapping import is_table
 from terrain_cli.telemetry.plan.topic_discovery import OF_WHEELS
-from terrain_cli.telemetry.wheel_samples import NEEDED, match_name
+from terrain_cli.telemetry.wheel_samples import NEEDED, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
 
@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
     from formats import Stream
     from terrain_cli.rover import Rover, Wheel
-    from terrain_cli.telemetry.wheel_samples import Feed, Plan, Raw
     from terrain_cli.vocabulary.arrays import Array
-
 
 #: Positive forward or nose up, and so with the other sign to a wheel that turns backwards. Pitch and roll
 #: are turned for the effects only (`effect_inputs.drivers`): in the body's frame they say where the load is.

@@ -8,19 +8,15 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from formats import Labels
+from formats import Batch, Column, Labels, Source
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry.raw_columns import as_labels, as_numbers, take
-from terrain_cli.telemetry.wheel_samples import Feed, Notice
+from terrain_cli.telemetry.wheel_samples import Feed, Notice, Plan
 from terrain_cli.vocabulary import toml_files
-from terrain_cli.vocabulary.channels import CHANNELS, stated_unit, time_names
+from terrain_cli.vocabulary.channels import CHANNELS, TimeName, stated_unit, time_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Generator, Mapping, Sequence
-
-    from formats import Batch, Column, Source
-    from terrain_cli.telemetry.wheel_samples import Plan
-    from terrain_cli.vocabulary.channels import TimeName
 
 #: Rows that are looked at.
 _ROWS = 65_536
@@ -69,7 +65,8 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
     test points. `pairs` are its columns of whole seconds and fractions.
     """
     source, known = plan.source, plan.shared.get("time")
-    unused = _unused(plan)
+    used = {name for feed in plan.every_feed for name in feed.fields} | set(plan.labels.values())
+    unused = [f.name for f in source.streams()[0].fields if f.name not in used]
     halves = {header for pair in pairs for header in pair.headers}
     names = time_names(header for header in unused if header not in halves)
     if known and not (pairs or names):
@@ -92,11 +89,6 @@ def settle(plan: Plan, pairs: Sequence[TimeName]) -> None:
             return
     if not known:
         _doubt(plan, {header: table[header] for header in unused}, wheels)
-
-
-def _unused(plan: Plan) -> list[str]:
-    used = {name for feed in plan.every_feed for name in feed.fields} | set(plan.labels.values())
-    return [f.name for f in plan.source.streams()[0].fields if f.name not in used]
 
 
 def _beginning(source: Source, headers: Collection[str]) -> Mapping[str, Column]:

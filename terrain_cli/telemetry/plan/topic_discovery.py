@@ -14,18 +14,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.telemetry.wheel_samples import Feed, match_name
+from terrain_cli.telemetry.wheel_samples import Feed, Plan, match_name
 from terrain_cli.vocabulary import units
-from terrain_cli.vocabulary.channels import CHANNELS, LABEL, identify
+from terrain_cli.vocabulary.channels import CHANNELS, LABEL, Match, identify
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from formats import Field, Stream
-    from terrain_cli.telemetry.wheel_samples import Plan
     from terrain_cli.vocabulary.arrays import Array
-    from terrain_cli.vocabulary.channels import Match
-
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 _STANDARD = re.compile(
@@ -137,7 +134,8 @@ def find(stream: Stream) -> tuple[list[TopicCandidate], str | None]:
     """Find the channels that one topic carries, and the field, if any, that names the wheel."""
     fields = [f for f in stream.fields if not f.name.startswith("header.")]
     if stream.type == JOINT_STATE:
-        return _find_joints(stream), None
+        joints = next((field.elements for field in stream.fields if field.name == "velocity"), ())
+        return [joint_speed(stream.topic, name) for name in joints], None
     if {f.name for f in fields} in _VALUE:
         return _find_by_topic(stream, fields[0]), None
     if is_standard(stream.type):
@@ -149,19 +147,9 @@ def _places(stream: Stream) -> tuple[str, ...]:
     return tuple(part for part in stream.topic.split("/") if part)
 
 
-def _find_joints(stream: Stream) -> list[TopicCandidate]:
-    velocity = next((field for field in stream.fields if field.name == "velocity"), None)
-    return [joint_speed(stream.topic, name) for name in (velocity.elements if velocity else ())]
-
-
 def joint_speed(topic: str, joint: str) -> TopicCandidate:
-    feed = Feed(
-        channel="angular_velocity",
-        topic=topic,
-        fields=(f"velocity[{joint}]",),
-        unit=units.si("angular speed"),
-    )
-    return TopicCandidate(feed, (joint,))
+    unit, field = units.si("angular speed"), f"velocity[{joint}]"
+    return TopicCandidate(Feed(channel="angular_velocity", topic=topic, fields=(field,), unit=unit), (joint,))
 
 
 def _find_by_topic(stream: Stream, field: Field) -> list[TopicCandidate]:

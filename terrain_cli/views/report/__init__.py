@@ -1,9 +1,93 @@
-"""The report: one page that holds everything, and fetches nothing."""
+"""The report: from a comparison to one page of HTML that holds everything, and fetches nothing."""
 
 from __future__ import annotations
 
-from terrain_cli.views.report.page import page, write
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import formats
+from terrain_cli.version import __version__
+from terrain_cli.views import chart_style
 from terrain_cli.views.report.page_parts import Chart, Section, Table
 from terrain_cli.views.report.written_sections import history
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from terrain_cli.comparison.comparison_outcome import Comparison
+    from terrain_cli.diagnosis.conclusion import Asked
+    from terrain_cli.improvement.model_alternatives import Alternative
+
 __all__ = ["Chart", "Section", "Table", "history", "page", "write"]
+
+
+def write(
+    comparison: Comparison,
+    path: str | Path,
+    *,
+    models: Sequence[Alternative] = (),
+    further: Sequence[Section] = (),
+    asked: Asked | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> None:
+    """Write the report of a comparison; `further` sections follow, if there is something in them.
+
+    A reader chooses between `models`, where there are several. The next command repeats what was asked of
+    which files.
+    """
+    chart_style.need("report")
+    text = page(comparison, models=models, further=further, asked=asked, progress=progress)
+    with formats.replacing(str(path)) as temporary:
+        Path(temporary).write_text(text, encoding="utf-8")
+
+
+def page(
+    comparison: Comparison,
+    *,
+    models: Sequence[Alternative] = (),
+    further: Sequence[Section] = (),
+    asked: Asked | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> str:
+    from jinja2 import Environment, StrictUndefined
+
+    from terrain_cli.views.report import model_section, sections
+
+    shown, choices, chosen = sections.of(comparison, progress, asked)
+    by_model = model_section.section(models)
+    kept = [section for section in (*shown, by_model, *further) if section]
+    charts = [part for section in kept for part in section.parts if isinstance(part, Chart)]
+    here = files("terrain_cli.views.report")
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "sort_keys": True}
+    environment.tests["chart"] = lambda part: isinstance(part, Chart)
+    progress("page")
+    return environment.from_string(here.joinpath("page.html").read_text("utf-8")).render(
+        title="Wheel and soil: " + ", ".join(dict.fromkeys(wheel.source for wheel in comparison.wheels)),
+        style=here.joinpath("page.css").read_text("utf-8"),
+        library=_library() if charts else "",
+        specs=[chart.spec for chart in charts],
+        number_of=lambda chart: next(j for j, one in enumerate(charts) if one is chart),
+        sections=kept,
+        choices=choices,
+        chosen=chosen,
+        models=model_section.choices(models) if by_model else ([], ""),
+        version=__version__,
+    )
+
+
+@cache
+def _library() -> str:
+    """Vega with Vega-Lite and its embedding, as one script."""
+    import altair as alt
+    import vl_convert
+
+    version = ".".join(alt.SCHEMA_VERSION.removeprefix("v").split(".")[:2])
+    # Without a snippet it is the whole library, which its type does not say.
+    library = vl_convert.javascript_bundle(vl_version=version)  # type: ignore[call-arg]
+    # A script ends at this tag wherever it stands, even within a string.
+    return library.replace("</script", "<\\/script")

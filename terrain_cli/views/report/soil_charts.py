@@ -27,10 +27,7 @@ _MAP = 300
 _MOST_ELLIPSES = 60
 #: Points of all tracks on a map, and of all ellipses, that keep the page small.
 _MOST_VERTICES = 1_500
-_QUANTITIES = (
-    ("Cohesion c (kPa)", "c_kPa", "c_se_kPa"),
-    ("Friction angle φ (°)", "phi_deg", "phi_se_deg"),
-)
+_QUANTITIES = (("Cohesion c (kPa)", "c_kPa", "c_se_kPa"), ("Friction angle φ (°)", "phi_deg", "phi_se_deg"))
 #: Times the usual error, beyond which a band may leave the picture: it would flatten all that is known.
 _UNSURE = 4.0
 
@@ -93,7 +90,6 @@ def track(table: Mapping[str, Any], values: Array, label: str, chosen: str) -> S
 
 
 def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
-    """Draw c and φ of every segment with their ellipses."""
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
     kinds = shown_segments.groups(table, len(COLOURS))
@@ -115,9 +111,7 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
         y=y,
         # What the drive does not settle is faint.
         opacity=alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35)),
-        shape=alt.Shape(
-            "kind:N", title=None, scale=alt.Scale(domain=_unique(kinds), range=_some(_SHAPES, kinds))
-        ),
+        shape=alt.Shape("kind:N", title=None, scale=_by_kind(_SHAPES, kinds)),
         color=_colour(kinds),
         tooltip=[
             *tips(name="segment", x="c (kPa)", xe="± s.e.", y="φ (°)", ye="± s.e. (°)"),
@@ -148,7 +142,6 @@ def estimates(table: Mapping[str, Any], chosen: str) -> Spec:
 
 
 def strength(table: Mapping[str, Any], chosen: str) -> Spec:
-    """Draw the strength line of every segment about its σ*."""
     sheet = Sheet(chosen)
     key, name = np.asarray(table["key"]), np.asarray(table["name"])
     kinds = shown_segments.groups(table, len(COLOURS))
@@ -177,9 +170,7 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
         detail="s:N",
         tooltip=tips(name="segment", x="σ (kPa)", y="strength (kPa)", low="95 % from", high="to"),
     )
-    dashes = alt.StrokeDash(
-        "kind:N", title=None, scale=alt.Scale(domain=_unique(kinds), range=_some(_DASHES, kinds))
-    )
+    dashes = alt.StrokeDash("kind:N", title=None, scale=_by_kind(_DASHES, kinds))
     marked = base.transform_filter("datum.s == segment")
     layers = [
         base.mark_line(strokeWidth=1.2, clip=True)
@@ -194,18 +185,14 @@ def strength(table: Mapping[str, Any], chosen: str) -> Spec:
     return sheet.finished(layers, 320)
 
 
-def _unique(kinds: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys(kinds))
-
-
-def _some(choices: Sequence[Any], kinds: Sequence[str]) -> list[Any]:
-    return list(choices[: len(_unique(kinds))])
+def _by_kind(choices: Sequence[Any], kinds: Sequence[str]) -> alt.Scale:
+    """Return a scale that gives each kind, in the order of their first segments, one of the choices."""
+    unique = list(dict.fromkeys(kinds))
+    return alt.Scale(domain=unique, range=list(choices[: len(unique)]))
 
 
 def _colour(kinds: Sequence[str]) -> alt.Color:
-    return alt.Color(
-        "kind:N", title=None, scale=alt.Scale(domain=_unique(kinds), range=_some(COLOURS, kinds))
-    )
+    return alt.Color("kind:N", title=None, scale=_by_kind(COLOURS, kinds))
 
 
 def of_soil(table: Mapping[str, Any], chosen: str) -> list[tuple[str, Spec]]:
@@ -214,11 +201,7 @@ def of_soil(table: Mapping[str, Any], chosen: str) -> list[tuple[str, Spec]]:
     if not np.isfinite(start).any():
         return []
     label, _ = shown_segments.mapped_strength(table)
-    strength = (
-        f"{label[:1].upper()}{label[1:]}",
-        "strength_at_stress_kPa",
-        "strength_at_stress_se_kPa",
-    )
+    strength = (f"{label[:1].upper()}{label[1:]}", "strength_at_stress_kPa", "strength_at_stress_se_kPa")
     return [
         (title, _timeline(table, (start, end), title, (value, error), chosen))
         for title, value, error in (strength, *_QUANTITIES)
@@ -237,7 +220,6 @@ def _timeline(
     begin = np.nanmin(times[0])
     value, error = (np.asarray(table[name], dtype=float) for name in names)
     kinds = shown_segments.groups(table, len(COLOURS))
-    unique = list(dict.fromkeys(kinds))
     base = sheet.chart(
         x=times[0] - begin,
         x2=times[1] - begin,
@@ -262,10 +244,9 @@ def _timeline(
     # With a margin: the band of a lone segment would be the whole picture.
     ends_shown = scale(*shown_samples.limits(ends, margin=0.1))
     y = alt.Y("y:Q", title=title, scale=ends_shown)
-    colours = alt.Scale(domain=unique, range=list(COLOURS[: len(unique)]))
     # One name for all is no legend.
-    legend = alt.Legend(title=None, symbolOpacity=1.0) if len(unique) > 1 else None
-    colour = alt.Color("kind:N", scale=colours, legend=legend)
+    legend = alt.Legend(title=None, symbolOpacity=1.0) if len(set(kinds)) > 1 else None
+    colour = alt.Color("kind:N", scale=_by_kind(COLOURS, kinds), legend=legend)
     # What is not ok is faint, as in the other pictures.
     opacity = alt.condition("datum.status == 'ok'", alt.value(1.0), alt.value(0.35))
     band = base.mark_rect(opacity=0.16, clip=True).encode(

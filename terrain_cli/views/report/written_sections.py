@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from terrain_cli.improvement.model_history import Rung, channels, rungs
 from terrain_cli.presentation import comparison_text
 from terrain_cli.views import ladder_table as views
 from terrain_cli.views import shown_samples
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.comparison.comparison_outcome import Comparison
     from terrain_cli.diagnosis.conclusion import Asked
-    from terrain_cli.improvement.model_history import Rung
 
     Spec = dict[str, Any]
 
@@ -91,8 +91,6 @@ def history(entries: Sequence[Mapping[str, Any]]) -> Section:
     """Return what the page shows of [[history]] of a model file; empty, so not shown, without any."""
     if not entries:
         return Section(id="history", title="How the model came about")
-    from terrain_cli.improvement.model_history import channels, rungs
-
     ladder = rungs(entries)
     head, rows = views.table(ladder)
     note = "rms errors on stretches of the data that were not fitted, before and after each change."

@@ -1,12 +1,15 @@
 """Windows of homogeneous terrain along one wheel's drive."""
 
-from terrain_cli.windows.segmentation.change_points import PENALTY, TOLERANCE, change_points, needed
+from terrain_cli.windows.segmentation.change_points import (
+    PENALTY,
+    change_points,
+    needed,
+    sinkage_changes,
+)
 from terrain_cli.windows.segmentation.plain_windows import fixed_windows, label_windows, whole_windows
-from terrain_cli.windows.segmentation.sinkage_changes import sinkage_changes
 
 __all__ = [
     "PENALTY",
-    "TOLERANCE",
     "change_points",
     "fixed_windows",
     "label_windows",

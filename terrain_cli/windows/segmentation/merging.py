@@ -9,18 +9,18 @@ import numpy as np
 
 from terrain_cli.windows.segmentation import line_costs
 from terrain_cli.windows.segmentation.plain_windows import distinct
-from terrain_cli.windows.segmentation.running_moments import FINE, LONG
+from terrain_cli.windows.segmentation.running_moments import FINE, LONG, RunningMoments
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
     from terrain_cli.windows.segmentation.candidate_search import Limits
-    from terrain_cli.windows.segmentation.running_moments import RunningMoments
-
 
 #: Samples beside a bound in which a new soil shows.
 BESIDE = 60
+#: Samples by which a bound is moved at the most in a round.
+_REACH = 2 * BESIDE
 #: Longest window that may be a bridge.
 LONGEST_BRIDGE = 10 * BESIDE
 #: A line's slope is known where its standard error is below this share of it ...
@@ -158,7 +158,10 @@ class Refinement:
             a, b, c = around[:, at] = bounds[at], bounds[at + 1], bounds[at + 2]
             at = at[~self._is_settled(a, b, c)]
             for some in np.split(at, range(_TOGETHER, len(at), _TOGETHER)) if len(at) else ():
-                bounds[some + 1] = self._best_near(*around[:, some])
+                before, here, behind = around[:, some]
+                low, high = np.maximum(before + 1, here - _REACH), np.minimum(behind - 1, here + _REACH)
+                best, cost = self._best_between(before, low, high, behind)
+                bounds[some + 1] = np.where(np.isfinite(cost), best, here)
         far = np.abs(bounds[1:-1] - around[1]) > BESIDE
         around[1] = bounds[1:-1]
         self._settled = around[:, ~far] if not far.all() else self._settled
@@ -170,12 +173,6 @@ class Refinement:
         last_a, last_b, last_c = self._settled[:, at]
         near = np.maximum(np.abs(last_a - a) / (b - a), np.abs(last_c - c) / (c - b)) <= HARDLY
         return np.asarray((last_b == b) & near)
-
-    def _best_near(self, a: Index, b: Index, c: Index) -> Index:
-        """Return the best bounds near b between a and c."""
-        reach = 2 * BESIDE
-        best, cost = self._best_between(a, np.maximum(a + 1, b - reach), np.minimum(c - 1, b + reach), c)
-        return np.where(np.isfinite(cost), best, b)
 
     def _best_between(self, a: Index, low: Index, high: Index, c: Index) -> tuple[Index, Array]:
         """Return where from low to high it is best to cut [a, c), and the misfit of the two windows.

@@ -18,12 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
-from terrain_cli.windows.segmentation.change_points import change_points, needed
-from terrain_cli.windows.segmentation.sinkage_changes import sinkage_changes
+from terrain_cli.windows.segmentation.change_points import change_points, needed, sinkage_changes
 
 if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
-
 
 #: Samples that are searched: what is further back does not move a bound any more.
 HORIZON = 2048
@@ -85,7 +83,6 @@ class OnlineCuts:
         return now >= self._last[0] + EVERY_SECONDS and self.count >= self._last[1] + EVERY_SAMPLES
 
     def _keep(self, columns: Array) -> None:
-        """Keep the last samples."""
         for first in range(0, columns.shape[1], HORIZON):
             part = columns[:, first : first + HORIZON].copy()
             size = part.shape[1]

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from terrain_cli.vocabulary.arrays import Array, Index
 
-
 #: Rows of what `summed` returns: sums of x, y, x², xy and y²;
 POWERS, SUMS, POWER_X, POWER_Y = slice(0, 5), slice(0, 2), 2, 4
 #: and of squares and products of the second differences of x and y, as far as they are noise.
@@ -176,7 +175,6 @@ class ReplacedSamples:
         return len(self._values[0])
 
     def check_finite(self) -> None:
-        """Raise a ValueError where a sample is not finite."""
         if not all(np.isfinite(values).all() for values in self._values):
             raise ValueError("x and y must be finite")
 
