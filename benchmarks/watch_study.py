@@ -126,13 +126,13 @@ def false_alarms(hours, first, lasting):
     """Count the alarms of drives with nothing wrong, whose noise is correlated over so many seconds."""
     count = max(int(hours * 3600.0 / LENGTH), 2)
     found = [innovations(seed, lasting=lasting) for seed in range(first, first + count)]
-    steps = sum(len(next(iter(series.values()))) for series, _ in found)
-    driven = steps / 3600.0
+    # All charts together make so many steps in an hour: fewer where the noise lasts, and means are longer.
+    driven = sum(sum(map(len, series.values())) / steps for series, steps in found)
     yield from (
         f"{count} segments of {LENGTH:g} s at {RATE:g} Hz, the program's own model, 3 % of noise on every channel that is",
         f"{f'correlated over {lasting:g} s' if lasting else 'white'};",
-        f"{driven:.1f} h after what the fits took. Standard deviation and correlation from one second to the next of",
-        "the innovations, 1 and 0 if all is as assumed:",
+        f"{driven:.1f} h after what the fits took. Standard deviation of the innovations, and correlation from one to the",
+        "next, 1 and 0 if all is as assumed:",
         "",
     )
     for name in found[0][0]:
@@ -141,14 +141,17 @@ def false_alarms(hours, first, lasting):
         yield f"{name:<14}{z.std():8.2f}{lagged.mean() / z.var():8.2f}"
     yield from ("", "Alarms an hour, and what that rate is below by 95 % (Poisson)", "")
     yield f"{'set to, 1/h':>14}{'limit':>8}{'seen':>8}{'1/h':>10}{'below':>10}"
-    charts = found[0][1]
     for rate in RATES:
         model_watch.FALSE_ALARMS, before = rate, model_watch.FALSE_ALARMS
-        limit = model_watch.limit(charts)
+        limits = [model_watch.limit(steps) for _, steps in found]
         model_watch.FALSE_ALARMS = before
-        seen = sum(alarms(one, limit)[0] for series, _ in found for one in series.values())
+        seen = sum(
+            alarms(one, limit)[0]
+            for (series, _), limit in zip(found, limits, strict=True)
+            for one in series.values()
+        )
         below = chi2.ppf(0.95, 2 * (seen + 1)) / 2.0 / driven
-        yield f"{rate:14g}{limit:8.1f}{seen:8d}{seen / driven:10.4f}{below:10.4f}"
+        yield f"{rate:14g}{np.median(limits):8.1f}{seen:8d}{seen / driven:10.4f}{below:10.4f}"
 
 
 def delays():

@@ -92,7 +92,7 @@ def test_options_of_estimate(run, monkeypatch):
     own = {option.name for option in estimate.command.params}
     ours = {option.name for option in command.command.params}
     # What is told of one run on one terminal, in files of its own, or as a drive goes on has no place here.
-    assert own - ours <= {*FILES, "follow", "every", "idle_timeout"}
+    assert own - ours <= {*FILES, "follow", "every", "again", "idle_timeout"}
     args = ("--segments", "fixed", "--window-samples", "40", "--where", "load > 85", "--method", "ridge")
     monkeypatch.setenv("TERRAIN_EST_MIN_SAMPLES", "7")
     assert run("in/a.csv", "-o", "out", *args)[0] == 0
