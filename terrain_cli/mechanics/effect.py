@@ -103,10 +103,10 @@ class Parameter:
         The value at which the effect is absent.
     scale : float
         A typical size, as a distance from `null`; positive.
-    lower, upper : float
-        Bounds.
     meaning : str
         In a few words.
+    lower, upper : float
+        Bounds.
     factor : float
         SI value of one `unit`, where a user's effect has another than that of SI; the numbers
         above are SI all the same.
@@ -126,10 +126,10 @@ class Parameter:
     unit: str
     null: float
     scale: float
+    meaning: str = ""
     _: KW_ONLY
     lower: float = -math.inf
     upper: float = math.inf
-    meaning: str = ""
     factor: float = 1.0
     shape: bool = False
     needs: tuple[str, ...] = ()
