@@ -42,20 +42,15 @@ def max_test(
 ) -> MaxTest:
     """Test whether any of many scores is beyond chance.
 
-    Blocks are taken as independent; nothing is assumed of what happens within one, nor of how
-    the scores are related. The null hypothesis is imposed: the blocks' own scores, each times a
-    random weight, are what chance would give (Kline & Santos 2012, doi 10.1515/2156-6674.1005).
+    Blocks are taken as independent; nothing is assumed of what happens within one, nor of how the scores are
+    related. The null hypothesis is imposed: the blocks' own scores, each times a random weight, are what
+    chance would give (Kline & Santos 2012, doi 10.1515/2156-6674.1005).
 
-    Parameters
-    ----------
-    scores : ndarray, shape (blocks, m)
-        Contribution of each block to each score, whose expectation is 0 under the null hypothesis.
-    shrunk : float
-        Standard deviation of the residuals behind the scores over that of the noise: a fit takes its
-        share of them block by block, but nothing off a score's sum.
-    chance : ndarray, shape (blocks, m), optional
-        Scores of what is left when the strongest effect is taken off: what chance would give, where
-        something that is missing would pass for chance in the scores themselves.
+    `scores`, shape (blocks, m), are what each block adds to each score, whose expectation is 0 under the null
+    hypothesis. `shrunk` is the standard deviation of the residuals behind them over that of the noise: a fit
+    takes its share of them block by block, but nothing off a score's sum. `chance`, of the same shape, are
+    scores of what is left when the strongest effect is taken off: what chance would give, where something
+    that is missing would pass for chance in the scores themselves.
     """
     blocks, count = scores.shape
     noise = scores if chance is None else chance

@@ -107,25 +107,12 @@ def forces(
 ) -> tuple[Array, dict[str, Array]]:
     """Integrate the stresses over the contact.
 
-    W = b (r ∫ σ cos θ + R ∫ τ sin θ), T = R² b ∫ τ, DP = b (R ∫ τ cos θ − r ∫ σ sin θ), with the
-    shear radius R, and σ = keq (r (cos θe − cos θ1))^n, τ = (c + σ tan φ)(1 − exp(−j/k)),
-    j = R (θ1 − θ) − V/ω (sin θ1 − sin θ).
+    W = b (r ∫ σ cos θ + R ∫ τ sin θ), T = R² b ∫ τ, DP = b (R ∫ τ cos θ − r ∫ σ sin θ), with the shear radius
+    R, and σ = keq (r (cos θe − cos θ1))^n, τ = (c + σ tan φ)(1 − exp(−j/k)), j = R (θ1 − θ) − V/ω (sin θ1 −
+    sin θ).
 
-    Parameters
-    ----------
-    width : float
-        b in m.
-    by : collection of str
-        Names of `Contact` by which derivatives are wanted.
-    order : int
-        Nodes on each arc.
-
-    Returns
-    -------
-    values : ndarray, shape (3, n)
-        W in N, T in N m, DP in N.
-    slopes : dict of str to ndarray, shape (3, n)
-        Their derivatives.
+    Returns W in N, T in N m and DP in N, shape (3, n), and their derivatives by the names of `Contact` in
+    `by`. `width` is b in m, `order` the nodes on each arc.
     """
     rim = _Rim(contact, width, order)
     return rim.values, {name: getattr(rim, f"by_{name}")() for name in NAMES if name in by}

@@ -184,28 +184,14 @@ _LAST = 1e-6
 
 
 def carrying(carried: Callable[[Dual], Any], load: Array, start: Array, deepest: float) -> tuple[Array, Mask]:
-    """Find the sinkage at which a soil carries a load.
+    """Find the sinkage in m at which a soil carries a load in N, and tell where there is one.
 
-    Newton's steps on the logarithms, of which load and sinkage nearly are a line, kept within a
-    bracket that bisection narrows where a step would leave it.
+    Newton's steps on the logarithms, of which load and sinkage nearly are a line, kept within a bracket that
+    bisection narrows where a step would leave it.
 
-    Parameters
-    ----------
-    carried : callable
-        Load in N of a sinkage in m, with its derivative.
-    load : ndarray, shape (n,)
-        W in N.
-    start : ndarray, shape (n,)
-        First guess, in m; NaN will do.
-    deepest : float
-        Most that is sought, in m.
-
-    Returns
-    -------
-    sinkage : ndarray, shape (n,)
-        In m.
-    found : ndarray of bool, shape (n,)
-        False where the soil does not carry the load at the deepest, or the load is not positive.
+    `carried` gives the load of a sinkage with its derivative; `start` is a first guess, of which NaN will do,
+    and `deepest` the most that is sought. There is none where the soil does not carry the load at the
+    deepest, or the load is not positive.
     """
     high = np.full(load.shape, np.log(deepest))
     low = high + np.log(1e-9)

@@ -119,50 +119,26 @@ def fit(
 ) -> Fit:
     """Fit a wheel–soil model to windows of samples, with noise in every channel.
 
-    Parameters
-    ----------
-    channels : mapping of str to array_like, shape (n,)
-        SI units; NaN where not measured: slip and sinkage (or load, see `given`), with whichever of
-        load, torque and drawbar_pull there are, and what the effects need.
-    bounds : array_like of int, shape (w + 1,)
-        Window j is the samples bounds[j] to bounds[j + 1] − 1; from 0 to n.
-    fixed : mapping of str to float or array_like, shape (w,), optional
-        Parameters held, of soil or effects, one value for all windows or one for each.
-    priors : mapping of str to Prior, optional
-        In place of the weak ones from published soils (`unknowns.DEFAULT`), and of those of the
-        effects: their null value, give or take five of their scales.
-    shared : collection of str
-        Parameters of the soil that are one for all windows; those of the effects are.
-    local : collection of str
-        But for these, which differ from window to window.
-    noise : Noise, optional
-        Learnt from the data if not given (`learnt_noise`).
-    by_differences : bool
-        Learn only its white part (`learnt_noise`).
-    robust : bool
-        Give samples far from the fit less weight (Huber 1964), at the cost of 5 % of efficiency.
-    given : {"sinkage", "load"}
-        Predict load, torque and drawbar pull at the sinkage measured; or solve for the sinkage
-        from the load, and predict sinkage, torque and drawbar pull.
-    correlated : bool
-        Whether samples follow each other in time; False for steady test points.
-    min_samples : int
-        Windows of fewer have the status "too-few-samples".
-    joint : collection of int
-        Windows of which the joint posterior of c and φ is laid out on a grid.
-    begun : Noise, optional
-        Learnt from most of these samples: where learning begins, which then takes half of the time.
+    `channels`, shape (n,), are in SI units, NaN where not measured: slip and sinkage (or load, see `given`),
+    with whichever of load, torque and drawbar_pull there are, and what the effects need. Window j is the
+    samples bounds[j] to bounds[j + 1] − 1; from 0 to n.
 
-    Raises
-    ------
-    InputError
-        A channel without which the model cannot be fitted is missing.
-    ConfigurationError
-        A name that is no parameter of the model.
-    UsageError
-        Values or priors without meaning.
-    ValueError
-        Arrays of different length, or bounds that do not go from 0 to n.
+    Held are the parameters `fixed`, of soil or effects, one value for all windows or one for each. `priors`
+    stand in place of the weak ones from published soils (`unknowns.DEFAULT`), and of those of the effects:
+    their null value, give or take five of their scales. Parameters of the soil that are `shared` are one for
+    all windows; those of the effects are, but for `local` ones, which differ from window to window.
+
+    The noise is learnt from the data if not given (`learnt_noise`), `by_differences` only its white part;
+    learning begins where it has `begun`, with what was learnt from most of these samples, and then takes half
+    of the time. A `robust` fit gives samples far from it less weight (Huber 1964), at the cost of 5 % of
+    efficiency. `given`: predict load, torque and drawbar pull at the sinkage measured; or solve for the
+    sinkage from the load, and predict sinkage, torque and drawbar pull. Steady test points are not
+    `correlated`: they do not follow each other in time. Windows of fewer than `min_samples` have the status
+    "too-few-samples"; of the windows `joint` the joint posterior of c and φ is laid out on a grid.
+
+    InputError: a channel without which the model cannot be fitted is missing; ConfigurationError: a name that
+    is no parameter of the model; UsageError: values or priors without meaning; ValueError: arrays of
+    different length, or bounds that do not go from 0 to n.
     """
     data, rows = collect(model, channels, bounds, given)
     if min_samples < 1:
