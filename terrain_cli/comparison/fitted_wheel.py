@@ -89,11 +89,7 @@ class FittedWheel:
             correlated=self.ordered,
         )
         self.sought = sought = unknowns(
-            model,
-            fixed=settings.fixed,
-            priors=settings.priors,
-            shared=settings.shared,
-            windows=len(windows),
+            model, fixed=settings.fixed, priors=settings.priors, shared=settings.shared, windows=len(windows)
         )
         #: Parameters sought: of every window, and common to all of them.
         self.soil = tuple(u.name for u in sought.local)

@@ -272,12 +272,7 @@ _CHECKS = {
 }
 
 
-def suggest(
-    data: Ground,
-    pairs: Sequence[tuple[Hypothesis, Refit]],
-    *,
-    most: int = 3,
-) -> list[NextDrive]:
+def suggest(data: Ground, pairs: Sequence[tuple[Hypothesis, Refit]], *, most: int = 3) -> list[NextDrive]:
     """Find the drive that tells the best of a family, which comes first, from each of the others.
 
     Of several wheels, the one with most samples drives. Where no drive tells, it says so and what does, with

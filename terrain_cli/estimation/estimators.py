@@ -320,10 +320,7 @@ def of_fit(
         name: column
         for parameter in ("shear_modulus", "stiffness", "sinkage_exponent")
         if parameter in fit.values
-        for name, column in (
-            (parameter, fit.values[parameter]),
-            (f"{parameter}_se", fit.errors[parameter]),
-        )
+        for name, column in ((parameter, fit.values[parameter]), (f"{parameter}_se", fit.errors[parameter]))
     }
     estimates = replace(wheel_fit.as_window_estimates(fit, line), n=fit.n, **soil)
     estimates = with_strengths(estimates, windows, at_stress)

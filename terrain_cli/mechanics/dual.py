@@ -58,14 +58,8 @@ _TWO: dict[np.ufunc, tuple[Callable[[Any, Any, Any], Any], Callable[[Any, Any, A
     np.multiply: (lambda _a, b, _y: b, lambda a, _b, _y: a),
     np.true_divide: (lambda _a, b, _y: 1.0 / b, lambda _a, b, y: -y / b),
     np.power: (_by_base, _by_exponent),
-    np.maximum: (
-        lambda a, b, _y: np.where(a >= b, 1.0, 0.0),
-        lambda a, b, _y: np.where(a >= b, 0.0, 1.0),
-    ),
-    np.minimum: (
-        lambda a, b, _y: np.where(a <= b, 1.0, 0.0),
-        lambda a, b, _y: np.where(a <= b, 0.0, 1.0),
-    ),
+    np.maximum: (lambda a, b, _y: np.where(a >= b, 1.0, 0.0), lambda a, b, _y: np.where(a >= b, 0.0, 1.0)),
+    np.minimum: (lambda a, b, _y: np.where(a <= b, 1.0, 0.0), lambda a, b, _y: np.where(a <= b, 0.0, 1.0)),
 }
 #: Without a derivative: where they are asked, only values count.
 _PLAIN = frozenset(

@@ -178,14 +178,7 @@ def _by_samples(
 
 
 def _by_powers(
-    design: _Design,
-    j: int,
-    x: Array,
-    y: Array,
-    cohesion: Array,
-    slope: Array,
-    plus: Array,
-    minus: Array,
+    design: _Design, j: int, x: Array, y: Array, cohesion: Array, slope: Array, plus: Array, minus: Array
 ) -> Array | None:
     """Sum the squared residuals of samples left out of window j, None where one has much leverage.
 

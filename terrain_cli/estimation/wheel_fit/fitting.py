@@ -310,10 +310,7 @@ def _room(variance: Array, way: Array) -> Array:
 
 
 def _learn(
-    problem: Problem,
-    data: FitData,
-    learner: LikelyNoise | ScaledDifferences,
-    begun: State | None = None,
+    problem: Problem, data: FitData, learner: LikelyNoise | ScaledDifferences, begun: State | None = None
 ) -> tuple[Problem, float, State]:
     """Learn the noise of the sensors; return it with its degrees of freedom, and where the last search ended.
 

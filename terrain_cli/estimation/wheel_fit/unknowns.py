@@ -40,13 +40,7 @@ DEFAULT: dict[str, Prior] = {
     "sinkage_exponent": Prior(0.9, 0.3),
 }
 #: Largest step of one iteration, in the unit sought (a logarithm of k, keq).
-_STEPS = {
-    "cohesion": 1e4,
-    "tan_phi": 0.5,
-    "shear_modulus": 1.0,
-    "stiffness": 2.0,
-    "sinkage_exponent": 0.3,
-}
+_STEPS = {"cohesion": 1e4, "tan_phi": 0.5, "shear_modulus": 1.0, "stiffness": 2.0, "sinkage_exponent": 0.3}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

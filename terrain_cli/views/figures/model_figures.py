@@ -244,10 +244,7 @@ def _rungs(axes: Axes, tested: Sequence[Rung], name: str, place: dict[int, int])
     known = measured(tested, name)
     what = quantities.quantity(name, known[0][1].unit)
     at = np.array([place[rung.number] for rung, _ in known], dtype=float)
-    for side, marker, face, label in (
-        (-_APART, "o", "white", "before"),
-        (_APART, "s", COLOURS[0], "after"),
-    ):
+    for side, marker, face, label in ((-_APART, "o", "white", "before"), (_APART, "s", COLOURS[0], "after")):
         intervals = [one.before if side < 0.0 else one.after for _, one in known]
         value, spread = _spread(intervals, what.factor)
         axes.errorbar(
