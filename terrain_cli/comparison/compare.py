@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,6 @@ import numpy as np
 from terrain_cli import processes
 from terrain_cli.comparison import blocks, held_out, one_soil_or_several
 from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.comparison.bootstrap import resample
 from terrain_cli.comparison.comparison_outcome import (
     UNITS,
     ChannelErrors,
@@ -39,14 +38,6 @@ if TYPE_CHECKING:
 
 #: More samples than these are thinned: they bound time and memory, and tell what there is to tell.
 MOST_SAMPLES = 200_000
-
-
-@dataclass(frozen=True)
-class _Blocks:
-    """Block of each usable sample of each wheel; and the chain of each block, if they may still be joined."""
-
-    of: list[Index]
-    chain: Index | None = None
 
 
 def compare(
@@ -138,8 +129,8 @@ def of_fitted(
     scale = {name: scale_of(fitted, name, levels[name]) for name in channels}
     channels = [name for name in channels if scale[name] > 0.0]
     scale = {name: scale[name] for name in channels}
-    made = _blocks(fitted) if like is None else _Blocks([one.blocks for one in like.wheels])
-    count = 1 + max(int(block.max(initial=-1)) for block in made.of)
+    made, chain = _blocks(fitted) if like is None else ([one.blocks for one in like.wheels], None)
+    count = 1 + max(int(block.max(initial=-1)) for block in made)
     failures = []
     progress("looking for where the model fails")
     if not scale:
@@ -150,19 +141,21 @@ def of_fitted(
             "where the model fails cannot be told from chance"
         )
     else:
-        if made.chain is not None:
-            label = Residuals(fitted, made.of, scale).joined(made.chain)
-            made = _Blocks([label[block] for block in made.of])
-        failures = Residuals(fitted, made.of, scale).findings(levels, seed)
+        if chain is not None:
+            label = Residuals(fitted, made, scale).joined(chain)
+            made = [label[block] for block in made]
+        failures = Residuals(fitted, made, scale).findings(levels, seed)
         failures += _between_segments(fitted, failures, levels, seed)
+    ordered = any(wheel.ordered for wheel in fitted)
+    why = "too few samples" if ordered else "too few test points were repeated"
     warnings += [
-        f"the noise of {name.replace('_', ' ')} cannot be told from misfit: {_why(fitted)}"
+        f"the noise of {name.replace('_', ' ')} cannot be told from misfit: {why}"
         for name in channels
         if not np.isfinite(levels[name])
     ]
     warnings += _unpredicted(fitted)
     progress("predicting blocks left out")
-    compared = [_compared(wheel, block, scale, seed) for wheel, block in zip(fitted, made.of, strict=True)]
+    compared = [_compared(wheel, block, scale, seed) for wheel, block in zip(fitted, made, strict=True)]
     return Comparison(
         model={"base": model.base, "effects": [effect.id for effect in model.effects]},
         wheels=compared,
@@ -208,12 +201,6 @@ def _between_segments(
     return Residuals(common, block, scale, found=known).findings(levels, seed)
 
 
-def _why(wheels: Sequence[FittedWheel]) -> str:
-    return (
-        "too few samples" if any(wheel.ordered for wheel in wheels) else "too few test points were repeated"
-    )
-
-
 def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:
     """Say where channels are measured and the model has no answer."""
     for wheel in wheels:
@@ -247,8 +234,11 @@ def scale_of(wheels: Sequence[FittedWheel], name: str, level: float) -> float:
     return max(level, criteria.LEAST_NOISE_OF_SCALE * rms) if np.isfinite(level) else rms
 
 
-def _blocks(wheels: Sequence[FittedWheel]) -> _Blocks:
-    """Cut the data into blocks: at the same times for all wheels of an input."""
+def _blocks(wheels: Sequence[FittedWheel]) -> tuple[list[Index], Index | None]:
+    """Cut the data into blocks: at the same times for all wheels of an input.
+
+    Returns the block of each usable sample of each wheel; and the chain of each block, if they may be joined.
+    """
     memory = max(wheel.memory for wheel in wheels)
     longer = max(criteria.BLOCK_SAMPLES, criteria.BLOCK_MEMORIES * (memory + 1))
     shortest = longer if any(wheel.ordered for wheel in wheels) else 1
@@ -278,7 +268,7 @@ def _blocks(wheels: Sequence[FittedWheel]) -> _Blocks:
         for index in members:
             of[index] = own if index == leader else _same_times(wheels[leader], own, wheels[index])
     chain = np.array([chain_of[block] for block in range(len(chain_of))], dtype=np.intp)
-    return _Blocks(of, None if enough else chain)
+    return of, None if enough else chain
 
 
 def _runs(wheel: FittedWheel) -> Index:
@@ -351,6 +341,8 @@ def _heldout(parts: Sequence[tuple[Series, Index]], seed: int) -> tuple[float, f
     value = float(np.sqrt(total[0] / total[1]))
     if len(sums) < 2:
         return value, np.nan, np.nan
-    draws = resample(sums, lambda drawn: np.sqrt(drawn[:, 0] / np.maximum(drawn[:, 1], 1.0)), seed=seed)
+    draws = blocks.resample(
+        sums, lambda drawn: np.sqrt(drawn[:, 0] / np.maximum(drawn[:, 1], 1.0)), seed=seed
+    )
     low, high = np.quantile(draws, [0.025, 0.975])
     return value, float(low), float(high)

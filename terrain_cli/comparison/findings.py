@@ -11,9 +11,9 @@ from terrain_cli.comparison import blocks, shapes
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import UNITS, Finding
 from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_of
-from terrain_cli.comparison.prediction import derivatives
 from terrain_cli.comparison.residual_scores import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
+from terrain_cli.comparison.smoothed_channels import is_quiet
 from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
@@ -91,20 +91,10 @@ class Residuals:
     def _of_wheel(self, index: int, block: Index) -> ResidualEvidence:
         wheel, rows = self.wheels[index], self.rows[index]
         channels, drivers = wheel.smoothed(wheel.gap, rows)
-        known = np.ones(len(rows), dtype=bool)
-        for name in ("load", "slip", "sinkage"):
-            if name in channels:
-                known &= np.isfinite(channels[name])
+        known = is_quiet(channels)
         local, own = len(wheel.soil), len(wheel.common)
-        tables = derivatives(
-            wheel.model,
-            wheel.geometry,
-            channels,
-            lambda some: wheel.of_samples(rows[some]),
-            (*wheel.soil, *wheel.common),
-        )
         slopes = {}
-        for name, table in tables.items():
+        for name, table in wheel.slopes(channels, rows).items():
             # Each wheel was fitted on its own: its common parameters are its own too.
             common = np.zeros((len(rows), own * len(self.wheels)))
             common[:, index * own : (index + 1) * own] = table[:, local:]
@@ -142,15 +132,15 @@ class Residuals:
         found = [shapes.constant()]
         known = None if self.found is None else {driver for _, driver in self.found}
         for name in dict.fromkeys(name for one in self.evidence for name in one.drivers):
-            values = np.concatenate([one.drivers[name] for one in self.evidence if name in one.drivers])
+            several = [one.drivers[name] for one in self.evidence if name in one.drivers]
+            values = np.concatenate(several)
             if known is not None and name not in known and not self._differs(name):
                 continue
             if name in self.labels:
                 found += shapes.of_label(name, values)
             elif name == ANGLE:
-                found += shapes.of_turning(
-                    name, [one.drivers[name] for one in self.evidence if name in one.drivers], self._teeth()
-                )
+                teeth = {wheel.geometry.grouser_count for wheel in self.wheels} - {0}
+                found += shapes.of_turning(name, several, sorted({*shapes.HARMONICS, *teeth}))
             else:
                 found += shapes.of_number(name, values)
         return found
@@ -169,10 +159,6 @@ class Residuals:
             inside += float(((values[known] - mean[segment]) ** 2).sum())
             whole += float(((values[known] - values[known].mean()) ** 2).sum())
         return inside < 0.5 * whole
-
-    def _teeth(self) -> tuple[int, ...]:
-        counts = {wheel.geometry.grouser_count for wheel in self.wheels} - {0}
-        return tuple(sorted({*shapes.HARMONICS, *counts}))
 
     def search(self) -> Search:
         """Set up the search."""

@@ -39,10 +39,7 @@ def as_few_as_predict(
         fewer = one[0]
         part = _parts(wheel)
         difference = _loss(fewer, wheel, part) - _loss(wheel, wheel, part)
-        error = (
-            float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
-        )
-        if float(difference.sum()) <= criteria.AS_GOOD * error:
+        if float(difference.sum()) <= criteria.AS_GOOD * blocks.error(difference):
             result.append(fewer)
             samples = wheel.windows.samples
             told.append(

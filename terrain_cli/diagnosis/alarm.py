@@ -9,11 +9,11 @@ import numpy as np
 
 from terrain_cli import effects as catalogues
 from terrain_cli.comparison import distributions
-from terrain_cli.comparison.bootstrap import DRAWS, max_test
+from terrain_cli.comparison.blocks import DRAWS, error, max_test
 from terrain_cli.comparison.comparison_outcome import EffectScores
 from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis import drafted_laws, refit_ranking, screening, signatures
+from terrain_cli.diagnosis import drafted_laws, screening, signatures
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,10 +38,10 @@ def of_gain(gain: Array) -> float:
     counts how many of all choices of their signs give as much (Fisher 1935, The Design of Experiments). The
     gain, by block, is the loss of one model less that of another; of a single block the answer is 1.
     """
-    error = refit_ranking.error(gain)
-    if not np.isfinite(error) or error <= 0.0:
+    size = error(gain)
+    if not np.isfinite(size) or size <= 0.0:
         return 1.0
-    of_mean = float(distributions.student_tail(gain.sum() / error, len(gain) - 1.0))
+    of_mean = float(distributions.student_tail(gain.sum() / size, len(gain) - 1.0))
     if len(gain) >= _FEW:
         return of_mean
     signs = np.array(list(product((-1.0, 1.0), repeat=len(gain))))

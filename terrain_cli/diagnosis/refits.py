@@ -316,11 +316,8 @@ def on_wheel(wheel: FittedWheel, solution: Solution, fixed: Mapping[str, float])
     solved = copy.copy(wheel)
     for name in _COMPUTED:
         solved.__dict__.pop(name, None)
-    local, shared = solution.unknowns.local, solution.unknowns.shared
-    solved.model, solved.sought = solution.model, solution.unknowns
-    solved.soil, solved.common = tuple(u.name for u in local), tuple(u.name for u in shared)
-    solved.logarithmic = frozenset(u.name for u in (*local, *shared) if u.logarithm)
-    solved.prior = {u.name: u.sd for u in (*local, *shared)}
+    solved.model = solution.model
+    solved.seek(solution.unknowns)
     held = {name: np.full(len(wheel.windows), value) for name, value in fixed.items()}
     solved.parameters = {**wheel.parameters, **held, **smoothed_fit.parameters(solution)}
     return solved
