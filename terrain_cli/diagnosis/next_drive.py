@@ -122,11 +122,7 @@ class Side:
         names = [u.name for u in (*sought.local, *sought.shared)]
         numbers = solution.of_samples(part.window)
         _, tables = smoothed_model.forecast(solution.model, part, numbers, names, order=smoothed_model.ORDER)
-        scale = np.ones((len(part.window), len(names)))
-        for column, unknown in enumerate(sought.local):
-            scale[:, column] = unknown.slope(solution.t[:, column])[part.window]
-        for column, unknown in enumerate(sought.shared):
-            scale[:, self.soil + column] = unknown.slope(np.asarray(solution.common[column]))
+        scale = sought.slopes(solution.t, solution.common)[part.window]
         white = part.white({name: table * scale for name, table in tables.items()}, part.seen)
         return widened(white, self.soil, part.window, part.windows)
 

@@ -20,6 +20,7 @@ from terrain_cli.comparison import (
 from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.estimation.wheel_fit import normal_equations
+from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
 if TYPE_CHECKING:
@@ -272,7 +273,7 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
     q, m = solution.t.shape[1], len(solution.common)
     prior = solution.spread * np.eye(q + m)
     sought = solution.unknowns
-    low, high = (np.array([getattr(u, side) for u in sought.shared]) for side in ("lower", "upper"))
+    low, high, _ = limits(sought.shared)
     farthest = held_out.FARTHEST
     reach = (np.maximum(low - solution.common, -farthest), np.minimum(high - solution.common, farthest))
     moved = np.clip(
@@ -283,8 +284,7 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
     t = solution.t[part.window] + moved[cell][:, :q]
     common = solution.common[None] + moved[cell][:, q:]
     common = np.clip(common, low, high)
-    low, high = (np.array([getattr(u, side) for u in sought.local]) for side in ("lower", "upper"))
-    t = np.clip(t, low, high)
+    t = inside(sought.local, t)
     found, _ = smoothed_model.forecast(
         solution.model,
         part,

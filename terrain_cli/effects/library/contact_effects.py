@@ -33,12 +33,12 @@ MAX_STRESS_ANGLE = Effect(
         "Where two bodies of soil part, one flowing forward and one backward, the stress on the rim is "
         "greatest. The base models put that point half-way to the entry angle. Wong and Reece found it "
         "moving forward with slip: c1, c2 of 0.18, 0.32 in loose and 0.43, 0.32 in compact sand. A stress "
-        "further forward leans against the motion and carries less: at one load drawbar pull falls with "
-        "slip and sinkage rises somewhat, while torque hardly changes. The excess of T/r over DP, close to "
-        "W tan θm, grows with slip; the parasitic torque of drivetrain-friction makes an excess too, but a "
-        "constant one. Slip-sinkage raises sinkage far more, and torque with it; shear-modulus lowers "
-        "torque and pull together. Shares at full slip, c1 + c2, were found from 0.5 to 0.8: "
-        "where a fit needs more, it stands for something else."
+        "further forward leans against the motion and carries less: at one load drawbar pull falls with slip "
+        "and sinkage rises somewhat, while torque hardly changes. The excess of T/r over DP, close to W tan "
+        "θm, grows with slip; the parasitic torque of drivetrain-friction makes an excess too, but a "
+        "constant one. Slip-sinkage raises sinkage far more, and torque with it; shear-modulus lowers torque "
+        "and pull together. Shares at full slip, c1 + c2, were found from 0.5 to 0.8: where a fit needs "
+        "more, it stands for something else."
     ),
     shows="drawbar pull against slip, and T/r − DP most of all",
     reference=(
@@ -75,10 +75,10 @@ REAR_CONTACT = Effect(
         "The soil springs back or flows in behind the wheel, and the contact ends behind the lowest point "
         "instead of at it. Ishigami et al. give the height of the rut as a share λ of the sinkage, θ2 = "
         "−arccos(1 − λ z/r), which for shallow sinkage is c3 = √λ; λ is 0.9 to 1.1 in regolith and 0.05 to "
-        "0.1 in soil that stays compacted. The longer contact carries more load at the same sinkage, and "
-        "its rear part pushes the wheel forward: drawbar pull and torque gain, the more the deeper the "
-        "wheel. A stiffer soil also carries more at the same sinkage, but does not push; grousers add "
-        "torque and pull without carrying load."
+        "0.1 in soil that stays compacted. The longer contact carries more load at the same sinkage, and its "
+        "rear part pushes the wheel forward: drawbar pull and torque gain, the more the deeper the wheel. A "
+        "stiffer soil also carries more at the same sinkage, but does not push; grousers add torque and pull "
+        "without carrying load."
     ),
     shows="load and drawbar pull against sinkage",
     reference=(
@@ -122,13 +122,13 @@ GROUSERS = Effect(
     formula="rs = r + λs h",
     explanation=(
         "Between grousers the soil is carried round with the wheel, so that the shear surface is a circle "
-        "outside the rim: its radius is r + λs h, with λs of 0.5 for sparse lugs to 1 for dense ones. "
-        "Torque and drawbar pull gain at once by about 2 h/r, and the soil is already sheared at a slip of "
-        "zero, as if the slip axis were shifted. The wheel-radius effect shifts the slip axis but adds no "
-        "torque at high slip; a higher strength adds torque but shifts nothing; slip-sinkage moves the "
-        "sinkage, which grousers hardly do. Slip is that of the rim, 1 − V/(rω). Where it was recorded as "
-        "1 − V/(rs ω), as Ding and others have it, c, tan φ and k take up everything but a torque higher by "
-        "rs/r: no drive then tells grousers from gear-efficiency with η = r/rs, and a diagnosis leaves both."
+        "outside the rim: its radius is r + λs h, with λs of 0.5 for sparse lugs to 1 for dense ones. Torque "
+        "and drawbar pull gain at once by about 2 h/r, and the soil is already sheared at a slip of zero, as "
+        "if the slip axis were shifted. The wheel-radius effect shifts the slip axis but adds no torque at "
+        "high slip; a higher strength adds torque but shifts nothing; slip-sinkage moves the sinkage, which "
+        "grousers hardly do. Slip is that of the rim, 1 − V/(rω). Where it was recorded as 1 − V/(rs ω), as "
+        "Ding and others have it, c, tan φ and k take up everything but a torque higher by rs/r: no drive "
+        "then tells grousers from gear-efficiency with η = r/rs, and a diagnosis leaves both."
     ),
     shows="torque and drawbar pull at every slip, and a shift along the slip axis",
     reference=(
@@ -182,16 +182,16 @@ FLEXIBLE_WHEEL = Effect(
         "A metal or elastic wheel flattens by δ, 2 to 10 % of its radius. The contact is then as long as "
         "that of a wheel sunk by z + δ, on an arc of a greater radius: the load spreads, sinkage is lower "
         "than a rigid wheel's, and the stresses lean less against the motion, so that drawbar pull gains. "
-        "The wheel rolls on r − δ, and slip computed with r is too high by (1 − i) δ/r. Wheel-radius "
-        "shifts slip alone. A stiffer soil lowers sinkage alone. The two signs together, low sinkage and a "
-        "shift along the slip axis, are the mark of a flexible wheel. The deflection is taken as constant; "
-        "it grows with load."
+        "The wheel rolls on r − δ, and slip computed with r is too high by (1 − i) δ/r. Wheel-radius shifts "
+        "slip alone. A stiffer soil lowers sinkage alone. The two signs together, low sinkage and a shift "
+        "along the slip axis, are the mark of a flexible wheel. The deflection is taken as constant; it "
+        "grows with load."
     ),
     shows="sinkage below that of a rigid wheel, and torque and drawbar pull along the slip axis",
     reference=(
-        "Wong (2008), Theory of Ground Vehicles, 4th edition, Wiley: elastic wheels; Sharma, Tiwary, "
-        "Kumar, Suresha Kumar, Keshava Murthy (2018), Systematic design and development of a flexible "
-        "wheel for low mass lunar rover, Journal of Terramechanics 76, 39–52"
+        "Wong (2008), Theory of Ground Vehicles, 4th edition, Wiley: elastic wheels; Sharma, Tiwary, Kumar, "
+        "Suresha Kumar, Keshava Murthy (2018), Systematic design and development of a flexible wheel for low "
+        "mass lunar rover, Journal of Terramechanics 76, 39–52"
     ),
     settled_by="a slip sweep through zero with sinkage measured, or a side view of the loaded wheel",
 )

@@ -29,12 +29,11 @@ LOAD_BIAS = Effect(
     needs=("load",),
     formula="W shown = gain · W + offset",
     explanation=(
-        "A load cell that was zeroed under the weight of the leg, or drifts with temperature, shows g W + "
-        "o: on the wheels of a rover in the field g was 0.95 to 0.99 and o 1 to 114 N. Sinkage, torque and "
-        "pull are all too high or too low for the load that is shown. An offset passes for cohesion, as "
-        "both are the same at every load; a gain passes for friction and stiffness. At one load gain and "
-        "offset are the same thing. Drivetrain-friction moves torque only; load-transfer is nothing on the "
-        "flat."
+        "A load cell that was zeroed under the weight of the leg, or drifts with temperature, shows g W + o: "
+        "on the wheels of a rover in the field g was 0.95 to 0.99 and o 1 to 114 N. Sinkage, torque and pull "
+        "are all too high or too low for the load that is shown. An offset passes for cohesion, as both are "
+        "the same at every load; a gain passes for friction and stiffness. At one load gain and offset are "
+        "the same thing. Drivetrain-friction moves torque only; load-transfer is nothing on the flat."
     ),
     shows="sinkage, torque and drawbar pull against load",
     reference=(
@@ -65,9 +64,9 @@ SINKAGE_BIAS = Effect(
         "Sinkage is read from an image of the rim, or from the height of the axle over ground whose height "
         "is guessed: a few millimetres are easily missed, and the rut's wall or a heap before the wheel "
         "counts as ground. The reading is off by the same amount everywhere. Torque and pull that are "
-        "predicted from it are wrong through the entry angle, most where the wheel sinks least, and a "
-        "wheel on firm ground shows a sinkage, perhaps a negative one. A softer soil adds sinkage in "
-        "proportion to load instead; slip-sinkage adds it with slip."
+        "predicted from it are wrong through the entry angle, most where the wheel sinks least, and a wheel "
+        "on firm ground shows a sinkage, perhaps a negative one. A softer soil adds sinkage in proportion to "
+        "load instead; slip-sinkage adds it with slip."
     ),
     shows="sinkage by a constant; torque and drawbar pull through the entry angle",
     reference=(
@@ -133,17 +132,17 @@ WHEEL_RADIUS = Effect(
     needs=("slip",),
     formula="1 − i felt = (1 − i)/(1 + Δr/r), so that i rises by nearly (1 − i) Δr/r",
     explanation=(
-        "Slip is 1 − V/(r ω). With grousers, tyre wear or a bent rim the radius on which the wheel rolls "
-        "is 1 to 10 % off, and slip is off by (1 − i) Δr/r: all of it at low slip, nothing at full slip. A "
+        "Slip is 1 − V/(r ω). With grousers, tyre wear or a bent rim the radius on which the wheel rolls is "
+        "1 to 10 % off, and slip is off by (1 − i) Δr/r: all of it at low slip, nothing at full slip. A "
         "speed that is off by a factor does the same. The curves of torque and pull over slip are shifted "
-        "sideways, so that torque is zero at a slip that is not. Grousers shift them too, but add torque "
-        "at high slip; flexible-wheel shifts them and lengthens the contact; shear-modulus bends them and "
+        "sideways, so that torque is zero at a slip that is not. Grousers shift them too, but add torque at "
+        "high slip; flexible-wheel shifts them and lengthens the contact; shear-modulus bends them and "
         "leaves their beginning at zero."
     ),
     shows="torque and drawbar pull along the slip axis; no torque at a slip that is not zero",
     reference=(
-        "Borenstein, Feng (1996), Measurement and correction of systematic odometry errors in mobile "
-        "robots, IEEE Transactions on Robotics and Automation 12(6), 869–880, doi 10.1109/70.544770"
+        "Borenstein, Feng (1996), Measurement and correction of systematic odometry errors in mobile robots, "
+        "IEEE Transactions on Robotics and Automation 12(6), 869–880, doi 10.1109/70.544770"
     ),
     settled_by="a slip sweep through zero, or the distance of ten turns on firm ground",
 )
@@ -188,14 +187,13 @@ SENSOR_LAG = Effect(
     any_of=tuple(f"{channel}_rate" for channel in _LATE_CHANNELS),
     formula="shown = true − lag · d(shown)/dt, for torque, drawbar pull and sinkage each",
     explanation=(
-        "Filters, buses and clocks that disagree make a channel late by 0.05 to 0.5 s. Where nothing "
-        "changes it is right; in a change the residual is the lag times the channel's own rate, with one "
-        "sign as it rises and the other as it falls, so that torque over slip becomes a loop. The lags are "
-        "relative to slip and load: if those are late, all three come out early, below zero. A wheel that "
-        "has yet to sink after a change of slip makes sinkage loop too: there it is a distance that counts, "
-        "see sinkage-relaxation. Acceleration-torque follows the wheel's acceleration, not the torque's "
-        "rate. A lag longer than the changes themselves is beyond this first-order law: shift the channel "
-        "instead."
+        "Filters, buses and clocks that disagree make a channel late by 0.05 to 0.5 s. Where nothing changes "
+        "it is right; in a change the residual is the lag times the channel's own rate, with one sign as it "
+        "rises and the other as it falls, so that torque over slip becomes a loop. The lags are relative to "
+        "slip and load: if those are late, all three come out early, below zero. A wheel that has yet to "
+        "sink after a change of slip makes sinkage loop too: there it is a distance that counts, see "
+        "sinkage-relaxation. Acceleration-torque follows the wheel's acceleration, not the torque's rate. A "
+        "lag longer than the changes themselves is beyond this first-order law: shift the channel instead."
     ),
     shows="the late channel, against its own rate of change",
     reference=(
@@ -254,16 +252,16 @@ GROUSER_RIPPLE = Effect(
     needs=("load", "wheel_angle", "grouser_count"),
     formula="T += W r A(ψ), DP += W A(ψ), z *= 1 + A(ψ), A = sine · sin ψ + cosine · cos ψ, ψ = Ng ∫ω dt",
     explanation=(
-        "Each grouser that enters the soil adds to the thrust and each that leaves takes from it, so "
-        "torque, pull and sinkage swing at the frequency Ng ω/2π, by 5 to 30 % of the pull; the stick and "
-        "slip of a smooth wheel looks alike, at another frequency. Amplitudes are given over the load, "
-        "since the pull itself passes through zero, each with a sine and a cosine because the phase is not "
-        "known. Means are right and the residual is periodic in the wheel's angle. Where wheel speed "
-        "swings with it, acceleration-torque has the same period, in torque alone. A log of fewer than two "
-        "samples a grouser shows it at a false, lower frequency, which this law follows as well, as long "
-        "as ω is exact. The angle is not known where a run begins or after a gap: in a log of several "
-        "stretches, of 1.5 grousers at the least in each third, ψ counts from the crest of the channel that "
-        "ripples most, each third of a stretch being told by the next, so that noise cannot align itself."
+        "Each grouser that enters the soil adds to the thrust and each that leaves takes from it, so torque, "
+        "pull and sinkage swing at the frequency Ng ω/2π, by 5 to 30 % of the pull; the stick and slip of a "
+        "smooth wheel looks alike, at another frequency. Amplitudes are given over the load, since the pull "
+        "itself passes through zero, each with a sine and a cosine because the phase is not known. Means are "
+        "right and the residual is periodic in the wheel's angle. Where wheel speed swings with it, "
+        "acceleration-torque has the same period, in torque alone. A log of fewer than two samples a grouser "
+        "shows it at a false, lower frequency, which this law follows as well, as long as ω is exact. The "
+        "angle is not known where a run begins or after a gap: in a log of several stretches, of 1.5 "
+        "grousers at the least in each third, ψ counts from the crest of the channel that ripples most, each "
+        "third of a stretch being told by the next, so that noise cannot align itself."
     ),
     shows="torque, drawbar pull and sinkage, periodic at Ng ω/2π; below twice that rate of samples, aliased",
     reference=(

@@ -54,18 +54,18 @@ MULTI_PASS = Effect(
     needs=("pass_number",),
     formula="keq, c and k each times 1 + gain (1 − exp(−N))/(1 − exp(−1)), N the number of passes before",
     explanation=(
-        "The first wheel compacts the soil, and the next in its rut finds it stiffer, mostly by 10 to 100 "
-        "%, more cohesive, and sheared over a shorter way. The first pass does most; later ones add less "
-        "each, and after three or four nothing changes. Sinkage falls and drawbar pull rises in a step "
-        "where the pass number changes, between front and rear wheels or where the rover crosses its own "
-        "track. Load-transfer also tells front from rear wheels, but follows pitch and acceleration; a "
-        "change of soil along the way makes a step too, and not at the same place for every wheel."
+        "The first wheel compacts the soil, and the next in its rut finds it stiffer, mostly by 10 to 100 %, "
+        "more cohesive, and sheared over a shorter way. The first pass does most; later ones add less each, "
+        "and after three or four nothing changes. Sinkage falls and drawbar pull rises in a step where the "
+        "pass number changes, between front and rear wheels or where the rover crosses its own track. "
+        "Load-transfer also tells front from rear wheels, but follows pitch and acceleration; a change of "
+        "soil along the way makes a step too, and not at the same place for every wheel."
     ),
     shows="sinkage and drawbar pull, in a step at the pass number; rear wheels against front ones",
     reference=(
-        "Abebe et al. (1989), Soil compaction by multiple passes of a rigid wheel relevant for "
-        "optimization of traffic, Journal of Terramechanics 26(2), 139, doi 10.1016/0022-4898(89)90003-7; "
-        "after Holm (1969), Multi-pass behaviour of a pneumatic tire, Journal of Terramechanics 6"
+        "Abebe et al. (1989), Soil compaction by multiple passes of a rigid wheel relevant for optimization "
+        "of traffic, Journal of Terramechanics 26(2), 139, doi 10.1016/0022-4898(89)90003-7; after Holm "
+        "(1969), Multi-pass behaviour of a pneumatic tire, Journal of Terramechanics 6"
     ),
     settled_by="the same track driven twice",
 )
@@ -100,9 +100,9 @@ SINKAGE_RELAXATION = Effect(
         "over some part of its contact, until the ground under it has seen nothing but the new slip. So "
         "sinkage comes to its steady value over a distance, as the side force of a tyre does over its "
         "relaxation length. While the wheel stands, its sinkage stays as it is. The length is of the order "
-        "of the contact, the radius times the entry angle: in a simulation of sand as a continuum it is "
-        "half to all of that. Torque and drawbar pull follow at once. Sinkage over slip becomes a loop, as "
-        "it does where the sensor is late, but a lag is a time and this is a distance: at half the speed it "
+        "of the contact, the radius times the entry angle: in a simulation of sand as a continuum it is half "
+        "to all of that. Torque and drawbar pull follow at once. Sinkage over slip becomes a loop, as it "
+        "does where the sensor is late, but a lag is a time and this is a distance: at half the speed it "
         "lasts twice as long. At one speed nobody can tell it from sensor-lag. Slip-sinkage says how deep "
         "the wheel stands in the end, this effect over which distance it gets there."
     ),
@@ -188,18 +188,18 @@ CRUST = Effect(
     laws={"normal_stress": _under_a_crust},
     formula="σ += strength (1 − exp(−depth/thickness))",
     explanation=(
-        "Salts, moisture or frost cement the surface to a crust of 0.5 to 10 kPa over soft soil, as at "
-        "Troy, where Spirit broke through. The ground is stiff until the pressure reaches that of the "
-        "crust and soft beyond: little sinkage up to a load, and much for a little more. As the crust's "
-        "strength changes from place to place, sinkage and torque jump between two values, and their "
-        "residuals have two peaks. A smaller exponent n has the same shape, without the threshold; hardpan "
-        "is soft first and stiff below."
+        "Salts, moisture or frost cement the surface to a crust of 0.5 to 10 kPa over soft soil, as at Troy, "
+        "where Spirit broke through. The ground is stiff until the pressure reaches that of the crust and "
+        "soft beyond: little sinkage up to a load, and much for a little more. As the crust's strength "
+        "changes from place to place, sinkage and torque jump between two values, and their residuals have "
+        "two peaks. A smaller exponent n has the same shape, without the threshold; hardpan is soft first "
+        "and stiff below."
     ),
     shows="sinkage and torque in jumps, with two peaks in their residuals",
     reference=(
-        "Arvidson et al. (2010), Spirit Mars Rover Mission: Overview and selected results from the "
-        "northern Home Plate Winter Haven to the side of Scamander crater, Journal of Geophysical Research "
-        "115, doi 10.1029/2010JE003633"
+        "Arvidson et al. (2010), Spirit Mars Rover Mission: Overview and selected results from the northern "
+        "Home Plate Winter Haven to the side of Scamander crater, Journal of Geophysical Research 115, doi "
+        "10.1029/2010JE003633"
     ),
     settled_by="load steps from a light wheel on, on fresh ground",
 )

@@ -57,8 +57,8 @@ SLIP_SINKAGE = Effect(
     laws={"sinkage_exponent": _exponent, "sinkage": _sinkage},
     formula="n = n0 + n1 |i| + n2 max(−i, 0); z *= 1 + S |i|",
     explanation=(
-        "A slipping wheel carries soil backwards from under itself and sinks into the hole: at a slip of "
-        "0.6 it stands three to seven times as deep as at rest. Ding et al. let the exponent of the "
+        "A slipping wheel carries soil backwards from under itself and sinks into the hole: at a slip of 0.6 "
+        "it stands three to seven times as deep as at rest. Ding et al. let the exponent of the "
         "pressure–sinkage law grow with slip; n1 is 0.3 to 1 in loose soil: all of the contact is longer "
         "then. Lyasko lets the sinkage alone grow, z = z0 (1 + S i)/(1 − 0.5 S i), by soil that is carried "
         "away without bearing more; here z0 (1 + S |i|), as on a smooth wheel in dry sand S = 1 does. One "
@@ -70,10 +70,10 @@ SLIP_SINKAGE = Effect(
     ),
     shows="sinkage, then torque and drawbar pull, against slip",
     reference=(
-        "Ding, Gao, Deng, Tao (2010), Wheel slip-sinkage and its prediction model of lunar rover, Journal "
-        "of Central South University of Technology 17(1), 129–135, doi 10.1007/s11771-010-0021-7; Lyasko "
-        "(2010), Slip sinkage effect in soil–vehicle mechanics, Journal of Terramechanics 47(1), 21–31, "
-        "doi 10.1016/j.jterra.2009.08.005; growth of its own in skids: Pavlov (2024), on dry sand"
+        "Ding, Gao, Deng, Tao (2010), Wheel slip-sinkage and its prediction model of lunar rover, Journal of "
+        "Central South University of Technology 17(1), 129–135, doi 10.1007/s11771-010-0021-7; Lyasko "
+        "(2010), Slip sinkage effect in soil–vehicle mechanics, Journal of Terramechanics 47(1), 21–31, doi "
+        "10.1016/j.jterra.2009.08.005; growth of its own in skids: Pavlov (2024), on dry sand"
     ),
     settled_by="a slip sweep at one load, with sinkage and drawbar pull measured together",
 )
@@ -112,10 +112,9 @@ RATE_DEPENDENCE = Effect(
         "Shear strength grows with the logarithm of the rate of shearing: clearly the cohesion of moist "
         "soils, little the friction of dry sand, β from 0 to 0.15. Beyond 0.2 m/s a wheel in loose sand "
         "loses pull instead, as it throws soil away, and β comes out negative. Torque and drawbar pull "
-        "differ between slow and fast at the same slip. In most drives slip changes with speed, and then "
-        "all that depends on slip, such as shear-modulus and max-stress-angle, passes for it and it for "
-        "them. The viscous part of drivetrain-friction depends on speed too, but leaves drawbar pull "
-        "alone."
+        "differ between slow and fast at the same slip. In most drives slip changes with speed, and then all "
+        "that depends on slip, such as shear-modulus and max-stress-angle, passes for it and it for them. "
+        "The viscous part of drivetrain-friction depends on speed too, but leaves drawbar pull alone."
     ),
     shows="torque and drawbar pull against speed at one slip",
     reference=(
@@ -175,19 +174,18 @@ SIDE_SLIP = Effect(
     laws={"shear_modulus": _modulus_by_angle, "shear_stress": _shared_stress},
     needs=("slip_angle",),
     formula=(
-        "k = k0 (1 + k_growth |β|); τ = τmax (1 − exp(−ρ)) (j/k)/ρ, ρ² = (j/k)² + lateral (jy/k)², jy = r "
-        "(1 − i)(θ1 − θ) tan β"
+        "k = k0 (1 + k_growth |β|); τ = τmax (1 − exp(−ρ)) (j/k)/ρ, ρ² = (j/k)² + lateral (jy/k)², jy = r (1 "
+        "− i)(θ1 − θ) tan β"
     ),
     explanation=(
         "In a turn or across a slope the wheel moves at an angle β to its plane. The soil is then sheared "
-        "along and across at once. Ishigami et al. find that it gives way over a longer displacement "
-        "along, k = 0.043 |β| + 0.036 m, which is a k_growth of 1.2 per radian, and over ky = 0.020 |β| + "
-        "0.013 m across. Beyond that the strength is shared in the direction of the displacement, each "
-        "part counted by its own modulus: `lateral` is (k/ky)², 1 for a soil that is the same both ways "
-        "and some 4 to 8 with those moduli; 0 leaves the sharing out. Torque and drawbar pull fall with "
-        "|β|, most at low slip, where the displacement across outweighs the one along. It looks like a "
-        "lower strength in turns. Slope and load-transfer often come together with it, and follow pitch, "
-        "not β."
+        "along and across at once. Ishigami et al. find that it gives way over a longer displacement along, "
+        "k = 0.043 |β| + 0.036 m, which is a k_growth of 1.2 per radian, and over ky = 0.020 |β| + 0.013 m "
+        "across. Beyond that the strength is shared in the direction of the displacement, each part counted "
+        "by its own modulus: `lateral` is (k/ky)², 1 for a soil that is the same both ways and some 4 to 8 "
+        "with those moduli; 0 leaves the sharing out. Torque and drawbar pull fall with |β|, most at low "
+        "slip, where the displacement across outweighs the one along. It looks like a lower strength in "
+        "turns. Slope and load-transfer often come together with it, and follow pitch, not β."
     ),
     shows="drawbar pull and torque against |slip angle|, and so against yaw rate",
     reference=(
@@ -220,13 +218,13 @@ SHEAR_MODULUS = Effect(
     laws={"shear_modulus": _modulus_by_slip},
     formula="k = k0 (1 + k1 |i|)",
     explanation=(
-        "The displacement k after which the soil's strength is nearly all there depends on the thickness "
-        "of the layer that is sheared: 1 to 40 mm, and under a plate it is not what it is under a wheel. "
-        "As a wheel slips it loosens the soil and shears a thicker layer, and k grows. Torque and pull "
-        "then rise more slowly with slip than one k allows: the curve is bent below a slip of about 0.2, "
-        "and flatter beyond. Sinkage hardly moves, which tells it from slip-sinkage; T/r − DP hardly "
-        "moves, which tells it from max-stress-angle. A wrong but constant k is no effect: let k be "
-        "estimated first. Post-peak-softening makes the curve fall at high slip, which no k1 does."
+        "The displacement k after which the soil's strength is nearly all there depends on the thickness of "
+        "the layer that is sheared: 1 to 40 mm, and under a plate it is not what it is under a wheel. As a "
+        "wheel slips it loosens the soil and shears a thicker layer, and k grows. Torque and pull then rise "
+        "more slowly with slip than one k allows: the curve is bent below a slip of about 0.2, and flatter "
+        "beyond. Sinkage hardly moves, which tells it from slip-sinkage; T/r − DP hardly moves, which tells "
+        "it from max-stress-angle. A wrong but constant k is no effect: let k be estimated first. "
+        "Post-peak-softening makes the curve fall at high slip, which no k1 does."
     ),
     shows="torque and drawbar pull at slips below 0.2, by their curvature",
     reference=(
@@ -267,10 +265,9 @@ POST_PEAK_SOFTENING = Effect(
         "Dense sand, crusted soil, mats of roots and frozen snow shear through a hump: strength rises to a "
         "peak and falls to a residual of 0.5 to 0.9 of it. With a length equal to k this is the hump that "
         "Wong fits to snow, apart from the name of its constants; a greater length loses strength later. c "
-        "and φ are those before the loss. Torque and drawbar pull fall at high slip, where the soil has "
-        "been sheared furthest, and a deep wheel shows it sooner. Drawbar pull alone falls with "
-        "slip-sinkage too, but there torque keeps rising; shear-modulus flattens the curves and cannot "
-        "make them fall."
+        "and φ are those before the loss. Torque and drawbar pull fall at high slip, where the soil has been "
+        "sheared furthest, and a deep wheel shows it sooner. Drawbar pull alone falls with slip-sinkage too, "
+        "but there torque keeps rising; shear-modulus flattens the curves and cannot make them fall."
     ),
     shows="torque and drawbar pull, falling together at high slip",
     reference="Wong (2008), Theory of Ground Vehicles, 4th edition, Wiley: shear curves with a hump",
@@ -302,17 +299,17 @@ STRENGTH_CURVATURE = Effect(
     formula="τ = (c + σ tan φ (σ/σ0)^(−B))(1 − exp(−j/k)), σ0 = 10 kPa",
     explanation=(
         "Mohr–Coulomb's straight line is measured at the stresses of buildings. Below some 15 kPa, where "
-        "light rovers drive, grains ride up over each other more freely and friction is higher: the "
-        "envelope bends towards the origin, with B of 0.05 to 0.2. A straight line fitted to a piece of it "
-        "finds a cohesion that is not there, and c rises and φ falls as the load rises. At one load it "
-        "cannot be told from cohesion. Hardpan also changes things with load, but in sinkage; here sinkage "
-        "stays. tan φ is that at 10 kPa."
+        "light rovers drive, grains ride up over each other more freely and friction is higher: the envelope "
+        "bends towards the origin, with B of 0.05 to 0.2. A straight line fitted to a piece of it finds a "
+        "cohesion that is not there, and c rises and φ falls as the load rises. At one load it cannot be "
+        "told from cohesion. Hardpan also changes things with load, but in sinkage; here sinkage stays. tan "
+        "φ is that at 10 kPa."
     ),
     shows="torque and drawbar pull against load: apparent c and φ drift with it",
     reference=(
-        "Senatore, Iagnemma (2011), Direct shear behaviour of dry, granular soils for low normal stress "
-        "with application to lightweight robotic vehicle modelling, conference of the International "
-        "Society for Terrain-Vehicle Systems"
+        "Senatore, Iagnemma (2011), Direct shear behaviour of dry, granular soils for low normal stress with "
+        "application to lightweight robotic vehicle modelling, conference of the International Society for "
+        "Terrain-Vehicle Systems"
     ),
     settled_by="load steps over a factor of four or more at one slip",
 )

@@ -21,7 +21,7 @@ from terrain_cli.estimation.wheel_fit import damped_search, valley
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
-from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, limits, solve
+from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, inside, solve
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
 from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes
@@ -179,8 +179,7 @@ def fit(
     order = enough_nodes(problem.noise, data)
     if not by_differences:
         own, t = no_wider(found.own, found.t)
-        low, high, _ = limits(problem.unknowns.local)
-        found = replace(found, t=np.clip(t, low, high), own=own)
+        found = replace(found, t=inside(problem.unknowns.local, t), own=own)
     spread = float(student(np.array([likely[0].dof]))[0]) / 1.959964 if learner else 1.0
     filled = data.count > 0
     about = parameters((*model.soil, *local), sought, found, filled, spread)

@@ -266,6 +266,12 @@ def limits(sought: tuple[Unknown, ...]) -> tuple[Array, Array, Array]:
     return table[:, 0], table[:, 1], table[:, 2]
 
 
+def inside(sought: tuple[Unknown, ...], t: Array) -> Array:
+    """Keep unknowns within their bounds."""
+    low, high, _ = limits(sought)
+    return np.clip(t, low, high)
+
+
 def overshoot(normal: Normal, local: tuple[Unknown, ...], t: Array) -> Array:
     """Return how far beyond their bounds the next step would take the windows' own unknowns, shape (w, p).
 

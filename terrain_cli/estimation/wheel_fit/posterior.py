@@ -29,7 +29,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     Normal,
     accumulate,
     eliminate,
-    limits,
+    inside,
     newton,
     overshoot,
     square_root,
@@ -282,10 +282,7 @@ def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -
 
 
 def _within(problem: Problem, t: Array, common: Array) -> tuple[Array, Array]:
-    """Keep unknowns within their bounds."""
-    low, high, _ = limits(problem.unknowns.local)
-    low_shared, high_shared, _ = limits(problem.unknowns.shared)
-    return np.clip(t, low, high), np.clip(common, low_shared, high_shared)
+    return inside(problem.unknowns.local, t), inside(problem.unknowns.shared, common)
 
 
 def _bounded(move: Array, own: Array) -> Array:

@@ -86,6 +86,12 @@ class Unknowns:
             values[unknown.name] = unknown.value(np.asarray(number))
         return values
 
+    def slopes(self, t: Array, common: Array) -> Array:
+        """Return the derivatives of all parameters sought by t, shape (w, p), and common, shape (q,)."""
+        both = zip((*self.local, *self.shared), (*t.T, *common), strict=True)
+        columns = [np.broadcast_to(unknown.slope(np.asarray(number)), len(t)) for unknown, number in both]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(t), 0))
+
 
 def unknowns(
     model: Model,

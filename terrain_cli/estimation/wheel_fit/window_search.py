@@ -24,7 +24,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     accumulate,
     eliminate,
     initial,
-    limits,
+    inside,
     solve,
 )
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance
@@ -145,8 +145,7 @@ def _held(unknowns: Unknowns, state: State) -> Unknowns:
 
 def _best(problem: Problem, data: FitData, ended: State, order: int | None) -> State:
     """Go down from where the search ended or from another beginning, whichever leads lowest."""
-    rows, count = data.thin(_TRIED)
-    some = data.take(rows, count, np.arange(len(count)))
+    some = data.thinned(_TRIED)
     centre, nothing = damped_search.centre(problem, some)
     begun = [(ended.t, ended.common), (centre, nothing)]
     begun += [(other, nothing) for other in damped_search.others(problem, some, nothing)]
@@ -174,9 +173,8 @@ def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:
 
 def _downhill(problem: Problem, data: FitData, state: State, order: int | None) -> State:
     """Go down anew from where the search ended, and from the prior means."""
-    low, high, _ = limits(problem.unknowns.local)
     common = state.common if problem.unknowns.shared else np.zeros(0)
-    begun = [(np.clip(state.t, low, high), common), damped_search.centre(problem, data)]
+    begun = [(inside(problem.unknowns.local, state.t), common), damped_search.centre(problem, data)]
     return _descended(problem, data, begun, order)
 
 
