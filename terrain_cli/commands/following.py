@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.rover import Rover
     from terrain_cli.stream.growing_table import GrowingTable
-    from terrain_cli.views.live_pictures import LivePictures
+    from terrain_cli.views.plots import LivePictures
 
 #: What needs the whole log, and what is about several inputs.
 _NOT = ("summary", "samples", "rejects", "trace", "posterior", "places", "salvage")
@@ -66,7 +66,7 @@ def run(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
             stack.enter_context(table)
         pictures = None
         if given["plot"]:
-            from terrain_cli.views.live_pictures import LivePictures
+            from terrain_cli.views.plots import LivePictures
 
             pictures = LivePictures(given["plot"])
         teller = _Teller(table, pictures, quiet=given["quiet"])

@@ -19,9 +19,8 @@ from terrain_cli.comparison.comparison_outcome import (
     WheelComparison,
 )
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.estimation.estimators import EstimateRequest
+from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
 from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.quantities import counted
 from terrain_cli.windows.cut_windows import thinned

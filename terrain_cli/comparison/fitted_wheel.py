@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from terrain_cli.comparison.comparison_outcome import Driver
-    from terrain_cli.comparison.fit_settings import FitSettings
     from terrain_cli.comparison.whitening import Whitening
+    from terrain_cli.estimation.estimators import FitSettings
     from terrain_cli.estimation.wheel_fit import Fit
     from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
     from terrain_cli.mechanics.wheel_model import Model

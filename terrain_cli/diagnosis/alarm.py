@@ -155,10 +155,11 @@ def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
     return float(found_p.min(initial=1.0)), most
 
 
-def missing_effects(file: ModelFile) -> list[Effect]:
-    """Return the effects of the catalogue that a model does not have."""
+def missing_effects(file: ModelFile, effects: Sequence[Effect] | None = None) -> list[Effect]:
+    """Return the effects, by default those of the catalogue, that a model does not have."""
     there = {effect.id for effect in file.model.effects}
-    return [effect for effect in catalogues.catalogue().values() if effect.id not in there]
+    every = catalogues.catalogue().values() if effects is None else effects
+    return [effect for effect in every if effect.id not in there]
 
 
 def score(wheels: Sequence[FittedWheel], block: Sequence[Index], file: ModelFile, seed: int) -> EffectScores:

@@ -17,8 +17,8 @@ from terrain_cli.comparison import (
     smoothed_model,
     whitening,
 )
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns

@@ -54,17 +54,9 @@ _DERIVED = {"wheel_angle": {"angular_velocity"}, "rut_slope": {"sinkage", "veloc
 
 
 def catalogue() -> dict[str, Effect]:
-    """Return every effect that can be named: the program's, then those of other packages.
+    """Return every effect that can be named, by id: the program's, then those of other packages.
 
-    Returns
-    -------
-    dict of str to Effect
-        By id.
-
-    Raises
-    ------
-    ConfigurationError
-        Another package's effect cannot be loaded, or has the id of one that is there.
+    ConfigurationError: another package's effect cannot be loaded, or has the id of one that is there.
     """
     effects = {name: _own(name) for name in NAMES}
     for point in _points():
@@ -79,15 +71,7 @@ def catalogue() -> dict[str, Effect]:
 
 
 def find(name: str) -> Effect:
-    """Return an effect by its id.
-
-    Raises
-    ------
-    UsageError
-        There is none of this id.
-    ConfigurationError
-        As from `catalogue`.
-    """
+    """Return an effect by its id; UsageError where there is none. Else as `catalogue`."""
     if name in NAMES:
         return _own(name)
     effects = catalogue()
@@ -99,18 +83,10 @@ def find(name: str) -> Effect:
 
 
 def missing(effect: Effect, available: Collection[str]) -> tuple[str, ...]:
-    """Return what an effect lacks to be computed.
+    """Return what an effect lacks to be computed, as a person reads it; nothing if it can be.
 
-    Parameters
-    ----------
-    available : collection of str
-        Channels and further columns that are measured or derived, "time" among them, and
-        "grouser_count" and "grouser_height" where rover.toml has them.
-
-    Returns
-    -------
-    tuple of str
-        Nothing if it can be computed; else what it needs, as a person reads it.
+    `available` are channels and further columns that are measured or derived, "time" among them, and
+    "grouser_count" and "grouser_height" where rover.toml has them.
     """
     lacking = [name for name in effect.needs if not _there(name, available)]
     if effect.any_of and not any(_there(name, available) for name in effect.any_of):

@@ -12,10 +12,9 @@ from terrain_cli import models
 from terrain_cli.comparison import comparison_criteria, distributions
 from terrain_cli.comparison.compare import of_fitted, on_few_soils
 from terrain_cli.comparison.comparison_outcome import segment_soils
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
-from terrain_cli.estimation.estimators import EstimateRequest
+from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Estimated, Idle, Lost, Shift, Step

@@ -52,11 +52,6 @@ class Ridge:
     gain: Array
 
 
-def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Ridge:
-    """Fit each window by ridge regression; `folds` as for `losses`."""
-    return choose(moments, losses(x, y, bounds, moments, folds=folds))
-
-
 def losses(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Array:
     """Sum the squared errors of prediction of what is left out of each window, by δ, shape (17, w).
 

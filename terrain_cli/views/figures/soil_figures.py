@@ -18,6 +18,7 @@ from terrain_cli.presentation.segment_table import GRID
 from terrain_cli.views import shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS, SCALE
 from terrain_cli.views.figures.picture import Picture
+from terrain_cli.views.shown_samples import limits as limits_of
 from terrain_cli.vocabulary.choices import MOST_VALLEYS
 
 if TYPE_CHECKING:
@@ -167,8 +168,7 @@ def rim_stress(moments: Sequence[Moment]) -> Figure:
         axes.axhline(0.0, color=FAINT, linewidth=0.6)
         axes.set(xlabel="angle from the vertical θ (°), forward positive", ylabel="stress (kPa)")
         axes.set_title(moment.title, pad=14.0, fontsize=8.0)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
@@ -287,7 +287,7 @@ def _panel(axes: Axes, posterior: Posterior, rows: Index, table: Mapping[str, An
         axes.contourf(c, phi, share, levels=[level, 1.0], colors=[COLOURS[0]], alpha=shade)
     axes.contour(c, phi, share, levels=ends, colors=[COLOURS[0]], linewidths=0.8)
     shown = share >= 1.0 - _SHOWN
-    limits = [_wide(part[shown]) for part in (c, phi)]
+    limits = [limits_of(part[shown], margin=0.08) for part in (c, phi)]
     here = (column["kind"] != GRID) & (column["other"] == column["parameter"])
     known = {
         name: {key: float(column[key][k]) for key in ("value", "se", "prior", "prior_sd")}
@@ -339,9 +339,3 @@ def _share(probability: Array) -> Array:
     share = np.empty(probability.size)
     share[order] = np.cumsum(probability.ravel()[order])
     return share.reshape(probability.shape)
-
-
-def _wide(values: Array) -> tuple[float, float]:
-    low, high = float(values.min()), float(values.max())
-    room = 0.08 * (high - low)
-    return low - room, high + room
