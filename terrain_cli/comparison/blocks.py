@@ -37,6 +37,12 @@ def fine(lengths: Sequence[int], shortest: int, *, most: int) -> list[Index]:
     return blocks
 
 
+def at_times(time: Array, own: Array) -> Index:
+    """Return the place of the last of some times before each of others, or of the first time."""
+    order = np.argsort(time, kind="stable")
+    return np.asarray(order[np.clip(np.searchsorted(time[order], own, side="right") - 1, 0, None)])
+
+
 def merged(scores: Array, chain: Index, *, fewest: int, independent: float) -> Index:
     """Join neighbouring blocks until the scores of those next to one another are unrelated.
 
@@ -77,10 +83,7 @@ def _neighbours(scores: Array, chain: Index) -> float:
 
 
 def squares(parts: Sequence[tuple[Series, Index]]) -> Array:
-    """Sum up squared held-out errors by block: sum and number, shape (blocks, 2), of those that have any.
-
-    Each series comes with the block of each of its samples.
-    """
+    """Sum up squared held-out errors by the block of each sample: sum and number, where there are any."""
     count = 1 + max(int(block.max(initial=0)) for _, block in parts)
     found = np.zeros((count, 2))
     for one, block in parts:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from terrain_cli.comparison.comparison_outcome import Finding
     from terrain_cli.estimation.wheel_fit import Noise, Prior
     from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.vocabulary.arrays import Index
+    from terrain_cli.vocabulary.arrays import Array, Index
     from terrain_cli.windows.cut_windows import Windows
 
 
@@ -245,6 +245,12 @@ def _blocks(wheels: Sequence[FittedWheel]) -> tuple[list[Index], Index | None]:
     for index, wheel in enumerate(wheels):
         samples = wheel.windows.samples
         inputs.setdefault(samples.source if wheel.ordered else f"{samples.source}\0{index}", []).append(index)
+
+    def times(index: int) -> Array:
+        windows = wheels[index].windows
+        assert windows.samples.time is not None  # noqa: S101 - test points have inputs of their own
+        return windows.samples.time[windows.rows]
+
     runs = [_runs(wheel) for wheel in wheels]
     leaders = [max(members, key=lambda index: len(wheels[index])) for members in inputs.values()]
     lengths: list[int] = []
@@ -265,7 +271,8 @@ def _blocks(wheels: Sequence[FittedWheel]) -> tuple[list[Index], Index | None]:
             chain_of.update(dict.fromkeys(np.unique(cut[position]).tolist(), position))
             position += 1
         for index in members:
-            of[index] = own if index == leader else _same_times(wheels[leader], own, wheels[index])
+            # Another wheel's samples have the block of the leader's last one before them.
+            of[index] = own if index == leader else own[blocks.at_times(times(leader), times(index))]
     chain = np.array([chain_of[block] for block in range(len(chain_of))], dtype=np.intp)
     return of, None if enough else chain
 
@@ -274,14 +281,6 @@ def _runs(wheel: FittedWheel) -> Index:
     samples, rows = wheel.windows.samples, wheel.windows.rows
     labels = samples.labels.get("run")
     return np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
-
-
-def _same_times(leader: FittedWheel, block: Index, other: FittedWheel) -> Index:
-    """Give the samples of another wheel the block that the leader's last sample before them has."""
-    time, own = (w.windows.samples.time[w.windows.rows] for w in (leader, other))  # type: ignore[index]
-    order = np.argsort(time, kind="stable")
-    place = np.clip(np.searchsorted(time[order], own, side="right") - 1, 0, None)
-    return np.asarray(block[order[place]])
 
 
 def _compared(wheel: FittedWheel, block: Index, scale: dict[str, float], seed: int) -> WheelComparison:

@@ -170,10 +170,7 @@ class Soils(NamedTuple):
 
 
 def segment_soils(comparison: Comparison) -> list[Soils]:
-    """Return the soils of the segments of each wheel: c and φ that `estimate` gives, not the fit's own.
-
-    Where `estimate` has no answer, or was not asked, they are those of the comparison's own fit.
-    """
+    """Return the soils of the segments of each wheel: `estimate`'s, or where it has none, the own fit's."""
     asked = comparison.soils
     if asked is None:
         return [_own(wheel, wheel.segments, None) for wheel in comparison.wheels]

@@ -10,7 +10,7 @@ import numpy as np
 from terrain_cli.comparison import blocks, shapes
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import UNITS, Finding
-from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_of
+from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_under_all
 from terrain_cli.comparison.residual_scores import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
 from terrain_cli.comparison.smoothed_channels import is_quiet
@@ -229,12 +229,8 @@ class Residuals:
 
     def _functions_of(self, driver: str) -> tuple[str, ...]:
         """Name the drivers of which this one is a function under every wheel."""
-        several = [
-            functions_of(driver, {n: v for n, v in one.drivers.items() if n not in self.labels})
-            for one in self.evidence
-            if driver in one.drivers
-        ]
-        return tuple(name for name in several[0] if all(name in one for one in several)) if several else ()
+        numbers = ({n: v for n, v in e.drivers.items() if n not in self.labels} for e in self.evidence)
+        return functions_under_all(driver, numbers)
 
     def _unit(self, driver: str) -> str:
         return next((w.drivers[driver].unit for w in self.wheels if driver in w.drivers), "")

@@ -59,10 +59,7 @@ def of_gain_in_most(gain: Array) -> float:
 
 
 def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:
-    """Return by channel how large what a model takes off the held-out error is, over the channel's size.
-
-    Both are root mean squares; 0 where it predicts no better.
-    """
+    """Return what a model takes off the held-out error over the channel's size, both rms, by channel."""
     found = {}
     for name, before in base.heldout.items():
         every = [part.measured[name][part.use] for part in data.data if name in part.measured]

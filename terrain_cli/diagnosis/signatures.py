@@ -121,7 +121,7 @@ def _tables(
     at: Mapping[str, float],
 ) -> dict[str, Array]:
     model = Model(wheel.model.base, (*wheel.model.effects, *effects))
-    absent = {**{name: p.null for name, p in model.parameters.items()}, **at}
+    absent = {**model.nulls(), **at}
     names = [name for effect in effects for name in leading(effect)]
 
     def parameters(some: Index) -> dict[str, Array]:

@@ -354,10 +354,7 @@ def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -
 
 
 def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
-    """Return the parameters that came with a hypothesis, averaged over the wheels by their errors.
-
-    NaN where the data leave one open.
-    """
+    """Average what came with a hypothesis over the wheels, by errors; NaN where the data leave it open."""
     names = list(one.parameters or one.priors)
     pairs: dict[str, list[tuple[float, float]]] = {}
     for part, solution in zip(data.data, refit.solutions, strict=True):

@@ -53,10 +53,7 @@ def nodes(order: int = ORDER) -> tuple[Array, Array]:
 
 @cache
 def _sums(order: int) -> tuple[Array, Array]:
-    """Return what sums values at the nodes, each times 1 and times u: as an integral, and plainly.
-
-    Of shape (2, order).
-    """
+    """Return what sums values at the nodes, times 1 and times u: as an integral, and plainly; (2, order)."""
     u, w = nodes(order)
     return np.stack([w[:, 0], (w * u)[:, 0]]), np.stack([np.ones(order), u[:, 0]])
 
@@ -224,10 +221,7 @@ class _Rim:
 
     @cached_property
     def turned(self) -> Array:
-        """Change of the forces as the nodes of an arc turn: all by 1, or each by its u.
-
-        Shape (2, 3, 2, n).
-        """
+        """Change of the forces as the nodes of an arc turn, all by 1 or each by its u, shape (2, 3, 2, n)."""
         r, R = self.contact.radius, self.contact.shear_radius
         bend = self.advance * r * self.cos - R
         change = (self.plain_sum @ (self.per_travel * bend)).transpose(2, 0, 1, 3)

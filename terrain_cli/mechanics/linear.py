@@ -110,10 +110,7 @@ def torque(
     width: float,
     shear_modulus: float,
 ) -> Array:
-    """Torque in N m that a soil asks of the wheel: the same line solved for T.
-
-    c in Pa and tan φ are scalars, or one value per sample.
-    """
+    """Torque in N m that a soil, c in Pa and tan φ, asks of the wheel: the same line solved for T."""
     load, sinkage, slip = (np.asarray(q, dtype=float) for q in (load, sinkage, slip))
     cohesion, tan_phi = (np.broadcast_to(np.asarray(q, dtype=float), load.shape) for q in (cohesion, tan_phi))
     result = np.empty_like(load)

@@ -171,10 +171,7 @@ def soil_table(comparison: Comparison) -> segment_table.Table:
 
 
 def moments(comparison: Comparison) -> list[Moment]:
-    """Choose a moment of each wheel: the middle of the sinkages in its longest segment.
-
-    None of the linear base, whose stresses are triangles.
-    """
+    """Choose a moment of each wheel of the full model: the middle sinkage in its longest segment."""
     several = len({wheel.source for wheel in comparison.wheels}) > 1
     found = []
     for wheel in comparison.wheels:

@@ -44,8 +44,8 @@ LOAD_BIAS = Effect(
 )
 
 
-def _sinkage_with_offset(q: Quantities) -> Any:
-    return q["sinkage"] + q["offset"]
+def _with_offset(channel: str, q: Quantities) -> Any:
+    return q[channel] + q["offset"]
 
 
 SINKAGE_BIAS = Effect(
@@ -57,7 +57,7 @@ SINKAGE_BIAS = Effect(
             "offset", "m", 0.0, 0.002, "sinkage shown by a wheel that does not sink", lower=-0.1, upper=0.1
         ),
     ),
-    laws={"sinkage": _sinkage_with_offset},
+    laws={"sinkage": partial(_with_offset, "sinkage")},
     needs=("sinkage",),
     formula="z shown = z + offset",
     explanation=(
@@ -77,10 +77,6 @@ SINKAGE_BIAS = Effect(
 )
 
 
-def _pull_with_offset(q: Quantities) -> Any:
-    return q["drawbar_pull"] + q["offset"]
-
-
 DRAWBAR_BIAS = Effect(
     id="drawbar-bias",
     title="Offset of the drawbar-pull sensor",
@@ -90,7 +86,7 @@ DRAWBAR_BIAS = Effect(
             "offset", "N", 0.0, 10.0, "pull shown by a wheel that pulls nothing", lower=-1000.0, upper=1000.0
         ),
     ),
-    laws={"drawbar_pull": _pull_with_offset},
+    laws={"drawbar_pull": partial(_with_offset, "drawbar_pull")},
     formula="DP shown = DP + offset",
     explanation=(
         "The pull is read from a force sensor at the hub, or from a cell between the carriage and what holds "

@@ -196,10 +196,7 @@ def estimate_windows(
 
 
 def soils(x: Array, y: Array, bounds: Bounds, method: LineMethod) -> Array:
-    """Return c and tan φ of every window, shape (2, w), as `estimate_windows` has them.
-
-    Their errors cost more than they do: where lines are fitted again and again, nobody asks for them.
-    """
+    """Return c and tan φ of every window, shape (2, w), as `estimate_windows` without costly errors."""
     found = []
     for first in range(0, max(len(bounds) - 1, 1), _TOGETHER):
         inner = bounds[first : first + _TOGETHER + 1]
@@ -218,10 +215,7 @@ def soils(x: Array, y: Array, bounds: Bounds, method: LineMethod) -> Array:
 def _measured(
     rows: Sequence[Array], bounds: Bounds, keys: Sequence[Key], *, penalised: bool, folds: int | None = None
 ) -> tuple[WindowMoments, list[Array]]:
-    """Return moments of some windows and, if wanted, the losses of penalised lines, block by block.
-
-    `rows` are those of `moments`, with these keys.
-    """
+    """Return moments of some windows and, if wanted, the losses of penalised lines, block by block."""
     measured, losses = [], []
     for columns, inner, _, _ in _blocks(rows, bounds):
         measured.append(of_windows(columns, inner, keys))
@@ -248,10 +242,7 @@ def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
 
 
 def blocks(bounds: Bounds) -> Iterator[tuple[int, int]]:
-    """Part windows into runs, first to last − 1, that fit into the processor's cache.
-
-    They are of about `_BLOCK` samples; one empty run if there are no windows.
-    """
+    """Part windows into runs, first to last − 1, of about `_BLOCK` samples; one empty run if none."""
     first, windows = 0, len(bounds) - 1
     while True:
         last = int(np.searchsorted(bounds, bounds[first] + _BLOCK, side="right")) - 1

@@ -300,10 +300,7 @@ def _parted(fit: Fit) -> dict[str, Any]:
 
 
 def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
-    """Put a fit in the place of the linear estimates of the same windows.
-
-    Those keep their columns of least squares and ridge, and the bounds of φ.
-    """
+    """Put a fit in the place of linear estimates, which keep least squares, ridge and the bounds of φ."""
     if len(fit) != len(linear):
         raise ValueError(f"a fit of {len(fit)} windows and estimates of {len(linear)}")
     nothing = np.full(len(fit), np.nan)

@@ -60,10 +60,7 @@ _GROUP = 100_000
 
 
 def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> Mask:
-    """Tell which of all samples are too far from a robust fit, of these or of some of them.
-
-    `problem` has the noise of the sensors.
-    """
+    """Tell which samples are too far from a robust fit, of these or of some, for the noise of `problem`."""
     limits = _squares(data.measured.shape[0], _BY_CHANCE / max(data.measured.shape[1], 1))
     far = np.flatnonzero(_squared(problem, data, found, order, 1) > limits[data.seen.sum(axis=0)])
     wild = np.zeros(data.measured.shape[1], dtype=bool)
@@ -311,10 +308,7 @@ def _room(variance: Array, way: Array) -> Array:
 def _learn(
     problem: Problem, data: FitData, learner: LikelyNoise | ScaledDifferences, begun: State | None = None
 ) -> tuple[Problem, float, State]:
-    """Learn the noise of the sensors; return it with its degrees of freedom, and where the last search ended.
-
-    The search begins where another one of all windows ended, if there is one.
-    """
+    """Learn the noise; return it with its degrees of freedom, and where the last search ended."""
     problem = replace(problem, noise=learner.noise)
     filled = np.flatnonzero(data.count > 0)
     if len(filled) == 0:

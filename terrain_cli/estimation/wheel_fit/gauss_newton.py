@@ -273,10 +273,7 @@ def inside(sought: tuple[Unknown, ...], t: Array) -> Array:
 
 
 def overshoot(normal: Normal, local: tuple[Unknown, ...], t: Array) -> Array:
-    """Return how far beyond their bounds the next step would take the windows' own unknowns, shape (w, p).
-
-    0 or more where an unknown is at its bound, else −1.
-    """
+    """Return how far beyond its bound the next step takes an unknown, (w, p); −1 where it is at none."""
     low, high, _ = limits(local)
     at_low, at_high = t <= low + _NEAR, t >= high - _NEAR
     if not (at_low | at_high).any():

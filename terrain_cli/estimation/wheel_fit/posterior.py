@@ -90,10 +90,7 @@ class Posterior:
 def posterior(
     problem: Problem, data: FitData, state: State, *, order: int | None, correlated: bool
 ) -> Posterior:
-    """Return means and covariances from the most probable unknowns (`gauss_newton`).
-
-    The true values of the inputs of `state` become those that go with the means.
-    """
+    """Return means and covariances from the most probable unknowns; `state.latent` becomes the means'."""
     local = state.t.shape[1]
     few = _Few(problem, data, state)
     at_mode, noise = few.at_mode()
