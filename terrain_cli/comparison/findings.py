@@ -205,11 +205,14 @@ class Residuals:
         amplitude *= shape.span
         alternatives = one.alternatives
         if shape.name not in ("constant", "periodic", "label"):
-            alternatives = tuple(dict.fromkeys([*alternatives, *self._functions_of(shape.driver)]))
+            numbers = ({n: v for n, v in e.drivers.items() if n not in self.labels} for e in self.evidence)
+            functions = functions_under_all(shape.driver, numbers)
+            alternatives = tuple(dict.fromkeys([*alternatives, *functions]))
         label = self.labels[shape.driver][int(shape.at or 0)] if shape.name == "label" else ""
         missing = list(self._missing(one))
         seen = self._seen(one, [part for _, part in missing])
         at = shape.at if shape.name in ("step", "saturating", "periodic") else None
+        unit = next((w.drivers[shape.driver].unit for w in self.wheels if shape.driver in w.drivers), "")
         return Finding(
             channel=channel,
             driver=shape.driver,
@@ -219,21 +222,11 @@ class Residuals:
             amplitude=amplitude,
             unit=UNITS[channel],
             at=at,
-            sentence=sentence_of(
-                channel, shape, amplitude, label, alternatives, self._unit(shape.driver), seen
-            ),
+            sentence=sentence_of(channel, shape, amplitude, label, alternatives, unit, seen),
             worst_segments=self._worst(missing),
             alternatives=alternatives,
             seen=seen,
         )
-
-    def _functions_of(self, driver: str) -> tuple[str, ...]:
-        """Name the drivers of which this one is a function under every wheel."""
-        numbers = ({n: v for n, v in e.drivers.items() if n not in self.labels} for e in self.evidence)
-        return functions_under_all(driver, numbers)
-
-    def _unit(self, driver: str) -> str:
-        return next((w.drivers[driver].unit for w in self.wheels if driver in w.drivers), "")
 
     def _missing(self, one: Found) -> Iterator[tuple[int, Array]]:
         """Yield the place of each wheel and what is missing there by a finding; NaN where not measured."""

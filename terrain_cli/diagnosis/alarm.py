@@ -123,28 +123,19 @@ def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
         if not columns:
             continue
         shapes = np.stack([np.ones(len(part.use)), *columns], axis=1)
-        seen = part.seen
-        every = np.concatenate(
-            [
-                part.white(
-                    {
-                        other: shapes if other == channel else np.zeros_like(shapes)
-                        for other in part.white.channels
-                    },
-                    seen,
-                )
-                for channel in part.white.channels
-            ],
-            axis=2,
-        )
+        names, nothing = part.white.channels, np.zeros_like(shapes)
+        white = [
+            part.white({name: shapes if name == channel else nothing for name in names}, part.seen)
+            for channel in names
+        ]
+        every, block = np.concatenate(white, axis=2), data.block[index]
         found, _ = signatures.scores(
-            solution.residual, solution.design, every, part.window, data.block[index], data.blocks
+            solution.residual, solution.design, every, part.window, block, data.blocks
         )
         gains = found.total**2 / np.maximum(np.diag(found.cross), 1e-300)
-        most = max(
-            most, float(np.where(found.surviving > criteria.REST_SURVIVES, gains, 0.0).max(initial=0.0))
-        )
-        tables.append(np.where(found.surviving > criteria.REST_SURVIVES, found.blocks, 0.0))
+        stands = found.surviving > criteria.REST_SURVIVES
+        most = max(most, float(np.where(stands, gains, 0.0).max(initial=0.0)))
+        tables.append(np.where(stands, found.blocks, 0.0))
         shrunk = min(shrunk, found.shrunk)
     if not tables:
         return 1.0, 0.0

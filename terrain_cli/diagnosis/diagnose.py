@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from terrain_cli import models
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, steps, verdict
@@ -74,8 +73,7 @@ def diagnose(
             pair=two.ids,
             pair_is_best=two.is_best,
             on_full_stresses=tuple(one.id for one, _ in full),
-        ),
-        models.STRESSES,
+        )
     )
     rivals = {"family": family.members, "on_full_stresses": full}.get(decision.rivals, [])
     return _told(

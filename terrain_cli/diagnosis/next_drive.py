@@ -287,16 +287,15 @@ def suggest(data: Ground, pairs: Sequence[tuple[Hypothesis, Refit]], *, most: in
     channels = set(part.inputs) | set(part.measured)
     known = [one for one in manoeuvres.library(at, SECONDS) if one.possible(channels)]
     table = np.array([margins(ground, sides, one.drive(at)) for one in known])
-    every = [_Pair(sides[a], sides[b], _both(table, a, b)) for a, b in combinations(range(len(sides)), 2)]
+    # Of a pair either may be the truth.
+    every = [
+        _Pair(sides[a], sides[b], np.concatenate([table[:, a, b], table[:, b, a]], axis=1))
+        for a, b in combinations(range(len(sides)), 2)
+    ]
     whole = np.mean([np.minimum(pair.worst, criteria.SURE_OF_BENT_LAWS) for pair in every], axis=0)
     found = [_best(pair, known, whole) for pair in every if pair.one is sides[0]]
     # What is driven first had better settle more than its own pair.
     return [drive for drive, _ in sorted(found, key=lambda one: -one[1])]
-
-
-def _both(table: Array, a: int, b: int) -> Array:
-    """Return the margins of a pair, either of them being the truth, shape (drives, any)."""
-    return np.concatenate([table[:, a, b], table[:, b, a]], axis=1)
 
 
 @dataclass(frozen=True)

@@ -43,21 +43,16 @@ _ONE: dict[np.ufunc, Callable[[Any, Any], Any]] = {
 }
 
 
-def _by_base(x: Any, p: Any, _y: Any) -> Any:
-    return p * np.power(x, p - 1.0)
-
-
-def _by_exponent(x: Any, _p: Any, y: Any) -> Any:
-    # 0 ** p is 0 for every p > 0.
-    return y * np.log(np.where(x > 0.0, x, 1.0))
-
-
 _TWO: dict[np.ufunc, tuple[Callable[[Any, Any, Any], Any], Callable[[Any, Any, Any], Any]]] = {
     np.add: (lambda _a, _b, _y: _SAME, lambda _a, _b, _y: _SAME),
     np.subtract: (lambda _a, _b, _y: _SAME, lambda _a, _b, _y: -1.0),
     np.multiply: (lambda _a, b, _y: b, lambda a, _b, _y: a),
     np.true_divide: (lambda _a, b, _y: 1.0 / b, lambda _a, b, y: -y / b),
-    np.power: (_by_base, _by_exponent),
+    # 0 ** p is 0 for every p > 0.
+    np.power: (
+        lambda x, p, _y: p * np.power(x, p - 1.0),
+        lambda x, _p, y: y * np.log(np.where(x > 0.0, x, 1.0)),
+    ),
     np.maximum: (lambda a, b, _y: np.where(a >= b, 1.0, 0.0), lambda a, b, _y: np.where(a >= b, 0.0, 1.0)),
     np.minimum: (lambda a, b, _y: np.where(a <= b, 1.0, 0.0), lambda a, b, _y: np.where(a <= b, 0.0, 1.0)),
 }

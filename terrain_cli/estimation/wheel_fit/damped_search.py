@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Problem
-    from terrain_cli.vocabulary.arrays import Array, Index
+    from terrain_cli.vocabulary.arrays import Array
 
 
 #: Samples of a window, and nodes on each arc, that are enough to begin with.
@@ -141,7 +141,8 @@ def descend(
         if len(active) == 0 or state.converged.all():
             break
         part, rows = data.only(active), data.rows_of(active)
-        here = damped(_some(normal, active), damping[active])
+        some = Normal(normal.information[active], normal.score[active], normal.misfit[active])
+        here = damped(some, damping[active])
         step, shift, _ = newton(here, sought, state.t[active], state.common)
         moved, moved_common = state.t[active] + step, state.common + shift
         latent = Ways(part, sought, ways[:, :, rows]).moved(state.latent[:, rows], step, shift)
@@ -187,10 +188,6 @@ def _cost(
     wild = ~np.isfinite(sum_of + merit)
     normal.information[wild], normal.score[wild] = 0.0, 0.0
     return normal, np.where(dumb | wild, np.inf, merit), latent, ways.by
-
-
-def _some(normal: Normal, windows: Index) -> Normal:
-    return Normal(normal.information[windows], normal.score[windows], normal.misfit[windows])
 
 
 def damped(normal: Normal, damping: Array) -> Normal:

@@ -52,12 +52,14 @@ def strength(table: Mapping[str, Any]) -> Figure:
     """Draw c and φ of every segment with their ellipses, and beside it the strength line of each."""
     figure = Picture(figsize=(7.6, 3.9))
     left, right = figure.subplots(1, 2)
-    kinds = shown_segments.groups(table, len(COLOURS))
-    _estimates(left, table, kinds)
-    _lines(right, table, kinds)
+    groups = shown_segments.groups(table, len(COLOURS))
+    kinds = list(dict.fromkeys(groups))
+    styles = [kinds.index(kind) for kind in groups]
+    _estimates(left, table, styles)
+    _lines(right, table, styles)
     handles = [
         Line2D([], [], color=COLOURS[j], marker=MARKERS[j], linestyle=LINES[j], label=kind)
-        for j, kind in enumerate(dict.fromkeys(kinds))
+        for j, kind in enumerate(kinds)
     ]
     if any(status != "ok" for status in table["status"]):
         hollow: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white"}
@@ -66,15 +68,13 @@ def strength(table: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _estimates(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
-    styles = {kind: j for j, kind in enumerate(dict.fromkeys(kinds))}
+def _estimates(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
     c, phi = shown_segments.estimate_limits(table)
     unseen = 0
-    for row, kind in enumerate(kinds):
-        style = styles[kind]
+    for row, style in enumerate(styles):
         trusted = table["status"][row] == "ok"
         outline = shown_segments.ellipse(table, row)
-        if len(kinds) <= MOST_ERRORS and np.isfinite(outline).all():
+        if len(styles) <= MOST_ERRORS and np.isfinite(outline).all():
             # One around the axes, or beyond them, does not show.
             unseen += not Path(outline).intersects_bbox(Bbox(np.transpose([c, phi])), filled=False)
             axes.add_patch(
@@ -98,7 +98,7 @@ def _estimates(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
         )
     x, y = (np.asarray(table[name], dtype=float) for name in ("c_kPa", "phi_deg"))
     outside = int(np.count_nonzero((x < c[0]) | (x > c[1]) | (y < phi[0]) | (y > phi[1])))
-    title = "estimates, 95 % regions" if len(kinds) <= MOST_ERRORS else "estimates"
+    title = "estimates, 95 % regions" if len(styles) <= MOST_ERRORS else "estimates"
     notes = [f"{outside} beyond the axes"] * bool(outside) + [f"{unseen} not in sight"] * bool(unseen)
     axes.set(
         xlim=c,
@@ -109,8 +109,7 @@ def _estimates(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
     )
 
 
-def _lines(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
-    styles = {kind: j for j, kind in enumerate(dict.fromkeys(kinds))}
+def _lines(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
     pivots = np.asarray(table["sigma_star_kPa"], dtype=float)
     known = shown_segments.tested(table)
     axes.set(
@@ -121,8 +120,7 @@ def _lines(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
     if not len(known):
         return
     for row in known:
-        style = styles[kinds[row]]
-        colour, marker, line = COLOURS[style], MARKERS[style], LINES[style]
+        colour, marker, line = COLOURS[styles[row]], MARKERS[styles[row]], LINES[styles[row]]
         # Far from σ* the drive has not tried the soil.
         stress = np.linspace(0.5 * pivots[row], 1.5 * pivots[row], 30)
         value, error = shown_segments.strength(table, row, stress)
@@ -135,7 +133,7 @@ def _lines(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
         axes.errorbar(
             pivots[row],
             table["strength_kPa"][row],
-            yerr=1.96 * np.nan_to_num(table["strength_se_kPa"][row]) if len(kinds) <= MOST_ERRORS else None,
+            yerr=1.96 * np.nan_to_num(table["strength_se_kPa"][row]) if len(styles) <= MOST_ERRORS else None,
             color=colour,
             marker=marker,
             markersize=4.0,
