@@ -71,10 +71,7 @@ def write_convergence(traces: Sequence[Mapping[str, Any]], folder: str | Path) -
 
 
 def draw(found: Comparison | Diagnosis | SimulatedLog | Sequence[Rung], name: str) -> Figure:
-    """Draw one of the pictures that `write` or `write_ladder` writes, by its name without ending.
-
-    A simulated log has one, "measured".
-    """
+    """Draw a picture of `write` or `write_ladder` by its name, or "measured" of a simulated log."""
     names = []
     with _style():
         for known, drawn in _of_ladder(found) if isinstance(found, Sequence) else _of_result(found):
