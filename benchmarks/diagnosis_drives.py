@@ -34,9 +34,9 @@ from window_coverage_study import VEHICLES, wander  # noqa: E402 - as above
 
 from terrain_cli import models  # noqa: E402 - as above
 from terrain_cli.comparison.compare import fit_wheels  # noqa: E402 - as above
-from terrain_cli.comparison.fit_settings import FitSettings  # noqa: E402 - as above
 from terrain_cli.diagnosis import diagnose  # noqa: E402 - as above
 from terrain_cli.effects import catalogue  # noqa: E402 - as above
+from terrain_cli.estimation.estimators import FitSettings  # noqa: E402 - as above
 from terrain_cli.improvement import Stopped, until_quiet  # noqa: E402 - as above
 from terrain_cli.improvement.change_trial import fitted  # noqa: E402 - as above
 from terrain_cli.mechanics.wheel_model import Model  # noqa: E402 - as above

@@ -12,9 +12,9 @@ from benchmarks.harness import Case, Stage
 from terrain_cli import effects, models
 from terrain_cli.comparison import blocks, smoothed_model
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.diagnosis import screening
 from terrain_cli.estimation import estimators
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.windows.joined_inputs import by_wheel
 

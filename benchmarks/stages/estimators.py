@@ -39,7 +39,7 @@ def fitted(x, y, bounds, *, by_ridge):
         rows, inner = slice(bounds[first], bounds[last]), bounds[first : last + 1] - bounds[first]
         moments = of_windows(np.array([x[rows], y[rows]]), inner, LINE)
         if by_ridge:
-            found = ridge.fit_ridge(x[rows], y[rows], inner, moments, folds=None)
+            found = ridge.choose(moments, ridge.losses(x[rows], y[rows], inner, moments, folds=None))
             parts.append((found.cohesion, found.tan_phi, found.delta))
         else:
             line = fit_line(moments)

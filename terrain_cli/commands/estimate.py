@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from terrain_cli.run.one_log import Outcome
     from terrain_cli.run.settings import Settings
     from terrain_cli.stream.growing_table import GrowingTable
-    from terrain_cli.views.live_pictures import LivePictures
+    from terrain_cli.views.plots import LivePictures
 
 #: What needs the whole log, and what is about several inputs.
 _WHOLE = ("summary", "samples", "rejects", "trace", "posterior", "places", "salvage")
@@ -277,7 +277,7 @@ def _follow(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None
             stack.enter_context(table)
         pictures = None
         if given["plot"]:
-            from terrain_cli.views.live_pictures import LivePictures
+            from terrain_cli.views.plots import LivePictures
 
             pictures = LivePictures(given["plot"])
         teller = _Teller(table, pictures, quiet=given["quiet"])

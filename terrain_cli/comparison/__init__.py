@@ -1,7 +1,7 @@
 """Model against measurement: errors, noise, held-out errors, and where the model fails.
 
 `compare` makes the errors of each channel, the held-out ones from the predictions of `held_out`;
-`findings` are the terms of `residual_search`, with p values of `bootstrap`; `two_models` is `--against`.
+`findings` are the terms of `residual_search`, with p values of `blocks`; `two_models` is `--against`.
 """
 
 from terrain_cli.comparison.compare import compare

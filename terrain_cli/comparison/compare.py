@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,6 @@ import numpy as np
 from terrain_cli import processes
 from terrain_cli.comparison import blocks, held_out, one_soil_or_several
 from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.comparison.bootstrap import resample
 from terrain_cli.comparison.comparison_outcome import (
     UNITS,
     ChannelErrors,
@@ -20,9 +19,8 @@ from terrain_cli.comparison.comparison_outcome import (
     WheelComparison,
 )
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
-from terrain_cli.estimation.estimators import EstimateRequest
+from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
 from terrain_cli.models import ModelFile
 from terrain_cli.vocabulary.quantities import counted
 from terrain_cli.windows.cut_windows import thinned
@@ -33,20 +31,12 @@ if TYPE_CHECKING:
     from terrain_cli.comparison.comparison_outcome import Finding
     from terrain_cli.estimation.wheel_fit import Noise, Prior
     from terrain_cli.mechanics.wheel_model import Model
-    from terrain_cli.vocabulary.arrays import Index
+    from terrain_cli.vocabulary.arrays import Array, Index
     from terrain_cli.windows.cut_windows import Windows
 
 
 #: More samples than these are thinned: they bound time and memory, and tell what there is to tell.
 MOST_SAMPLES = 200_000
-
-
-@dataclass(frozen=True)
-class _Blocks:
-    """Block of each usable sample of each wheel; and the chain of each block, if they may still be joined."""
-
-    of: list[Index]
-    chain: Index | None = None
 
 
 def compare(
@@ -138,8 +128,8 @@ def of_fitted(
     scale = {name: scale_of(fitted, name, levels[name]) for name in channels}
     channels = [name for name in channels if scale[name] > 0.0]
     scale = {name: scale[name] for name in channels}
-    made = _blocks(fitted) if like is None else _Blocks([one.blocks for one in like.wheels])
-    count = 1 + max(int(block.max(initial=-1)) for block in made.of)
+    made, chain = _blocks(fitted) if like is None else ([one.blocks for one in like.wheels], None)
+    count = 1 + max(int(block.max(initial=-1)) for block in made)
     failures = []
     progress("looking for where the model fails")
     if not scale:
@@ -150,19 +140,21 @@ def of_fitted(
             "where the model fails cannot be told from chance"
         )
     else:
-        if made.chain is not None:
-            label = Residuals(fitted, made.of, scale).joined(made.chain)
-            made = _Blocks([label[block] for block in made.of])
-        failures = Residuals(fitted, made.of, scale).findings(levels, seed)
+        if chain is not None:
+            label = Residuals(fitted, made, scale).joined(chain)
+            made = [label[block] for block in made]
+        failures = Residuals(fitted, made, scale).findings(levels, seed)
         failures += _between_segments(fitted, failures, levels, seed)
+    ordered = any(wheel.ordered for wheel in fitted)
+    why = "too few samples" if ordered else "too few test points were repeated"
     warnings += [
-        f"the noise of {name.replace('_', ' ')} cannot be told from misfit: {_why(fitted)}"
+        f"the noise of {name.replace('_', ' ')} cannot be told from misfit: {why}"
         for name in channels
         if not np.isfinite(levels[name])
     ]
     warnings += _unpredicted(fitted)
     progress("predicting blocks left out")
-    compared = [_compared(wheel, block, scale, seed) for wheel, block in zip(fitted, made.of, strict=True)]
+    compared = [_compared(wheel, block, scale, seed) for wheel, block in zip(fitted, made, strict=True)]
     return Comparison(
         model={"base": model.base, "effects": [effect.id for effect in model.effects]},
         wheels=compared,
@@ -208,12 +200,6 @@ def _between_segments(
     return Residuals(common, block, scale, found=known).findings(levels, seed)
 
 
-def _why(wheels: Sequence[FittedWheel]) -> str:
-    return (
-        "too few samples" if any(wheel.ordered for wheel in wheels) else "too few test points were repeated"
-    )
-
-
 def _unpredicted(wheels: Sequence[FittedWheel]) -> Iterator[str]:
     """Say where channels are measured and the model has no answer."""
     for wheel in wheels:
@@ -247,8 +233,11 @@ def scale_of(wheels: Sequence[FittedWheel], name: str, level: float) -> float:
     return max(level, criteria.LEAST_NOISE_OF_SCALE * rms) if np.isfinite(level) else rms
 
 
-def _blocks(wheels: Sequence[FittedWheel]) -> _Blocks:
-    """Cut the data into blocks: at the same times for all wheels of an input."""
+def _blocks(wheels: Sequence[FittedWheel]) -> tuple[list[Index], Index | None]:
+    """Cut the data into blocks: at the same times for all wheels of an input.
+
+    Returns the block of each usable sample of each wheel; and the chain of each block, if they may be joined.
+    """
     memory = max(wheel.memory for wheel in wheels)
     longer = max(criteria.BLOCK_SAMPLES, criteria.BLOCK_MEMORIES * (memory + 1))
     shortest = longer if any(wheel.ordered for wheel in wheels) else 1
@@ -256,6 +245,12 @@ def _blocks(wheels: Sequence[FittedWheel]) -> _Blocks:
     for index, wheel in enumerate(wheels):
         samples = wheel.windows.samples
         inputs.setdefault(samples.source if wheel.ordered else f"{samples.source}\0{index}", []).append(index)
+
+    def times(index: int) -> Array:
+        windows = wheels[index].windows
+        assert windows.samples.time is not None  # noqa: S101 - test points have inputs of their own
+        return windows.samples.time[windows.rows]
+
     runs = [_runs(wheel) for wheel in wheels]
     leaders = [max(members, key=lambda index: len(wheels[index])) for members in inputs.values()]
     lengths: list[int] = []
@@ -276,23 +271,16 @@ def _blocks(wheels: Sequence[FittedWheel]) -> _Blocks:
             chain_of.update(dict.fromkeys(np.unique(cut[position]).tolist(), position))
             position += 1
         for index in members:
-            of[index] = own if index == leader else _same_times(wheels[leader], own, wheels[index])
+            # Another wheel's samples have the block of the leader's last one before them.
+            of[index] = own if index == leader else own[blocks.at_times(times(leader), times(index))]
     chain = np.array([chain_of[block] for block in range(len(chain_of))], dtype=np.intp)
-    return _Blocks(of, None if enough else chain)
+    return of, None if enough else chain
 
 
 def _runs(wheel: FittedWheel) -> Index:
     samples, rows = wheel.windows.samples, wheel.windows.rows
     labels = samples.labels.get("run")
     return np.zeros(len(rows), dtype=np.intp) if labels is None else labels.codes[rows].astype(np.intp)
-
-
-def _same_times(leader: FittedWheel, block: Index, other: FittedWheel) -> Index:
-    """Give the samples of another wheel the block that the leader's last sample before them has."""
-    time, own = (w.windows.samples.time[w.windows.rows] for w in (leader, other))  # type: ignore[index]
-    order = np.argsort(time, kind="stable")
-    place = np.clip(np.searchsorted(time[order], own, side="right") - 1, 0, None)
-    return np.asarray(block[order[place]])
 
 
 def _compared(wheel: FittedWheel, block: Index, scale: dict[str, float], seed: int) -> WheelComparison:
@@ -351,6 +339,8 @@ def _heldout(parts: Sequence[tuple[Series, Index]], seed: int) -> tuple[float, f
     value = float(np.sqrt(total[0] / total[1]))
     if len(sums) < 2:
         return value, np.nan, np.nan
-    draws = resample(sums, lambda drawn: np.sqrt(drawn[:, 0] / np.maximum(drawn[:, 1], 1.0)), seed=seed)
+    draws = blocks.resample(
+        sums, lambda drawn: np.sqrt(drawn[:, 0] / np.maximum(drawn[:, 1], 1.0)), seed=seed
+    )
     low, high = np.quantile(draws, [0.025, 0.975])
     return value, float(low), float(high)

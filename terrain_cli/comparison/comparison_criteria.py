@@ -13,12 +13,10 @@ FEWEST_BLOCKS = criterion(
     "aside",
 )
 FEWEST_JOINED_BLOCKS = criterion(
-    16,
-    "blocks that must remain when related blocks are joined: twice what a finding needs",
+    16, "blocks that must remain when related blocks are joined: twice what a finding needs"
 )
 MOST_BLOCKS = criterion(
-    40,
-    "largest number of blocks at the start, so that a slow change stays within one block",
+    40, "largest number of blocks at the start, so that a slow change stays within one block"
 )
 ENOUGH_RUNS = criterion(12, "runs needed to use each run as one block; fewer runs are cut further")
 
@@ -31,36 +29,30 @@ MISFIT_SAMPLES = criterion(24, "samples in each block over which the misfit of a
 """When are neighbouring blocks independent?
 The values of diagnose and compare differ without evidence."""
 UNRELATED_BLOCKS = criterion(
-    0.05,
-    "largest correlation of the scores of neighbouring blocks that compare treats as none",
+    0.05, "largest correlation of the scores of neighbouring blocks that compare treats as none"
 )
 
 """When is an error more than noise?
 Ratios of errors, except two that are ratios of mean squares. The consequence differs: a fit is tried
 again, a sentence is printed, or a misfit is reported in any case. No study compares the values."""
 NOTICED = criterion(
-    1.1,
-    "mean square of a channel's residual over that of its noise, above which another fit is tried",
+    1.1, "mean square of a channel's residual over that of its noise, above which another fit is tried"
 )
 ABOVE_NOISE = criterion(
-    1.15,
-    "held-out error of a channel over its noise, above which the error is called larger than noise",
+    1.15, "held-out error of a channel over its noise, above which the error is called larger than noise"
 )
 ASTRAY = criterion(1.5, "mean square of all residuals over that of the noise, above which a fit has failed")
 INTERPOLATION_OFF = criterion(
-    1.25,
-    "largest difference between a channel and its interpolation, in units of its noise",
+    1.25, "largest difference between a channel and its interpolation, in units of its noise"
 )
 SMALLEST_FINDING = criterion(
-    0.1,
-    "smallest finding, as a share of the noise: with many samples even tiny findings are significant",
+    0.1, "smallest finding, as a share of the noise: with many samples even tiny findings are significant"
 )
 
 """How many standard errors are significant?
 The more is tried, or the stronger the statement, the more are required. The values are judged."""
 AS_GOOD = criterion(
-    1.0,
-    "a model within this distance is as good as the other, and so is one soil instead of several",
+    1.0, "a model within this distance is as good as the other, and so is one soil instead of several"
 )
 MOVED = criterion(3.0, "c, φ or a parameter has moved between two models if it differs by more")
 ANSWERS_TO_LOAD = criterion(4.0, "test points calibrate the load only if they respond to it by more")
@@ -83,8 +75,7 @@ TERM_SURVIVES = criterion(0.005, "a term of a finding is tested")
 Shares of what is explained, except a cosine, a correlation and a gain. They differ without evidence."""
 PLAINER_SHAPE = criterion(0.05, "a simpler shape is preferred unless another explains this much more")
 USUAL_DRIVER = criterion(
-    0.3,
-    "slip or load is preferred to a driver that varies alike unless that driver explains this much more",
+    0.3, "slip or load is preferred to a driver that varies alike unless that driver explains this much more"
 )
 FURTHER_FINDING = criterion(0.03, "a further finding must explain this share of what the first one explains")
 SAME_DRIVER = criterion(0.99, "rank correlation above which two drivers count as the same")
@@ -101,8 +92,7 @@ LEAST_NOISE = criterion(
     "smallest noise used to whiten residuals, as a share of the residual; differs from 0.2 without evidence",
 )
 NOISE_OF_POINTS = criterion(
-    0.05,
-    "noise assumed for test points that were not repeated, as a share of the channel",
+    0.05, "noise assumed for test points that were not repeated, as a share of the channel"
 )
 NOISE_OF_JUMPS = criterion(0.9, "smallest noise, as a share of the noise that second differences show")
 FORGOTTEN = criterion(0.1, "correlation of the noise below which it counts as independent")
@@ -113,28 +103,23 @@ MEMORY_BELIEVED = criterion(
     "samples",
 )
 LONGEST_MEMORY = criterion(
-    25,
-    "longest correlation time, in samples, that is learnt from neighbouring samples",
+    25, "longest correlation time, in samples, that is learnt from neighbouring samples"
 )
 NOISE_SAMPLES = criterion(30, "samples, or pairs of samples, needed to estimate a noise or a correlation")
 NOISE_POINTS = criterion(
-    10,
-    "test points needed to estimate a noise; fewer than samples, because test points are few",
+    10, "test points needed to estimate a noise; fewer than samples, because test points are few"
 )
 POINTS_OF_LOAD = criterion(8, "test points needed to estimate how sinkage and torque respond to the load")
 SAME_CONDITIONS = criterion(
-    0.03,
-    "two test points have the same conditions if they differ by less than this share of the range",
+    0.03, "two test points have the same conditions if they differ by less than this share of the range"
 )
 SCATTERED_CONDITIONS = criterion(0.15, "the same share for conditions that scatter about one value")
 EQUAL_PAIRS = criterion(6, "pairs of test points under the same conditions needed to estimate the noise")
 POINTS_BETWEEN = criterion(
-    4,
-    "test points with neighbours on both sides needed to estimate the noise where none is repeated",
+    4, "test points with neighbours on both sides needed to estimate the noise where none is repeated"
 )
 LARGE_DIFFERENCE = criterion(
-    1.5,
-    "unit for differences of load or sinkage between test points, over their largest value",
+    1.5, "unit for differences of load or sinkage between test points, over their largest value"
 )
 JUMP = criterion(
     6.0,
@@ -145,13 +130,11 @@ JUMP = criterion(
 """How many predictions may be missing?
 Shares of samples. A note and a loss are a matter of choice; a fit is rejected earlier, without evidence."""
 UNPREDICTED = criterion(
-    0.05,
-    "samples without a prediction that cause a note; a change that loses more is not made",
+    0.05, "samples without a prediction that cause a note; a change that loses more is not made"
 )
 FIT_UNPREDICTED = criterion(0.02, "samples without a prediction above which a fit has failed")
 
 """What is reported beside a verdict?"""
 HIDDEN = criterion(
-    0.3,
-    "share of a finding's size that must show in a picture of the residuals; else a note says why",
+    0.3, "share of a finding's size that must show in a picture of the residuals; else a note says why"
 )

@@ -1,14 +1,18 @@
-"""The result of a comparison of a model with measurements."""
+"""The result of a comparison of a model with measurements, and c and φ of its segments."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.estimation import WindowEstimates, estimators
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from terrain_cli.estimation.estimators import EstimateRequest
@@ -114,11 +118,19 @@ class Difference:
     where: tuple[str, str, int] | None
     first: float
     second: float
-    difference: float  # difference, low, high: second less first, with a 95 % interval
-    low: float
+    low: float  # low, high: 95 % interval of the difference
     high: float
     se: float
-    moved: bool  # By more than three standard errors
+
+    @property
+    def difference(self) -> float:
+        """Second less first."""
+        return self.second - self.first
+
+    @property
+    def moved(self) -> bool:
+        """Whether by more than three standard errors."""
+        return abs(self.difference) > criteria.MOVED * self.se
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +152,7 @@ class Comparison:
     channels: dict[str, ChannelErrors]  # Over all wheels
     failures: list[Finding]  # The strongest first
     warnings: list[str]
-    soils: EstimateRequest | None = None  # What `estimate` says of the segments (`segment_soils.of`)
+    soils: EstimateRequest | None = None  # What `estimate` says of the segments (`segment_soils`)
     # The scores of effects, which are computed where they are asked for
     scores: Callable[[], EffectScores] | None = None
 
@@ -148,3 +160,34 @@ class Comparison:
     def blocks(self) -> int:
         """Number of independent stretches of the data."""
         return 1 + max(int(wheel.blocks.max(initial=-1)) for wheel in self.wheels)
+
+
+class Soils(NamedTuple):
+    """The segments of a wheel, as they were cut, and their soils."""
+
+    segments: Windows
+    estimates: WindowEstimates
+
+
+def segment_soils(comparison: Comparison) -> list[Soils]:
+    """Return the soils of the segments of each wheel: `estimate`'s, or where it has none, the own fit's."""
+    asked = comparison.soils
+    if asked is None:
+        return [_own(wheel, wheel.segments, None) for wheel in comparison.wheels]
+    return [
+        Soils(cut, estimates) if estimates is not None else _own(wheel, cut, asked.stress)
+        for wheel, cut, estimates in zip(comparison.wheels, asked.wheels, asked.estimates, strict=True)
+    ]
+
+
+def _own(wheel: WheelComparison, cut: Windows, stress: float | None) -> Soils:
+    """Return the soils that were fitted for the comparison, of which one may be that of several segments."""
+    windows = wheel.windows
+    nothing = np.full(len(windows), np.nan)
+    line = WindowEstimates(**dict.fromkeys((f.name for f in fields(WindowEstimates)), nothing))
+    fitted = estimators.of_fit(wheel.fit, line, windows, stress)
+    order = np.argsort(windows.rows, kind="stable")
+    place = np.searchsorted(windows.rows[order], cut.rows[cut.bounds[:-1]])
+    soil = np.searchsorted(windows.bounds, order[np.minimum(place, len(order) - 1)], side="right") - 1
+    columns = {f.name: getattr(fitted, f.name)[soil] for f in fields(WindowEstimates)}
+    return Soils(cut, replace(fitted, **columns | {"n": np.diff(cut.bounds)}))

@@ -55,10 +55,7 @@ def normal_tail(z: ArrayLike) -> Array:
 
 
 def chi_squared_tail(value: float, freedom: int) -> float:
-    """Return how often χ² with `freedom` degrees is larger than a value.
-
-    A finite sum: Abramowitz & Stegun 1964, 26.4.4 and 26.4.5.
-    """
+    """Return how often χ² is larger: a finite sum (Abramowitz & Stegun 1964, 26.4.4 and 26.4.5)."""
     half = 0.5 * value
     first = 0.5 * (freedom % 2)
     powers = (first + j for j in range(freedom // 2))

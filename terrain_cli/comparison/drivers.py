@@ -14,7 +14,7 @@ from terrain_cli.vocabulary.channels import CHANNELS, LABEL
 from terrain_cli.windows.cut_windows import at_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from terrain_cli.vocabulary.arrays import Array
     from terrain_cli.windows.cut_windows import Windows
@@ -73,6 +73,12 @@ def of_wheel(windows: Windows) -> dict[str, Driver]:
     segment = np.repeat(np.arange(1.0, len(count) + 1.0), count)
     found["segment"] = Driver("segment", "", segment, tuple(str(j + 1) for j in range(len(count))))
     return found
+
+
+def functions_under_all(name: str, wheels: Iterable[Mapping[str, Array]]) -> tuple[str, ...]:
+    """Name the drivers of which one is a function (`functions_of`) under every wheel that has it."""
+    several = [functions_of(name, values) for values in wheels if name in values]
+    return tuple(other for other in several[0] if all(other in one for one in several)) if several else ()
 
 
 def functions_of(name: str, values: Mapping[str, Array]) -> tuple[str, ...]:

@@ -10,10 +10,10 @@ import numpy as np
 from terrain_cli.comparison import blocks, shapes
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison.comparison_outcome import UNITS, Finding
-from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_of
-from terrain_cli.comparison.prediction import derivatives
+from terrain_cli.comparison.drivers import ANGLE, PARTS, functions_under_all
 from terrain_cli.comparison.residual_scores import ResidualEvidence, Slopes
 from terrain_cli.comparison.residual_search import Search
+from terrain_cli.comparison.smoothed_channels import is_quiet
 from terrain_cli.vocabulary.quantities import listed
 
 if TYPE_CHECKING:
@@ -91,20 +91,10 @@ class Residuals:
     def _of_wheel(self, index: int, block: Index) -> ResidualEvidence:
         wheel, rows = self.wheels[index], self.rows[index]
         channels, drivers = wheel.smoothed(wheel.gap, rows)
-        known = np.ones(len(rows), dtype=bool)
-        for name in ("load", "slip", "sinkage"):
-            if name in channels:
-                known &= np.isfinite(channels[name])
+        known = is_quiet(channels)
         local, own = len(wheel.soil), len(wheel.common)
-        tables = derivatives(
-            wheel.model,
-            wheel.geometry,
-            channels,
-            lambda some: wheel.of_samples(rows[some]),
-            (*wheel.soil, *wheel.common),
-        )
         slopes = {}
-        for name, table in tables.items():
+        for name, table in wheel.slopes(channels, rows).items():
             # Each wheel was fitted on its own: its common parameters are its own too.
             common = np.zeros((len(rows), own * len(self.wheels)))
             common[:, index * own : (index + 1) * own] = table[:, local:]
@@ -142,15 +132,15 @@ class Residuals:
         found = [shapes.constant()]
         known = None if self.found is None else {driver for _, driver in self.found}
         for name in dict.fromkeys(name for one in self.evidence for name in one.drivers):
-            values = np.concatenate([one.drivers[name] for one in self.evidence if name in one.drivers])
+            several = [one.drivers[name] for one in self.evidence if name in one.drivers]
+            values = np.concatenate(several)
             if known is not None and name not in known and not self._differs(name):
                 continue
             if name in self.labels:
                 found += shapes.of_label(name, values)
             elif name == ANGLE:
-                found += shapes.of_turning(
-                    name, [one.drivers[name] for one in self.evidence if name in one.drivers], self._teeth()
-                )
+                teeth = {wheel.geometry.grouser_count for wheel in self.wheels} - {0}
+                found += shapes.of_turning(name, several, sorted({*shapes.HARMONICS, *teeth}))
             else:
                 found += shapes.of_number(name, values)
         return found
@@ -169,10 +159,6 @@ class Residuals:
             inside += float(((values[known] - mean[segment]) ** 2).sum())
             whole += float(((values[known] - values[known].mean()) ** 2).sum())
         return inside < 0.5 * whole
-
-    def _teeth(self) -> tuple[int, ...]:
-        counts = {wheel.geometry.grouser_count for wheel in self.wheels} - {0}
-        return tuple(sorted({*shapes.HARMONICS, *counts}))
 
     def search(self) -> Search:
         """Set up the search."""
@@ -219,11 +205,14 @@ class Residuals:
         amplitude *= shape.span
         alternatives = one.alternatives
         if shape.name not in ("constant", "periodic", "label"):
-            alternatives = tuple(dict.fromkeys([*alternatives, *self._functions_of(shape.driver)]))
+            numbers = ({n: v for n, v in e.drivers.items() if n not in self.labels} for e in self.evidence)
+            functions = functions_under_all(shape.driver, numbers)
+            alternatives = tuple(dict.fromkeys([*alternatives, *functions]))
         label = self.labels[shape.driver][int(shape.at or 0)] if shape.name == "label" else ""
         missing = list(self._missing(one))
         seen = self._seen(one, [part for _, part in missing])
         at = shape.at if shape.name in ("step", "saturating", "periodic") else None
+        unit = next((w.drivers[shape.driver].unit for w in self.wheels if shape.driver in w.drivers), "")
         return Finding(
             channel=channel,
             driver=shape.driver,
@@ -233,25 +222,11 @@ class Residuals:
             amplitude=amplitude,
             unit=UNITS[channel],
             at=at,
-            sentence=sentence_of(
-                channel, shape, amplitude, label, alternatives, self._unit(shape.driver), seen
-            ),
+            sentence=sentence_of(channel, shape, amplitude, label, alternatives, unit, seen),
             worst_segments=self._worst(missing),
             alternatives=alternatives,
             seen=seen,
         )
-
-    def _functions_of(self, driver: str) -> tuple[str, ...]:
-        """Name the drivers of which this one is a function under every wheel."""
-        several = [
-            functions_of(driver, {n: v for n, v in one.drivers.items() if n not in self.labels})
-            for one in self.evidence
-            if driver in one.drivers
-        ]
-        return tuple(name for name in several[0] if all(name in one for one in several)) if several else ()
-
-    def _unit(self, driver: str) -> str:
-        return next((w.drivers[driver].unit for w in self.wheels if driver in w.drivers), "")
 
     def _missing(self, one: Found) -> Iterator[tuple[int, Array]]:
         """Yield the place of each wheel and what is missing there by a finding; NaN where not measured."""

@@ -26,19 +26,19 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from terrain_cli.comparison.comparison_outcome import Driver
-    from terrain_cli.comparison.fit_settings import FitSettings
     from terrain_cli.comparison.whitening import Whitening
+    from terrain_cli.estimation.estimators import FitSettings
     from terrain_cli.estimation.wheel_fit import Fit
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknown
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
     from terrain_cli.mechanics.wheel_model import Model
     from terrain_cli.vocabulary.arrays import Array, Index
     from terrain_cli.windows.cut_windows import Windows
 
 
-#: Drivers whose noise is that of the slip computed from them.
-_WITH_SLIP = ("velocity", "angular_velocity")
+#: What is interpolated: the speeds have the noise of the slip that is computed from them.
+_QUIETED = (*smoothed_channels.NOISY, "velocity", "angular_velocity")
 #: Channels that a model without effects reads, explains or is compared with.
-_READ = (*smoothed_channels.NOISY, *_WITH_SLIP, "torque", "drawbar_pull")
+_READ = (*_QUIETED, "torque", "drawbar_pull")
 #: Samples that tell over which gap channels are interpolated best (judged).
 _TELL = 1_000
 #: Most samples to which one soil is fitted.
@@ -88,25 +88,26 @@ class FittedWheel:
             given="sinkage" if "sinkage" in self.channels else "load",
             correlated=self.ordered,
         )
-        self.sought = sought = unknowns(
-            model,
-            fixed=settings.fixed,
-            priors=settings.priors,
-            shared=settings.shared,
-            windows=len(windows),
+        sought = unknowns(
+            model, fixed=settings.fixed, priors=settings.priors, shared=settings.shared, windows=len(windows)
         )
-        #: Parameters sought: of every window, and common to all of them.
-        self.soil = tuple(u.name for u in sought.local)
-        self.common = tuple(u.name for u in sought.shared)
-        self.logarithmic = frozenset(u.name for u in (*sought.local, *sought.shared) if u.logarithm)
-        #: Width of the prior of each, of a logarithm as a share of the value.
-        self.prior = {u.name: u.sd for u in (*sought.local, *sought.shared)}
+        self.seek(sought)
         self.parameters = self._parameters(settings)
         self.series = np.concatenate([samples.stretch[windows.rows], [0]])[: len(windows.rows)]
         self._robust()
 
     def __len__(self) -> int:
         return len(self.windows.rows)
+
+    def seek(self, sought: Unknowns) -> None:
+        """Have these parameters for those that were fitted."""
+        self.sought, every = sought, (*sought.local, *sought.shared)
+        #: Parameters sought: of every window, and common to all of them.
+        self.soil = tuple(u.name for u in sought.local)
+        self.common = tuple(u.name for u in sought.shared)
+        self.logarithmic = frozenset(u.name for u in every if u.logarithm)
+        #: Width of the prior of each, of a logarithm as a share of the value.
+        self.prior = {u.name: u.sd for u in every}
 
     def _robust(self) -> None:
         """Take the soil from a fit that a wrong model does not lead astray, where the fit went wrong."""
@@ -264,6 +265,14 @@ class FittedWheel:
         window = self.window[rows]
         return {name: column[window] for name, column in self.parameters.items()}
 
+    def slopes(self, channels: Mapping[str, Array], rows: Index) -> dict[str, Array]:
+        """Differentiate the predictions of some samples by all that was fitted: by channel, (n, names)."""
+        names = (*self.soil, *self.common)
+        return prediction.derivatives(self.model, self.geometry, channels, self._some(rows), names)
+
+    def _some(self, rows: Index) -> prediction.Parameters:
+        return lambda some: self.of_samples(rows[some])
+
     @cached_property
     def read(self) -> dict[str, Array]:
         """The channels from which to predict: torque and pull, if effects read them, from the conditions.
@@ -349,9 +358,7 @@ class FittedWheel:
         if not self.ordered:
             return dict(self.read)
         return {
-            name: self._from_neighbours(column, gap)
-            if name in (*smoothed_channels.NOISY, *_WITH_SLIP)
-            else column
+            name: self._from_neighbours(column, gap) if name in _QUIETED else column
             for name, column in self._read(gap).items()
         }
 
@@ -370,9 +377,8 @@ class FittedWheel:
         rows = np.arange(0, len(self), max(1, len(self) // _TELL))
         channels, _ = self.smoothed(gap, rows)
         total = 0.0
-        for name, predicted in prediction.values(
-            self.model, self.geometry, channels, lambda some: self.of_samples(rows[some])
-        ).items():
+        found = prediction.values(self.model, self.geometry, channels, self._some(rows))
+        for name, predicted in found.items():
             usual, left = self.residuals[name][rows], self.measured[name][rows] - predicted
             left = np.where(np.isfinite(left), left, 2.0 * usual)
             total += float(np.nansum(left**2) / max(np.nansum(usual**2), np.finfo(float).tiny))
@@ -389,12 +395,6 @@ class FittedWheel:
         channels = {name: column[rows] for name, column in self.quiet(gap).items()}
         if self.model.base == "wong-reece" and {"load", "sinkage"} <= channels.keys():
             kept = {**channels, "sinkage": np.where(np.isfinite(channels["load"]), 1.0, np.nan)}
-            sunk = prediction.values(
-                self.model, self.geometry, kept, lambda some: self.of_samples(rows[some]), ("sinkage",)
-            )
-            channels["sinkage"] = sunk["sinkage"]
+            channels |= prediction.values(self.model, self.geometry, kept, self._some(rows), ("sinkage",))
         found = {name: driver.values[rows] for name, driver in self.drivers.items()}
-        found.update(
-            {name: channels[name] for name in (*smoothed_channels.NOISY, *_WITH_SLIP) if name in found}
-        )
-        return channels, found
+        return channels, found | {name: channels[name] for name in _QUIETED if name in found}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
+from terrain_cli.comparison.blocks import at_times
 from terrain_cli.errors import UsageError
 from terrain_cli.telemetry.derive.usable_samples import STANDS
 from terrain_cli.telemetry.wheel_samples import Notice
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from terrain_cli.telemetry import Samples
-    from terrain_cli.vocabulary.arrays import Index, Mask
+    from terrain_cli.vocabulary.arrays import Index
     from terrain_cli.windows.cut_windows import Windows
 
 
@@ -59,7 +60,9 @@ def marked(wheels: Sequence[Windows], share: float) -> list[Windows]:
         else:
             of = f"{int(aside[leader.usable].sum())} of {len(leader.usable)} samples"
             said = Notice(f"{of} are kept aside, in {criteria.FEWEST_BLOCKS} stretches")
-            aside = aside if samples is leader else _same_times(leader, aside, samples)
+            if leader.time is not None and samples.time is not None and samples is not leader:
+                # What the leader's last sample before them has.
+                aside = aside[at_times(leader.time, samples.time)]
         found.append(
             replace(
                 one,
@@ -95,13 +98,3 @@ def _place(samples: Samples) -> Index:
     reasons = samples.set_aside
     stands = reasons.names.index(STANDS) if STANDS in reasons.names else -2
     return np.maximum(np.cumsum(reasons.codes != stands, dtype=np.intp) - 1, 0)
-
-
-def _same_times(leader: Samples, aside: Mask, other: Samples) -> Mask:
-    """Give the samples of another wheel what the leader's last sample before them has."""
-    time, own = leader.time, other.time
-    assert time is not None  # noqa: S101 - a leader has a clock where another wheel has one
-    assert own is not None  # noqa: S101 - as above
-    order = np.argsort(time, kind="stable")
-    place = np.clip(np.searchsorted(time[order], own, side="right") - 1, 0, None)
-    return np.asarray(aside[order[place]])

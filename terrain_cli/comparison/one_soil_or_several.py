@@ -37,12 +37,10 @@ def as_few_as_predict(
             result.append(wheel)
             continue
         fewer = one[0]
-        part = _parts(wheel)
+        shortest = criteria.BLOCK_SAMPLES if wheel.ordered else 1
+        part = blocks.fine([len(wheel)], shortest, most=_PARTS)[0].astype(np.intp)
         difference = _loss(fewer, wheel, part) - _loss(wheel, wheel, part)
-        error = (
-            float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
-        )
-        if float(difference.sum()) <= criteria.AS_GOOD * error:
+        if float(difference.sum()) <= criteria.AS_GOOD * blocks.error(difference):
             result.append(fewer)
             samples = wheel.windows.samples
             told.append(
@@ -52,12 +50,6 @@ def as_few_as_predict(
         else:
             result.append(wheel)
     return result, told
-
-
-def _parts(wheel: FittedWheel) -> Index:
-    """Cut the samples into what is left out in turn."""
-    shortest = criteria.BLOCK_SAMPLES if wheel.ordered else 1
-    return blocks.fine([len(wheel)], shortest, most=_PARTS)[0].astype(np.intp)
 
 
 def _loss(wheel: FittedWheel, like: FittedWheel, part: Index) -> Array:

@@ -52,21 +52,15 @@ def values(
     wanted = tuple(wanted) or compared(model, channels)
     given_sinkage = _known(channels, "sinkage")
     n = len(next(iter(channels.values())))
+    from_sinkage = ("sinkage", "slip", *(("load",) if model.base == "linear" else ()))
     result = {name: np.full(n, np.nan) for name in wanted}
     for rows in _slabs(n):
-        if given_sinkage and wanted != ("sinkage",):
-            whole = _rows(
-                model, channels, rows, ("sinkage", "slip", *(("load",) if model.base == "linear" else ()))
-            )
-            part = _predict(model, wheel, channels, parameters, whole, load_given=False)
-            for name in wanted:
-                if name != "sinkage":
-                    result[name][whole] = value(getattr(part, name))
-        if "sinkage" in wanted or not given_sinkage:
-            whole = _rows(model, channels, rows, ("load", "slip"))
-            part = _predict(model, wheel, channels, parameters, whole, load_given=True)
-            for name in wanted:
-                if name == "sinkage" or not given_sinkage:
+        for load_given, needed in ((False, from_sinkage), (True, ("load", "slip"))):
+            names = [name for name in wanted if load_given == (name == "sinkage" or not given_sinkage)]
+            if names:
+                whole = _rows(model, channels, rows, needed)
+                part = _predict(model, wheel, channels, parameters, whole, load_given=load_given)
+                for name in names:
                     result[name][whole] = value(getattr(part, name))
     return result
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from terrain_cli.comparison import comparison_criteria as criteria
 from terrain_cli.comparison import distributions
-from terrain_cli.comparison.bootstrap import DRAWS, max_test
+from terrain_cli.comparison.blocks import DRAWS, max_test
 from terrain_cli.comparison.drivers import ANGLE, PARTS
 from terrain_cli.comparison.residual_scores import System
 from terrain_cli.vocabulary.channels import CHANNELS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,10 +31,11 @@ class Shape:
     driver: str
     # "constant", "linear", "quadratic", "saturating", "step", "periodic" or "label"
     name: str
-    at: float | None  # Threshold of a step, scale of a saturating curve, period, code of a label
-    low: float  # 2nd percentile of the driver, or the least of a few values
-    high: float  # 98th percentile of the driver, or the greatest of a few values
-    span: float  # Difference that a coefficient of 1 makes over this range; of a periodic shape its amplitude
+    at: float | None = None  # Threshold of a step, scale of a saturating curve, period, code of a label
+    low: float = 0.0  # 2nd percentile of the driver, or the least of a few values
+    high: float = 1.0  # 98th percentile of the driver, or the greatest of a few values
+    # Difference that a coefficient of 1 makes over this range; of a periodic shape its amplitude
+    span: float = 1.0
     partner: int = 0  # Of a periodic shape 0 for the cosine and 1 for the sine
 
     def __call__(self, values: Array) -> Array:
@@ -63,7 +65,7 @@ class Shape:
 
 def constant() -> Shape:
     """Return the shape of an offset that follows no driver."""
-    return Shape(driver="", name="constant", at=None, low=0.0, high=1.0, span=1.0)
+    return Shape(driver="", name="constant")
 
 
 def of_number(driver: str, values: Array) -> list[Shape]:
@@ -74,36 +76,21 @@ def of_number(driver: str, values: Array) -> list[Shape]:
     low, high = (float(v) for v in np.quantile(known, [0.02, 0.98]))
     levels = np.unique(known[:: max(1, len(known) // 20_000)])
     if len(levels) <= _FEW_LEVELS:
-        steps = [float(v) for v in 0.5 * (levels[1:] + levels[:-1])]
-        low, high = float(levels[0]), float(levels[-1])
-        shapes = [Shape(driver=driver, name="step", at=at, low=low, high=high, span=1.0) for at in steps]
-        if len(levels) > 2:
-            shapes.append(Shape(driver=driver, name="linear", at=None, low=low, high=high, span=1.0))
-        return shapes
-    size = max(abs(low), abs(high))
-    if not high - low > 1e-6 * size:
+        shape = partial(Shape, driver=driver, low=float(levels[0]), high=float(levels[-1]))
+        steps = [shape(name="step", at=float(at)) for at in 0.5 * (levels[1:] + levels[:-1])]
+        return [*steps, shape(name="linear")] if len(levels) > 2 else steps
+    if not high - low > 1e-6 * max(abs(low), abs(high)):
         return []
-    shapes = [
-        Shape(driver=driver, name="linear", at=None, low=low, high=high, span=1.0),
-        Shape(driver=driver, name="quadratic", at=None, low=low, high=high, span=1.0),
+    shape = partial(Shape, driver=driver, low=low, high=high)
+    return [
+        shape(name="linear"),
+        shape(name="quadratic"),
+        *(
+            shape(name="saturating", at=part * (high - low), span=1.0 - float(np.exp(-1.0 / part)))
+            for part in _SCALES
+        ),
+        *(shape(name="step", at=float(at)) for at in np.unique(np.quantile(known, _THRESHOLDS))),
     ]
-    for part in _SCALES:
-        scale = part * (high - low)
-        shapes.append(
-            Shape(
-                driver=driver,
-                name="saturating",
-                at=scale,
-                low=low,
-                high=high,
-                span=1.0 - float(np.exp(-1.0 / part)),
-            )
-        )
-    shapes += [
-        Shape(driver=driver, name="step", at=float(at), low=low, high=high, span=1.0)
-        for at in np.unique(np.quantile(known, _THRESHOLDS))
-    ]
-    return shapes
 
 
 def of_label(driver: str, codes: Array) -> list[Shape]:
@@ -111,9 +98,7 @@ def of_label(driver: str, codes: Array) -> list[Shape]:
     present = np.unique(codes[np.isfinite(codes)])
     if not 1 < len(present) <= 50:
         return []
-    return [
-        Shape(driver=driver, name="label", at=float(code), low=0.0, high=1.0, span=1.0) for code in present
-    ]
+    return [Shape(driver=driver, name="label", at=float(code)) for code in present]
 
 
 def of_turning(driver: str, angles: Sequence[Array], counts: Sequence[int] = HARMONICS) -> list[Shape]:
@@ -129,15 +114,7 @@ def of_turning(driver: str, angles: Sequence[Array], counts: Sequence[int] = HAR
     steps = np.abs(np.concatenate([np.diff(angle) for angle in known]))
     step = float(np.median(steps[steps > 0.0]))
     return [
-        Shape(
-            driver=driver,
-            name="periodic",
-            at=2.0 * np.pi / count,
-            low=0.0,
-            high=2.0 * np.pi,
-            span=1.0,
-            partner=part,
-        )
+        Shape(driver=driver, name="periodic", at=2.0 * np.pi / count, high=2.0 * np.pi, partner=part)
         for count in counts
         if step < 0.4 * 2.0 * np.pi / count
         for part in (0, 1)

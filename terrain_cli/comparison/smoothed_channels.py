@@ -59,6 +59,12 @@ class RecordedWheel:
         return np.stack(columns, axis=1) if columns else np.zeros((len(self.window), 1))
 
 
+def is_quiet(channels: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """Tell which samples have all of load, sinkage and slip, as far as the channels do."""
+    there = [np.isfinite(channels[name]) for name in NOISY if name in channels]
+    return np.asarray(np.logical_and.reduce(there))
+
+
 def without_noise(
     record: RecordedWheel, read: Mapping[str, Array], *, load_tells_sinkage: bool
 ) -> tuple[dict[str, Array], NDArray[np.bool_]]:

@@ -17,14 +17,14 @@ from terrain_cli.comparison import smoothed_model
 from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.estimation.wheel_fit.damped_search import damped
-from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, limits, newton
+from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, inside, newton
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from terrain_cli.comparison.smoothed_model import SmoothedData
     from terrain_cli.estimation.wheel_fit import Fit
-    from terrain_cli.estimation.wheel_fit.unknowns import Unknown, Unknowns
+    from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
     from terrain_cli.mechanics.wheel_model import Model
     from terrain_cli.vocabulary.arrays import Array, Index
 
@@ -80,10 +80,7 @@ def covariance(data: SmoothedData, solution: Solution) -> tuple[Array, Array]:
     found, shared = normal_equations.arrow(information / solution.spread, q, np.eye(q + m))
     held = normal_equations.inverse(shared - found.taken())
     whole = normal_equations.covariance(found.own, found.gain, held)
-    sought = solution.unknowns
-    slope = [np.abs(u.slope(solution.t[:, j])) for j, u in enumerate(sought.local)]
-    slope += [np.full(w, abs(float(u.slope(solution.common[j])))) for j, u in enumerate(sought.shared)]
-    scale = np.stack(slope, axis=1) if slope else np.zeros((w, 0))
+    scale = np.abs(solution.unknowns.slopes(solution.t, solution.common))
     outside = scale[0, q:] if w else np.zeros(m)
     return whole * scale[:, :, None] * scale[:, None, :], held * np.outer(outside, outside)
 
@@ -145,9 +142,13 @@ def solve(
     promises a fall of the cost below the share `settled`.
     """
     within = _of_wheels(sought)
-    t, common = _inside(within.local, t), _inside(within.shared, common)
-    guess = _carrying(model, sought, data, t, common)
-    state = _linear(model, sought, data, t, common, guess)
+    t, common = inside(within.local, t), inside(within.shared, common)
+
+    def anew(before: Array | None) -> _State:
+        guess = _carrying(model, sought, data, t, common, before)
+        return _linear(model, sought, data, t, common, guess)
+
+    state = anew(None)
     spread = _spread(data, state.left)
     for _ in range(rounds):
         damping, harder = _DAMPING, _HARDER
@@ -176,10 +177,8 @@ def solve(
             break
         spread = weighed
         # Sinkages anew: some may have been out of reach before.
-        guess = _carrying(model, sought, data, t, common, state.sinkage)
-        state = _linear(model, sought, data, t, common, guess)
-    guess = _carrying(model, sought, data, t, common, state.sinkage)
-    state = _linear(model, sought, data, t, common, guess)
+        state = anew(state.sinkage)
+    state = anew(state.sinkage)
     return Solution(
         model=model,
         unknowns=sought,
@@ -236,7 +235,7 @@ def neutral(model: Model, sought: Unknowns, data: SmoothedData, common: Array) -
             own = off[(data.window == label) & data.use]
             usual = float(np.median(own[np.isfinite(own)])) if np.isfinite(own).any() else 1.0
             t[label, column] += np.clip(usual, -2.0, 2.0) / sought.local[column].sd
-    return _inside(_of_wheels(sought).local, t)
+    return inside(_of_wheels(sought).local, t)
 
 
 class _State(NamedTuple):
@@ -257,9 +256,7 @@ def _linear(
         found, tables = smoothed_model.forecast(model, data, numbers, names, order=smoothed_model.ORDER)
     else:
         found, tables, guess = smoothed_model.nearby(model, data, numbers, names, guess)
-    slope = [u.slope(t[:, j])[data.window] for j, u in enumerate(sought.local)]
-    slope += [np.full(len(data.window), float(u.slope(common[j]))) for j, u in enumerate(sought.shared)]
-    scale = np.stack(slope, axis=1) if slope else np.zeros((len(data.window), 0))
+    scale = sought.slopes(t, common)[data.window]
     design = data.white({name: table * scale for name, table in tables.items()}, data.seen)
     left = smoothed_model.residual(data, found)
     # Where there is no answer there is no slope either.
@@ -333,8 +330,3 @@ def _of_wheels(sought: Unknowns) -> Unknowns:
         for some in (sought.local, sought.shared)
     )
     return replace(sought, local=local, shared=shared)
-
-
-def _inside(some: tuple[Unknown, ...], t: Array) -> Array:
-    low, high, _ = limits(some)
-    return np.clip(t, low, high)

@@ -17,7 +17,7 @@ from terrain_cli.mechanics.dual import slopes, value
 from terrain_cli.mechanics.wheel_model import predict
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -61,10 +61,7 @@ class SmoothedData:
 
 
 def with_noise_of(data: SmoothedData, left: Array, fewest: int) -> SmoothedData:
-    """Take what a model leaves, (n, c) in units of the noise as it is, for the noise.
-
-    That needs `fewest` samples that are known in every channel.
-    """
+    """Take what a model leaves, (n, c), for the noise, if `fewest` samples are known in every channel."""
     seen = data.seen.all(axis=1)
     if np.count_nonzero(seen) < fewest:
         return data
@@ -109,16 +106,12 @@ def forecast(
     # The base linear takes both; so does what is to be compared with it.
     both = given == "sinkage" and "load" in data.inputs
     needed = {"slip", given, *(("load",) if both else ()), *model.needs} & data.inputs.keys()
-    fine = np.ones(n, dtype=bool)
-    for name in needed:
-        fine &= np.isfinite(data.inputs[name])
+    fine = _known(data, needed)
     if "sinkage" in needed:
         fine &= data.inputs["sinkage"] > 0.0
     found = {name: np.full(n, np.nan) for name in names}
     tables = {name: np.zeros((n, len(by))) for name in names}
-    rows = np.flatnonzero(fine)
-    for start in range(0, len(rows), _SLAB):
-        some = rows[start : start + _SLAB]
+    for some in _slabs(fine):
         # On its way a search meets soils that do not carry the load: no prediction, and no warning.
         inputs = {name: column[some] for name, column in data.inputs.items()}
         own = {name: column[some] for name, column in numbers.items()}
@@ -148,6 +141,16 @@ def forecast(
                 if slope is not None:
                     tables[name][some, column] = slope + by_stiffness * along.get(parameter, 0.0)
     return found, {name: np.where(np.isfinite(table), table, 0.0) for name, table in tables.items()}
+
+
+def _known(data: SmoothedData, names: Iterable[str]) -> NDArray[np.bool_]:
+    """Tell of which samples some of the inputs are known."""
+    return np.asarray(np.all([np.isfinite(data.inputs[name]) for name in names], axis=0))
+
+
+def _slabs(fine: NDArray[np.bool_]) -> Iterator[Index]:
+    rows = np.flatnonzero(fine)
+    yield from (rows[start : start + _SLAB] for start in range(0, len(rows), _SLAB))
 
 
 def _carrying(
@@ -188,12 +191,8 @@ def nearby(
     found = {name: np.full(n, np.nan) for name in names}
     tables = {name: np.zeros((n, len(by))) for name in names}
     moved = np.full(n, np.nan)
-    fine = np.isfinite(guess) & (guess > 0.0)
-    for name in {"slip", "load", *model.needs} & data.inputs.keys():
-        fine &= np.isfinite(data.inputs[name])
-    rows = np.flatnonzero(fine)
-    for start in range(0, len(rows), _SLAB):
-        some = rows[start : start + _SLAB]
+    fine = _known(data, {"slip", "load", *model.needs} & data.inputs.keys())
+    for some in _slabs(fine & np.isfinite(guess) & (guess > 0.0)):
         with np.errstate(all="ignore"):
             part = predict(
                 model,

@@ -6,16 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.comparison import comparison_criteria as criteria
-from terrain_cli.comparison import segment_soils
-from terrain_cli.comparison.bootstrap import resample
-from terrain_cli.comparison.comparison_outcome import UNITS, Difference
+from terrain_cli.comparison.blocks import resample
+from terrain_cli.comparison.comparison_outcome import UNITS, Difference, segment_soils
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from terrain_cli.comparison.comparison_outcome import Comparison
-    from terrain_cli.comparison.segment_soils import Soils
+    from terrain_cli.comparison.comparison_outcome import Comparison, Soils
     from terrain_cli.vocabulary.arrays import Array
 
 
@@ -32,7 +29,7 @@ def against(first: Comparison, second: Comparison, *, seed: int = 0) -> list[Dif
 
 def between_soils(first: Comparison, second: Comparison) -> list[Difference]:
     """Tell how c and φ of every segment differ with a second model."""
-    both = zip(segment_soils.of(first), segment_soils.of(second), strict=True)
+    both = zip(segment_soils(first), segment_soils(second), strict=True)
     return [difference for one, other in both for difference in _soil(one, other)]
 
 
@@ -62,18 +59,15 @@ def _error(first: Comparison, second: Comparison, name: str, seed: int) -> Diffe
         draws = resample(sums, lambda drawn: np.diff(both(drawn), axis=1)[:, 0], seed=seed)
         low, high = (float(v) for v in np.quantile(draws, [0.025, 0.975]))
         se = float(np.std(draws))
-    change = float(other - one)
     return Difference(
         name=name,
         unit=UNITS[name],
         where=None,
         first=float(one),
         second=float(other),
-        difference=change,
         low=low,
         high=high,
         se=se,
-        moved=abs(change) > criteria.MOVED * se,
     )
 
 
@@ -93,9 +87,7 @@ def _soil(one: Soils, other: Soils) -> Iterator[Difference]:
                 where=(samples.source, samples.wheel, segment + 1),
                 first=float(first[segment]),
                 second=float(second[segment]),
-                difference=change,
                 low=change - 1.96 * se,
                 high=change + 1.96 * se,
                 se=se,
-                moved=abs(change) > criteria.MOVED * se,
             )

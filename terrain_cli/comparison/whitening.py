@@ -7,7 +7,7 @@ of a root of their covariance: what is left has variance 1 in every channel and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,10 +34,6 @@ class Whitening:
 
     channels: tuple[str, ...]
     covariance: Array  # shape (c, c)
-    # Asked for at every step of a search, while the covariance stays.
-    _roots: dict[tuple[bytes, bool], Array] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
 
     def __call__(self, tables: Mapping[str, Array], known: NDArray[np.bool_]) -> Array:
         """Whiten what stands in the place of residuals, (n, ...) by channel, to (n, c, ...).
@@ -67,11 +63,8 @@ class Whitening:
 
     def _root(self, there: Index, *, inverse: bool) -> Array:
         """Return the root of the covariance of the channels that are there, or its inverse."""
-        key = there.tobytes(), inverse
-        if key not in self._roots:
-            root = np.linalg.cholesky(self.covariance[np.ix_(there, there)])
-            self._roots[key] = np.asarray(np.linalg.inv(root) if inverse else root)
-        return self._roots[key]
+        root = np.linalg.cholesky(self.covariance[np.ix_(there, there)])
+        return np.asarray(np.linalg.inv(root) if inverse else root)
 
 
 def _each(matrix: NDArray[Any], stacked: Array) -> Array:

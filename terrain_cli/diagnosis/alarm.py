@@ -9,11 +9,11 @@ import numpy as np
 
 from terrain_cli import effects as catalogues
 from terrain_cli.comparison import distributions
-from terrain_cli.comparison.bootstrap import DRAWS, max_test
+from terrain_cli.comparison.blocks import DRAWS, error, max_test
 from terrain_cli.comparison.comparison_outcome import EffectScores
 from terrain_cli.comparison.residual_noise import between
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
-from terrain_cli.diagnosis import drafted_laws, refit_ranking, screening, signatures
+from terrain_cli.diagnosis import drafted_laws, screening, signatures
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,10 +38,10 @@ def of_gain(gain: Array) -> float:
     counts how many of all choices of their signs give as much (Fisher 1935, The Design of Experiments). The
     gain, by block, is the loss of one model less that of another; of a single block the answer is 1.
     """
-    error = refit_ranking.error(gain)
-    if not np.isfinite(error) or error <= 0.0:
+    size = error(gain)
+    if not np.isfinite(size) or size <= 0.0:
         return 1.0
-    of_mean = float(distributions.student_tail(gain.sum() / error, len(gain) - 1.0))
+    of_mean = float(distributions.student_tail(gain.sum() / size, len(gain) - 1.0))
     if len(gain) >= _FEW:
         return of_mean
     signs = np.array(list(product((-1.0, 1.0), repeat=len(gain))))
@@ -59,10 +59,7 @@ def of_gain_in_most(gain: Array) -> float:
 
 
 def shares(data: Ground, base: Refit, one: Refit) -> dict[str, float]:
-    """Return by channel how large what a model takes off the held-out error is, over the channel's size.
-
-    Both are root mean squares; 0 where it predicts no better.
-    """
+    """Return what a model takes off the held-out error over the channel's size, both rms, by channel."""
     found = {}
     for name, before in base.heldout.items():
         every = [part.measured[name][part.use] for part in data.data if name in part.measured]
@@ -126,28 +123,19 @@ def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
         if not columns:
             continue
         shapes = np.stack([np.ones(len(part.use)), *columns], axis=1)
-        seen = part.seen
-        every = np.concatenate(
-            [
-                part.white(
-                    {
-                        other: shapes if other == channel else np.zeros_like(shapes)
-                        for other in part.white.channels
-                    },
-                    seen,
-                )
-                for channel in part.white.channels
-            ],
-            axis=2,
-        )
+        names, nothing = part.white.channels, np.zeros_like(shapes)
+        white = [
+            part.white({name: shapes if name == channel else nothing for name in names}, part.seen)
+            for channel in names
+        ]
+        every, block = np.concatenate(white, axis=2), data.block[index]
         found, _ = signatures.scores(
-            solution.residual, solution.design, every, part.window, data.block[index], data.blocks
+            solution.residual, solution.design, every, part.window, block, data.blocks
         )
         gains = found.total**2 / np.maximum(np.diag(found.cross), 1e-300)
-        most = max(
-            most, float(np.where(found.surviving > criteria.REST_SURVIVES, gains, 0.0).max(initial=0.0))
-        )
-        tables.append(np.where(found.surviving > criteria.REST_SURVIVES, found.blocks, 0.0))
+        stands = found.surviving > criteria.REST_SURVIVES
+        most = max(most, float(np.where(stands, gains, 0.0).max(initial=0.0)))
+        tables.append(np.where(stands, found.blocks, 0.0))
         shrunk = min(shrunk, found.shrunk)
     if not tables:
         return 1.0, 0.0
@@ -155,10 +143,11 @@ def follows(data: Ground, one: Refit, seed: int) -> tuple[float, float]:
     return float(found_p.min(initial=1.0)), most
 
 
-def missing_effects(file: ModelFile) -> list[Effect]:
-    """Return the effects of the catalogue that a model does not have."""
+def missing_effects(file: ModelFile, effects: Sequence[Effect] | None = None) -> list[Effect]:
+    """Return the effects, by default those of the catalogue, that a model does not have."""
     there = {effect.id for effect in file.model.effects}
-    return [effect for effect in catalogues.catalogue().values() if effect.id not in there]
+    every = catalogues.catalogue().values() if effects is None else effects
+    return [effect for effect in every if effect.id not in there]
 
 
 def score(wheels: Sequence[FittedWheel], block: Sequence[Index], file: ModelFile, seed: int) -> EffectScores:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from terrain_cli.comparison import comparison_criteria
@@ -59,7 +59,7 @@ class Conclusion:
     state: State
     sentence: str  # With the command
     command: str = ""  # The next one, ready to paste
-    record: tuple[str, ...] = field(default=())  # Channels that are worth recording
+    record: tuple[str, ...] = ()  # Channels that are worth recording
     drive: str = ""  # The drive to take before that command
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from terrain_cli import effects as catalogues
-from terrain_cli import models
 from terrain_cli.comparison import comparison_criteria
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, steps, verdict
+from terrain_cli.diagnosis.alarm import missing_effects
 from terrain_cli.diagnosis.diagnosed_log import Case, scores, soils
 from terrain_cli.diagnosis.diagnosis_outcome import Alarm, Diagnosis
 from terrain_cli.vocabulary.quantities import counted
@@ -43,11 +42,9 @@ def diagnose(
     `smallest_share` of the root mean square of every channel raises no alarm. `early` gets the scores of all
     effects, long before the refits end. Raises InputError where nothing that the model predicts was measured.
     """
-    every = list(catalogues.catalogue().values() if effects is None else effects)
-    there = {effect.id for effect in file.model.effects}
     case = Case(
         file=file,
-        effects=[effect for effect in every if effect.id not in there],
+        effects=missing_effects(file, effects),
         seed=seed,
         progress=progress,
         smallest_share=criteria.SMALLEST_SHARE if smallest_share is None else smallest_share,
@@ -76,8 +73,7 @@ def diagnose(
             pair=two.ids,
             pair_is_best=two.is_best,
             on_full_stresses=tuple(one.id for one, _ in full),
-        ),
-        models.STRESSES,
+        )
     )
     rivals = {"family": family.members, "on_full_stresses": full}.get(decision.rivals, [])
     return _told(

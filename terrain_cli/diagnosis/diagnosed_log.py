@@ -10,9 +10,9 @@ import numpy as np
 from terrain_cli.comparison import blocks, comparison_criteria
 from terrain_cli.comparison.compare import of_fitted, on_few_soils, scale_of
 from terrain_cli.comparison.findings import Residuals
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import refits, screening, several_soils
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.telemetry.long_logs import notes
 from terrain_cli.vocabulary.quantities import counted
 from terrain_cli.windows import joined_inputs

@@ -12,8 +12,7 @@ SOIL_SAMPLES = criterion(40, "fitted samples of a soil needed on each side of a 
 
 """When are neighbouring blocks independent?"""
 UNRELATED_SCORES = criterion(
-    0.2,
-    "largest correlation of the scores of neighbouring blocks that diagnose treats as none",
+    0.2, "largest correlation of the scores of neighbouring blocks that diagnose treats as none"
 )
 
 """How small an effect is reported?"""
@@ -51,8 +50,7 @@ GAINED_STEADY = criterion(
     "arithmetic: by chance, all of six blocks gain in one case of 64",
 )
 TIED = criterion(
-    0.05,
-    "an effect belongs to the family if it is as good as the best in this share of the draws",
+    0.05, "an effect belongs to the family if it is as good as the best in this share of the draws"
 )
 RULED_OUT = criterion(
     0.02,
@@ -71,12 +69,10 @@ REST_SURVIVES = criterion(0.01, "a shape is tested in the residuals that an effe
 
 """How much more must the more complex explanation explain?"""
 PLAINER_DRAFT = criterion(
-    0.03,
-    "a simpler law, or a law of a channel, is preferred unless another explains this much more",
+    0.03, "a simpler law, or a law of a channel, is preferred unless another explains this much more"
 )
 FURTHER_PARAMETER = criterion(
-    6.0,
-    "gain in the sum of squares that a further parameter of a drafted law must bring",
+    6.0, "gain in the sum of squares that a further parameter of a drafted law must bring"
 )
 
 """Which share of the misfit?
@@ -88,8 +84,7 @@ DRAFT_LEFT = criterion(
     "gets a wrong name",
 )
 RIVAL_WORTH = criterion(
-    0.3,
-    "an effect is a rival if it removes this share of the loss that the best effect removes",
+    0.3, "an effect is a rival if it removes this share of the loss that the best effect removes"
 )
 SCORE_WORTH = criterion(
     0.15,
@@ -99,8 +94,7 @@ SCORE_WORTH = criterion(
 )
 SMALL_REST = criterion(0.05, "share of what an effect explains that may still follow the drive afterwards")
 STANDS_FOR_SOILS = criterion(
-    0.8,
-    "an effect replaces several soils if it removes this share of what they remove",
+    0.8, "an effect replaces several soils if it removes this share of what they remove"
 )
 STEPS_SHARE = criterion(
     0.5,
@@ -112,13 +106,11 @@ STEPS_SHARE = criterion(
 RIVALS = criterion(8, "effects, or pairs of effects, compared with one another or with a change of soil")
 DRAFTS = criterion(6, "laws that are fitted; fewer than rivals, without evidence")
 SOILS_OF_A_LAW = criterion(
-    3,
-    "soils that one drafted law may replace: a step in a quantity that warms up looks like two",
+    3, "soils that one drafted law may replace: a step in a quantity that warms up looks like two"
 )
 MOST_STEPS = criterion(4, "steps of the soil under all wheels")
 POINTS_ENOUGH = criterion(
-    200,
-    "test points of a wheel above which their order is not tested: the scores say as much",
+    200, "test points of a wheel above which their order is not tested: the scores say as much"
 )
 
 
@@ -127,17 +119,14 @@ FORECAST = criterion(0.8, "share of a next drive that both models must be able t
 
 """What is reported beside a verdict?"""
 LEFT_OPEN = criterion(
-    0.95,
-    "error of a parameter over the error of its prior, above which the data leave it open",
+    0.95, "error of a parameter over the error of its prior, above which the data leave it open"
 )
 LARGE_ERROR = criterion(
-    0.2,
-    "error that counts as large where the noise is unknown, as a share of the channel",
+    0.2, "error that counts as large where the noise is unknown, as a share of the channel"
 )
 TOLD = criterion(0.2, "share of the misfit that a finding must explain to be named for the worst channel")
 STANDS_OUT = criterion(
-    0.5,
-    "a channel counts as missed if its error beyond noise is this share of the largest",
+    0.5, "a channel counts as missed if its error beyond noise is this share of the largest"
 )
 
 """Which next drive is worth driving?"""
@@ -148,8 +137,7 @@ LEAST_POWER = criterion(
     "diagnosis_study, goals: of families with such a drive 84.4 % end in the right single name",
 )
 MOST_POWER = criterion(
-    0.99,
-    "largest power that is stated: not only noise and other forms of a law can go wrong",
+    0.99, "largest power that is stated: not only noise and other forms of a law can go wrong"
 )
 SAME_POWER = criterion(0.05, "powers that differ by less count as equal")
 SAME_MARGIN = criterion(0.25, "margins, in standard deviations, that differ by less count as equal")

@@ -223,8 +223,7 @@ def write(  # noqa: C901 - one branch for each form
     if form == "step":
         # A threshold has no slope: it stays where it was found.
         effect = replace(
-            effect,
-            parameters=tuple(replace(p, shape=p.name == "at" or p.shape) for p in effect.parameters),
+            effect, parameters=tuple(replace(p, shape=p.name == "at" or p.shape) for p in effect.parameters)
         )
     return Draft(changes, driver, form, text, effect)
 

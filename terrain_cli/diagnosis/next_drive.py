@@ -122,11 +122,7 @@ class Side:
         names = [u.name for u in (*sought.local, *sought.shared)]
         numbers = solution.of_samples(part.window)
         _, tables = smoothed_model.forecast(solution.model, part, numbers, names, order=smoothed_model.ORDER)
-        scale = np.ones((len(part.window), len(names)))
-        for column, unknown in enumerate(sought.local):
-            scale[:, column] = unknown.slope(solution.t[:, column])[part.window]
-        for column, unknown in enumerate(sought.shared):
-            scale[:, self.soil + column] = unknown.slope(np.asarray(solution.common[column]))
+        scale = sought.slopes(solution.t, solution.common)[part.window]
         white = part.white({name: table * scale for name, table in tables.items()}, part.seen)
         return widened(white, self.soil, part.window, part.windows)
 
@@ -272,12 +268,7 @@ _CHECKS = {
 }
 
 
-def suggest(
-    data: Ground,
-    pairs: Sequence[tuple[Hypothesis, Refit]],
-    *,
-    most: int = 3,
-) -> list[NextDrive]:
+def suggest(data: Ground, pairs: Sequence[tuple[Hypothesis, Refit]], *, most: int = 3) -> list[NextDrive]:
     """Find the drive that tells the best of a family, which comes first, from each of the others.
 
     Of several wheels, the one with most samples drives. Where no drive tells, it says so and what does, with
@@ -296,16 +287,15 @@ def suggest(
     channels = set(part.inputs) | set(part.measured)
     known = [one for one in manoeuvres.library(at, SECONDS) if one.possible(channels)]
     table = np.array([margins(ground, sides, one.drive(at)) for one in known])
-    every = [_Pair(sides[a], sides[b], _both(table, a, b)) for a, b in combinations(range(len(sides)), 2)]
+    # Of a pair either may be the truth.
+    every = [
+        _Pair(sides[a], sides[b], np.concatenate([table[:, a, b], table[:, b, a]], axis=1))
+        for a, b in combinations(range(len(sides)), 2)
+    ]
     whole = np.mean([np.minimum(pair.worst, criteria.SURE_OF_BENT_LAWS) for pair in every], axis=0)
     found = [_best(pair, known, whole) for pair in every if pair.one is sides[0]]
     # What is driven first had better settle more than its own pair.
     return [drive for drive, _ in sorted(found, key=lambda one: -one[1])]
-
-
-def _both(table: Array, a: int, b: int) -> Array:
-    """Return the margins of a pair, either of them being the truth, shape (drives, any)."""
-    return np.concatenate([table[:, a, b], table[:, b, a]], axis=1)
 
 
 @dataclass(frozen=True)

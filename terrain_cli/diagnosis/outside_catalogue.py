@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli import processes
-from terrain_cli.comparison.drivers import functions_of
+from terrain_cli.comparison.drivers import functions_under_all
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import drafted_laws, refit_ranking, refits, signatures
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis, UnknownEffect
@@ -149,12 +149,8 @@ def beats(tried: Sequence[Tried], effect: Refit) -> bool:
 
 def same_drivers(data: Ground, driver: str) -> tuple[str, ...]:
     """Name the drivers of which one is a function under every wheel: a law of it may be theirs."""
-    several = [
-        functions_of(driver, known)
-        for known in map(drafted_laws.drivers, data.wheels)
-        if driver in known and driver != drafted_laws.ANGLE
-    ]
-    return tuple(name for name in several[0] if all(name in one for one in several)) if several else ()
+    turning = driver == drafted_laws.ANGLE
+    return () if turning else functions_under_all(driver, map(drafted_laws.drivers, data.wheels))
 
 
 def verdict(

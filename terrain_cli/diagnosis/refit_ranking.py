@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria, smoothed_fit, smoothed_model
-from terrain_cli.comparison.bootstrap import resample, webb_weights
+from terrain_cli.comparison.blocks import error, resample, webb_weights
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.estimation.wheel_fit.normal_equations import products, widened
 
@@ -27,11 +27,6 @@ if TYPE_CHECKING:
     from terrain_cli.diagnosis.refits import Ground, Refit
     from terrain_cli.mechanics.wheel_model import Model
     from terrain_cli.vocabulary.arrays import Array, Index
-
-
-def error(difference: Array) -> float:
-    """Return the standard error of a sum over blocks; infinite where there is but one."""
-    return float(np.std(difference, ddof=1) * np.sqrt(len(difference))) if len(difference) > 1 else np.inf
 
 
 def beats(one: Refit, other: Refit) -> bool:

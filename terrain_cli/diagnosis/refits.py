@@ -17,9 +17,10 @@ from terrain_cli.comparison import (
     smoothed_model,
     whitening,
 )
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit import normal_equations
+from terrain_cli.estimation.wheel_fit.gauss_newton import inside, limits
 from terrain_cli.estimation.wheel_fit.unknowns import unknowns
 
 if TYPE_CHECKING:
@@ -272,7 +273,7 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
     q, m = solution.t.shape[1], len(solution.common)
     prior = solution.spread * np.eye(q + m)
     sought = solution.unknowns
-    low, high = (np.array([getattr(u, side) for u in sought.shared]) for side in ("lower", "upper"))
+    low, high, _ = limits(sought.shared)
     farthest = held_out.FARTHEST
     reach = (np.maximum(low - solution.common, -farthest), np.minimum(high - solution.common, farthest))
     moved = np.clip(
@@ -283,8 +284,7 @@ def _held_out(part: SmoothedData, solution: Solution, block: Index) -> tuple[Arr
     t = solution.t[part.window] + moved[cell][:, :q]
     common = solution.common[None] + moved[cell][:, q:]
     common = np.clip(common, low, high)
-    low, high = (np.array([getattr(u, side) for u in sought.local]) for side in ("lower", "upper"))
-    t = np.clip(t, low, high)
+    t = inside(sought.local, t)
     found, _ = smoothed_model.forecast(
         solution.model,
         part,
@@ -316,11 +316,8 @@ def on_wheel(wheel: FittedWheel, solution: Solution, fixed: Mapping[str, float])
     solved = copy.copy(wheel)
     for name in _COMPUTED:
         solved.__dict__.pop(name, None)
-    local, shared = solution.unknowns.local, solution.unknowns.shared
-    solved.model, solved.sought = solution.model, solution.unknowns
-    solved.soil, solved.common = tuple(u.name for u in local), tuple(u.name for u in shared)
-    solved.logarithmic = frozenset(u.name for u in (*local, *shared) if u.logarithm)
-    solved.prior = {u.name: u.sd for u in (*local, *shared)}
+    solved.model = solution.model
+    solved.seek(solution.unknowns)
     held = {name: np.full(len(wheel.windows), value) for name, value in fixed.items()}
     solved.parameters = {**wheel.parameters, **held, **smoothed_fit.parameters(solution)}
     return solved

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import outside_catalogue, refit_ranking, refits, screening
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.estimation.wheel_fit.normal_equations import explained
 from terrain_cli.vocabulary.quantities import counted
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.comparison import comparison_criteria, whitening
-from terrain_cli.comparison.bootstrap import DRAWS, max_test
+from terrain_cli.comparison.blocks import DRAWS, max_test
 from terrain_cli.comparison.prediction import derivatives
-from terrain_cli.comparison.smoothed_channels import NOISY
+from terrain_cli.comparison.smoothed_channels import is_quiet
 from terrain_cli.errors import TerrainError
 from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.mechanics.wheel_model import Model
@@ -47,14 +47,6 @@ class Signature:
     tables: dict[str, Array]  # shape (n, len(names)): by channel; per typical size of each parameter
 
 
-def of_soil(wheel: FittedWheel, channels: Mapping[str, Array], rows: Index) -> dict[str, Array]:
-    """Differentiate the predictions at some rows by the parameters fitted: by channel, (n, soil + common)."""
-    names = (*wheel.soil, *wheel.common)
-    return derivatives(
-        wheel.model, wheel.geometry, channels, lambda some: wheel.of_samples(rows[some]), names
-    )
-
-
 class SignatureEvidence(NamedTuple):
     """Residuals of some samples of a wheel, in units of their noise."""
 
@@ -75,15 +67,11 @@ def evidence(wheel: FittedWheel, rows: Index) -> SignatureEvidence:
     channels, _ = wheel.smoothed(wheel.gap, rows)
     levels = {name: level.deviation for name, level in wheel.noise.items()}
     white = whitening.of_residuals(wheel.residuals, levels, wheel.record.group, wheel.memory)
-    use = np.ones(len(rows), dtype=bool)
-    for name in NOISY:
-        if name in channels:
-            use &= np.isfinite(channels[name])
     errors = {name: wheel.residuals[name][rows] for name in white.channels}
-    residual, known = whitening.known_of(white, errors, use)
+    residual, known = whitening.known_of(white, errors, is_quiet(channels))
     found = SignatureEvidence(channels, white, residual, known, np.zeros(0))
     names = (*wheel.soil, *wheel.common)
-    return found._replace(soil=found.whitened(of_soil(wheel, channels, rows), len(names)))
+    return found._replace(soil=found.whitened(wheel.slopes(channels, rows), len(names)))
 
 
 def of_effects(
@@ -133,7 +121,7 @@ def _tables(
     at: Mapping[str, float],
 ) -> dict[str, Array]:
     model = Model(wheel.model.base, (*wheel.model.effects, *effects))
-    absent = {**{name: p.null for name, p in model.parameters.items()}, **at}
+    absent = {**model.nulls(), **at}
     names = [name for effect in effects for name in leading(effect)]
 
     def parameters(some: Index) -> dict[str, Array]:

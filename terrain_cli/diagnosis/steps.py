@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli import models, processes
-from terrain_cli.comparison import comparison_criteria, smoothed_fit
+from terrain_cli.comparison import blocks, comparison_criteria, smoothed_fit
 from terrain_cli.diagnosis import (
     alarm,
     next_drive,
@@ -164,7 +164,7 @@ def alarm_of_gain(case: Case, ranked: Ranked, before: Alarm) -> Alarm:
         p_value=p_value,
         level=criteria.LEVEL,
         gain=float(gain.sum()),
-        gain_se=refit_ranking.error(gain),
+        gain_se=blocks.error(gain),
         cause=_law(told.draft) if told else least.id,
         channel=channel,
         share=share,
@@ -305,7 +305,7 @@ def candidates(
             surviving=found.surviving[one.id],
             explained=float(np.clip(-change / misfit, 0.0, 1.0)),
             loss=change / count,
-            loss_se=np.nan if refit is None else refit_ranking.error(refit.loss - base.loss) / count,
+            loss_se=np.nan if refit is None else blocks.error(refit.loss - base.loss) / count,
             heldout={} if refit is None else _held_out(log, one, refit, anew=one.id == first),
             sizes=dict(found.sizes[one.id]) if refit is None else _sizes(one, data, refit),
             refitted=refit is not None,
@@ -354,10 +354,7 @@ def second_round(case: Case, log: DiagnosedLog, one: Hypothesis, refit: Refit) -
 
 
 def _sizes(one: Hypothesis, data: Ground, refit: Refit) -> dict[str, Size]:
-    """Return the parameters that came with a hypothesis, averaged over the wheels by their errors.
-
-    NaN where the data leave one open.
-    """
+    """Average what came with a hypothesis over the wheels, by errors; NaN where the data leave it open."""
     names = list(one.parameters or one.priors)
     pairs: dict[str, list[tuple[float, float]]] = {}
     for part, solution in zip(data.data, refit.solutions, strict=True):

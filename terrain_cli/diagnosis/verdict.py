@@ -53,15 +53,15 @@ class Decision:
         return self.family[0] if self.verdict == "effect" else None
 
 
-def decide(found: Findings, stresses: str) -> Decision:
+def decide(found: Findings) -> Decision:
     """Weigh the findings.
 
     The strongest statement wins: what the base linear gets wrong, then a pair, then a law that stands
     alone, then a single name that was earned, then a family.
     """
     if found.on_full_stresses:
-        both = (stresses, found.on_full_stresses[0])
-        family = (stresses, *found.on_full_stresses)
+        both = (STRESSES, found.on_full_stresses[0])
+        family = (STRESSES, *found.on_full_stresses)
         return Decision(
             verdict="family", family=family, together=both, tells_law=False, rivals="on_full_stresses"
         )

@@ -15,36 +15,37 @@ if TYPE_CHECKING:
 
 __all__ = ["GROUP", "NAMES", "Effect", "Parameter", "catalogue", "find", "missing"]
 
-#: The effects of the program, as they are told to a person: each is a module of `library`.
-NAMES = (
-    "slip-sinkage",
-    "max-stress-angle",
-    "rear-contact",
-    "grousers",
-    "bulldozing",
-    "side-slip",
-    "multi-pass",
-    "sinkage-relaxation",
-    "drivetrain-friction",
-    "gear-efficiency",
-    "motor-temperature",
-    "rate-dependence",
-    "slope",
-    "load-transfer",
-    "load-bias",
-    "sinkage-bias",
-    "drawbar-bias",
-    "wheel-radius",
-    "sensor-lag",
-    "acceleration-torque",
-    "shear-modulus",
-    "post-peak-softening",
-    "strength-curvature",
-    "hardpan",
-    "crust",
-    "flexible-wheel",
-    "grouser-ripple",
-)
+#: The effects of the program, as they are told to a person, and the module of `library` that has each.
+_MODULES = {
+    "slip-sinkage": "stress_effects",
+    "max-stress-angle": "contact_effects",
+    "rear-contact": "contact_effects",
+    "grousers": "contact_effects",
+    "bulldozing": "force_effects",
+    "side-slip": "stress_effects",
+    "multi-pass": "soil_effects",
+    "sinkage-relaxation": "soil_effects",
+    "drivetrain-friction": "drivetrain_effects",
+    "gear-efficiency": "drivetrain_effects",
+    "motor-temperature": "drivetrain_effects",
+    "rate-dependence": "stress_effects",
+    "slope": "force_effects",
+    "load-transfer": "force_effects",
+    "load-bias": "sensor_effects",
+    "sinkage-bias": "sensor_effects",
+    "drawbar-bias": "sensor_effects",
+    "wheel-radius": "sensor_effects",
+    "sensor-lag": "sensor_effects",
+    "acceleration-torque": "drivetrain_effects",
+    "shear-modulus": "stress_effects",
+    "post-peak-softening": "stress_effects",
+    "strength-curvature": "stress_effects",
+    "hardpan": "soil_effects",
+    "crust": "soil_effects",
+    "flexible-wheel": "contact_effects",
+    "grouser-ripple": "sensor_effects",
+}
+NAMES = tuple(_MODULES)
 #: Entry points of other packages: each loads to an `Effect`, or to a function that returns one.
 GROUP = "terrain_est.effects"
 _RATE = "_rate"
@@ -105,8 +106,8 @@ def _there(name: str, available: Collection[str]) -> bool:
 
 
 def _own(name: str) -> Effect:
-    module = import_module(f"terrain_cli.effects.library.{name.replace('-', '_')}")
-    effect: Effect = module.EFFECT
+    module = import_module(f"terrain_cli.effects.library.{_MODULES[name]}")
+    effect: Effect = getattr(module, name.replace("-", "_").upper())
     return effect
 
 

@@ -49,10 +49,7 @@ _STEPS, _NEWTON = np.array([1e3, 0.05]), 3
 def with_assumptions(
     estimates: WindowEstimates, windows: Windows, method: LineMethod, moved: Array | None = None
 ) -> WindowEstimates:
-    """Return estimates of the line whose errors include a wrong k and the triangular stresses.
-
-    `moved` is what `deviations` returns, where that is known already.
-    """
+    """Return estimates of the line whose errors include a wrong k and triangles (`deviations`)."""
     moved = deviations(estimates, windows, method) if moved is None else moved
     c_se, phi_se, corr = _wider(estimates, moved)
     tan_se = phi_se * (1.0 + np.tan(estimates.phi) ** 2)

@@ -22,6 +22,8 @@ from terrain_cli.vocabulary.choices import FIT_SAMPLES
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
+    from numpy.typing import ArrayLike
+
     from terrain_cli.estimation import WindowEstimates
     from terrain_cli.estimation.joint_grid import JointPosterior
     from terrain_cli.estimation.wheel_fit import Fit, Noise, Prior
@@ -200,6 +202,22 @@ def _channels(windows: Windows) -> dict[str, Array]:
     return channels
 
 
+@dataclass(frozen=True)
+class FitSettings:
+    """How models are fitted where they are compared."""
+
+    fixed: Mapping[str, ArrayLike]  # Parameters held; the others are sought
+    priors: Mapping[str, Prior]
+    shared: Collection[str]  # Parameters of the soil with one value for all windows of a wheel
+    noise: Noise | None  # Of the sensors; learnt from the data if not given
+
+    @classmethod
+    def of(cls, wheels: Sequence[Windows], file: ModelFile) -> FitSettings:
+        """Return what a model file and rover.toml say of some wheels of one rover."""
+        held, priors, noise = assumed(wheels, file)
+        return cls(held, priors, [name for name in file.shared if name not in held], noise)
+
+
 def assumed(
     several: Sequence[Windows], file: ModelFile
 ) -> tuple[dict[str, float], dict[str, Prior], Noise | None]:
@@ -300,13 +318,12 @@ def _fit(
 def _noise(given: Mapping[str, SensorNoise], others: Noise | None = None) -> Noise:
     from terrain_cli.estimation.wheel_fit import Noise
 
-    relative = {name: noise.relative for name, noise in given.items()}
-    absolute = {name: noise.absolute for name, noise in given.items()}
-    if others is None:
-        return Noise(relative, absolute)
+    others = others or Noise()
     return Noise(
-        {name: value for name, value in others.relative.items() if name not in given} | relative,
-        {name: value for name, value in others.absolute.items() if name not in given} | absolute,
+        {name: value for name, value in others.relative.items() if name not in given}
+        | {name: noise.relative for name, noise in given.items()},
+        {name: value for name, value in others.absolute.items() if name not in given}
+        | {name: noise.absolute for name, noise in given.items()},
     )
 
 
@@ -320,10 +337,7 @@ def of_fit(
         name: column
         for parameter in ("shear_modulus", "stiffness", "sinkage_exponent")
         if parameter in fit.values
-        for name, column in (
-            (parameter, fit.values[parameter]),
-            (f"{parameter}_se", fit.errors[parameter]),
-        )
+        for name, column in ((parameter, fit.values[parameter]), (f"{parameter}_se", fit.errors[parameter]))
     }
     estimates = replace(wheel_fit.as_window_estimates(fit, line), n=fit.n, **soil)
     estimates = with_strengths(estimates, windows, at_stress)

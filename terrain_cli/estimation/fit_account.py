@@ -31,10 +31,7 @@ _PAIR, _UNITS = ("cohesion", "tan_phi"), ("Pa", "1")
 def account(
     windows: Windows, file: ModelFile, fit: Fit, held: Mapping[str, float], because: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Say what a wheel was fitted with, as the summary shows it.
-
-    `held` parameters were not sought; `because` says why, where the file does not.
-    """
+    """Say what a wheel was fitted with; `because` says why what is `held` was, where the file does not."""
     own = [name for name in file.model.parameters if name not in file.local]
     names = [*own, *(name for name in file.shared if name not in own)]
     return {

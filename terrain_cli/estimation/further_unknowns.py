@@ -18,10 +18,7 @@ if TYPE_CHECKING:
 #: (θ2 = −c3 θ1; c3 = 0.2 to 0.3 in soil that stays compacted: Ishigami et al. 2007).
 #: The stress under the rim is greatest at θm = (c1 + c2 i) θ1: 0.18, 0.32
 #: in loose sand and 0.43, 0.32 in compact sand (Wong & Reece 1967); 0.5, 0 in Iagnemma et al. 2004.
-_SHAPE = {
-    "max-stress-angle": {"c1": (0.4, 0.15), "c2": (0.2, 0.2)},
-    "rear-contact": {"c3": (0.0, 0.2)},
-}
+_SHAPE = {"max-stress-angle": {"c1": (0.4, 0.15), "c2": (0.2, 0.2)}, "rear-contact": {"c3": (0.0, 0.2)}}
 #: What the soil feels is what these show without the offset; of the others the model predicts what they show.
 _FELT = frozenset({"load", "slip"})
 

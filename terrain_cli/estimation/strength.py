@@ -36,10 +36,7 @@ def typical(stress: Array) -> float:
 def with_strengths(
     estimates: WindowEstimates, windows: Windows, at_stress: float | None = None
 ) -> WindowEstimates:
-    """Return estimates with σ* within the stresses of each window, and the strength at one stress for all.
-
-    In Pa; the typical stress under this wheel if not given.
-    """
+    """Return estimates with σ* within each window's stresses, and strengths at one stress in Pa."""
     geometry, measured = windows.samples.geometry.wheel, windows.samples.channels
     # A comparison does without a channel that the model predicts.
     unknown = np.full(len(windows.samples), np.nan)

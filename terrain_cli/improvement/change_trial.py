@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import models
-from terrain_cli.comparison import Comparison, Difference, comparison_criteria, distributions, segment_soils
+from terrain_cli.comparison import Comparison, Difference, comparison_criteria, distributions
 from terrain_cli.comparison.compare import of_fitted, on_few_soils
-from terrain_cli.comparison.fit_settings import FitSettings
+from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.comparison.two_models import between_soils
 from terrain_cli.diagnosis import alarm, diagnosis_criteria, several_soils
-from terrain_cli.estimation.estimators import EstimateRequest
+from terrain_cli.estimation.estimators import EstimateRequest, FitSettings
 from terrain_cli.improvement import improvement_criteria as criteria
 from terrain_cli.improvement.held_out_gain import weigh
 from terrain_cli.improvement.improvement_outcome import Action, Estimated, Idle, Lost, Shift, Step
@@ -289,7 +289,7 @@ def _open(comparison: Comparison) -> dict[str, int]:
 
 def _lost(first: Comparison, second: Comparison, places: Sequence[Place]) -> Iterator[Lost]:
     before, after = (
-        [str(status) for soils in segment_soils.of(one) for status in soils.estimates.status]
+        [str(status) for soils in segment_soils(one) for status in soils.estimates.status]
         for one in (first, second)
     )
     for place, was, now in zip(places, before, after, strict=True):

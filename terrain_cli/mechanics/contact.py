@@ -53,10 +53,7 @@ def nodes(order: int = ORDER) -> tuple[Array, Array]:
 
 @cache
 def _sums(order: int) -> tuple[Array, Array]:
-    """Return what sums values at the nodes, each times 1 and times u: as an integral, and plainly.
-
-    Of shape (2, order).
-    """
+    """Return what sums values at the nodes, times 1 and times u: as an integral, and plainly; (2, order)."""
     u, w = nodes(order)
     return np.stack([w[:, 0], (w * u)[:, 0]]), np.stack([np.ones(order), u[:, 0]])
 
@@ -107,25 +104,12 @@ def forces(
 ) -> tuple[Array, dict[str, Array]]:
     """Integrate the stresses over the contact.
 
-    W = b (r ∫ σ cos θ + R ∫ τ sin θ), T = R² b ∫ τ, DP = b (R ∫ τ cos θ − r ∫ σ sin θ), with the
-    shear radius R, and σ = keq (r (cos θe − cos θ1))^n, τ = (c + σ tan φ)(1 − exp(−j/k)),
-    j = R (θ1 − θ) − V/ω (sin θ1 − sin θ).
+    W = b (r ∫ σ cos θ + R ∫ τ sin θ), T = R² b ∫ τ, DP = b (R ∫ τ cos θ − r ∫ σ sin θ), with the shear radius
+    R, and σ = keq (r (cos θe − cos θ1))^n, τ = (c + σ tan φ)(1 − exp(−j/k)), j = R (θ1 − θ) − V/ω (sin θ1 −
+    sin θ).
 
-    Parameters
-    ----------
-    width : float
-        b in m.
-    by : collection of str
-        Names of `Contact` by which derivatives are wanted.
-    order : int
-        Nodes on each arc.
-
-    Returns
-    -------
-    values : ndarray, shape (3, n)
-        W in N, T in N m, DP in N.
-    slopes : dict of str to ndarray, shape (3, n)
-        Their derivatives.
+    Returns W in N, T in N m and DP in N, shape (3, n), and their derivatives by the names of `Contact` in
+    `by`. `width` is b in m, `order` the nodes on each arc.
     """
     rim = _Rim(contact, width, order)
     return rim.values, {name: getattr(rim, f"by_{name}")() for name in NAMES if name in by}
@@ -237,10 +221,7 @@ class _Rim:
 
     @cached_property
     def turned(self) -> Array:
-        """Change of the forces as the nodes of an arc turn: all by 1, or each by its u.
-
-        Shape (2, 3, 2, n).
-        """
+        """Change of the forces as the nodes of an arc turn, all by 1 or each by its u, shape (2, 3, 2, n)."""
         r, R = self.contact.radius, self.contact.shear_radius
         bend = self.advance * r * self.cos - R
         change = (self.plain_sum @ (self.per_travel * bend)).transpose(2, 0, 1, 3)

@@ -43,29 +43,18 @@ _ONE: dict[np.ufunc, Callable[[Any, Any], Any]] = {
 }
 
 
-def _by_base(x: Any, p: Any, _y: Any) -> Any:
-    return p * np.power(x, p - 1.0)
-
-
-def _by_exponent(x: Any, _p: Any, y: Any) -> Any:
-    # 0 ** p is 0 for every p > 0.
-    return y * np.log(np.where(x > 0.0, x, 1.0))
-
-
 _TWO: dict[np.ufunc, tuple[Callable[[Any, Any, Any], Any], Callable[[Any, Any, Any], Any]]] = {
     np.add: (lambda _a, _b, _y: _SAME, lambda _a, _b, _y: _SAME),
     np.subtract: (lambda _a, _b, _y: _SAME, lambda _a, _b, _y: -1.0),
     np.multiply: (lambda _a, b, _y: b, lambda a, _b, _y: a),
     np.true_divide: (lambda _a, b, _y: 1.0 / b, lambda _a, b, y: -y / b),
-    np.power: (_by_base, _by_exponent),
-    np.maximum: (
-        lambda a, b, _y: np.where(a >= b, 1.0, 0.0),
-        lambda a, b, _y: np.where(a >= b, 0.0, 1.0),
+    # 0 ** p is 0 for every p > 0.
+    np.power: (
+        lambda x, p, _y: p * np.power(x, p - 1.0),
+        lambda x, _p, y: y * np.log(np.where(x > 0.0, x, 1.0)),
     ),
-    np.minimum: (
-        lambda a, b, _y: np.where(a <= b, 1.0, 0.0),
-        lambda a, b, _y: np.where(a <= b, 0.0, 1.0),
-    ),
+    np.maximum: (lambda a, b, _y: np.where(a >= b, 1.0, 0.0), lambda a, b, _y: np.where(a >= b, 0.0, 1.0)),
+    np.minimum: (lambda a, b, _y: np.where(a <= b, 1.0, 0.0), lambda a, b, _y: np.where(a <= b, 0.0, 1.0)),
 }
 #: Without a derivative: where they are asked, only values count.
 _PLAIN = frozenset(
@@ -184,28 +173,14 @@ _LAST = 1e-6
 
 
 def carrying(carried: Callable[[Dual], Any], load: Array, start: Array, deepest: float) -> tuple[Array, Mask]:
-    """Find the sinkage at which a soil carries a load.
+    """Find the sinkage in m at which a soil carries a load in N, and tell where there is one.
 
-    Newton's steps on the logarithms, of which load and sinkage nearly are a line, kept within a
-    bracket that bisection narrows where a step would leave it.
+    Newton's steps on the logarithms, of which load and sinkage nearly are a line, kept within a bracket that
+    bisection narrows where a step would leave it.
 
-    Parameters
-    ----------
-    carried : callable
-        Load in N of a sinkage in m, with its derivative.
-    load : ndarray, shape (n,)
-        W in N.
-    start : ndarray, shape (n,)
-        First guess, in m; NaN will do.
-    deepest : float
-        Most that is sought, in m.
-
-    Returns
-    -------
-    sinkage : ndarray, shape (n,)
-        In m.
-    found : ndarray of bool, shape (n,)
-        False where the soil does not carry the load at the deepest, or the load is not positive.
+    `carried` gives the load of a sinkage with its derivative; `start` is a first guess, of which NaN will do,
+    and `deepest` the most that is sought. There is none where the soil does not carry the load at the
+    deepest, or the load is not positive.
     """
     high = np.full(load.shape, np.log(deepest))
     low = high + np.log(1e-9)

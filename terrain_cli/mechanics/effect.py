@@ -103,10 +103,10 @@ class Parameter:
         The value at which the effect is absent.
     scale : float
         A typical size, as a distance from `null`; positive.
-    lower, upper : float
-        Bounds.
     meaning : str
         In a few words.
+    lower, upper : float
+        Bounds.
     factor : float
         SI value of one `unit`, where a user's effect has another than that of SI; the numbers
         above are SI all the same.
@@ -126,10 +126,10 @@ class Parameter:
     unit: str
     null: float
     scale: float
+    meaning: str = ""
     _: KW_ONLY
     lower: float = -math.inf
     upper: float = math.inf
-    meaning: str = ""
     factor: float = 1.0
     shape: bool = False
     needs: tuple[str, ...] = ()
@@ -137,46 +137,20 @@ class Parameter:
     side: int = 0
 
     def imitates(self, value: float, doubt: float) -> bool:
-        """Tell whether a value is where nature has none, beyond doubt or as far as it could go there.
+        """Tell whether a value, SI, is where nature has none, or as far as it could go there.
 
-        Parameters
-        ----------
-        value, doubt : float
-            SI; the second is how far from the null it may be and mean nothing.
-
-        Returns
-        -------
-        bool
+        So far from the null as `doubt` it may be and mean nothing.
         """
         away = (self.null - value) * self.side
         return away > doubt or (away > 0.0 and self.at_bound(value))
 
     def at_bound(self, value: float) -> bool:
-        """Tell whether a value, SI, is the least or the most that the parameter can be.
-
-        Parameters
-        ----------
-        value : float
-
-        Returns
-        -------
-        bool
-        """
+        """Tell whether a value, SI, is the least or the most that the parameter can be."""
         near = _NEAR * self.scale
         return value <= self.lower + near or value >= self.upper - near
 
     def idle(self, several: Sequence[Mapping[str, Any]]) -> str:
-        """Say why nothing measured under some wheels depends on it; empty if something does.
-
-        Parameters
-        ----------
-        several : sequence of mapping of str to ndarray
-            The channels of each wheel.
-
-        Returns
-        -------
-        str
-        """
+        """Say why nothing measured under some wheels depends on it; empty if something does."""
         missing = [need for need in self.needs if any(need not in channels for channels in several)]
         if missing:
             return f"{' and '.join(missing)} not measured"
@@ -289,20 +263,9 @@ class Effect:
     ) -> Iterator[tuple[tuple[str, ...], float, float]]:
         """Yield what came out where nature has none, and so stands for another effect.
 
-        Parameters
-        ----------
-        values : mapping of str to float
-            What was fitted, by qualified names, SI.
-        covariance : ndarray, shape (values, values)
-        errors : float
-            Standard errors beyond which there is no doubt.
-
-        Yields
-        ------
-        names : tuple of str
-            Qualified, of the parameters that are added up; often one.
-        value, error : float
-            Of their sum.
+        `values` are what was fitted, by qualified names, SI, with their `covariance`; beyond so many standard
+        `errors` there is no doubt. Yielded are the names of the parameters that are added up, often one, and
+        the value of their sum with its standard error.
         """
         places = {name: place for place, name in enumerate(values)}
         for short, limit in self.limits:

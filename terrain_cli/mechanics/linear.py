@@ -21,38 +21,12 @@ _BLOCK = 16_384
 
 
 def entry_angle(sinkage: ArrayLike, radius: float) -> Array:
-    """Angle θ1 at which the rim meets the ground, from z = r (1 − cos θ1).
-
-    Parameters
-    ----------
-    sinkage : array_like
-        z in m, 0 ≤ z ≤ 2 r.
-    radius : float
-        r in m.
-
-    Returns
-    -------
-    ndarray
-        θ1 in rad.
-    """
+    """Angle θ1 (rad) at which the rim meets the ground, from z = r (1 − cos θ1) in m, 0 ≤ z ≤ 2 r."""
     return np.asarray(2.0 * np.arcsin(np.sqrt(np.asarray(sinkage, dtype=float) / (2.0 * radius))))
 
 
 def sinkage_of(angle: ArrayLike, radius: float) -> Array:
-    """Sinkage z = r (1 − cos θ1) of an entry angle.
-
-    Parameters
-    ----------
-    angle : array_like
-        θ1 in rad.
-    radius : float
-        r in m.
-
-    Returns
-    -------
-    ndarray
-        z in m.
-    """
+    """Sinkage z = r (1 − cos θ1) in m of an entry angle in rad."""
     return np.asarray(2.0 * radius * np.sin(np.asarray(angle, dtype=float) / 2.0) ** 2)
 
 
@@ -106,22 +80,11 @@ def line_coordinates(
     width: float,
     shear_modulus: float,
 ) -> tuple[Array, Array]:
-    """Stresses x and y of the line y = c + x tan φ on which a soil's samples lie.
+    """Stresses x and y in Pa of the line y = c + x tan φ on which a soil's samples lie.
 
-    y = κ2/κ4 and x = −κ1/κ4 of equations [20] to [25] of Iagnemma et al. 2004
-    (doi 10.1109/TRO.2004.829462), with κ3 dropped as there.
-
-    Parameters
-    ----------
-    load, torque, sinkage, slip : array_like, shape (n,)
-        W in N, T in N m, z in m (0 < z < 2 r), i between 0 and 1.
-    radius, width, shear_modulus : float
-        r, b and k in m.
-
-    Returns
-    -------
-    x, y : ndarray, shape (n,)
-        In Pa.
+    y = κ2/κ4 and x = −κ1/κ4 of equations [20] to [25] of Iagnemma et al. 2004 (doi 10.1109/TRO.2004.829462),
+    with κ3 dropped as there. W in N, T in N m, z in m (0 < z < 2 r) and i between 0 and 1, all of shape (n,);
+    r, b and k in m.
     """
     load, torque, sinkage, slip = (np.asarray(q, dtype=float) for q in (load, torque, sinkage, slip))
     x, y = np.empty_like(torque), np.empty_like(torque)
@@ -147,22 +110,7 @@ def torque(
     width: float,
     shear_modulus: float,
 ) -> Array:
-    """Torque that a soil asks of the wheel: the same line solved for T.
-
-    Parameters
-    ----------
-    load, sinkage, slip : array_like, shape (n,)
-        W in N, z in m, i.
-    cohesion, tan_phi : array_like
-        c in Pa and tan φ; scalars, or one value per sample.
-    radius, width, shear_modulus : float
-        r, b and k in m.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        T in N m.
-    """
+    """Torque in N m that a soil, c in Pa and tan φ, asks of the wheel: the same line solved for T."""
     load, sinkage, slip = (np.asarray(q, dtype=float) for q in (load, sinkage, slip))
     cohesion, tan_phi = (np.broadcast_to(np.asarray(q, dtype=float), load.shape) for q in (cohesion, tan_phi))
     result = np.empty_like(load)

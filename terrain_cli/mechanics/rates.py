@@ -44,25 +44,12 @@ _STANDS_OUT = 4.0
 def rate(
     time: ArrayLike, stretch: ArrayLike, values: ArrayLike, *, reach: int | None = None, least: int = 0
 ) -> Array:
-    """Differentiate a channel by time: the slope of a line through each sample and its neighbours.
+    """Differentiate a channel by time in s: the slope of a line through each sample and its neighbours.
 
-    Parameters
-    ----------
-    time : array_like, shape (n,)
-        In s, rising within a stretch.
-    stretch : array_like of int, shape (n,)
-        Samples of different stretches are no neighbours.
-    values : array_like, shape (n,)
-    reach : int, optional
-        Neighbours on either side; fewer at the ends of a stretch. If not given, as many as let the
-        line predict best the samples that it passes (leave-one-out): the noisier the channel, the more.
-    least : int
-        Neighbours on either side that it takes at least, where `reach` is not given.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In the channel's unit per s; NaN where a stretch has a single sample.
+    Time rises within a stretch; samples of different stretches are no neighbours. `reach` is the number of
+    neighbours on either side; fewer at the ends of a stretch. If not given, it is as many, `least` at least,
+    as let the line predict best the samples that it passes (leave-one-out): the noisier the channel, the
+    more. NaN where a stretch has a single sample.
     """
     time, values = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
     stretch = np.asarray(stretch)
@@ -109,24 +96,9 @@ def rut_slope(
     """Differentiate the sinkage by the distance that the wheel moves, whichever way: the slope of its rut.
 
     Lines are laid as in `rate`, through places instead of samples, and over no less than a contact. The
-    samples of a place count as one, so that a wheel that stands has the slope of the rut on both sides of
-    it, however long it stands.
-
-    Parameters
-    ----------
-    time : array_like, shape (n,)
-        In s, rising within a stretch.
-    stretch : array_like of int, shape (n,)
-        Rising; samples of different stretches are no neighbours.
-    sinkage, velocity : array_like, shape (n,)
-        In m and m/s.
-    radius : float
-        Of the wheel, in m.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In m/m; NaN where not known, and in a stretch in which the wheel stays where it is.
+    samples of a place count as one, so that a wheel that stands has the slope of the rut on both sides of it,
+    however long it stands. Time in s rises within a stretch, and stretches rise. NaN where not known, and in
+    a stretch in which the wheel stays where it is.
     """
     stretch, sinkage = np.asarray(stretch), np.asarray(sinkage, dtype=float)
     distance = wheel_angle(time, stretch, np.abs(np.asarray(velocity, dtype=float)))
@@ -143,21 +115,10 @@ def rut_slope(
 
 
 def settling(distance: Array, steady: Array, length: Array) -> Array:
-    """Let a sinkage come to its steady value as the wheel moves on: length · dz/ds = steady − z.
+    """Let a sinkage come to its steady value as the wheel moves on: length · dz/ds = steady − z, in m.
 
-    Parameters
-    ----------
-    distance : ndarray, shape (n,)
-        In m, never falling.
-    steady : ndarray, shape (n,)
-        In m; it begins there.
-    length : ndarray, shape (n,)
-        In m. Of one below zero the sinkage is ahead of its steady value, to which it comes at the end.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In m.
+    The distance never falls; the sinkage begins at its steady value. Of a length below zero it is ahead of
+    its steady value, to which it comes at the end.
     """
     if np.any(length < 0.0):
         return settling(distance[-1] - distance[::-1], steady[::-1], np.abs(length[::-1]))[::-1]
@@ -196,26 +157,12 @@ class _Ripple(NamedTuple):
 def aligned(
     angle: Array, stretch: Index, grousers: int, shown: Sequence[Array], beside: Sequence[Array]
 ) -> Array:
-    """Count the angle of the wheel in every stretch from where a grouser is at the crest of the ripple.
+    """Count the wheel's angle, rad, in every stretch from where a grouser is at the crest of the ripple.
 
-    Parameters
-    ----------
-    angle : ndarray, shape (n,)
-        In rad, from the beginning of each stretch.
-    stretch : ndarray of int, shape (n,)
-        Rising.
-    grousers : int
-        Their number round the wheel, Ng.
-    shown : sequence of ndarray, shape (n,)
-        Channels that may ripple.
-    beside : sequence of ndarray, shape (n,)
-        What these follow besides, a straight line within each part: time, load, slip.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        In rad. As it was where there is one stretch alone, whose phase the ripple's sine and cosine
-        are; where none ripples; and in stretches that are too short to tell.
+    `angle` is from the beginning of each stretch; stretches rise. `grousers` is their number round the wheel,
+    Ng; `shown` are channels that may ripple, and `beside` what these follow besides, a straight line within
+    each part: time, load, slip. The angle stays as it was where there is one stretch alone, whose phase the
+    ripple's sine and cosine are; where none ripples; and in stretches that are too short to tell.
     """
     cuts = np.flatnonzero(np.diff(stretch)) + 1
     if not len(cuts) or not grousers:

@@ -20,24 +20,11 @@ if TYPE_CHECKING:
 
 
 def forces(q: Mapping[str, Any], width: float, change: Change, *, order: int = ORDER) -> tuple[Any, Any, Any]:
-    """Integrate the stresses over the contact, letting laws change them.
+    """Integrate the stresses over the contact, letting laws change them: W in N, T in N m, DP in N.
 
-    Parameters
-    ----------
-    q : mapping of str to ndarray or Dual, shape (n,)
-        The quantities of `contact.Contact` and whatever the laws read.
-    width : float
-        b in m.
-    change : callable
-        Called for "normal_stress" and then for "shear_stress" with all quantities at the nodes,
-        shape (2 order, n): the front arc's, then the rear arc's.
-    order : int
-        Nodes on each arc.
-
-    Returns
-    -------
-    load, torque, drawbar_pull : ndarray or Dual, shape (n,)
-        W in N, T in N m, DP in N.
+    `q`, shape (n,), has the quantities of `contact.Contact` and whatever the laws read. `change` is called
+    for "normal_stress" and then for "shear_stress" with all quantities at the nodes, shape (2 order, n): the
+    front arc's, then the rear arc's. `width` is b in m, `order` the nodes on each arc.
     """
     half, half_weight = nodes(order)
     u, w = np.concatenate([half, half]), np.concatenate([half_weight, half_weight])
@@ -83,24 +70,14 @@ def _total(x: Any) -> Any:
 
 
 def triangular_forces(q: Mapping[str, Any], width: float) -> tuple[Any, Any]:
-    """Torque and drawbar pull of a wheel under a load, of the triangular stresses of the linearised model.
+    """T in N m and DP in N of a wheel under a load, of the triangular stresses of the linearised model.
 
-    Equations [10] to [13] of Iagnemma et al. 2004 (doi 10.1109/TRO.2004.829462): σ and τ rise linearly
-    from θ1 to θm; behind it σ falls to nothing at θ2 and τ to c. The load gives the height of σ, so
-    that no pressure–sinkage law is needed. Nothing is dropped here, κ3 neither.
+    Equations [10] to [13] of Iagnemma et al. 2004 (doi 10.1109/TRO.2004.829462): σ and τ rise linearly from
+    θ1 to θm; behind it σ falls to nothing at θ2 and τ to c. The load gives the height of σ, so that no
+    pressure–sinkage law is needed. Nothing is dropped here, κ3 neither.
 
-    Parameters
-    ----------
-    q : mapping of str to ndarray or Dual, shape (n,)
-        load (N), slip, radius, shear_radius, entry_angle, max_stress_angle, exit_angle, cohesion,
-        tan_phi and shear_modulus, in SI units and rad.
-    width : float
-        b in m.
-
-    Returns
-    -------
-    torque, drawbar_pull : ndarray or Dual, shape (n,)
-        T in N m, DP in N.
+    `q`, shape (n,), has load (N), slip, radius, shear_radius, entry_angle, max_stress_angle, exit_angle,
+    cohesion, tan_phi and shear_modulus, in SI units and rad; `width` is b in m.
     """
     one, peak, two = q["entry_angle"], q["max_stress_angle"], q["exit_angle"]
     r, R, c, tan_phi = q["radius"], q["shear_radius"], q["cohesion"], q["tan_phi"]

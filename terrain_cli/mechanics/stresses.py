@@ -37,25 +37,10 @@ def stresses(
 ) -> Stresses:
     """Return normal and shear stress at angles between the exit and the entry angle.
 
-    Equations [7] and [8] of Iagnemma et al. 2004, and what the effects of the model make of them.
-
-    Parameters
-    ----------
-    model : Model
-        With the base "wong-reece".
-    channels : mapping of str to array_like, shape (n,)
-        Slip, sinkage, and what the effects need, SI units.
-    values : mapping of str to float or array_like, shape (n,)
-        Every parameter of the soil and of the effects.
-    nodes : int
-        Angles, half of them on each side of the angle of maximum stress.
-
-    Raises
-    ------
-    ConfigurationError
-        The base is linear, whose stresses are triangles.
-    InputError
-        A channel is missing.
+    Equations [7] and [8] of Iagnemma et al. 2004, and what the effects of the model make of them, at angles
+    of which half are on each side of the angle of maximum stress. `channels`, shape (n,), are slip, sinkage,
+    and what the effects need; `values` every parameter of the soil and of the effects; SI units.
+    ConfigurationError: the base is linear, whose stresses are triangles; InputError: a channel is missing.
     """
     seen: dict[str, list[Any]] = {"angle": [], "normal_stress": [], "shear_stress": []}
 

@@ -153,27 +153,13 @@ def predict(
 ) -> Prediction:
     """Predict the forces on a wheel, and its sinkage where that is not given.
 
-    Parameters
-    ----------
-    channels : mapping of str to array_like, shape (n,)
-        As measured, SI units: slip, and sinkage or load or both, and what the effects need. The
-        linear base needs load and sinkage.
-    values : mapping of str to float or array_like, shape (n,)
-        Every parameter of the soil and of the effects.
-    given : {"sinkage", "load"}
-        Take the sinkage as measured, which needs no root; or solve for the sinkage at which the
-        soil carries the load. Of no influence on the linear base.
-    by : collection of str
-        Parameters, and "load", "sinkage" and "slip" as measured, by which to differentiate.
-    order : int, optional
-        Nodes on each arc, instead of as many as give 1e-8.
-    start : array_like, shape (n,), optional
-        First guess of a sinkage that is sought, in m; NaN will do.
-
-    Raises
-    ------
-    InputError
-        A channel is missing.
+    `channels`, shape (n,), are as measured, in SI units: slip, and sinkage or load or both, and what the
+    effects need; the linear base needs load and sinkage. `values` has every parameter of the soil and of the
+    effects, one number or one for each sample. `given`: take the sinkage as measured, which needs no root, or
+    solve for the one at which the soil carries the load, from a first guess `start` in m, of which NaN will
+    do; of no influence on the linear base. `by` are parameters, and "load", "sinkage" and "slip" as measured,
+    by which to differentiate; `order` is nodes on each arc, instead of as many as give 1e-8. InputError: a
+    channel is missing.
     """
     keep_freed()
     columns = {name: np.asarray(column, dtype=float) for name, column in channels.items()}

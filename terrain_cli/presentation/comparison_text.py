@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from terrain_cli.comparison import segment_soils
+from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.diagnosis import conclusion
 from terrain_cli.diagnosis.conclusion import Asked, Conclusion, Evidence, conclude, looked
 from terrain_cli.presentation.terminal import aligned, in_line
@@ -95,7 +95,7 @@ def _outcome(comparison: Comparison, asked: Asked | None) -> dict[str, Any]:
         "parameters": [_parameters(wheel) for wheel in comparison.wheels if wheel.fit.shared],
         "segments": [
             row
-            for wheel, soils in zip(comparison.wheels, segment_soils.of(comparison), strict=True)
+            for wheel, soils in zip(comparison.wheels, segment_soils(comparison), strict=True)
             for row in _segments(wheel, soils.estimates)
         ],
         "warnings": list(comparison.warnings),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from terrain_cli.comparison import Comparison
     from terrain_cli.diagnosis.diagnosis_outcome import Diagnosis
     from terrain_cli.improvement.model_history import Rung
+    from terrain_cli.presentation.segment_table import Table
     from terrain_cli.run.one_log import Outcome
     from terrain_cli.simulation import SimulatedLog
     from terrain_cli.windows.cut_windows import Windows
@@ -37,6 +39,15 @@ ENDINGS = (".png", ".svg")
 MOST_TRACES = 8
 #: Samples of each, where the picture is of a comparison.
 MOST_TRACED = 200_000
+#: Column of the table, and its name in what is drawn.
+_DRAWN = {
+    **{name: name for name in ("source", "wheel", "segment", "c_kPa", "c_se_kPa", "phi_deg", "phi_se_deg")},
+    "n_samples": "sample",
+}
+#: Rows of a wheel that are held at the most: beyond that every second one goes.
+_MOST_ROWS = 2000
+#: After a drawing, so many times what it took are left to the rows that arrive. Judged.
+_REST = 4.0
 
 
 def write(
@@ -60,10 +71,7 @@ def write_convergence(traces: Sequence[Mapping[str, Any]], folder: str | Path) -
 
 
 def draw(found: Comparison | Diagnosis | SimulatedLog | Sequence[Rung], name: str) -> Figure:
-    """Draw one of the pictures that `write` or `write_ladder` writes, by its name without ending.
-
-    A simulated log has one, "measured".
-    """
+    """Draw a picture of `write` or `write_ladder` by its name, or "measured" of a simulated log."""
     names = []
     with _style():
         for known, drawn in _of_ladder(found) if isinstance(found, Sequence) else _of_result(found):
@@ -76,6 +84,39 @@ def draw(found: Comparison | Diagnosis | SimulatedLog | Sequence[Rung], name: st
     raise UsageError(
         f"there is no picture {name}{nearest(name, names)}", hint=f"there are {', '.join(names)}"
     )
+
+
+class LivePictures:
+    """The pictures of `--plot` with `--follow`, in a folder: c and φ, drawn anew as rows come."""
+
+    def __init__(self, folder: str) -> None:
+        self._folder = folder
+        self._rows: dict[str, list[dict[str, Any]]] = {}
+        self._next = 0.0
+
+    def add(self, row: Table) -> None:
+        """Take a row of the table, of an open segment or of a closed one."""
+        rows = self._rows.setdefault(row["wheel"][0], [])
+        new = {_DRAWN[name]: row[name][0] for name in _DRAWN}
+        last = rows[-1] if rows else {"segment": None, "before": 0, "sample": 0}
+        # A segment begins when the row of the one before, which has closed, was the last.
+        begins = last["segment"] != new["segment"]
+        rows.append({**new, "before": last["before"] + last["sample"] * begins})
+        if len(rows) > _MOST_ROWS:
+            del rows[1:-1:2]
+
+    def draw(self, *, last: bool = False) -> None:
+        """Draw what is there, if the last drawing is long enough ago or nothing more comes."""
+        began = time.monotonic()
+        if not self._rows or (began < self._next and not last):
+            return
+        traces = [
+            {name: [row[name] for row in rows] for name in (*_DRAWN.values(), "before")}
+            for rows in self._rows.values()
+        ]
+        write_convergence(traces, self._folder)
+        now = time.monotonic()
+        self._next = now + _REST * (now - began)
 
 
 @contextmanager

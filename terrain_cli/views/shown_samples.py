@@ -132,13 +132,7 @@ class Pairs(NamedTuple):
         return self.measured - self.predicted
 
     def take(self, chosen: NDArray[np.intp]) -> Pairs:
-        return Pairs(
-            self.measured[chosen],
-            self.predicted[chosen],
-            self.wheel[chosen],
-            self.segment[chosen],
-            self.row[chosen],
-        )
+        return Pairs._make(column[chosen] for column in self)
 
 
 def channels(comparison: Comparison) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from terrain_cli.comparison import segment_soils
+from terrain_cli.comparison.comparison_outcome import segment_soils
 from terrain_cli.presentation import segment_table
 from terrain_cli.views import shown_samples
 
@@ -167,14 +167,11 @@ class Moment(NamedTuple):
 
 def soil_table(comparison: Comparison) -> segment_table.Table:
     """Return the soil of every segment, as `estimate` gives it."""
-    return segment_table.join([segment_table.table(*soils) for soils in segment_soils.of(comparison)])
+    return segment_table.join([segment_table.table(*soils) for soils in segment_soils(comparison)])
 
 
 def moments(comparison: Comparison) -> list[Moment]:
-    """Choose a moment of each wheel: the middle of the sinkages in its longest segment.
-
-    None of the linear base, whose stresses are triangles.
-    """
+    """Choose a moment of each wheel of the full model: the middle sinkage in its longest segment."""
     several = len({wheel.source for wheel in comparison.wheels}) > 1
     found = []
     for wheel in comparison.wheels:

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from terrain_cli.comparison import blocks, comparison_criteria
+from terrain_cli.comparison.blocks import max_test, resample, webb_weights
 
 
 def merged(scores, chain):
@@ -43,3 +44,52 @@ def test_a_drift_is_not_joined_to_nothing():
 @pytest.mark.parametrize("count", [1, 2])
 def test_few_blocks_stay_as_they_are(count):
     assert len(merged(np.ones((count, 3)), np.zeros(count, dtype=int))) == count
+
+
+def test_webb_weights_have_mean_0_and_variance_1():
+    weights = webb_weights(20_000, 5, np.random.default_rng(1))
+    assert weights.mean() == pytest.approx(0.0, abs=0.02)
+    assert (weights**2).mean() == pytest.approx(1.0, abs=0.02)
+    assert len(np.unique(weights)) == 6
+
+
+def test_chance_alone_is_beyond_5_percent_in_5_percent_of_cases():
+    # Scores related to one another and of unequal blocks, as bases of a few drivers are.
+    rng = np.random.default_rng(2)
+    mix = rng.normal(size=(8, 60))
+    size = rng.uniform(0.5, 2.0, (24, 1))
+    least = [
+        max_test(size * rng.normal(size=(24, 8)) @ mix, draws=399, seed=j).p_values.min() for j in range(300)
+    ]
+    # ± 3 standard deviations of the binomial.
+    assert 0.012 <= np.mean(np.array(least) < 0.05) <= 0.088
+
+
+def test_a_steady_score_is_found_among_many_and_no_other():
+    rng = np.random.default_rng(3)
+    scores = rng.normal(size=(24, 200))
+    scores[:, 7] += 2.0
+    test = max_test(scores)
+    assert test.p_values[7] < 0.01
+    assert np.delete(test.p_values, 7).min() > 0.05
+
+
+def test_the_unit_of_a_score_does_not_matter():
+    rng = np.random.default_rng(4)
+    scores = rng.normal(size=(16, 5))
+    scaled = scores * 10.0 ** np.arange(-8, 12, 4)
+    assert max_test(scaled).p_values == pytest.approx(max_test(scores).p_values)
+
+
+def test_what_one_block_alone_says_is_nothing():
+    scores = np.zeros((20, 2))
+    scores[3, 0] = 1e6
+    test = max_test(scores)
+    assert test.p_values[0] > 0.5
+    assert test.t[1] == 0.0
+
+
+def test_resampled_blocks_scatter_like_a_mean():
+    sums = np.stack([np.random.default_rng(5).normal(size=400), np.ones(400)], axis=1)
+    draws = resample(sums, lambda drawn: drawn[:, 0] / drawn[:, 1])
+    assert draws.std() == pytest.approx(sums[:, 0].std() / 20.0, rel=0.1)

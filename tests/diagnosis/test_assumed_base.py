@@ -9,9 +9,9 @@ import pytest
 from hidden_drives import Kind, samples_of, sized, windows_of
 
 from terrain_cli.comparison import smoothed_model
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnose
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile
 from terrain_cli.presentation import diagnosis_text

@@ -7,9 +7,9 @@ import pytest
 from changed_models import ROVER, write_log
 from hidden_drives import Kind, windows_of
 
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import drafted_laws
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.telemetry.derive import effect_inputs
 

@@ -8,7 +8,7 @@ from hidden_drives import Kind, Rover, windows_of
 from simulator import SOILS, Wheel
 
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.fit_settings import FitSettings
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 
 #: A wheel on which 5 % of its radius make a misfit that lasts longer than the noise.

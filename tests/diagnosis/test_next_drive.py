@@ -15,12 +15,12 @@ from simulator import constant, simulate
 from terrain_cli import simulation
 from terrain_cli.comparison import blocks, one_soil_or_several
 from terrain_cli.comparison.compare import fit_wheels
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.diagnosis import diagnosis_criteria, manoeuvres, next_drive, refits, screening
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.diagnosis.next_drive import suggest
 from terrain_cli.effects import catalogue
 from terrain_cli.estimation import estimators
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.effect import Effect, Parameter
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hidden_drives import Kind, windows_of
 
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import refits
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.mechanics.wheel_model import Model
 
 

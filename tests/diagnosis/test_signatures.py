@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from terrain_cli.comparison.bootstrap import max_test
+from terrain_cli.comparison.blocks import max_test
 from terrain_cli.comparison.whitening import Whitening
 from terrain_cli.diagnosis import screening, signatures
 from terrain_cli.diagnosis.signatures import SignatureEvidence, of_short_blocks

@@ -10,11 +10,11 @@ from hidden_drives import Kind, samples_of, sized, windows_of
 from formats import Labels
 from terrain_cli import effects
 from terrain_cli.comparison import smoothed_fit, smoothed_model, whitening
-from terrain_cli.comparison.fit_settings import FitSettings
 from terrain_cli.comparison.fitted_wheel import FittedWheel
 from terrain_cli.diagnosis import diagnose, diagnosed_log, drafted_laws, refits, screening, signatures, steps
 from terrain_cli.diagnosis.diagnosis_outcome import Hypothesis
 from terrain_cli.effects.laws import effect_file
+from terrain_cli.estimation.estimators import FitSettings
 from terrain_cli.improvement.change_trial import tried
 from terrain_cli.mechanics.wheel_model import Model
 from terrain_cli.models import ModelFile, added

@@ -47,6 +47,6 @@ AB = ("a", "b")
     ],
 )  # fmt: skip
 def test_the_strongest_statement_wins(found, verdict, effect, family, together, tells_law, rivals):
-    told = decide(Findings(**found), STRESSES)
+    told = decide(Findings(**found))
     assert (told.verdict, told.effect, told.family) == (verdict, effect, family)
     assert (told.together, told.tells_law, told.rivals) == (together, tells_law, rivals)

@@ -10,7 +10,7 @@ from sklearn.linear_model import Ridge, RidgeCV
 
 from terrain_cli.estimation.line import ridge
 from terrain_cli.estimation.line.moments import of_windows
-from terrain_cli.estimation.line.ridge import DELTAS, fit_ridge
+from terrain_cli.estimation.line.ridge import DELTAS, choose, losses
 
 COUNTS = (5, 12, 30, 61)
 
@@ -27,7 +27,8 @@ def windows(seed, spread=0.08, scatter=0.03):
 def ridge_of(x, y, bounds, folds=None):
     columns = np.ones((6, len(x)))
     columns[0], columns[1] = x, y
-    return fit_ridge(x, y, bounds, of_windows(columns, bounds), folds=folds)
+    moments = of_windows(columns, bounds)
+    return choose(moments, losses(x, y, bounds, moments, folds=folds))
 
 
 def design_of(x):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from terrain_cli.views import figures, live_pictures
-from terrain_cli.views.live_pictures import LivePictures
+from terrain_cli.views import figures, plots
+from terrain_cli.views.plots import LivePictures
 
 
 def row(samples, segment=1, wheel="left"):
@@ -26,13 +26,13 @@ def row(samples, segment=1, wheel="left"):
 
 def test_they_are_drawn_at_times_and_at_the_end(tmp_path, monkeypatch):
     drawn = []
-    monkeypatch.setattr(live_pictures.plots, "write_convergence", lambda *given: drawn.append(given))
+    monkeypatch.setattr(plots, "write_convergence", lambda *given: drawn.append(given))
     pictures = LivePictures(str(tmp_path))
     pictures.draw()
     assert not drawn
     # A drawing takes 1 s, and 4 s are left to the rows.
     clock = iter([0.0, 1.0, 2.0, 4.9, 5.1, 6.1, 6.2, 7.0])
-    monkeypatch.setattr(live_pictures.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(plots.time, "monotonic", lambda: next(clock))
     counts = []
     for samples in (10, 20, 30, 40):
         pictures.add(row(samples))
@@ -46,7 +46,7 @@ def test_they_are_drawn_at_times_and_at_the_end(tmp_path, monkeypatch):
 
 
 def test_no_more_rows_are_held_than_a_line_needs(monkeypatch):
-    monkeypatch.setattr(live_pictures, "_MOST", 10)
+    monkeypatch.setattr(plots, "_MOST_ROWS", 10)
     pictures = LivePictures("none")
     for samples in range(1, 200):
         pictures.add(row(samples))
@@ -57,7 +57,7 @@ def test_no_more_rows_are_held_than_a_line_needs(monkeypatch):
 
 
 def test_segments_stay_in_their_places_when_rows_are_dropped(monkeypatch):
-    monkeypatch.setattr(live_pictures, "_MOST", 6)
+    monkeypatch.setattr(plots, "_MOST_ROWS", 6)
     pictures = LivePictures("none")
     for segment in (1, 2, 3):
         for samples in range(10, 101, 10):

@@ -1,1 +1,1 @@
-"""The effects that come with the program, one a module; the registry in `terrain_cli.effects` lists them."""
+"""The effects that come with the program, by what they act on; `terrain_cli.effects` lists them."""

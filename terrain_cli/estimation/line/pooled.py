@@ -51,23 +51,11 @@ def recursive(
 ) -> Trace:
     """Follow c, φ and their errors through each window.
 
-    The Kalman filter of the constant state (c, tan φ) with the measurement y = c + x tan φ,
-    started from a prior of no information. In its information form such a filter does nothing
-    but add up, so that its states are had from cumulative sums of products, and the last is
-    the least-squares answer of `estimate_windows`, with the same errors. The noise of the
-    measurement and its correlation are not given beforehand but taken from the residuals so
-    far.
-
-    Parameters
-    ----------
-    x, y : array_like, shape (n,)
-        Stresses of `mechanics.linear.line_coordinates`, Pa; finite.
-    bounds : array_like of int, shape (w + 1,)
-        Window j is the samples bounds[j] to bounds[j + 1] − 1; from 0 to n.
-    load, torque, sinkage, slip : array_like, shape (n,)
-        W in N, T in N m, z in m, i.
-    correlated : bool
-        False for steady test points, which have no order in time.
+    The Kalman filter of the constant state (c, tan φ) with the measurement y = c + x tan φ, started from a
+    prior of no information. In its information form such a filter does nothing but add up, so that its states
+    are had from cumulative sums of products, and the last is the least-squares answer of `estimate_windows`,
+    with the same errors. The noise of the measurement and its correlation are not given beforehand but taken
+    from the residuals so far. Arrays are those of `estimate_windows`.
     """
     columns = np.array([x, y, load, torque, sinkage, slip], dtype=float)
     states = np.full((5, columns.shape[1]), np.nan)
@@ -186,20 +174,15 @@ class PooledEstimate:
 def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledEstimate:
     """Combine windows by generalised least squares with random effects.
 
-    Each window gives its strength at one common stress and its tan φ, with the covariance of
-    the two; each is weighted by the inverse of that covariance plus the variance of the soil
-    between windows (DerSimonian & Kacker 2007). What the sensors' noise does to φ is the same
-    in every window: it is not averaged out.
+    Each window gives its strength at one common stress and its tan φ, with the covariance of the two; each is
+    weighted by the inverse of that covariance plus the variance of the soil between windows (DerSimonian &
+    Kacker 2007). What the sensors' noise does to φ is the same in every window: it is not averaged out.
 
-    All windows whose errors are known take part. What all of them take for true, such as the priors of
-    the full model, makes the same error in each: it is not averaged out either. One that cannot tell c
-    from φ still knows its strength, and strengths at several stresses fix the line between them;
-    leaving out negative c would bias c. Windows of too few samples are passed over.
-
-    Parameters
-    ----------
-    select : array_like of int or bool, optional
-        The windows of one soil and wheel; by default all.
+    All windows whose errors are known take part, or those to `select`, by places or a mask: of one soil and
+    wheel. What all of them take for true, such as the priors of the full model, makes the same error in each:
+    it is not averaged out either. One that cannot tell c from φ still knows its strength, and strengths at
+    several stresses fix the line between them; leaving out negative c would bias c. Windows of too few
+    samples are passed over.
     """
     chosen = slice(None) if select is None else np.asarray(select)
     status = estimates.status[chosen]

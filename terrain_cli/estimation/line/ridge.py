@@ -52,11 +52,6 @@ class Ridge:
     gain: Array
 
 
-def fit_ridge(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Ridge:
-    """Fit each window by ridge regression; `folds` as for `losses`."""
-    return choose(moments, losses(x, y, bounds, moments, folds=folds))
-
-
 def losses(x: Array, y: Array, bounds: Bounds, moments: WindowMoments, *, folds: int | None) -> Array:
     """Sum the squared errors of prediction of what is left out of each window, by δ, shape (17, w).
 
@@ -178,14 +173,7 @@ def _by_samples(
 
 
 def _by_powers(
-    design: _Design,
-    j: int,
-    x: Array,
-    y: Array,
-    cohesion: Array,
-    slope: Array,
-    plus: Array,
-    minus: Array,
+    design: _Design, j: int, x: Array, y: Array, cohesion: Array, slope: Array, plus: Array, minus: Array
 ) -> Array | None:
     """Sum the squared residuals of samples left out of window j, None where one has much leverage.
 

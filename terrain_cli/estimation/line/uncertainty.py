@@ -124,32 +124,22 @@ class Errors:
 
 
 def sampling_errors(moments: WindowMoments, line: Line, *, correlated: bool) -> Errors:
-    """Variances of a line's mean stress and slope.
+    """Variances of a line's mean stress and slope; NaN where n < 3.
 
-    The residuals' autocorrelation is taken as a ρᵏ at lag k: white noise (a = 0), a
-    first-order process (a = 1) or the sum of the two, which is what a slow misfit under sensor
-    noise looks like. a and ρ come from lags 1 and 2. Least squares makes residuals look less
-    correlated and smaller than the noise; the share of both that the line takes up is put
-    back (to first order, by iteration). The effective numbers of samples follow as n/τ with
-    τ = 1 + 2 Σ (1 − k/n) a ρᵏ for the mean and a (ρ ρx)ᵏ for the slope, where ρx is the lag-1
-    autocorrelation of x (Bartlett 1935). Negative correlation is not used to shrink an error.
+    The residuals' autocorrelation is taken as a ρᵏ at lag k: white noise (a = 0), a first-order process (a =
+    1) or the sum of the two, which is what a slow misfit under sensor noise looks like. a and ρ come from
+    lags 1 and 2. Least squares makes residuals look less correlated and smaller than the noise; the share of
+    both that the line takes up is put back (to first order, by iteration). The effective numbers of samples
+    follow as n/τ with τ = 1 + 2 Σ (1 − k/n) a ρᵏ for the mean and a (ρ ρx)ᵏ for the slope, where ρx is the
+    lag-1 autocorrelation of x (Bartlett 1935). Negative correlation is not used to shrink an error.
 
-    Residuals that turn more smoothly than a first-order process are no noise but the misfit of
-    the model, which no number of samples averages out: the error is then that of two samples.
+    Residuals that turn more smoothly than a first-order process are no noise but the misfit of the model,
+    which no number of samples averages out: the error is then that of two samples.
 
-    Variances of correlated residuals are widened by Student's t for the effective number of
-    samples over that for n, so that ± 1.96 se holds its 95 % where a window has few
-    independent samples. With uncorrelated residuals the variances are the textbook ones.
-
-    Parameters
-    ----------
-    correlated : bool
-        False for steady test points, which have no order in time.
-
-    Returns
-    -------
-    Errors
-        NaN where n < 3.
+    Variances of correlated residuals are widened by Student's t for the effective number of samples over that
+    for n, so that ± 1.96 se holds its 95 % where a window has few independent samples. With uncorrelated
+    residuals the variances are the textbook ones: those of steady test points, which have no order in time,
+    are not `correlated`.
     """
     count, spread = moments.count, np.where(moments.varies(X), moments[0, X, X], np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -248,31 +238,15 @@ class Uncertainty:
 def uncertainty(
     moments: WindowMoments, line: Line, cohesion: Array, tan_phi: Array, gain: Array, *, correlated: bool
 ) -> Uncertainty:
-    """Errors of estimates made from least-squares lines.
+    """Errors of estimates (c in Pa, tan φ) made from least-squares lines; NaN where n < 3.
 
-    A line turns about the mean point of its window. The stress there, s, is uncorrelated with
-    the slope of least squares; a linear estimator maps the sampling errors of both by `gain`.
-    To them is added what sampling does not see, as mean squares: to tan φ the distance to a
-    truth anywhere within the bounds that the channels put on φ, and to s the pull of a penalty
-    away from the mean of y, and to both the share that dropping κ3 makes of them.
-    Residuals about the true line are larger than about the line fitted
-    to noise, by as much as the two may differ in slope; the error of s allows for that too.
-
-    Parameters
-    ----------
-    line : Line
-        Least squares of the same windows.
-    cohesion, tan_phi : ndarray, shape (w,)
-        The estimates, c in Pa.
-    gain : ndarray, shape (2, 2, w)
-        Derivatives of the estimates of (s, tan φ) by those of least squares.
-    correlated : bool
-        Whether samples follow each other in time.
-
-    Returns
-    -------
-    Uncertainty
-        NaN where n < 3.
+    A line turns about the mean point of its window. The stress there, s, is uncorrelated with the slope of
+    least squares; a linear estimator maps the sampling errors of both by `gain`, shape (2, 2, w): the
+    derivatives of its (s, tan φ) by those of least squares. To them is added what sampling does not see, as
+    mean squares: to tan φ the distance to a truth anywhere within the bounds that the channels put on φ, and
+    to s the pull of a penalty away from the mean of y, and to both the share that dropping κ3 makes of them.
+    Residuals about the true line are larger than about the line fitted to noise, by as much as the two may
+    differ in slope; the error of s allows for that too.
     """
     mean_x, mean_y = moments.mean[X], moments.mean[Y]
     sampling = sampling_errors(moments, line, correlated=correlated)

@@ -139,50 +139,29 @@ def estimate_windows(
 ) -> WindowEstimates:
     """Estimate c and φ of every window by equations [26] and [27] of Iagnemma et al. 2004.
 
-    Both least squares and ridge are computed; `method` says which of them `c` and `phi` are.
-    A window does not depend on the others.
+    Both least squares and ridge are computed; `method` says which of them `c` and `phi` are: `auto` is least
+    squares up to a condition number of 100 and ridge above; the recursive estimate of a whole window
+    (`recursive`) is that of least squares. A window does not depend on the others.
 
-    Standard errors hold for correlated residuals (see `uncertainty`) and include the bias of
-    a line fitted to stresses computed from noisy channels (see `uncertainty`), so that they
-    do not go to zero with the number of samples. On simulated windows with 3 % of white noise
-    in all four channels, a constant load is called anything but "not-separable" in less than
-    1 % of the windows, and random variation of the load by ±15 % is called "not-separable" in
-    3 % of the windows of 30 samples and less than 1 % of 100.
+    Standard errors hold for correlated residuals (see `uncertainty`) and include the bias of a line fitted to
+    stresses computed from noisy channels (see `uncertainty`), so that they do not go to zero with the number
+    of samples. On simulated windows with 3 % of white noise in all four channels, a constant load is called
+    anything but "not-separable" in less than 1 % of the windows, and random variation of the load by ±15 % is
+    called "not-separable" in 3 % of the windows of 30 samples and less than 1 % of 100.
 
     They are errors of the data, with the linearised stresses and k taken as true; see
     `assumed.with_assumptions`.
 
-    The error of a ridge estimate is a mean square error: that of the penalised estimator, plus
-    its distance to the bounds of φ and to the mean stress, which is where the penalty's bias
-    shows.
+    The error of a ridge estimate is a mean square error: that of the penalised estimator, plus its distance
+    to the bounds of φ and to the mean stress, which is where the penalty's bias shows.
 
-    Parameters
-    ----------
-    x, y : array_like, shape (n,)
-        Stresses of `mechanics.linear.line_coordinates`, Pa; finite.
-    bounds : array_like of int, shape (w + 1,)
-        Window j is the samples bounds[j] to bounds[j + 1] − 1; from 0 to n.
-    load, torque, sinkage, slip : array_like, shape (n,)
-        W in N, T in N m, z in m, i.
-    radius, width, shear_modulus : float
-        r, b and k in m.
-    method : {"auto", "least-squares", "ridge", "recursive"}
-        `auto` is least squares up to a condition number of 100 and ridge above; the recursive
-        estimate of a whole window (`recursive`) is that of least squares.
-    min_samples : int
-        Windows of fewer have the status "too-few-samples".
-    correlated : bool
-        False for steady test points, which have no order in time.
-    folds : int, optional
-        Ridge chooses δ by leaving out one of so many contiguous blocks, which is the better
-        judge of correlated samples; by default by leaving out one sample.
-
-    Raises
-    ------
-    UsageError
-        Unknown method, or fewer than 2 folds.
-    ValueError
-        Arrays of different length, or bounds that do not go from 0 to n.
+    x and y, shape (n,), are stresses of `mechanics.linear.line_coordinates`, Pa, finite; window j is the
+    samples bounds[j] to bounds[j + 1] − 1, from 0 to n. W in N, T in N m, z, r, b and k in m. Windows of
+    fewer than `min_samples` have the status "too-few-samples"; steady test points, which have no order in
+    time, are not `correlated`. Ridge chooses δ by leaving out one of so many contiguous blocks (`folds`),
+    which is the better judge of correlated samples; by default by leaving out one sample. UsageError: unknown
+    method, or fewer than 2 folds; ValueError: arrays of different length, or bounds that do not go from 0 to
+    n.
     """
     if method not in get_args(LineMethod):
         raise UsageError(f"no method {method!r}", hint=f"one of {', '.join(get_args(LineMethod))}")
@@ -217,10 +196,7 @@ def estimate_windows(
 
 
 def soils(x: Array, y: Array, bounds: Bounds, method: LineMethod) -> Array:
-    """Return c and tan φ of every window, shape (2, w), as `estimate_windows` has them.
-
-    Their errors cost more than they do: where lines are fitted again and again, nobody asks for them.
-    """
+    """Return c and tan φ of every window, shape (2, w), as `estimate_windows` without costly errors."""
     found = []
     for first in range(0, max(len(bounds) - 1, 1), _TOGETHER):
         inner = bounds[first : first + _TOGETHER + 1]
@@ -239,10 +215,7 @@ def soils(x: Array, y: Array, bounds: Bounds, method: LineMethod) -> Array:
 def _measured(
     rows: Sequence[Array], bounds: Bounds, keys: Sequence[Key], *, penalised: bool, folds: int | None = None
 ) -> tuple[WindowMoments, list[Array]]:
-    """Return moments of some windows and, if wanted, the losses of penalised lines, block by block.
-
-    `rows` are those of `moments`, with these keys.
-    """
+    """Return moments of some windows and, if wanted, the losses of penalised lines, block by block."""
     measured, losses = [], []
     for columns, inner, _, _ in _blocks(rows, bounds):
         measured.append(of_windows(columns, inner, keys))
@@ -269,10 +242,7 @@ def join(parts: Sequence[WindowEstimates]) -> WindowEstimates:
 
 
 def blocks(bounds: Bounds) -> Iterator[tuple[int, int]]:
-    """Part windows into runs, first to last − 1, that fit into the processor's cache.
-
-    They are of about `_BLOCK` samples; one empty run if there are no windows.
-    """
+    """Part windows into runs, first to last − 1, of about `_BLOCK` samples; one empty run if none."""
     first, windows = 0, len(bounds) - 1
     while True:
         last = int(np.searchsorted(bounds, bounds[first] + _BLOCK, side="right")) - 1

@@ -14,7 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.estimation.line.moments import segment_sum
-from terrain_cli.estimation.wheel_fit.gauss_newton import Normal, State, Ways, accumulate, initial, newton
+from terrain_cli.estimation.wheel_fit.gauss_newton import (
+    Normal,
+    State,
+    Ways,
+    accumulate,
+    initial,
+    inside,
+    newton,
+)
 from terrain_cli.mechanics.dual import value
 
 if TYPE_CHECKING:
@@ -22,7 +30,7 @@ if TYPE_CHECKING:
 
     from terrain_cli.estimation.wheel_fit.fit_data import FitData
     from terrain_cli.estimation.wheel_fit.linearised import Problem
-    from terrain_cli.vocabulary.arrays import Array, Index
+    from terrain_cli.vocabulary.arrays import Array
 
 
 #: Samples of a window, and nodes on each arc, that are enough to begin with.
@@ -43,18 +51,17 @@ def centre(problem: Problem, data: FitData) -> tuple[Array, Array]:
     """Begin at the prior means, with the stiffness that carries the load there."""
     sought = problem.unknowns
     t, common = np.zeros((len(data.windows), len(sought.local))), np.zeros(len(sought.shared))
-    return carried(problem, data, np.clip(t, *_range(problem)), common), common
+    return carried(problem, data, inside(sought.local, t), common), common
 
 
 def others(problem: Problem, data: FitData, common: Array) -> Iterator[Array]:
     """Yield further beginnings, far apart in what the model is most curved in, shape (w, p)."""
     names = [u.name for u in problem.unknowns.local]
     columns = [names.index(name) for name in _BENT if name in names]
-    low, high = _range(problem)
     for signs in product((-_APART, _APART), repeat=len(columns)):
         t = np.zeros((len(data.windows), len(names)))
         t[:, columns] = signs
-        yield carried(problem, data, np.clip(t, low, high), common)
+        yield carried(problem, data, inside(problem.unknowns.local, t), common)
 
 
 def of_shapes(problem: Problem, common: Array) -> Iterator[Array]:
@@ -91,9 +98,7 @@ def carried(problem: Problem, data: FitData, t: Array, common: Array) -> Array:
         return t
     column = names.index("stiffness")
     stiffness = problem.unknowns.local[column]
-    rows, count = data.thin(_SAMPLES)
-    few = data.take(rows, count, np.arange(len(count)))
-    moved = t.copy()
+    few, moved = data.thinned(_SAMPLES), t.copy()
     if "sinkage" in few.channels:
         at_sinkage = replace(problem, given="sinkage")
         carried = value(at_sinkage.predict(few, t, common, by=False, order=_ORDER).load)
@@ -108,11 +113,6 @@ def carried(problem: Problem, data: FitData, t: Array, common: Array) -> Array:
             moved[:, column] += (segment_sum(sunk.astype(float), few.bounds) > 0.0) / stiffness.sd
     moved[:, column] = np.clip(moved[:, column], stiffness.lower, stiffness.upper)
     return moved
-
-
-def _range(problem: Problem) -> tuple[Array, Array]:
-    table = np.array([[u.lower, u.upper] for u in problem.unknowns.local]).reshape(-1, 2)
-    return table[:, 0], table[:, 1]
 
 
 def descend(
@@ -141,7 +141,8 @@ def descend(
         if len(active) == 0 or state.converged.all():
             break
         part, rows = data.only(active), data.rows_of(active)
-        here = damped(_some(normal, active), damping[active])
+        some = Normal(normal.information[active], normal.score[active], normal.misfit[active])
+        here = damped(some, damping[active])
         step, shift, _ = newton(here, sought, state.t[active], state.common)
         moved, moved_common = state.t[active] + step, state.common + shift
         latent = Ways(part, sought, ways[:, :, rows]).moved(state.latent[:, rows], step, shift)
@@ -187,10 +188,6 @@ def _cost(
     wild = ~np.isfinite(sum_of + merit)
     normal.information[wild], normal.score[wild] = 0.0, 0.0
     return normal, np.where(dumb | wild, np.inf, merit), latent, ways.by
-
-
-def _some(normal: Normal, windows: Index) -> Normal:
-    return Normal(normal.information[windows], normal.score[windows], normal.misfit[windows])
 
 
 def damped(normal: Normal, damping: Array) -> Normal:

@@ -95,10 +95,7 @@ class FitData:
         return np.diff(self.bounds)
 
     def possible(self, latent: Array) -> Array:
-        """Keep true values of the inputs, shape (inputs, n), in the soil.
-
-        A depth of nothing has no derivatives. `latent` is changed in place.
-        """
+        """Keep true values of the inputs in the soil, in place: a depth of nothing has no derivatives."""
         if "sinkage" in self.inputs:
             row, measured = self.inputs.index("sinkage"), self.channels["sinkage"]
             latent[row] = np.where(measured > 0.0, np.maximum(latent[row], 0.1 * measured), latent[row])

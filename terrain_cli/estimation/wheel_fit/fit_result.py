@@ -33,6 +33,7 @@ LARGEST_OPEN = 1.0
 #: A standard error above this share of the prior's is the prior's own.
 SURELY_TOLD = 0.95
 _AT_BOUND = 1e-9
+_PAIR = ("cohesion", "tan_phi")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +128,7 @@ class Fit(Parameters):
 
     def correlation(self, a: str, b: str) -> Array:
         """Correlation of the errors of two parameters, NaN where one of them is fixed."""
-        cov, var_a, var_b = (between(self.names, self.covariance, x, y) for x, y in ((a, b), (a, a), (b, b)))
+        var_a, cov, var_b = _of_pair(self.names, self.covariance, a, b)
         bottom = np.sqrt(var_a * var_b)
         ratio = np.divide(cov, bottom, out=np.full_like(cov, np.nan), where=bottom > 0.0)
         return np.asarray(np.clip(ratio, -1.0, 1.0))
@@ -235,10 +236,7 @@ def parameters(
     shared_covariance = found.shared * spread**2 * np.outer(shared_units, shared_units)
     shared_errors = np.sqrt(np.diagonal(shared_covariance)).tolist()
     pivot = {"cohesion", "tan_phi"} <= set(names)
-    var_c, cov, var_t = (
-        between(names, covariance, a, b)
-        for a, b in (("cohesion", "cohesion"), ("cohesion", "tan_phi"), ("tan_phi", "tan_phi"))
-    )
+    var_c, cov, var_t = _of_pair(names, covariance, *_PAIR)
     with np.errstate(invalid="ignore", divide="ignore"):
         # Where c and φ err the same way no stress makes their errors cancel, and none below 0 is one.
         sigma_star = np.maximum(-cov / var_t, 0.0) if pivot else np.full(windows, np.nan)
@@ -278,21 +276,22 @@ def _open(names: tuple[str, ...], sure: Array, tan_phi: Array, unknowns: Sequenc
     return np.asarray(alone * unknowns[column].sd / (1.0 + tan_phi**2))
 
 
-def between(names: tuple[str, ...], covariance: Array, a: str, b: str) -> Array:
-    """Return the covariance of two of the names in each window; 0 where one of them is not sought."""
-    if a not in names or b not in names:
-        return np.zeros(len(covariance))
-    return covariance[:, names.index(a), names.index(b)]
+def _of_pair(names: tuple[str, ...], covariance: Array, a: str, b: str) -> tuple[Array, Array, Array]:
+    """Return var a, cov(a, b) and var b in each window; 0 where one of them is not sought."""
+
+    def between(one: str, other: str) -> Array:
+        if one not in names or other not in names:
+            return np.zeros(len(covariance))
+        return covariance[:, names.index(one), names.index(other)]
+
+    return between(a, a), between(a, b), between(b, b)
 
 
 def _parted(fit: Fit) -> dict[str, Any]:
     """Return c and tan φ with the errors from noise, and those from priors."""
     found: dict[str, Any] = {"data_c": fit.values["cohesion"], "data_tan_phi": fit.values["tan_phi"]}
     for part, covariance in (("data", fit.covariance - fit.by_priors), ("assumed", fit.by_priors)):
-        var_c, cov, var_t = (
-            between(fit.names, covariance, a, b)
-            for a, b in (("cohesion", "cohesion"), ("cohesion", "tan_phi"), ("tan_phi", "tan_phi"))
-        )
+        var_c, cov, var_t = _of_pair(fit.names, covariance, *_PAIR)
         c, t = (np.sqrt(np.maximum(variance, 0.0)) for variance in (var_c, var_t))
         both = c * t
         corr = np.clip(np.divide(cov, both, out=np.zeros_like(both), where=both > 0.0), -1.0, 1.0)
@@ -301,10 +300,7 @@ def _parted(fit: Fit) -> dict[str, Any]:
 
 
 def as_window_estimates(fit: Fit, linear: WindowEstimates) -> WindowEstimates:
-    """Put a fit in the place of the linear estimates of the same windows.
-
-    Those keep their columns of least squares and ridge, and the bounds of φ.
-    """
+    """Put a fit in the place of linear estimates, which keep least squares, ridge and the bounds of φ."""
     if len(fit) != len(linear):
         raise ValueError(f"a fit of {len(fit)} windows and estimates of {len(linear)}")
     nothing = np.full(len(fit), np.nan)

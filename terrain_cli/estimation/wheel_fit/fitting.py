@@ -21,7 +21,7 @@ from terrain_cli.estimation.wheel_fit import damped_search, valley
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
-from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, limits, solve
+from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, inside, solve
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
 from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes
@@ -60,10 +60,7 @@ _GROUP = 100_000
 
 
 def wild_samples(problem: Problem, data: FitData, found: State, order: int | None) -> Mask:
-    """Tell which of all samples are too far from a robust fit, of these or of some of them.
-
-    `problem` has the noise of the sensors.
-    """
+    """Tell which samples are too far from a robust fit, of these or of some, for the noise of `problem`."""
     limits = _squares(data.measured.shape[0], _BY_CHANCE / max(data.measured.shape[1], 1))
     far = np.flatnonzero(_squared(problem, data, found, order, 1) > limits[data.seen.sum(axis=0)])
     wild = np.zeros(data.measured.shape[1], dtype=bool)
@@ -119,50 +116,26 @@ def fit(
 ) -> Fit:
     """Fit a wheel–soil model to windows of samples, with noise in every channel.
 
-    Parameters
-    ----------
-    channels : mapping of str to array_like, shape (n,)
-        SI units; NaN where not measured: slip and sinkage (or load, see `given`), with whichever of
-        load, torque and drawbar_pull there are, and what the effects need.
-    bounds : array_like of int, shape (w + 1,)
-        Window j is the samples bounds[j] to bounds[j + 1] − 1; from 0 to n.
-    fixed : mapping of str to float or array_like, shape (w,), optional
-        Parameters held, of soil or effects, one value for all windows or one for each.
-    priors : mapping of str to Prior, optional
-        In place of the weak ones from published soils (`unknowns.DEFAULT`), and of those of the
-        effects: their null value, give or take five of their scales.
-    shared : collection of str
-        Parameters of the soil that are one for all windows; those of the effects are.
-    local : collection of str
-        But for these, which differ from window to window.
-    noise : Noise, optional
-        Learnt from the data if not given (`learnt_noise`).
-    by_differences : bool
-        Learn only its white part (`learnt_noise`).
-    robust : bool
-        Give samples far from the fit less weight (Huber 1964), at the cost of 5 % of efficiency.
-    given : {"sinkage", "load"}
-        Predict load, torque and drawbar pull at the sinkage measured; or solve for the sinkage
-        from the load, and predict sinkage, torque and drawbar pull.
-    correlated : bool
-        Whether samples follow each other in time; False for steady test points.
-    min_samples : int
-        Windows of fewer have the status "too-few-samples".
-    joint : collection of int
-        Windows of which the joint posterior of c and φ is laid out on a grid.
-    begun : Noise, optional
-        Learnt from most of these samples: where learning begins, which then takes half of the time.
+    `channels`, shape (n,), are in SI units, NaN where not measured: slip and sinkage (or load, see `given`),
+    with whichever of load, torque and drawbar_pull there are, and what the effects need. Window j is the
+    samples bounds[j] to bounds[j + 1] − 1; from 0 to n.
 
-    Raises
-    ------
-    InputError
-        A channel without which the model cannot be fitted is missing.
-    ConfigurationError
-        A name that is no parameter of the model.
-    UsageError
-        Values or priors without meaning.
-    ValueError
-        Arrays of different length, or bounds that do not go from 0 to n.
+    Held are the parameters `fixed`, of soil or effects, one value for all windows or one for each. `priors`
+    stand in place of the weak ones from published soils (`unknowns.DEFAULT`), and of those of the effects:
+    their null value, give or take five of their scales. Parameters of the soil that are `shared` are one for
+    all windows; those of the effects are, but for `local` ones, which differ from window to window.
+
+    The noise is learnt from the data if not given (`learnt_noise`), `by_differences` only its white part;
+    learning begins where it has `begun`, with what was learnt from most of these samples, and then takes half
+    of the time. A `robust` fit gives samples far from it less weight (Huber 1964), at the cost of 5 % of
+    efficiency. `given`: predict load, torque and drawbar pull at the sinkage measured; or solve for the
+    sinkage from the load, and predict sinkage, torque and drawbar pull. Steady test points are not
+    `correlated`: they do not follow each other in time. Windows of fewer than `min_samples` have the status
+    "too-few-samples"; of the windows `joint` the joint posterior of c and φ is laid out on a grid.
+
+    InputError: a channel without which the model cannot be fitted is missing; ConfigurationError: a name that
+    is no parameter of the model; UsageError: values or priors without meaning; ValueError: arrays of
+    different length, or bounds that do not go from 0 to n.
     """
     data, rows = collect(model, channels, bounds, given)
     if min_samples < 1:
@@ -203,8 +176,7 @@ def fit(
     order = enough_nodes(problem.noise, data)
     if not by_differences:
         own, t = no_wider(found.own, found.t)
-        low, high, _ = limits(problem.unknowns.local)
-        found = replace(found, t=np.clip(t, low, high), own=own)
+        found = replace(found, t=inside(problem.unknowns.local, t), own=own)
     spread = float(student(np.array([likely[0].dof]))[0]) / 1.959964 if learner else 1.0
     filled = data.count > 0
     about = parameters((*model.soil, *local), sought, found, filled, spread)
@@ -334,15 +306,9 @@ def _room(variance: Array, way: Array) -> Array:
 
 
 def _learn(
-    problem: Problem,
-    data: FitData,
-    learner: LikelyNoise | ScaledDifferences,
-    begun: State | None = None,
+    problem: Problem, data: FitData, learner: LikelyNoise | ScaledDifferences, begun: State | None = None
 ) -> tuple[Problem, float, State]:
-    """Learn the noise of the sensors; return it with its degrees of freedom, and where the last search ended.
-
-    The search begins where another one of all windows ended, if there is one.
-    """
+    """Learn the noise; return it with its degrees of freedom, and where the last search ended."""
     problem = replace(problem, noise=learner.noise)
     filled = np.flatnonzero(data.count > 0)
     if len(filled) == 0:

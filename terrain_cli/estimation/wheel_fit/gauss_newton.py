@@ -266,11 +266,14 @@ def limits(sought: tuple[Unknown, ...]) -> tuple[Array, Array, Array]:
     return table[:, 0], table[:, 1], table[:, 2]
 
 
-def overshoot(normal: Normal, local: tuple[Unknown, ...], t: Array) -> Array:
-    """Return how far beyond their bounds the next step would take the windows' own unknowns, shape (w, p).
+def inside(sought: tuple[Unknown, ...], t: Array) -> Array:
+    """Keep unknowns within their bounds."""
+    low, high, _ = limits(sought)
+    return np.clip(t, low, high)
 
-    0 or more where an unknown is at its bound, else −1.
-    """
+
+def overshoot(normal: Normal, local: tuple[Unknown, ...], t: Array) -> Array:
+    """Return how far beyond its bound the next step takes an unknown, (w, p); −1 where it is at none."""
     low, high, _ = limits(local)
     at_low, at_high = t <= low + _NEAR, t >= high - _NEAR
     if not (at_low | at_high).any():

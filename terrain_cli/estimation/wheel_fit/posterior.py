@@ -29,7 +29,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     Normal,
     accumulate,
     eliminate,
-    limits,
+    inside,
     newton,
     overshoot,
     square_root,
@@ -90,10 +90,7 @@ class Posterior:
 def posterior(
     problem: Problem, data: FitData, state: State, *, order: int | None, correlated: bool
 ) -> Posterior:
-    """Return means and covariances from the most probable unknowns (`gauss_newton`).
-
-    The true values of the inputs of `state` become those that go with the means.
-    """
+    """Return means and covariances from the most probable unknowns; `state.latent` becomes the means'."""
     local = state.t.shape[1]
     few = _Few(problem, data, state)
     at_mode, noise = few.at_mode()
@@ -282,10 +279,7 @@ def _to_mean(few: _Few, at_mode: Normal, own: Array, gain: Array, held: Array) -
 
 
 def _within(problem: Problem, t: Array, common: Array) -> tuple[Array, Array]:
-    """Keep unknowns within their bounds."""
-    low, high, _ = limits(problem.unknowns.local)
-    low_shared, high_shared, _ = limits(problem.unknowns.shared)
-    return np.clip(t, low, high), np.clip(common, low_shared, high_shared)
+    return inside(problem.unknowns.local, t), inside(problem.unknowns.shared, common)
 
 
 def _bounded(move: Array, own: Array) -> Array:

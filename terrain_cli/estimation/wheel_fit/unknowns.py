@@ -40,13 +40,7 @@ DEFAULT: dict[str, Prior] = {
     "sinkage_exponent": Prior(0.9, 0.3),
 }
 #: Largest step of one iteration, in the unit sought (a logarithm of k, keq).
-_STEPS = {
-    "cohesion": 1e4,
-    "tan_phi": 0.5,
-    "shear_modulus": 1.0,
-    "stiffness": 2.0,
-    "sinkage_exponent": 0.3,
-}
+_STEPS = {"cohesion": 1e4, "tan_phi": 0.5, "shear_modulus": 1.0, "stiffness": 2.0, "sinkage_exponent": 0.3}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,6 +85,12 @@ class Unknowns:
         for unknown, number in zip(self.shared, common, strict=True):
             values[unknown.name] = unknown.value(np.asarray(number))
         return values
+
+    def slopes(self, t: Array, common: Array) -> Array:
+        """Return the derivatives of all parameters sought by t, shape (w, p), and common, shape (q,)."""
+        both = zip((*self.local, *self.shared), (*t.T, *common), strict=True)
+        columns = [np.broadcast_to(unknown.slope(np.asarray(number)), len(t)) for unknown, number in both]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(t), 0))
 
 
 def unknowns(

@@ -16,7 +16,7 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander2d
 
 from terrain_cli.estimation import joint_grid
 from terrain_cli.estimation.wheel_fit.damped_search import descend
-from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, initial, limits
+from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, initial, inside
 from terrain_cli.estimation.wheel_fit.unknowns import Unknowns
 from terrain_cli.mechanics.dual import value
 
@@ -86,10 +86,9 @@ class _Valley:
     ) -> None:
         self._frame, self._order = frame, order
         some = data.only(np.array([j]))
-        rows, count = some.thin(_SAMPLES)
-        few = some.take(rows, count, np.array([0]))
+        few = some.thinned(_SAMPLES)
         # Some samples stand for all: each knows so much more.
-        few = replace(few, excess=few.excess * count / some.count)
+        few = replace(few, excess=few.excess * few.count / some.count)
         # Counted from the estimate: priors pull to there, as the data do.
         self._local = tuple(
             replace(u, mean=u.mean + u.sd * t, lower=u.lower - t, upper=u.upper - t)
@@ -180,8 +179,7 @@ class _Valley:
         data = self._data.take(
             np.tile(np.arange(count), number), np.full(number, count), np.zeros(number, dtype=np.intp)
         )
-        low, high, _ = limits(others)
-        begun = np.clip(moved @ self._along.T, low, high)
+        begun = inside(others, moved @ self._along.T)
         ends = descend(
             problem,
             replace(data, windows=np.arange(number)),

@@ -24,7 +24,7 @@ from terrain_cli.estimation.wheel_fit.gauss_newton import (
     accumulate,
     eliminate,
     initial,
-    limits,
+    inside,
     solve,
 )
 from terrain_cli.estimation.wheel_fit.normal_equations import covariance
@@ -77,8 +77,8 @@ def mend(
 ) -> Posterior:
     """Fit those windows anew in which the search went astray; of windows that share something all, or none.
 
-    `state` is changed in place. If `tempered`, raise the noise of all windows of which the priors alone would
-    know more.
+    `state` is changed in place. The noise of windows is raised until their errors are no larger than those of
+    the priors; if `tempered`, of all windows of which the priors alone would know more.
     """
     unknowns = problem.unknowns
     missed = found.misfit > _HOPELESS * np.maximum(found.dof, 1.0)
@@ -99,27 +99,22 @@ def mend(
         put(state, ends, np.arange(len(lost)), np.arange(state.latent.shape[1]))
         found = posterior(problem, data, state, order=order, correlated=correlated)
     alone = replace(problem, unknowns=_held(unknowns, state))
-    _temper(problem, alone, data, state, found, order, tempered=tempered)
-    return found
-
-
-def _temper(
-    problem: Problem,
-    alone: Problem,
-    data: FitData,
-    state: State,
-    found: Posterior,
-    order: int | None,
-    *,
-    tempered: bool,
-) -> None:
-    """Raise the noise of windows until their errors are no larger than those of the priors, in place."""
     for _ in range(_ROUNDS):
         wide = _useless(found, tempered=tempered)
         if not wide.any():
-            return
+            break
         _raise(data, found, wide)
-        _alone(problem, alone, data, state, found, np.flatnonzero(wide), order)
+        # One by one, as their noise has changed, which is that of their long run already.
+        at = np.flatnonzero(wide)
+        part, rows = data.only(at), data.rows_of(at)
+        ends = _downhill(alone, part, state.only(at, rows), order)
+        put(state, ends, at, rows)
+        _put(found, posterior(alone, part, ends, order=order, correlated=False), at)
+        if len(state.common):
+            normal = accumulate(problem, part, ends.t, state.common, ends.latent.copy(), order=order)
+            gain = eliminate(normal, state.t.shape[1])[1]
+            found.gain[at] = np.where(found.at_bound[at, :, None], 0.0, gain)
+    return found
 
 
 def _raise(data: FitData, found: Posterior, wide: Mask) -> None:
@@ -145,8 +140,7 @@ def _held(unknowns: Unknowns, state: State) -> Unknowns:
 
 def _best(problem: Problem, data: FitData, ended: State, order: int | None) -> State:
     """Go down from where the search ended or from another beginning, whichever leads lowest."""
-    rows, count = data.thin(_TRIED)
-    some = data.take(rows, count, np.arange(len(count)))
+    some = data.thinned(_TRIED)
     centre, nothing = damped_search.centre(problem, some)
     begun = [(ended.t, ended.common), (centre, nothing)]
     begun += [(other, nothing) for other in damped_search.others(problem, some, nothing)]
@@ -174,9 +168,8 @@ def _lowest(ends: Sequence[State], data: FitData, problem: Problem) -> State:
 
 def _downhill(problem: Problem, data: FitData, state: State, order: int | None) -> State:
     """Go down anew from where the search ended, and from the prior means."""
-    low, high, _ = limits(problem.unknowns.local)
     common = state.common if problem.unknowns.shared else np.zeros(0)
-    begun = [(np.clip(state.t, low, high), common), damped_search.centre(problem, data)]
+    begun = [(inside(problem.unknowns.local, state.t), common), damped_search.centre(problem, data)]
     return _descended(problem, data, begun, order)
 
 
@@ -190,26 +183,6 @@ def _descended(
         return best
     ends = descend(problem, data, best.t, best.common, order=order, iterations=_LAST)
     return replace(ends, converged=ends.converged | best.converged)
-
-
-def _alone(
-    problem: Problem,
-    alone: Problem,
-    data: FitData,
-    state: State,
-    found: Posterior,
-    at: Index,
-    order: int | None,
-) -> None:
-    """Fit some windows anew one by one, as their noise or their bounds have changed; in place."""
-    part, local = data.only(at), state.t.shape[1]
-    ends = _downhill(alone, part, state.only(at, data.rows_of(at)), order)
-    put(state, ends, at, data.rows_of(at))
-    # Their noise is that of their long run already.
-    _put(found, posterior(alone, part, ends, order=order, correlated=False), at)
-    if len(state.common):
-        normal = accumulate(problem, part, ends.t, state.common, ends.latent.copy(), order=order)
-        found.gain[at] = np.where(found.at_bound[at, :, None], 0.0, eliminate(normal, local)[1])
 
 
 def put(state: State, other: State, at: Index, rows: Index) -> None:

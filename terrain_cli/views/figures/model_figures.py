@@ -180,10 +180,7 @@ def _along(
 
 
 def candidates(found: Diagnosis) -> Figure | None:
-    """Draw what each fitted candidate explains of the misfit, and its held-out loss, with the 95 % interval.
-
-    None where nothing was fitted.
-    """
+    """Draw what each fitted candidate, if any, explains of the misfit, and its held-out loss with 95 %."""
     fitted = [one for one in found.candidates if one.refitted][:MOST_CANDIDATES]
     if not fitted:
         return None
@@ -217,10 +214,7 @@ def _named(one: Candidate) -> str:
 
 
 def errors(ladder: Sequence[Rung]) -> Figure | None:
-    """Draw the held-out error of every channel, step by step, with its 95 % interval and the noise.
-
-    None where nothing was tried on data.
-    """
+    """Draw the held-out error of each channel, step by step, with its 95 % interval and noise, if any."""
     names = channels(ladder)
     if not names:
         return None
@@ -244,10 +238,7 @@ def _rungs(axes: Axes, tested: Sequence[Rung], name: str, place: dict[int, int])
     known = measured(tested, name)
     what = quantities.quantity(name, known[0][1].unit)
     at = np.array([place[rung.number] for rung, _ in known], dtype=float)
-    for side, marker, face, label in (
-        (-_APART, "o", "white", "before"),
-        (_APART, "s", COLOURS[0], "after"),
-    ):
+    for side, marker, face, label in ((-_APART, "o", "white", "before"), (_APART, "s", COLOURS[0], "after")):
         intervals = [one.before if side < 0.0 else one.after for _, one in known]
         value, spread = _spread(intervals, what.factor)
         axes.errorbar(

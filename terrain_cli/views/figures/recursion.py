@@ -81,10 +81,7 @@ def convergence(trace: Mapping[str, Any]) -> Figure:
 
 
 def convergence_of_all(traces: Sequence[Mapping[str, Any]]) -> Figure | None:
-    """Draw c and φ of all segments over one another, each from its own first sample.
-
-    None where there is one segment only, or there are more than can be told apart.
-    """
+    """Draw c and φ of all segments over one another; None of one alone, or of too many to tell apart."""
     parts = [part for trace in traces for part in _segments(trace)]
     if not 1 < len(parts) <= len(COLOURS):
         return None

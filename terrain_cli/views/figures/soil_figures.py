@@ -18,6 +18,7 @@ from terrain_cli.presentation.segment_table import GRID
 from terrain_cli.views import shown_segments
 from terrain_cli.views.chart_style import COLOURS, FAINT, INK, LINES, MARKERS, SCALE
 from terrain_cli.views.figures.picture import Picture
+from terrain_cli.views.shown_samples import limits as limits_of
 from terrain_cli.vocabulary.choices import MOST_VALLEYS
 
 if TYPE_CHECKING:
@@ -51,12 +52,14 @@ def strength(table: Mapping[str, Any]) -> Figure:
     """Draw c and φ of every segment with their ellipses, and beside it the strength line of each."""
     figure = Picture(figsize=(7.6, 3.9))
     left, right = figure.subplots(1, 2)
-    kinds = shown_segments.groups(table, len(COLOURS))
-    _estimates(left, table, kinds)
-    _lines(right, table, kinds)
+    groups = shown_segments.groups(table, len(COLOURS))
+    kinds = list(dict.fromkeys(groups))
+    styles = [kinds.index(kind) for kind in groups]
+    _estimates(left, table, styles)
+    _lines(right, table, styles)
     handles = [
         Line2D([], [], color=COLOURS[j], marker=MARKERS[j], linestyle=LINES[j], label=kind)
-        for j, kind in enumerate(dict.fromkeys(kinds))
+        for j, kind in enumerate(kinds)
     ]
     if any(status != "ok" for status in table["status"]):
         hollow: dict[str, Any] = {"marker": "o", "linestyle": "none", "markerfacecolor": "white"}
@@ -65,15 +68,13 @@ def strength(table: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def _estimates(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
-    styles = {kind: j for j, kind in enumerate(dict.fromkeys(kinds))}
+def _estimates(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
     c, phi = shown_segments.estimate_limits(table)
     unseen = 0
-    for row, kind in enumerate(kinds):
-        style = styles[kind]
+    for row, style in enumerate(styles):
         trusted = table["status"][row] == "ok"
         outline = shown_segments.ellipse(table, row)
-        if len(kinds) <= MOST_ERRORS and np.isfinite(outline).all():
+        if len(styles) <= MOST_ERRORS and np.isfinite(outline).all():
             # One around the axes, or beyond them, does not show.
             unseen += not Path(outline).intersects_bbox(Bbox(np.transpose([c, phi])), filled=False)
             axes.add_patch(
@@ -97,7 +98,7 @@ def _estimates(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
         )
     x, y = (np.asarray(table[name], dtype=float) for name in ("c_kPa", "phi_deg"))
     outside = int(np.count_nonzero((x < c[0]) | (x > c[1]) | (y < phi[0]) | (y > phi[1])))
-    title = "estimates, 95 % regions" if len(kinds) <= MOST_ERRORS else "estimates"
+    title = "estimates, 95 % regions" if len(styles) <= MOST_ERRORS else "estimates"
     notes = [f"{outside} beyond the axes"] * bool(outside) + [f"{unseen} not in sight"] * bool(unseen)
     axes.set(
         xlim=c,
@@ -108,8 +109,7 @@ def _estimates(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
     )
 
 
-def _lines(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
-    styles = {kind: j for j, kind in enumerate(dict.fromkeys(kinds))}
+def _lines(axes: Axes, table: Mapping[str, Any], styles: list[int]) -> None:
     pivots = np.asarray(table["sigma_star_kPa"], dtype=float)
     known = shown_segments.tested(table)
     axes.set(
@@ -120,8 +120,7 @@ def _lines(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
     if not len(known):
         return
     for row in known:
-        style = styles[kinds[row]]
-        colour, marker, line = COLOURS[style], MARKERS[style], LINES[style]
+        colour, marker, line = COLOURS[styles[row]], MARKERS[styles[row]], LINES[styles[row]]
         # Far from σ* the drive has not tried the soil.
         stress = np.linspace(0.5 * pivots[row], 1.5 * pivots[row], 30)
         value, error = shown_segments.strength(table, row, stress)
@@ -134,7 +133,7 @@ def _lines(axes: Axes, table: Mapping[str, Any], kinds: list[str]) -> None:
         axes.errorbar(
             pivots[row],
             table["strength_kPa"][row],
-            yerr=1.96 * np.nan_to_num(table["strength_se_kPa"][row]) if len(kinds) <= MOST_ERRORS else None,
+            yerr=1.96 * np.nan_to_num(table["strength_se_kPa"][row]) if len(styles) <= MOST_ERRORS else None,
             color=colour,
             marker=marker,
             markersize=4.0,
@@ -167,8 +166,7 @@ def rim_stress(moments: Sequence[Moment]) -> Figure:
         axes.axhline(0.0, color=FAINT, linewidth=0.6)
         axes.set(xlabel="angle from the vertical θ (°), forward positive", ylabel="stress (kPa)")
         axes.set_title(moment.title, pad=14.0, fontsize=8.0)
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
 
@@ -287,7 +285,7 @@ def _panel(axes: Axes, posterior: Posterior, rows: Index, table: Mapping[str, An
         axes.contourf(c, phi, share, levels=[level, 1.0], colors=[COLOURS[0]], alpha=shade)
     axes.contour(c, phi, share, levels=ends, colors=[COLOURS[0]], linewidths=0.8)
     shown = share >= 1.0 - _SHOWN
-    limits = [_wide(part[shown]) for part in (c, phi)]
+    limits = [limits_of(part[shown], margin=0.08) for part in (c, phi)]
     here = (column["kind"] != GRID) & (column["other"] == column["parameter"])
     known = {
         name: {key: float(column[key][k]) for key in ("value", "se", "prior", "prior_sd")}
@@ -339,9 +337,3 @@ def _share(probability: Array) -> Array:
     share = np.empty(probability.size)
     share[order] = np.cumsum(probability.ravel()[order])
     return share.reshape(probability.shape)
-
-
-def _wide(values: Array) -> tuple[float, float]:
-    low, high = float(values.min()), float(values.max())
-    room = 0.08 * (high - low)
-    return low - room, high + room
