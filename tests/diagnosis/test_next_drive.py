@@ -187,7 +187,8 @@ def power(name, manoeuvre, seconds):
     sides = [next_drive.Side(ground, one, refit.solutions[0]) for one, refit in pairs]
     at = manoeuvres.Conditions.of(data.data[0])
     table = next_drive.margins(ground, sides, manoeuvres.library(at, seconds)[manoeuvre].drive(at))
-    return next_drive._Pair(*sides, next_drive._both(table[None], 0, 1)).power[0]
+    margins = np.concatenate([table[0, 1], table[1, 0]])[None]
+    return next_drive._Pair(*sides, margins).power[0]
 
 
 @pytest.mark.parametrize(("name", "manoeuvre"), [("warm", 0), ("load", 2)])
