@@ -1,4 +1,4 @@
-"""Tails of distributions. scipy.special has them all, but to import it takes as long as a comparison."""
+"""Tails of distributions. scipy.special has them all, but to import it takes a tenth of a comparison."""
 
 from __future__ import annotations
 
