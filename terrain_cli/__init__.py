@@ -30,8 +30,8 @@ Model
     report                  one page of HTML
 
 Functions that take data take windows, samples, the path of a log or a DataFrame, one or several. Results of
-`compare`, `diagnose`, `add_effect` and `simulate` have DataFrames, and `to_json()`, which is what the command
-writes. Errors that a user can cause are `terrain_cli.errors.TerrainError` and
+`compare`, `diagnose`, `add_effect` and `simulate` have DataFrames, `plot()`, and `to_json()`, which is what
+the command writes. Errors that a user can cause are `terrain_cli.errors.TerrainError` and
 `formats.errors.FormatError`; each has a `hint`.
 """
 

@@ -128,7 +128,7 @@ def test_picture_shows_each_candidate_that_was_fitted(found, done, folder):
     fitted = [one["effect"] for one in found["heated"]["candidates"] if one["refitted"]]
     assert fitted
     assert all(name in drawn for name in fitted)
-    assert "2 files in pictures" in done["heated"].stderr
+    assert "2 pictures in pictures" in done["heated"].stderr
 
 
 def test_what_is_in_no_catalogue_gets_a_law(found, folder, terrain_est_here):

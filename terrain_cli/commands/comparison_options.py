@@ -74,7 +74,7 @@ def draw(found: Comparison | Diagnosis, given: Mapping[str, Any]) -> None:
 
     written = plots.write(found, given["plot"])
     if not given["quiet"]:
-        said = counted(len(written), "file") if written else "there is nothing to draw: no file"
+        said = counted(len(written), "picture") if written else "there is nothing to draw: no picture"
         click.echo(f"{said} in {given['plot']}", err=True)
 
 
