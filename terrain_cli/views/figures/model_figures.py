@@ -190,7 +190,7 @@ def candidates(found: Diagnosis) -> Figure | None:
     inks = [COLOURS[0] if one.in_family else FAINT for one in fitted]
     shares = [100.0 * max(one.explained, 0.0) for one in fitted]
     explained.barh(place, np.nan_to_num(shares), height=0.6, color=inks)
-    explained.set(xlim=(0.0, 100.0), xlabel="explains of the misfit (%)")
+    explained.set(xlim=(0.0, 100.0), xlabel="share of the misfit explained (%)")
     for at, one, ink in zip(place, fitted, inks, strict=True):
         loss.errorbar(one.loss, at, xerr=1.96 * one.loss_se, fmt="o", color=ink, capsize=2.5, markersize=5.0)
     loss.axvline(0.0, color=INK, linewidth=0.8)
@@ -201,7 +201,7 @@ def candidates(found: Diagnosis) -> Figure | None:
         axes.grid(axis="x", linewidth=0.4, alpha=0.5)
     handles = [
         Patch(color=ink, label=label)
-        for ink, label in ((COLOURS[0], "cannot be told from the best"), (FAINT, "others"))
+        for ink, label in ((COLOURS[0], "the best, and what cannot be told from it"), (FAINT, "others"))
         if ink in inks
     ]
     figure.legend(handles=handles, loc="outside upper left", ncols=2)
