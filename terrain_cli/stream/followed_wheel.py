@@ -48,7 +48,7 @@ _GROWN = 1.5
 #: those of all. benchmarks/follow_agreement.py: of 240 rows over six soils 29, 65, 89 and 100 % have the φ of
 #: the log so far with 0, 2, 4 and 8 such segments, in 0.18, 0.28, 0.31 and 0.33 s.
 _EARLIER, _OF_EACH = 8, 4000
-#: Segments that are held at the most to be told again at the end: some 25 MB if all are long. Judged.
+#: Segments that are held at the most to be told again at the end: some 20 MB if all are long. Judged.
 _HELD = 64
 #: Columns of the table that follow from the fit of the full model.
 _OF_FIT = (

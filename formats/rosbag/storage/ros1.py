@@ -139,8 +139,8 @@ class Ros1File(Reader):
         return data + 4, numbers_at(buffer, data, "<u4").astype(np.int64)
 
     def walk(self, chunk: bytes | memoryview) -> dict[int, NDArray[Any]]:
-        """Fail: rosbags opens no file of which an index is missing."""
-        raise NotImplementedError(len(chunk))
+        """Refuse it as damaged: rosbags opens no file of which an index is missing."""
+        raise ValueError(f"a chunk of {len(chunk):,} bytes has no index")
 
 
 def _fields(header: bytes, sizes: Mapping[bytes, int]) -> dict[bytes, int] | None:
