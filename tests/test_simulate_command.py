@@ -167,7 +167,7 @@ class TestTruth:
         document = json.loads(truth.read_text("utf-8"))
         assert document["format"] == "terrain-est/truth/1"
         (effect,) = document["model"]["effects"]
-        sizes = {"n1": 0.4, "n2": 0.0, "S": 0.5}
+        sizes = {"n1": 0.4, "n2": 0.0, "S": 0.5, "bend": 0.0}
         assert effect["parameters"] == {name: {"value": v, "unit": "1"} for name, v in sizes.items()}
         assert effect["hidden"] is False
         assert document["soils"]["dry-sand"]["c_kPa"] == pytest.approx(1.04)

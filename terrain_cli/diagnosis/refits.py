@@ -33,10 +33,6 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-#: Multiples of its null at which the search for a parameter that only shapes an effect begins.
-_SHAPES = (0.4, 1.0, 2.5)
-
-
 @dataclass(frozen=True)
 class Ground:
     """The data of a diagnosis, in one way of joining segments to soils, with the base fitted."""
@@ -191,8 +187,9 @@ def over_shapes(data: Ground, hypothesis: Hypothesis, one: Refit) -> Refit:
     if not any(name in shapes and shapes[name].at_bound(value) for name, value in one.common()):
         return one
     tried = [one]
-    for times in product(_SHAPES, repeat=len(shapes)):
-        value = {name: p.null * scale for (name, p), scale in zip(shapes.items(), times, strict=True)}
+    channels = [wheel.channels for wheel in data.wheels]
+    for values in product(*(p.tried(channels) for p in shapes.values())):
+        value = dict(zip(shapes, values, strict=True))
         held = refit(data, replace(hypothesis, fixed={**hypothesis.fixed, **value}))
         begun = [_let_go(*pair, value) for pair in zip(held.solutions, one.solutions, strict=True)]
         tried.append(refit(data, hypothesis, begun=begun))
@@ -228,7 +225,10 @@ def _solved(
         return smoothed_fit.search(hypothesis.model, sought, part, begun)
     t, common = _from([base], sought, part.windows)
     return smoothed_fit.search(
-        hypothesis.model, sought, part, product((t, None), _beginnings(sought, common, hypothesis))
+        hypothesis.model,
+        sought,
+        part,
+        product((t, None), _beginnings(sought, common, hypothesis, wheel.channels)),
     )
 
 
@@ -245,20 +245,21 @@ def _from(several: Sequence[Solution], sought: Unknowns, windows: int) -> tuple[
     return np.stack(t, axis=1) if t else np.zeros((windows, 0)), np.array(common)
 
 
-def _beginnings(sought: Unknowns, common: Array, hypothesis: Hypothesis) -> Iterator[Array]:
+def _beginnings(
+    sought: Unknowns, common: Array, hypothesis: Hypothesis, channels: Mapping[str, Array]
+) -> Iterator[Array]:
     place = {u.name: j for j, u in enumerate(sought.shared)}
-    shapes = [name for name, p in hypothesis.parameters.items() if p.shape and name in place]
+    shapes = {name: p for name, p in hypothesis.parameters.items() if p.shape and name in place}
     if not shapes:
         yield common
         return
-    for times in product(_SHAPES, repeat=len(shapes)):
+    for values in product(*(p.tried([channels]) for p in shapes.values())):
+        at = dict(zip(shapes, values, strict=True))
         begun = common.copy()
         for name, p in hypothesis.parameters.items():
             if name not in place:
                 continue
-            value = p.null + 0.3 * p.scale
-            if p.shape:
-                value = p.null * times[shapes.index(name)]
+            value = at.get(name, p.null + 0.3 * p.scale)
             unknown = sought.shared[place[name]]
             begun[place[name]] = (np.clip(value, p.lower, p.upper) - unknown.mean) / unknown.sd
         yield begun

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index
 
 
-#: Multiples of its null at which a parameter that only shapes an effect is tried.
-_SHAPES = (0.3, 1.0, 3.0)
 #: Laws on these are applied node by node, which is slow where many are differentiated together.
 _ON_THE_RIM = frozenset({"normal_stress", "shear_stress"})
 
@@ -94,8 +92,8 @@ def of_effects(
             yield _of(effect, tables, together)
     for effect in alone:
         shapes = [p for p in effect.parameters if p.shape]
-        for times in _SHAPES if shapes else (1.0,):
-            at = {effect.qualified(p): float(np.clip(times * p.null, p.lower, p.upper)) for p in shapes}
+        for values in zip(*(p.tried([channels]) for p in shapes), strict=True) if shapes else [()]:
+            at = {effect.qualified(p): value for p, value in zip(shapes, values, strict=True)}
             yield _of(effect, _tables(wheel, [effect], channels, rows, at), [effect])
 
 

@@ -51,6 +51,11 @@ Law = Callable[[Quantities], Any]
 _CERTAIN = 3.0
 #: Distance from a bound, in typical sizes, that is none.
 _NEAR = 0.01
+#: Multiples of its null at which a parameter that only shapes an effect is tried.
+_MULTIPLES = (0.3, 1.0, 3.0)
+#: And shares of what a drive reaches, where it lies within that. Stress is greatest where a rim has pressed
+#: the soil to three quarters of the sinkage: a layer further down shows nothing.
+_SHARES = (0.2, 0.35, 0.5, 0.65)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +125,8 @@ class Parameter:
     side : {-1, 0, 1}
         Side of the null on which alone nature has it, 0 for both. A fit may go to the other one: there
         it imitates something else.
+    along : str
+        Channel within whose range alone a parameter that only shapes the effect shows.
     """
 
     name: str
@@ -135,6 +142,18 @@ class Parameter:
     needs: tuple[str, ...] = ()
     skids: bool = False
     side: int = 0
+    along: str = ""
+
+    def tried(self, several: Sequence[Mapping[str, Any]]) -> tuple[float, ...]:
+        """Return the values, SI, at which what it shapes is tried on the channels of some wheels."""
+        import numpy as np
+
+        reached = [np.asarray(channels[self.along]) for channels in several if self.along in channels]
+        if reached:
+            found = np.nanquantile(np.concatenate(reached), 0.95) * np.array(_SHARES)
+        else:
+            found = self.null * np.array(_MULTIPLES)
+        return tuple(np.clip(found, self.lower, self.upper).tolist())
 
     def imitates(self, value: float, doubt: float) -> bool:
         """Tell whether a value, SI, is where nature has none, or as far as it could go there.

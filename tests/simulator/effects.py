@@ -82,6 +82,8 @@ def slip_sinkage(ground: Ground, _moment: Moment, p: Numbers, other: bool) -> No
     ground.exponent += p["n1"] * abs(ground.slip) ** (1.5 if other else 1.0)
     if ground.slip < 0.0:
         ground.exponent += p["n2"] * -ground.slip
+    # A parabola that is 0 at no and at full slip.
+    ground.exponent += p["bend"] * (4.0 * (abs(ground.slip) - 0.5) ** 2 - 1.0)
 
 
 def multi_pass(ground: Ground, moment: Moment, p: Numbers, other: bool) -> None:
@@ -212,7 +214,7 @@ def side_slip(ground: Ground, moment: Moment, p: Numbers, other: bool) -> None:
 
 
 KNOWN: dict[str, Known] = {
-    "slip-sinkage": Known({"n1": 0.0, "n2": 0.0, "S": 0.0}, act=slip_sinkage),
+    "slip-sinkage": Known({"n1": 0.0, "n2": 0.0, "S": 0.0, "bend": 0.0}, act=slip_sinkage),
     "multi-pass": Known(
         {"stiffness_gain": 0.0, "cohesion_gain": 0.0, "shear_modulus_gain": 0.0},
         reads=("pass_number",),

@@ -144,7 +144,15 @@ HARDPAN = Effect(
             upper=1e9,
         ),
         Parameter(
-            "top", "m", 0.01, 0.01, "depth of the layer below the surface", lower=0.001, upper=0.3, shape=True
+            "top",
+            "m",
+            0.01,
+            0.01,
+            "depth of the layer below the surface",
+            lower=0.001,
+            upper=0.3,
+            shape=True,
+            along="sinkage",
         ),
     ),
     laws={"normal_stress": _on_a_layer},

@@ -12,8 +12,9 @@ from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 
 def _exponent(q: Quantities) -> Any:
-    skid = 0.5 * (np.absolute(q["slip"]) - q["slip"])
-    return q["sinkage_exponent"] + q["n1"] * np.absolute(q["slip"]) + q["n2"] * skid
+    slip = np.absolute(q["slip"])
+    grown = q["n1"] * slip - 4.0 * q["bend"] * slip * (1.0 - slip)
+    return q["sinkage_exponent"] + grown + q["n2"] * 0.5 * (slip - q["slip"])
 
 
 def _sinkage(q: Quantities) -> Any:
@@ -53,20 +54,30 @@ SLIP_SINKAGE = Effect(
             lower=-0.8,
             upper=10.0,
         ),
+        Parameter(
+            "bend",
+            "1",
+            0.0,
+            0.1,
+            "how far the growth of the exponent falls short of a straight line at half slip",
+            lower=-1.0,
+            upper=1.0,
+        ),
     ),
     laws={"sinkage_exponent": _exponent, "sinkage": _sinkage},
-    formula="n = n0 + n1 |i| + n2 max(−i, 0); z *= 1 + S |i|",
+    formula="n = n0 + n1 |i| + n2 max(−i, 0) − 4 bend |i| (1 − |i|); z *= 1 + S |i|",
     explanation=(
         "A slipping wheel carries soil backwards from under itself and sinks into the hole: at a slip of 0.6 "
         "it stands three to seven times as deep as at rest. Ding et al. let the exponent of the "
         "pressure–sinkage law grow with slip; n1 is 0.3 to 1 in loose soil: all of the contact is longer "
-        "then. Lyasko lets the sinkage alone grow, z = z0 (1 + S i)/(1 − 0.5 S i), by soil that is carried "
-        "away without bearing more; here z0 (1 + S |i|), as on a smooth wheel in dry sand S = 1 does. One "
-        "drive hardly tells n1 from S. A skidding wheel ploughs, and sinks more than one that slips as much: "
-        "n2 is what comes to the exponent there, and is left out where nothing skids. Sinkage at one load "
-        "rises with slip, and through the longer contact torque rises too, while drawbar pull falls at high "
-        "slip. Without sinkage it is easily taken for grousers or max-stress-angle. Grousers and "
-        "shear-modulus hardly move the sinkage; max-stress-angle moves it less, and leaves torque as it was."
+        "then. That growth need not be a straight line: bend is what it falls short of one at half slip. "
+        "Lyasko lets the sinkage alone grow, z = z0 (1 + S i)/(1 − 0.5 S i), by soil that is carried away "
+        "without bearing more; here z0 (1 + S |i|), as on a smooth wheel in dry sand S = 1 does. One drive "
+        "hardly tells n1 from S. A skidding wheel ploughs, and sinks more than one that slips as much: n2 is "
+        "what comes to the exponent there, and is left out where nothing skids. Sinkage at one load rises "
+        "with slip, and through the longer contact torque rises too, while drawbar pull falls at high slip. "
+        "Without sinkage it is easily taken for grousers or max-stress-angle. Grousers and shear-modulus "
+        "hardly move the sinkage; max-stress-angle moves it less, and leaves torque as it was."
     ),
     shows="sinkage, then torque and drawbar pull, against slip",
     reference=(
