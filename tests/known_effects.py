@@ -51,7 +51,7 @@ class KnownEffect:
 KNOWN_EFFECTS = {
     "slip-sinkage": KnownEffect(
         kind="stress",
-        values={"n1": 0.4, "n2": 0.3, "S": 0.2, "bend": 0.08},
+        values={"n1": 0.4, "n2": 0.3, "S": 0.2, "bend": 0.4},
         found_within=0.001,
         signature=(UP, UP, MOVED),
         on_the_line=False,

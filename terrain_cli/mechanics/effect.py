@@ -153,7 +153,7 @@ class Parameter:
             found = np.nanquantile(np.concatenate(reached), 0.95) * np.array(_SHARES)
         else:
             found = self.null * np.array(_MULTIPLES)
-        return tuple(np.clip(found, self.lower, self.upper).tolist())
+        return tuple(dict.fromkeys(np.clip(found, self.lower, self.upper).tolist()))
 
     def imitates(self, value: float, doubt: float) -> bool:
         """Tell whether a value, SI, is where nature has none, or as far as it could go there.

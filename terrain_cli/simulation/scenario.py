@@ -37,7 +37,6 @@ PLAUSIBLE = {
     "sensor-lag.sinkage_lag": (0.05, 0.4),
     # What not every rover or soil has besides.
     "slip-sinkage.n2": (0.0, 0.0),
-    "slip-sinkage.bend": (-0.05, 0.05),
     "load-transfer.slope_ratio": (0.0, 0.0),
 }
 #: 2026-01-01 00:00:00 UTC, in s since 1970: every drive starts then, so that files do not depend on the day.

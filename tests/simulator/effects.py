@@ -79,11 +79,11 @@ def base_contact(soil: Soil) -> Soil:
 
 def slip_sinkage(ground: Ground, _moment: Moment, p: Numbers, other: bool) -> None:
     # Ding et al. 2010: the exponent grows with slip.
-    ground.exponent += p["n1"] * abs(ground.slip) ** (1.5 if other else 1.0)
+    slip = abs(ground.slip)
+    straight, parabola = p["n1"] * (1.0 - p["bend"]) * slip, p["n1"] * p["bend"] * slip**2
+    ground.exponent += p["n1"] * slip**1.5 if other else straight + parabola
     if ground.slip < 0.0:
         ground.exponent += p["n2"] * -ground.slip
-    # A parabola that is 0 at no and at full slip.
-    ground.exponent += p["bend"] * (4.0 * (abs(ground.slip) - 0.5) ** 2 - 1.0)
 
 
 def multi_pass(ground: Ground, moment: Moment, p: Numbers, other: bool) -> None:

@@ -13,7 +13,7 @@ from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
 def _exponent(q: Quantities) -> Any:
     slip = np.absolute(q["slip"])
-    grown = q["n1"] * slip - 4.0 * q["bend"] * slip * (1.0 - slip)
+    grown = q["n1"] * slip * (1.0 - q["bend"] * (1.0 - slip))
     return q["sinkage_exponent"] + grown + q["n2"] * 0.5 * (slip - q["slip"])
 
 
@@ -58,19 +58,20 @@ SLIP_SINKAGE = Effect(
             "bend",
             "1",
             0.0,
-            0.1,
-            "how far the growth of the exponent falls short of a straight line at half slip",
+            0.5,
+            "how that growth bends: 0 as a straight line, 1 as a parabola",
             lower=-1.0,
-            upper=1.0,
+            upper=2.0,
+            shape=True,
         ),
     ),
     laws={"sinkage_exponent": _exponent, "sinkage": _sinkage},
-    formula="n = n0 + n1 |i| + n2 max(−i, 0) − 4 bend |i| (1 − |i|); z *= 1 + S |i|",
+    formula="n = n0 + n1 |i| (1 − bend (1 − |i|)) + n2 max(−i, 0); z *= 1 + S |i|",
     explanation=(
         "A slipping wheel carries soil backwards from under itself and sinks into the hole: at a slip of 0.6 "
         "it stands three to seven times as deep as at rest. Ding et al. let the exponent of the "
         "pressure–sinkage law grow with slip; n1 is 0.3 to 1 in loose soil: all of the contact is longer "
-        "then. That growth need not be a straight line: bend is what it falls short of one at half slip. "
+        "then. The growth may bend: with a bend of 1 the exponent rises with the square of slip. "
         "Lyasko lets the sinkage alone grow, z = z0 (1 + S i)/(1 − 0.5 S i), by soil that is carried away "
         "without bearing more; here z0 (1 + S |i|), as on a smooth wheel in dry sand S = 1 does. One drive "
         "hardly tells n1 from S. A skidding wheel ploughs, and sinks more than one that slips as much: n2 is "
