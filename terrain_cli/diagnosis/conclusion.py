@@ -115,7 +115,7 @@ def conclude(found: Evidence, asked: Asked) -> Conclusion:
     above = {name: ratio for name, ratio in known.items() if ratio > comparison_criteria.ABOVE_NOISE}
     few = found.blocks < criteria.BLOCKS_OF_ALARM
     if found.raised and not few and not _refused(found):
-        size = _size(above) if above else _at_most(known)
+        size = _size(above) if above else _not_random(known)
         cause, command = _next(found, asked)
         drive = found.drive if found.verdict == "family" and not found.together else ""
         first = (
@@ -144,7 +144,7 @@ def _refused(found: Evidence) -> bool:
 def _unexplained(
     found: Evidence, above: Mapping[str, float], known: Mapping[str, float], asked: Asked
 ) -> Conclusion:
-    size = _size(above) if above else _at_most(known)
+    size = _size(above) if above else _not_random(known)
     why = (
         f"{listed(found.refused)} did not lower it"
         if _refused(found)
@@ -192,6 +192,11 @@ def _at_most(known: Mapping[str, float]) -> str:
         return "its noise is not known"
     most = max(known, key=lambda name: known[name])
     return f"the held-out error is at most {known[most]:.2f} × the noise (in {most})"
+
+
+def _not_random(known: Mapping[str, float]) -> str:
+    """Say that errors as small as the noise are none."""
+    return f"{_at_most(known)}{' but not random' * bool(known)}"
 
 
 def _number(ratio: float) -> str:

@@ -15,7 +15,10 @@ UNKNOWN = {"torque": math.nan}
 MISSES = (
     "The model misses something: the held-out error is 8.6 × the noise in torque and 12 × in sinkage, and "
 )
-SMALL = "The model misses something: the held-out error is at most 1.02 × the noise (in torque), and "
+SMALL = (
+    "The model misses something: the held-out error is at most 1.02 × the noise (in torque) but not random, "
+    "and "
+)
 FITS = (
     "The model fits to the noise: the held-out error is at most 1.02 × the noise (in torque), and no effect"
 )
