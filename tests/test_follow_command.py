@@ -8,6 +8,7 @@ import io
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -322,6 +323,7 @@ def test_the_pipes_of_the_page_work(example, bin_folder, tmp_path, lines):
     ("args", "code", "said"),
     [
         (["a.csv", "b.csv"], 2, "--follow takes one input, not 2"),
+        (["."], 2, "last written to was b.csv"),
         (["a.csv", "-o", "soil.gpkg"], 2, "-o soil.gpkg: a table that grows cannot be .gpkg"),
         (["a.csv", "--trace", "steps.csv"], 2, "--trace needs the whole log"),
         (["a.csv", "--summary", "soil.json"], 2, "--summary needs the whole log"),
@@ -340,6 +342,16 @@ def test_what_is_wrong_is_told_in_one_line(args, code, said, tmp_path, terrain_e
     assert done.returncode == code
     assert said in done.stderr
     assert done.stdout == ""
+
+
+def test_a_folder_with_one_bag_stands_for_it(tmp_path, terrain_est_here):
+    (tmp_path / "day").mkdir()
+    bag = shutil.copy(SAMPLE / "run.mcap", tmp_path / "day" / "day_0.mcap")
+    args = ("--follow", "--method", "recursive", "-q", *ROVER)
+    done = terrain_est_here("estimate", tmp_path / "day", *args)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == terrain_est_here("estimate", bag, *args).stdout
+    assert done.stdout.count("day_0.mcap") > 1
 
 
 @pytest.mark.parametrize("option", [["--every", "1s"], ["--again"], ["--idle-timeout", "1s"]])

@@ -246,7 +246,12 @@ def _follow(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None
     from terrain_cli.stream.growing_table import AGAIN, OPEN, GrowingTable
 
     if len(logs) != 1:
-        raise UsageError(f"--follow takes one input, not {len(logs)}", hint="start a process for each")
+        there = [(Path(path).stat().st_mtime_ns, path) for path in logs if Path(path).exists()]
+        newest = max(there)[1] if there else logs[-1]
+        raise UsageError(
+            f"--follow takes one input, not {len(logs)}",
+            hint=f"start a process for each; last written to was {newest}",
+        )
     for name in _WHOLE:
         if given[name]:
             raise UsageError(
