@@ -195,7 +195,7 @@ def _at_most(known: Mapping[str, float]) -> str:
 
 
 def _not_random(known: Mapping[str, float]) -> str:
-    """Say that errors as small as the noise are none."""
+    """Say that errors which are as small as the noise follow something."""
     return f"{_at_most(known)}{' but not random' * bool(known)}"
 
 
