@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from sqlite3 import DatabaseError
 from typing import TYPE_CHECKING
 
 from formats.errors import NotFoundError
-from formats.rosbag.bag_files import check, damaged
+from formats.recovery import Recovery
+from formats.rosbag.bag_files import check, damaged, first_part, next_part
 from formats.rosbag.bag_source import BagSource, Reading
 from formats.rosbag.containers import Container, of_records
 from formats.rosbag.decoder import Decodable
@@ -27,36 +29,74 @@ if TYPE_CHECKING:
 #: Log times in ns from which the topics are told: one that has a message each second is among them. If one
 #: is missing, it may begin later. Judged: drivers start one after the other within seconds.
 _SHOWN, _YOUNG = 1_000_000_000, 10_000_000_000
+#: Seconds within which a recorder that closes a file opens the next one. Judged: it does so at once.
+_OPENS = 2.0
 
 
 class _Arrivals(Container):
     """The messages that came, until they are taken; connections are added as the file tells of them."""
 
     def __init__(self, path: str, kind: str) -> None:
-        super().__init__(path, kind)
+        part = first_part(Path(path))
+        super().__init__(str(part or path), kind)
+        self.path = path
         self._came: list[Run] = []
-        self._known: dict[int, int] = {}
-        #: What is wrong with the file, each once.
+        #: What is wrong with the files, each once; and bytes that are no whole record.
         self.damage: dict[str, None] = {}
-        file = Path(path)
+        self.rest = 0
+        self.growing = Recovery()
+        #: The file that is read is one of a folder, and another may follow.
+        self._split = part is not None
+        self._begin(part or Path(path))
+
+    def _begin(self, file: Path) -> None:
+        """Read a file from now on."""
+        self._part, self._closed = file, 0.0
+        self._known: dict[int, int] = {}
         try:
-            check(file, kind, path, salvage=True)
+            check(file, self.kind, self.path, salvage=True)
             # A recorder may give the file another name at the end.
             self._file = self._stack.enter_context(file.open("rb"))
         except OSError as error:
-            raise NotFoundError(path, f"cannot be read: {error.strerror or error}") from error
+            raise NotFoundError(self.path, f"cannot be read: {error.strerror or error}") from error
         self.reader: RecordFile | GrowingDb3
-        if kind == "db3":
+        if self.kind == "db3":
             self.reader = GrowingDb3(file)
         else:
-            self.reader = of_records(file, kind)
+            self.reader = of_records(file, self.kind)
             self._stack.callback(self.reader.close)
+        self.reader.recovery = self.growing
 
     def _opened(self) -> Iterator[Reader]:
         return iter(())
 
     def look(self) -> int:
         """Take in what was appended, of a long file some; return how many messages came."""
+        came = self._look()
+        if not came and not self.reader.full and (following := self._following):
+            self.rest += self.reader.rest
+            self._begin(following)
+            came = self._look()
+        if self.reader.ended and not self._closed:
+            self._closed = time.monotonic()
+        return came
+
+    @property
+    def _following(self) -> Path | None:
+        return next_part(self._part, self.kind) if self._split else None
+
+    @property
+    def full(self) -> bool:
+        """More was there than was taken."""
+        return self.reader.full or self._following is not None
+
+    @property
+    def ended(self) -> bool:
+        """The recorder has written the index, and opened no other file."""
+        waited = not self._split or (self._closed > 0.0 and time.monotonic() - self._closed > _OPENS)
+        return self.reader.ended and waited and self._following is None
+
+    def _look(self) -> int:
         try:
             found = self.reader.grow(self._file, RUN_BYTES)
         except OSError as error:
@@ -70,8 +110,8 @@ class _Arrivals(Container):
         self._check_connections()
         runs = [{self._known[number]: messages for number, messages in run.items()} for run in found]
         self._came += runs
-        self.damage |= dict.fromkeys(self.reader.recovery.damage)
-        self.reader.recovery.damage.clear()
+        self.damage |= dict.fromkeys(self.growing.damage)
+        self.growing.damage.clear()
         return sum(len(messages) for run in runs for messages in run.values())
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:  # noqa: ARG002
@@ -108,7 +148,7 @@ class ArrivingBag(BagSource):
         self._arrivals = _Arrivals(path, kind)
         super().__init__(path, kind, container=self._arrivals)
         # What cannot be decoded is counted, and told by `faults`.
-        self._decodable = Decodable(self._arrivals.reader.recovery, [])
+        self._decodable = Decodable(self._arrivals.growing, [])
         #: Topic → fields that are read of it; set before the first is taken.
         self.wanted: Mapping[str, Sequence[str]] = {}
         self._found: dict[int, Reading] | None = None
@@ -118,8 +158,8 @@ class ArrivingBag(BagSource):
 
     @property
     def ended(self) -> bool:
-        """Nothing more will come: the recorder has written the index."""
-        return self._arrivals.reader.ended
+        """Nothing more will come."""
+        return self._arrivals.ended
 
     @property
     def begun(self) -> bool:
@@ -134,7 +174,7 @@ class ArrivingBag(BagSource):
     @property
     def full(self) -> bool:
         """More was there than was taken."""
-        return self._arrivals.reader.full
+        return self._arrivals.full
 
     def prepare(self, data: bytes, *, hurry: bool) -> bool:  # noqa: ARG002 - the file is read in larger pieces
         """Look for messages until the topics can be told, in a `hurry` from one message.
@@ -180,7 +220,7 @@ class ArrivingBag(BagSource):
 
     def faults(self) -> list[str]:
         """Say what was wrong with the file."""
-        aside, rest = self._arrivals.reader.recovery.aside, self._arrivals.reader.rest
+        aside, rest = self._arrivals.growing.aside, self._arrivals.rest + self._arrivals.reader.rest
         return [
             *self._arrivals.damage,
             *[f"{aside:,} messages set aside, which contradict themselves"] * bool(aside),

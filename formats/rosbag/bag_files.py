@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import struct
 import sys
@@ -34,8 +35,35 @@ HINTS = {
 }
 HEAD = 4_200
 _BLOCK = 1 << 20
+#: How rosbag2 names the files of a recording, which it may split.
+_PART = re.compile(r"(.*_)(\d+)(\.mcap|\.db3)")
 #: A file of a recording is never larger than this, however it is packed.
 _LARGEST = 1 << 40
+
+
+def first_part(folder: Path) -> Path | None:
+    """Return the first file of the one recording that is in a folder; None where there is not one."""
+    parts: dict[tuple[str, str], dict[int, Path]] = {}
+    for file in folder.iterdir() if folder.is_dir() else ():
+        if match := _PART.fullmatch(file.name):
+            parts.setdefault((match[1], match[3]), {})[int(match[2])] = file
+    if len(parts) != 1:
+        return None
+    (numbered,) = parts.values()
+    return numbered[min(numbered)]
+
+
+def next_part(file: Path, kind: str) -> Path | None:
+    """Return the file in which a recording that is split goes on, as soon as that has begun."""
+    match = _PART.fullmatch(file.name)
+    if match is None:
+        return None
+    following = file.with_name(f"{match[1]}{int(match[2]) + 1}{match[3]}")
+    try:
+        with following.open("rb") as begun:
+            return following if begun.read(len(MAGIC[kind])) == MAGIC[kind] else None
+    except OSError:
+        return None
 
 
 def check(path: Path, kind: str, name: str, *, salvage: bool = False) -> None:

@@ -32,10 +32,13 @@ class ArrivingBytes:
     Nothing is read before it is asked for, so that a writer waits for whoever works on it.
     """
 
-    def __init__(self, path: str, *, stop: int, idle: float | None = None) -> None:
-        """Open it; a descriptor `stop` that can be read asks to end, as do so many seconds without a byte."""
+    def __init__(self, path: str, *, stop: int, idle: float | None = None, folder: str = "") -> None:
+        """Open it; a descriptor `stop` that can be read asks to end, as do so many seconds without a byte.
+
+        Bytes of other files in a `folder` count too, though they are not read.
+        """
         self.label = STANDARD_INPUT if path == "-" else path
-        self._path, self._stop, self._idle = path, stop, idle
+        self._path, self._stop, self._idle, self._folder = path, stop, idle, folder
         #: Whether somebody asked to end.
         self.stopped = False
         #: Whether nothing came for too long.
@@ -84,6 +87,7 @@ class ArrivingBytes:
     def _changed(self) -> list[int]:
         """Return when a file was changed, and what SQLite keeps beside it: it need not become longer."""
         files = [self._path, *(f"{self._path}{ending}" for ending in SIDE_FILES)] if self._grows else []
+        files += [entry.path for entry in os.scandir(self._folder)] if self._folder else []
         return [os.stat(file).st_mtime_ns for file in files if os.path.exists(file)]  # noqa: PTH110, PTH116
 
     def _left(self, descriptor: int) -> Iterator[bytes]:

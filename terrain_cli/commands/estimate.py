@@ -43,7 +43,7 @@ _WHOLE = ("summary", "samples", "rejects", "trace", "posterior", "places", "salv
     "terrain-est estimate run.bag --model model.toml --plot pictures",
     "terrain-est estimate run.bag -o soil.csv --posterior posterior.parquet",
     "terrain-est estimate --follow growing.csv --every 1s --idle-timeout 10min",
-    "terrain-est estimate --follow day1/day1_0.mcap -o soil.mcap",
+    "terrain-est estimate --follow day1 -o soil.mcap",
     "mosquitto_sub -t rover/wheels | terrain-est estimate --follow - -o soil.geojsons",
     "terrain-est estimate run.bag | ogr2ogr -f GPKG soil.gpkg CSV:/vsistdin/ \\\n"
     "      -oo AUTODETECT_TYPE=YES -oo EMPTY_STRING_AS_NULL=YES -a_srs IAU_2015:49900",
@@ -84,8 +84,8 @@ _WHOLE = ("summary", "samples", "rejects", "trace", "posterior", "places", "salv
     "--follow",
     is_flag=True,
     help="Take INPUT as it arrives, and write the row of a segment when it closes: CSV with a header or "
-    "JSON Lines from a pipe, - or a file that grows, or a bag while it is recorded. Ends with the pipe or "
-    "the bag, or by Ctrl-C.",
+    "JSON Lines from a pipe, - or a file that grows; or a bag, or rosbag2's folder, while it is recorded. "
+    "Ends with the pipe or the bag, or by Ctrl-C.",
 )
 @options.value(
     "--every TIME",
@@ -130,7 +130,7 @@ def command(context: click.Context, /, **_: Any) -> None:
     if given["csv"] and given["output"]:
         raise UsageError("--csv and -o both say where the table goes", hint="leave one of them out")
     if given["follow"]:
-        _follow(logs, rover, given)
+        _follow(context.params["inputs"], logs, rover, given)
         return
     for name in ("every", "again", "idle_timeout"):
         if given[name] not in {None, False}:
@@ -236,7 +236,7 @@ def _outcomes(
                 pool.shutdown(cancel_futures=True)
 
 
-def _follow(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
+def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
     """Follow one input to its end; a first signal to end is an end as any other."""
     from formats.text.arriving_bytes import ArrivingBytes
     from terrain_cli import processes
@@ -245,13 +245,7 @@ def _follow(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None
     from terrain_cli.stream.follow import Follow
     from terrain_cli.stream.growing_table import AGAIN, OPEN, GrowingTable
 
-    if len(logs) != 1:
-        there = [(Path(path).stat().st_mtime_ns, path) for path in logs if Path(path).exists()]
-        newest = max(there)[1] if there else logs[-1]
-        raise UsageError(
-            f"--follow takes one input, not {len(logs)}",
-            hint=f"start a process for each; last written to was {newest}",
-        )
+    path, file = _followed(inputs, logs)
     for name in _WHOLE:
         if given[name]:
             raise UsageError(
@@ -287,10 +281,28 @@ def _follow(logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None
             pictures = LivePictures(given["plot"])
         teller = _Teller(table, pictures, quiet=given["quiet"])
         stack.callback(teller.wipe)
-        arriving = ArrivingBytes(logs[0], stop=stop, idle=given["idle_timeout"])
-        Follow(rover, settings, teller, every=given["every"], again=given["again"]).run(arriving, logs[0])
+        folder = path if file != path else ""
+        arriving = ArrivingBytes(file, stop=stop, idle=given["idle_timeout"], folder=folder)
+        Follow(rover, settings, teller, every=given["every"], again=given["again"]).run(arriving, path)
         if pictures:
             pictures.draw(last=True)
+
+
+def _followed(inputs: Sequence[str], logs: Sequence[str]) -> tuple[str, str]:
+    """Return the input, and the file that is followed: of a recording in a folder the first."""
+    from formats.rosbag.bag_files import first_part
+
+    part = first_part(Path(inputs[0])) if len(inputs) == 1 else None
+    if part is not None:
+        return inputs[0], str(part)
+    if len(logs) != 1:
+        there = [(Path(path).stat().st_mtime_ns, path) for path in logs if Path(path).exists()]
+        newest = max(there)[1] if there else logs[-1]
+        raise UsageError(
+            f"--follow takes one input, not {len(logs)}",
+            hint=f"start a process for each; last written to was {newest}",
+        )
+    return logs[0], logs[0]
 
 
 class _Teller:

@@ -99,7 +99,7 @@ class Follow:
     def _choose(self, head: bytes) -> None:
         """Take it for a bag, as soon as its first bytes say so; one in a pipe is refused as a table."""
         path = self._rows.path
-        if head and isinstance(self._rows, ArrivingRows) and Path(path).is_file():
+        if head and isinstance(self._rows, ArrivingRows) and Path(path).exists():
             kind = content(path, head)
             if kind in BAGS:
                 from formats.rosbag.arriving_bag import ArrivingBag

@@ -367,3 +367,35 @@ def test_a_commit_that_is_going_on_is_waited_for(tmp_path):
         assert file.execute("SELECT count(*) FROM messages").fetchone() == (len(list(rows())),)
     recorder.look()
     assert recorder.bag.count == len(list(rows()))
+
+
+@pytest.mark.parametrize("kind", ["mcap", "db3"])
+def test_a_recording_that_is_split_goes_on_in_the_next_file(kind, tmp_path, monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr("formats.rosbag.arriving_bag.time.monotonic", lambda: clock[0])
+    every, day = list(rows()), tmp_path / "day"
+    day.mkdir()
+    expected = whole(finished(tmp_path, kind))
+    parts = []
+    for some in (every[:40], every[40:]):
+        folder = tmp_path / f"part {len(parts)}"
+        folder.mkdir()
+        parts.append(finished(folder, kind, some=some))
+    parts[0].rename(day / f"day_9.{kind}")
+    recorder = Recorder(day, kind)
+    recorder.look()
+    assert not recorder.bag.ended
+    # No whole beginning of a file is none.
+    following = day / f"day_10.{kind}"
+    following.write_bytes(b"\x89MC")
+    recorder.look()
+    assert not recorder.bag.full
+    following.unlink()
+    parts[1].rename(following)
+    assert recorder.bag.full
+    for _ in range(3):
+        recorder.look()
+    assert_same(recorder.messages, expected)
+    assert recorder.bag.faults() == []
+    clock[0] += 3.0
+    assert recorder.bag.ended == (kind == "mcap")
