@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from sqlite3 import DatabaseError
 from typing import TYPE_CHECKING
@@ -44,19 +45,21 @@ class _Arrivals(Container):
         #: What is wrong with the files, each once; and bytes that are no whole record.
         self.damage: dict[str, None] = {}
         self.rest = 0
-        self.growing = Recovery()
+        self.recovered = Recovery()
         #: The file that is read is one of a folder, and another may follow.
         self._split = part is not None
+        self._opened_part = self._stack.enter_context(ExitStack())
         self._begin(part or Path(path))
 
     def _begin(self, file: Path) -> None:
         """Read a file from now on."""
+        self._opened_part.close()
         self._part, self._closed = file, 0.0
         self._known: dict[int, int] = {}
         try:
             check(file, self.kind, self.path, salvage=True)
             # A recorder may give the file another name at the end.
-            self._file = self._stack.enter_context(file.open("rb"))
+            self._file = self._opened_part.enter_context(file.open("rb"))
         except OSError as error:
             raise NotFoundError(self.path, f"cannot be read: {error.strerror or error}") from error
         self.reader: RecordFile | GrowingDb3
@@ -64,16 +67,18 @@ class _Arrivals(Container):
             self.reader = GrowingDb3(file)
         else:
             self.reader = of_records(file, self.kind)
-            self._stack.callback(self.reader.close)
-        self.reader.recovery = self.growing
+            self._opened_part.callback(self.reader.close)
+        self.reader.recovery = self.recovered
 
     def _opened(self) -> Iterator[Reader]:
         return iter(())
 
     def look(self) -> int:
         """Take in what was appended, of a long file some; return how many messages came."""
+        # All of this file was written before the next one began.
+        following = self._following
         came = self._look()
-        if not came and not self.reader.full and (following := self._following):
+        if following and not came and not self.reader.full:
             self.rest += self.reader.rest
             self._begin(following)
             came = self._look()
@@ -110,8 +115,8 @@ class _Arrivals(Container):
         self._check_connections()
         runs = [{self._known[number]: messages for number, messages in run.items()} for run in found]
         self._came += runs
-        self.damage |= dict.fromkeys(self.growing.damage)
-        self.growing.damage.clear()
+        self.damage |= dict.fromkeys(self.recovered.damage)
+        self.recovered.damage.clear()
         return sum(len(messages) for run in runs for messages in run.values())
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:  # noqa: ARG002
@@ -148,7 +153,7 @@ class ArrivingBag(BagSource):
         self._arrivals = _Arrivals(path, kind)
         super().__init__(path, kind, container=self._arrivals)
         # What cannot be decoded is counted, and told by `faults`.
-        self._decodable = Decodable(self._arrivals.growing, [])
+        self._decodable = Decodable(self._arrivals.recovered, [])
         #: Topic → fields that are read of it; set before the first is taken.
         self.wanted: Mapping[str, Sequence[str]] = {}
         self._found: dict[int, Reading] | None = None
@@ -220,7 +225,7 @@ class ArrivingBag(BagSource):
 
     def faults(self) -> list[str]:
         """Say what was wrong with the file."""
-        aside, rest = self._arrivals.growing.aside, self._arrivals.rest + self._arrivals.reader.rest
+        aside, rest = self._arrivals.recovered.aside, self._arrivals.rest + self._arrivals.reader.rest
         return [
             *self._arrivals.damage,
             *[f"{aside:,} messages set aside, which contradict themselves"] * bool(aside),

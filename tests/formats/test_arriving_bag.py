@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import struct
 import subprocess
 import sys
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -396,6 +398,10 @@ def test_a_recording_that_is_split_goes_on_in_the_next_file(kind, tmp_path, monk
     for _ in range(3):
         recorder.look()
     assert_same(recorder.messages, expected)
+    # Of many files one is open.
+    held = {os.path.realpath(entry) for entry in Path("/proc/self/fd").iterdir()}
+    assert str(day / f"day_9.{kind}") not in held
+    assert str(following) in held
     assert recorder.bag.faults() == []
     clock[0] += 3.0
     assert recorder.bag.ended == (kind == "mcap")
