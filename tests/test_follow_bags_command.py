@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -13,12 +14,17 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
 import formats
 
-SAMPLE = Path(__file__).resolve().parent.parent / "sample_data"
+ROOT = Path(__file__).resolve().parent.parent
+SAMPLE = ROOT / "sample_data"
+ROVER = ["--rover", str(SAMPLE / "rover.toml")]
 FAST = ["--method", "recursive", "--segments", "fixed", "--window-samples", "100"]
 KEY = ("wheel", "segment", "t_start_s", "t_end_s", "n_samples", "n_rejected", "status")
 #: Appends a file to another, some bytes at a time, and waits to be killed where it is told to.
@@ -230,3 +236,63 @@ def test_a_bag_that_lacks_something_is_refused_as_by_estimate(terrain_est_here, 
     done, whole = (terrain_est_here(*args, *more, cwd=tmp_path) for more in (["--follow"], []))
     assert done.returncode == whole.returncode == 78
     assert done.stderr == whole.stderr
+
+
+def table_of(text):
+    """Return a table, without where it is from and in an order that does not depend on what came when."""
+    table = pd.read_csv(io.StringIO(text)).drop(columns=["source", "WKT"])
+    return table.sort_values(["wheel", "segment"], ignore_index=True)
+
+
+def split(bag, folder, count):
+    """Write the messages of a bag into so many files, named as rosbag2 names those of a recording."""
+    with bag.open("rb") as file:
+        messages = list(make_reader(file).iter_messages())
+    for part in range(count):
+        with (folder / f"day_{part}.mcap").open("wb") as file:
+            writer, channels = Writer(file), {}
+            writer.start("ros2")
+            begin, end = (len(messages) * k // count for k in (part, part + 1))
+            for schema, channel, message in messages[begin:end]:
+                if channel.topic not in channels:
+                    number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+                writer.add_message(
+                    channels[channel.topic], message.log_time, message.data, message.publish_time
+                )
+            writer.finish()
+
+
+def test_a_recording_in_a_folder_is_followed_through_its_files(tmp_path, terrain_est_here):
+    """The second and third file appear as the one before is closed; then no other does."""
+    day, later = tmp_path / "day", tmp_path / "later"
+    day.mkdir()
+    later.mkdir()
+    split(SAMPLE / "run.mcap", later, 3)
+    (later / "day_0.mcap").rename(day / "day_0.mcap")
+    command = [sys.executable, "-m", "terrain_cli", "estimate", "--follow", day, "--method", "recursive"]
+    with subprocess.Popen(
+        [*command, *ROVER], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as run:
+        for part in (1, 2):
+            time.sleep(0.7)
+            assert run.poll() is None
+            (later / f"day_{part}.mcap").rename(day / f"day_{part}.mcap")
+        out, errors = run.communicate(timeout=60)
+    assert run.returncode == 0, errors
+    whole = terrain_est_here("estimate", "--follow", SAMPLE / "run.mcap", "--method", "recursive", *ROVER)
+    found, expected = (table_of(text) for text in (out.decode(), whole.stdout))
+    assert list(found["n_samples"]) == list(expected["n_samples"])
+    pd.testing.assert_frame_equal(found, expected, rtol=1e-9)
+    assert b"messages: 7050, late: 0" in errors
+    # All are there from the start.
+    again = terrain_est_here("estimate", "--follow", day, "--method", "recursive", *ROVER)
+    pd.testing.assert_frame_equal(table_of(again.stdout), expected, rtol=1e-9)
+
+
+def test_a_recording_beside_other_logs_is_not_chosen(tmp_path, terrain_est_here):
+    shutil.copy(SAMPLE / "run.mcap", tmp_path / "day_0.mcap")
+    shutil.copy(SAMPLE / "run.csv", tmp_path / "other.csv")
+    done = terrain_est_here("estimate", "--follow", tmp_path, *ROVER)
+    assert done.returncode == 2
+    assert "--follow takes one input, not 2" in done.stderr

@@ -15,11 +15,8 @@ import time
 from pathlib import Path
 from threading import Thread
 
-import pandas as pd
 import pytest
 from child_processes import peak
-from mcap.reader import make_reader
-from mcap.writer import Writer
 from terminals import on_terminal
 
 from formats.output.whole_files import first_columns
@@ -344,58 +341,6 @@ def test_what_is_wrong_is_told_in_one_line(args, code, said, tmp_path, terrain_e
     assert done.returncode == code
     assert said in done.stderr
     assert done.stdout == ""
-
-
-def table_of(text):
-    """Return a table, without where it is from and in an order that does not depend on what came when."""
-    table = pd.read_csv(io.StringIO(text)).drop(columns=["source", "WKT"])
-    return table.sort_values(["wheel", "segment"], ignore_index=True)
-
-
-def split(bag, folder, count):
-    """Write the messages of a bag into so many files, named as rosbag2 names those of a recording."""
-    with bag.open("rb") as file:
-        messages = list(make_reader(file).iter_messages())
-    for part in range(count):
-        with (folder / f"day_{part}.mcap").open("wb") as file:
-            writer, channels = Writer(file), {}
-            writer.start("ros2")
-            begin, end = (len(messages) * k // count for k in (part, part + 1))
-            for schema, channel, message in messages[begin:end]:
-                if channel.topic not in channels:
-                    number = writer.register_schema(schema.name, schema.encoding, schema.data)
-                    channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
-                writer.add_message(
-                    channels[channel.topic], message.log_time, message.data, message.publish_time
-                )
-            writer.finish()
-
-
-def test_a_recording_in_a_folder_is_followed_through_its_files(tmp_path, terrain_est_here):
-    """The second and third file appear as the one before is closed; then no other does."""
-    day, later = tmp_path / "day", tmp_path / "later"
-    day.mkdir()
-    later.mkdir()
-    split(SAMPLE / "run.mcap", later, 3)
-    (later / "day_0.mcap").rename(day / "day_0.mcap")
-    command = [sys.executable, "-m", "terrain_cli", "estimate", "--follow", day, "--method", "recursive"]
-    with subprocess.Popen(
-        [*command, *ROVER], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as run:
-        for part in (1, 2):
-            time.sleep(0.7)
-            assert run.poll() is None
-            (later / f"day_{part}.mcap").rename(day / f"day_{part}.mcap")
-        out, errors = run.communicate(timeout=60)
-    assert run.returncode == 0, errors
-    whole = terrain_est_here("estimate", "--follow", SAMPLE / "run.mcap", "--method", "recursive", *ROVER)
-    found, expected = (table_of(text) for text in (out.decode(), whole.stdout))
-    assert list(found["n_samples"]) == list(expected["n_samples"])
-    pd.testing.assert_frame_equal(found, expected, rtol=1e-9)
-    assert b"messages: 7050, late: 0" in errors
-    # All are there from the start.
-    again = terrain_est_here("estimate", "--follow", day, "--method", "recursive", *ROVER)
-    pd.testing.assert_frame_equal(table_of(again.stdout), expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize("option", [["--every", "1s"], ["--again"], ["--idle-timeout", "1s"]])

@@ -293,7 +293,7 @@ def _followed(inputs: Sequence[str], logs: Sequence[str]) -> tuple[str, str]:
     from formats.rosbag.bag_files import first_part
 
     part = first_part(Path(inputs[0])) if len(inputs) == 1 else None
-    if part is not None:
+    if part is not None and {Path(log).suffix for log in logs} <= {part.suffix, Path(inputs[0]).suffix}:
         return inputs[0], str(part)
     if len(logs) != 1:
         there = [(Path(path).stat().st_mtime_ns, path) for path in logs if Path(path).exists()]
