@@ -21,7 +21,7 @@ from terrain_cli.estimation.wheel_fit import damped_search, valley
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
-from terrain_cli.estimation.wheel_fit.gauss_newton import accumulate, eliminate, initial, inside, solve
+from terrain_cli.estimation.wheel_fit.gauss_newton import TOLERANCE, Ways, accumulate, eliminate, initial, inside, newton, solve
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
 from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes
@@ -55,6 +55,10 @@ _PASSES = 3
 _EACH = 30
 #: Rounds after which noise is left as it is where every window is lost: it does not settle on a misfit.
 _ROUNDS_LOST = 8
+#: Step in posterior standard deviations up to which one for each round of the noise will do. With 0.3, 1 and 3
+#: 18 fits of 2,500 to 7,500 samples evaluate the model 938, 884 and 867 times (1,512 with a whole search in each
+#: round), and c, φ and strength move by less than 0.005 standard errors.
+_ONE_STEP = 1.0
 #: Samples fitted at a time, where windows share nothing.
 _GROUP = 100_000
 
@@ -152,6 +156,7 @@ def fit(
         robust=robust or not by_differences,
     )
     learner: LikelyNoise | ScaledDifferences | None = None
+    state: State | None = None
     likely = [Learnt(problem=problem)]
     if noise is None:
         learner = (
@@ -159,14 +164,13 @@ def fit(
             if by_differences
             else _likely_noise(problem, data, ordered=correlated, near=True)
         )
-        state = None
         if begun is None or begun.relative.keys() != learner.noise.relative.keys():
             problem, dof, state = _learn(problem, data, learner)
             likely = [Learnt(problem=problem, dof=dof, others=learner.others())]
         else:
             problem = replace(problem, noise=begun)
     if not by_differences:
-        data, rows, near = _without_wild(problem, data, rows)
+        data, rows, near = _without_wild(problem, data, rows, state)
         problem = replace(problem, robust=robust)
         likely = [replace(likely[0], problem=problem, begun=near)]
         if learner is not None:
@@ -256,14 +260,18 @@ def _fitted(learnt: Learnt, data: FitData, *, correlated: bool, tempered: bool) 
     return found, np.concatenate(converged)
 
 
-def _without_wild(problem: Problem, data: FitData, rows: Index) -> tuple[FitData, Index, State | None]:
+def _without_wild(
+    problem: Problem, data: FitData, rows: Index, ended: State | None
+) -> tuple[FitData, Index, State | None]:
     """Return the samples that are not too far from a robust fit for noise, and where its search ended.
 
+    `ended` is where the search with this noise ended in learning it, which may have been that of some windows.
     None for few samples: there another noise may have its valley elsewhere, and to begin anew takes no time.
     """
     order = enough_nodes(problem.noise, data)
     some = data.thinned(ENOUGH)
-    found = search(problem, some, order)
+    whole = ended is not None and len(ended.t) == len(data.windows) and bool(ended.converged.all())
+    found = search(problem, some, order, ended if whole else None)
     if not found.converged.all():
         # Far from a fit that is lost are the best of samples.
         found = settled_search(problem, some, found, order)
@@ -325,13 +333,19 @@ def _learn(
         state = initial(sample, np.where(lost, state.t, begun.t[chosen]), begun.common)
     elif next(damped_search.of_shapes(problem, state.common), None) is not None:
         state = search(problem, sample, enough_nodes(problem.noise, sample))
+    near = False  # Whether one step was taken where otherwise a whole search is
     for number in range(1, learner.rounds + 1):
         order = enough_nodes(problem.noise, sample)
-        state = settled_search(problem, sample, state, order)
+        if not near:
+            state = settled_search(problem, sample, state, order)
         learner.begin(sample)
-        normal = accumulate(
-            problem, sample, state.t, state.common, state.latent, order=order, each=learner.add
-        )
+        ways = Ways(sample, problem.unknowns)
+
+        def keep(block: Index, part: FitData, found: Equations, ways: Ways = ways) -> None:
+            learner.add(block, part, found)
+            ways.keep(block, part, found)
+
+        normal = accumulate(problem, sample, state.t, state.common, state.latent, order=order, each=keep)
         own, gain, shared = eliminate(normal, local)
         held = inverse(shared)
         taken = np.einsum("wab,wba->", normal.information[:, :local, :local], own)
@@ -340,8 +354,15 @@ def _learn(
         settled = learner.settled(float(normal.misfit.sum()), dof, (own, gain, held))
         dof /= learner.lasting
         problem = replace(problem, noise=learner.noise)
-        if settled or (state.lost.all() and number == _ROUNDS_LOST):
+        step, shift, length = newton(normal, problem.unknowns, state.t, state.common)
+        longest = max(float(length.max(initial=0.0)), float(shift @ shared @ shift))
+        if (settled and (not near or longest <= TOLERANCE**2)) or (state.lost.all() and number == _ROUNDS_LOST):
             break
+        # One step in each round brings the unknowns along with the noise, where it is a short one.
+        near = not state.lost.any() and longest <= _ONE_STEP**2
+        if near:
+            state.t, state.common = state.t + step, state.common + shift
+            state.latent = ways.moved(state.latent, step, shift)
     return problem, dof, state
 
 

@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 HORIZON = 2048
 #: Samples behind a bound that make it final, twice those in which a new soil must show (`merging.BESIDE`).
 SETTLED = 120
-#: The next search is after so many seconds and so many samples, so that slow and fast clocks cost alike.
-EVERY_SECONDS, EVERY_SAMPLES = 5.0, 20
+#: The next search is after so many seconds and so many samples, so that slow and fast clocks cost alike; and
+#: after fewer seconds where a bound waits to be found again.
+EVERY_SECONDS, AGAIN_SECONDS, EVERY_SAMPLES = 10.0, 5.0, 20
 #: Samples by which a bound may differ from the same one in the search before.
 _SAME = 60
 #: Rows of what is added: the place of a sample among all, which bounds are told in; time in s, x and y in Pa,
@@ -73,14 +74,19 @@ class OnlineCuts:
         if self._last is None:
             self._last = (float(time[0]), self.count)
         since, count = self._last
-        late = int(np.searchsorted(time, since + EVERY_SECONDS))
+        late = int(np.searchsorted(time, since + self._wait))
         return max(late + 1, count + EVERY_SAMPLES - self.count)
+
+    @property
+    def _wait(self) -> float:
+        """Seconds to the next search."""
+        return AGAIN_SECONDS if self._seen.max(initial=0) > self.begin else EVERY_SECONDS
 
     @property
     def _is_due(self) -> bool:
         assert self._last is not None  # noqa: S101 - set before the first samples are kept
         now = float(self._recent[TIME, self._filled - 1])
-        return now >= self._last[0] + EVERY_SECONDS and self.count >= self._last[1] + EVERY_SAMPLES
+        return now >= self._last[0] + self._wait and self.count >= self._last[1] + EVERY_SAMPLES
 
     def _keep(self, columns: Array) -> None:
         for first in range(0, columns.shape[1], HORIZON):
