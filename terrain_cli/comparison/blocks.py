@@ -20,6 +20,8 @@ WEBB = np.sqrt([0.5, 1.0, 1.5])
 DRAWS = 1999
 #: Draws of one matrix product.
 _SLAB = 500
+#: Joined blocks at the least, and how much longer than neighbours seem related on average they are.
+_FEWEST, _LONGER = 12, 4
 
 
 def fine(lengths: Sequence[int], shortest: int, *, most: int) -> list[Index]:
@@ -80,6 +82,28 @@ def _neighbours(scores: Array, chain: Index) -> float:
         return 0.0
     product = (about[1:] * about[:-1])[same][:, known].mean(axis=0) / power[known]
     return float(product.mean() + 1.0 / len(scores))
+
+
+def long_enough(scores: Array, *, independent: float) -> Index | None:
+    """Join short blocks where what makes neighbours alike lasts for longer, as patches of soil do.
+
+    Some of many scores are related for longer than most: joined are `_LONGER` times as many blocks as leave
+    neighbours unrelated on average. Returned is the block that each became part of; None where neighbours are
+    unrelated as they come. Scores, shape (blocks, m), are in the order of the blocks.
+    """
+    count = len(scores)
+    label = merged(scores, np.zeros(count, dtype=np.intp), fewest=_FEWEST, independent=independent)
+    fewer = int(label.max(initial=-1)) + 1
+    if fewer == count:
+        return None
+    return np.arange(count) * max(fewer // _LONGER, _FEWEST) // count
+
+
+def joined(scores: Array, label: Index) -> Array:
+    """Return the sums of scores over joined blocks; as many rows as before, of which the last ones are 0."""
+    found = np.zeros_like(scores)
+    np.add.at(found, label, scores)
+    return found
 
 
 def squares(parts: Sequence[tuple[Series, Index]]) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 
 from terrain_cli import effects as catalogues
 from terrain_cli.comparison import comparison_criteria
+from terrain_cli.comparison.blocks import joined, long_enough
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
 from terrain_cli.diagnosis import signatures
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from terrain_cli.comparison.fitted_wheel import FittedWheel
+    from terrain_cli.diagnosis.signatures import Scores
     from terrain_cli.effects import Effect
     from terrain_cli.models import ModelFile
     from terrain_cli.vocabulary.arrays import Array, Index
@@ -162,8 +164,13 @@ def screen(
             chance[place][: len(left[place])] = left[place]
     # Of drives alone: the chance of steady points is drawn from what the strongest effect leaves.
     even = [part.testable & wheel.ordered for part, wheel in zip(parts, wheels, strict=True)]
+    short = [part.short for part in parts]
+    for place, part in enumerate(parts):
+        if longer := part.in_longer_blocks(best):
+            short[place], chance[place] = longer, longer.blocks
+            even[place] = np.zeros_like(even[place])
     found_of = signatures.test(
-        [*(part.short for part in parts), *(part.even for part in parts)],
+        [*short, *(part.even for part in parts)],
         [*(part.testable for part in parts), *even],
         [*chance, *(part.even.blocks for part in parts)],
         seed=seed,
@@ -274,8 +281,11 @@ class _Columns:
             known.residual, known.soil, columns, wheel.window[rows], self.block, blocks
         )
         power = np.sqrt(np.maximum(np.diag(self.scores.cross), 0.0)) * np.sqrt(step)
-        short, count = _short_blocks(wheel, rows, self.block, blocks)
-        self.short, self.even = signatures.of_short_blocks(wheel, rows, known, columns, short, count)
+        self.short_block, count = _short_blocks(wheel, rows, self.block, blocks)
+        self.short, self.even = signatures.of_short_blocks(
+            wheel, rows, known, columns, self.short_block, count
+        )
+        self.without_memory = signatures.without_memory(wheel, rows)
         self.testable = (self.scores.surviving > criteria.SIGNATURE_SURVIVES) & (
             3.0 * power > criteria.TESTABLE
         )
@@ -285,6 +295,22 @@ class _Columns:
         """Return the scores of all columns in what an effect leaves, by block."""
         residual = self.evidence.residual - self._explained_by(self._best_shape(effect))
         return products(self.left, residual[..., None], self.block, len(self.scores.blocks))[..., 0]
+
+    def in_longer_blocks(self, effect: str) -> Scores | None:
+        """Score in longer blocks, if the scores of what an effect leaves are related; else None.
+
+        The scores of an effect that is missing are related themselves.
+        """
+        if self.short_block is self.block:
+            return None
+        own = self.without_memory
+        left = own(self.evidence.residual - self._explained_by(self._best_shape(effect)))
+        count = len(self.short.blocks)
+        left = products(own(self.left), left[..., None], self.short_block, count)[..., 0]
+        label = long_enough(left[:, self.testable], independent=criteria.UNRELATED_SHORT_SCORES)
+        if label is None:
+            return None
+        return replace(self.short, blocks=joined(self.short.blocks, label))
 
     def explained(self, *effects: str) -> float:
         """Return what effects take off the sum of squares together, to first order."""

@@ -22,7 +22,7 @@ from terrain_cli.estimation.wheel_fit import normal_equations
 from terrain_cli.mechanics.wheel_model import Model
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -197,6 +197,23 @@ def scores(
     )
 
 
+def without_memory(wheel: FittedWheel, rows: Index) -> Callable[[Array], Array]:
+    """Return what takes off a table of samples what the noise of each has in common with the one before."""
+    step = int(rows[1] - rows[0]) if len(rows) > 1 else 1
+    memory = wheel.memory
+    kept = comparison_criteria.FORGOTTEN ** (step / memory) if memory else 0.0
+    place = np.stack([wheel.group[rows], wheel.window[rows]])
+    first = np.concatenate([[True], (np.diff(place) != 0).any(axis=0)])[: len(rows)]
+
+    def own(table: Array) -> Array:
+        changed = table.copy()
+        changed[1:] -= kept * table[:-1]
+        changed[first] = np.sqrt(1.0 - kept**2) * table[first]
+        return changed
+
+    return own
+
+
 def of_short_blocks(
     wheel: FittedWheel, rows: Index, known: SignatureEvidence, columns: Array, block: Index, blocks: int
 ) -> tuple[Scores, Scores]:
@@ -209,18 +226,7 @@ def of_short_blocks(
     that fits best, adds to its sum of squares: nearly all of a large effect may fall into a few blocks, which
     chance gives the same sign easily.
     """
-    step = int(rows[1] - rows[0]) if len(rows) > 1 else 1
-    memory, window = wheel.memory, wheel.window[rows]
-    kept = comparison_criteria.FORGOTTEN ** (step / memory) if memory else 0.0
-    place = np.stack([wheel.group[rows], window])
-    first = np.concatenate([[True], (np.diff(place) != 0).any(axis=0)])[: len(rows)]
-
-    def own(table: Array) -> Array:
-        changed = table.copy()
-        changed[1:] -= kept * table[:-1]
-        changed[first] = np.sqrt(1.0 - kept**2) * table[first]
-        return changed
-
+    window, own = wheel.window[rows], without_memory(wheel, rows)
     residual, soil, own_columns = map(own, (known.residual, known.soil, columns))
     found, rest = scores(residual, soil, own_columns, window, block, blocks)
     power = np.zeros((blocks, rest.shape[2]))

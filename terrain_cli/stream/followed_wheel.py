@@ -140,8 +140,6 @@ class FollowedWheel:
         self._stretch: int | None = None
         #: The last closed segments: the row of each, and some of its samples.
         self._held: deque[tuple[segment_table.Table, Samples]] = deque(maxlen=_HELD if again else _EARLIER)
-        #: What was learnt of the noise when the last segment closed.
-        self._closed_noise: Noise | None = None
         self._begin()
         #: Closed segments, and those of them that were cut as they became too long.
         self.closed = self.cut = 0
@@ -272,8 +270,7 @@ class FollowedWheel:
         """Estimate the first so many samples of what is open, and give up holding them."""
         samples = self._with_effects(self._segment.split(count))
         self._past += count
-        row, fitted = self._fitted(samples, self._closed_noise)
-        self._closed_noise = fitted.noise
+        row, fitted = self._fitted(samples)
         self._stress.value = estimators.common_stress(self._stress.value, fitted)
         if self._file is not None:
             self._held.append((row, samples.taken(slice(None, None, -(-count // _OF_EACH)))))

@@ -46,6 +46,32 @@ def test_few_blocks_stay_as_they_are(count):
     assert len(merged(np.ones((count, 3)), np.zeros(count, dtype=int))) == count
 
 
+def test_short_blocks_are_joined_where_neighbours_are_alike_for_longer():
+    rng = np.random.default_rng(4)
+    loose = rng.normal(size=(400, 30))
+    assert blocks.long_enough(loose, independent=0.1) is None
+    patches = np.repeat(rng.normal(size=(20, 30)), 20, axis=0)
+    label = blocks.long_enough(patches + loose, independent=0.1)
+    assert np.array_equal(np.unique(label), np.arange(12))
+    sums = blocks.joined(patches, label)
+    assert sums.shape == patches.shape
+    assert sums.sum(axis=0) == pytest.approx(patches.sum(axis=0))
+    assert not sums[12:].any()
+
+
+def test_patches_that_nothing_follows_are_chance():
+    rng = np.random.default_rng(5)
+    least = []
+    for j in range(200):
+        scores = np.repeat(rng.normal(size=(20, 10)), 20, axis=0) + rng.normal(size=(400, 10))
+        together = blocks.joined(scores, blocks.long_enough(scores, independent=0.1))
+        least.append([max_test(one, draws=399, seed=j).p_values.min() for one in (scores, together)])
+    alone, joined = np.mean(np.array(least) < 0.01, axis=0)
+    assert alone > 0.5
+    # 1 % and three standard deviations of the binomial.
+    assert joined < 0.031
+
+
 def test_webb_weights_have_mean_0_and_variance_1():
     weights = webb_weights(20_000, 5, np.random.default_rng(1))
     assert weights.mean() == pytest.approx(0.0, abs=0.02)

@@ -21,7 +21,16 @@ from terrain_cli.estimation.wheel_fit import damped_search, valley
 from terrain_cli.estimation.wheel_fit.excess_scatter import slow_share
 from terrain_cli.estimation.wheel_fit.fit_data import BALANCE, Noise, collect
 from terrain_cli.estimation.wheel_fit.fit_result import Fit, parameters
-from terrain_cli.estimation.wheel_fit.gauss_newton import TOLERANCE, Ways, accumulate, eliminate, initial, inside, newton, solve
+from terrain_cli.estimation.wheel_fit.gauss_newton import (
+    TOLERANCE,
+    Ways,
+    accumulate,
+    eliminate,
+    initial,
+    inside,
+    newton,
+    solve,
+)
 from terrain_cli.estimation.wheel_fit.learnt_noise import LikelyNoise, ScaledDifferences
 from terrain_cli.estimation.wheel_fit.linearised import Problem
 from terrain_cli.estimation.wheel_fit.noise_modes import FEW, Learnt, beginnings, mixed, modes
@@ -55,10 +64,10 @@ _PASSES = 3
 _EACH = 30
 #: Rounds after which noise is left as it is where every window is lost: it does not settle on a misfit.
 _ROUNDS_LOST = 8
-#: Step in posterior standard deviations up to which one for each round of the noise will do. With 0.3, 1 and 3
-#: 18 fits of 2,500 to 7,500 samples evaluate the model 938, 884 and 867 times (1,512 with a whole search in each
-#: round), and c, φ and strength move by less than 0.005 standard errors.
-_ONE_STEP = 1.0
+#: Step in posterior standard deviations up to which one for each round of the noise will do. In 18 fits of
+#: 2,500 to 7,500 samples 1, 3 and 10 evaluate the model 1,148, 1,115 and 1,107 times (1,512 with a whole
+#: search in each round), and c, φ and strength move by less than 0.005 standard errors.
+_ONE_STEP = 3.0
 #: Samples fitted at a time, where windows share nothing.
 _GROUP = 100_000
 
@@ -265,7 +274,7 @@ def _without_wild(
 ) -> tuple[FitData, Index, State | None]:
     """Return the samples that are not too far from a robust fit for noise, and where its search ended.
 
-    `ended` is where the search with this noise ended in learning it, which may have been that of some windows.
+    `ended` is where the search of all or some windows ended as this noise was learnt, if it was.
     None for few samples: there another noise may have its valley elsewhere, and to begin anew takes no time.
     """
     order = enough_nodes(problem.noise, data)
@@ -333,9 +342,10 @@ def _learn(
         state = initial(sample, np.where(lost, state.t, begun.t[chosen]), begun.common)
     elif next(damped_search.of_shapes(problem, state.common), None) is not None:
         state = search(problem, sample, enough_nodes(problem.noise, sample))
-    near = False  # Whether one step was taken where otherwise a whole search is
+    near = begun is not None and bool(begun.converged[chosen].all())
     for number in range(1, learner.rounds + 1):
         order = enough_nodes(problem.noise, sample)
+        # One step in each round brings the unknowns along with the noise, where it is a short one.
         if not near:
             state = settled_search(problem, sample, state, order)
         learner.begin(sample)
@@ -356,13 +366,13 @@ def _learn(
         problem = replace(problem, noise=learner.noise)
         step, shift, length = newton(normal, problem.unknowns, state.t, state.common)
         longest = max(float(length.max(initial=0.0)), float(shift @ shared @ shift))
-        if (settled and (not near or longest <= TOLERANCE**2)) or (state.lost.all() and number == _ROUNDS_LOST):
-            break
-        # One step in each round brings the unknowns along with the noise, where it is a short one.
-        near = not state.lost.any() and longest <= _ONE_STEP**2
+        whole, near = not near, not state.lost.any() and longest <= _ONE_STEP**2
         if near:
             state.t, state.common = state.t + step, state.common + shift
             state.latent = ways.moved(state.latent, step, shift)
+        rest = whole or longest <= TOLERANCE**2
+        if (settled and rest) or (state.lost.all() and number == _ROUNDS_LOST):
+            break
     return problem, dof, state
 
 
