@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrain_cli import effects as catalogues
-from terrain_cli.comparison import comparison_criteria
 from terrain_cli.comparison.blocks import joined, long_enough
 from terrain_cli.comparison.comparison_outcome import UNITS
 from terrain_cli.diagnosis import diagnosis_criteria as criteria
@@ -34,9 +33,6 @@ if TYPE_CHECKING:
 DRIVEN_BEFORE = "pass_number"
 #: Samples of all wheels that are scored, evenly thinned.
 MOST_SAMPLES = 6_000
-#: Short blocks of which chance is drawn: what costs little. No score exceeds √blocks standard errors, however
-#: large the effect.
-_MOST_BLOCKS = 400
 #: Width of the prior about the null, in typical sizes.
 _WIDTH = 5.0
 
@@ -235,18 +231,6 @@ def _assumed(found: Screened, one: Hypothesis) -> None:
     found.sizes[one.id] = {}
 
 
-def _short_blocks(wheel: FittedWheel, rows: Index, block: Index, blocks: int) -> tuple[Index, int]:
-    """Cut samples into many blocks, and count these; where points or runs are blocks, they remain so.
-
-    The number is the same for all wheels, whose scores are drawn together: some of the blocks may be empty.
-    """
-    run = wheel.windows.samples.labels.get("run")
-    count = max(blocks, _MOST_BLOCKS)
-    if not wheel.ordered or (run is not None and len(run.names) >= comparison_criteria.ENOUGH_RUNS):
-        return block, count
-    return np.arange(len(rows)) * _MOST_BLOCKS // max(len(rows), _MOST_BLOCKS), count
-
-
 @dataclass(frozen=True)
 class _Group:
     id: str
@@ -281,7 +265,7 @@ class _Columns:
             known.residual, known.soil, columns, wheel.window[rows], self.block, blocks
         )
         power = np.sqrt(np.maximum(np.diag(self.scores.cross), 0.0)) * np.sqrt(step)
-        self.short_block, count = _short_blocks(wheel, rows, self.block, blocks)
+        self.short_block, count = signatures.short_blocks(wheel, rows, self.block, blocks)
         self.short, self.even = signatures.of_short_blocks(
             wheel, rows, known, columns, self.short_block, count
         )

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 from terrain_cli.comparison.blocks import max_test
 from terrain_cli.comparison.whitening import Whitening
-from terrain_cli.diagnosis import screening, signatures
+from terrain_cli.diagnosis import signatures
 from terrain_cli.diagnosis.signatures import SignatureEvidence, of_short_blocks
 
 SAMPLES, KEPT = 300, 0.8
@@ -84,7 +84,7 @@ def test_an_effect_that_acts_in_a_few_stretches_most_is_found_by_all_of_them(uni
     assert even < 0.01
 
 
-@pytest.mark.parametrize(("blocks", "count"), [(17, screening._MOST_BLOCKS), (500, 500)])
+@pytest.mark.parametrize(("blocks", "count"), [(17, signatures._MOST_BLOCKS), (500, 500)])
 def test_points_and_drives_that_are_scored_together_have_as_many_blocks(blocks, count):
     rows, block = np.arange(50), np.arange(50) * blocks // 50
     samples = SimpleNamespace(labels={})
@@ -92,8 +92,8 @@ def test_points_and_drives_that_are_scored_together_have_as_many_blocks(blocks, 
         SimpleNamespace(ordered=ordered, windows=SimpleNamespace(samples=samples))
         for ordered in (True, False)
     )
-    short, most = screening._short_blocks(drive, rows, block, blocks)
-    kept, least = screening._short_blocks(points, rows, block, blocks)
+    short, most = signatures.short_blocks(drive, rows, block, blocks)
+    kept, least = signatures.short_blocks(points, rows, block, blocks)
     assert most == least == count
     assert short.max() < count
     np.testing.assert_array_equal(kept, block)
