@@ -234,8 +234,14 @@ def _anew(near: Learnt, data: FitData, ended: State | None, *, ordered: bool) ->
     # Anew where the first one was lost: its end hangs on the last digit.
     certain = ended is None or bool(ended.converged.all())
     learner = _likely_noise(problem, data, ordered=ordered, begun=problem.noise if certain else None)
-    problem, dof, _ = _learn(problem, data, learner, near.begun if certain else None)
-    return [replace(near, problem=problem, dof=dof, others=learner.others())]
+    problem, dof, end = _learn(problem, data, learner, near.begun if certain else None)
+    begun = end if _of_all(end, data) else near.begun
+    return [replace(near, problem=problem, dof=dof, begun=begun, others=learner.others())]
+
+
+def _of_all(ended: State | None, data: FitData) -> bool:
+    """Tell whether a search found its end in all windows."""
+    return ended is not None and len(ended.t) == len(data.windows) and bool(ended.converged.all())
 
 
 def _likely_noise(
@@ -279,8 +285,7 @@ def _without_wild(
     """
     order = enough_nodes(problem.noise, data)
     some = data.thinned(ENOUGH)
-    whole = ended is not None and len(ended.t) == len(data.windows) and bool(ended.converged.all())
-    found = search(problem, some, order, ended if whole else None)
+    found = search(problem, some, order, ended if _of_all(ended, data) else None)
     if not found.converged.all():
         # Far from a fit that is lost are the best of samples.
         found = settled_search(problem, some, found, order)
@@ -362,18 +367,17 @@ def _learn(
         taken += np.trace(np.eye(len(shared)) - held)
         dof = max(float(sample.seen.sum() - taken), 1.0)
         settled = learner.settled(float(normal.misfit.sum()), dof, (own, gain, held))
-        dof /= learner.lasting
         problem = replace(problem, noise=learner.noise)
         step, shift, length = newton(normal, problem.unknowns, state.t, state.common)
-        longest = max(float(length.max(initial=0.0)), float(shift @ shared @ shift))
+        longest = max(length.max(initial=0.0), shift @ shared @ shift)
         whole, near = not near, not state.lost.any() and longest <= _ONE_STEP**2
         if near:
             state.t, state.common = state.t + step, state.common + shift
             state.latent = ways.moved(state.latent, step, shift)
-        rest = whole or longest <= TOLERANCE**2
-        if (settled and rest) or (state.lost.all() and number == _ROUNDS_LOST):
+        settled = settled and (whole or longest <= TOLERANCE**2)
+        if settled or (state.lost.all() and number == _ROUNDS_LOST):
             break
-    return problem, dof, state
+    return problem, dof / learner.lasting, state
 
 
 def _residuals(

@@ -226,6 +226,8 @@ def search(problem: Problem, data: FitData, order: int | None, begun: State | No
     Or only from where a search with nearly the same noise ended (`begun`): windows in which that one got lost
     are left to `mend`.
     """
+    if begun is not None and begun.converged.all():
+        return _again(problem, data, begun, order, iterations=_LAST)
     some = data.thinned(ENOUGH)
     state = _searched(problem, some, order) if begun is None else _again(problem, some, begun, order)
     if len(some.measured[0]) == len(data.measured[0]):
