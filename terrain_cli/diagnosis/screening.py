@@ -289,7 +289,7 @@ class _Columns:
             return None
         own = self.without_memory
         left = own(self.evidence.residual - self._explained_by(self._best_shape(effect)))
-        count = len(self.short.blocks)
+        count = int(self.short_block.max(initial=-1)) + 1
         left = products(own(self.left), left[..., None], self.short_block, count)[..., 0]
         label = long_enough(left[:, self.testable], independent=criteria.UNRELATED_SHORT_SCORES)
         if label is None:

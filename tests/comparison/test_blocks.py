@@ -57,6 +57,8 @@ def test_short_blocks_are_joined_where_neighbours_are_alike_for_longer():
     assert sums.shape == patches.shape
     assert sums.sum(axis=0) == pytest.approx(patches.sum(axis=0))
     assert not sums[12:].any()
+    # Blocks of which only the first ones are filled.
+    assert np.array_equal(blocks.joined(np.vstack([patches, np.zeros((9, 30))]), label)[:400], sums)
 
 
 def test_patches_that_nothing_follows_are_chance():
