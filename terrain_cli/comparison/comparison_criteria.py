@@ -10,10 +10,7 @@ FEWEST_BLOCKS = criterion(
     8,
     "blocks needed: with fewer, compare reports no finding, diagnose gives no single name and stops "
     "joining blocks, and model add cuts the blocks anew by the better model; as many stretches are kept "
-    "aside",
-)
-FEWEST_JOINED_BLOCKS = criterion(
-    16, "blocks that must remain when related blocks are joined: twice what a finding needs"
+    "aside, and compare stops joining at twice as many",
 )
 MOST_BLOCKS = criterion(
     40, "largest number of blocks at the start, so that a slow change stays within one block"

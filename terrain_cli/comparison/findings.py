@@ -178,7 +178,7 @@ class Residuals:
         return blocks.merged(
             search.scores()[:, search.common :],
             chain,
-            fewest=criteria.FEWEST_JOINED_BLOCKS,
+            fewest=2 * criteria.FEWEST_BLOCKS,
             independent=criteria.UNRELATED_BLOCKS,
         )
 
