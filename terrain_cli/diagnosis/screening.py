@@ -277,8 +277,11 @@ class _Columns:
 
     def beyond(self, effect: str) -> Array:
         """Return the scores of all columns in what an effect leaves, by block."""
-        residual = self.evidence.residual - self._explained_by(self._best_shape(effect))
+        residual = self._left_by(effect)
         return products(self.left, residual[..., None], self.block, len(self.scores.blocks))[..., 0]
+
+    def _left_by(self, effect: str) -> Array:
+        return np.asarray(self.evidence.residual - self._explained_by(self._best_shape(effect)))
 
     def in_longer_blocks(self, effect: str) -> Scores | None:
         """Score in longer blocks, if the scores of what an effect leaves are related; else None.
@@ -287,11 +290,10 @@ class _Columns:
         """
         if self.short_block is self.block:
             return None
-        own = self.without_memory
-        left = own(self.evidence.residual - self._explained_by(self._best_shape(effect)))
-        count = int(self.short_block.max(initial=-1)) + 1
-        left = products(own(self.left), left[..., None], self.short_block, count)[..., 0]
-        label = long_enough(left[:, self.testable], independent=criteria.UNRELATED_SHORT_SCORES)
+        own, count = self.without_memory, int(self.short_block.max(initial=-1)) + 1
+        shown, left = own(self.left[:, :, self.testable]), own(self._left_by(effect))
+        found = products(shown, left[..., None], self.short_block, count)[..., 0]
+        label = long_enough(found, independent=criteria.UNRELATED_SHORT_SCORES)
         if label is None:
             return None
         return replace(self.short, blocks=joined(self.short.blocks, label))

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from hidden_drives import Kind, windows_of
 from scipy import stats
 
 from terrain_cli.comparison.residual_noise import between
+from terrain_cli.diagnosis import diagnose
 from terrain_cli.diagnosis.alarm import of_gain, of_gain_in_most, of_points
+from terrain_cli.models import ModelFile
 
 
 def along(n, loads=1):
@@ -68,3 +71,10 @@ def test_blocks_that_nearly_all_gain_are_no_chance_though_one_gains_most():
 @pytest.mark.parametrize("gain", [[4.0], [0.0, 0.0, 0.0]])
 def test_one_block_or_none_that_gains_proves_nothing(gain):
     assert of_gain(np.array(gain)) == of_gain_in_most(np.array(gain)) == 1.0
+
+
+def test_soil_that_varies_along_the_drive_is_no_effect():
+    """Scores are related for longer than a short stretch: with such ones, multi-pass raised an alarm."""
+    found = diagnose(windows_of(78900031, Kind(noise="soil-unlabelled")), ModelFile(), seed=78900031)
+    assert not found.alarm.raised
+    assert found.alarm.p_value > 0.05

@@ -290,13 +290,6 @@ def test_where_the_soil_changes_passes_cannot_be_told():
     assert "the soil changes along this drive" in passes.because
 
 
-def test_soil_that_varies_along_the_drive_is_no_effect():
-    """Scores are related for longer than a short stretch: with such ones, multi-pass raised an alarm."""
-    found = diagnose(windows_of(78900031, Kind(noise="soil-unlabelled")), ModelFile(), seed=78900031)
-    assert not found.alarm.raised
-    assert found.alarm.p_value > 0.05
-
-
 def test_wheels_that_differ_by_more_than_their_errors_make_the_mean_less_sure():
     alike = [(0.31, 0.02), (0.29, 0.02), (0.30, 0.02), (0.30, 0.02)]
     assert steps.pooled(alike) == pytest.approx((0.30, 0.01))
