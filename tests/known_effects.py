@@ -93,7 +93,7 @@ KNOWN_EFFECTS = {
     ),
     "multi-pass": KnownEffect(
         kind="soil",
-        values={"stiffness_gain": 0.4, "cohesion_gain": 0.2, "shear_modulus_gain": -0.2},
+        values={"stiffness_gain": 0.4, "cohesion_gain": 0.2, "shear_modulus_gain": -0.2, "further": 0.2},
         found_within=0.001,
         signature=(DOWN, MOVED, UP),
         on_the_line=False,

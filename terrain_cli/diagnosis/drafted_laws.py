@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 
 #: Quantities that a draft changes: what a channel shows, then what is in the ground.
 SHOWN = tuple(UNITS)
+#: What models read from a sensor, of which a draft changes the zero and the gain.
+_READ = ("load", "slip")
+SENSED = (*SHOWN, *_READ)
 IN_THE_GROUND = ("tan_phi", "cohesion", "stiffness", "shear_modulus")
 #: Drivers of which no law is made: place and clock stand for something else.
 _NO_CAUSE = frozenset({"time", "x", "y", "elevation", "longitude", "latitude", "torque", "drawbar_pull"})
@@ -41,7 +44,8 @@ FORMS = ("constant", "linear", "magnitude", "quadratic", "saturating", "step", "
 ANGLE = "wheel_angle"
 _ACCELERATION, _SLOPE = "acceleration", "velocity_rate"
 #: How large a law of a quantity may well be: at least this, or this part of what was measured.
-_USUAL, _PART = {"torque": 0.3, "drawbar_pull": 3.0, "sinkage": 0.002}, 0.1
+_USUAL = {"torque": 0.3, "drawbar_pull": 3.0, "sinkage": 0.002, "load": 3.0, "slip": 0.01}
+_PART = 0.1
 #: The same of a property of the soil, as a part of it.
 _OF_SOIL = 0.2
 #: Part of a driver's range at which a saturating law has most of its effect.
@@ -57,6 +61,11 @@ class Draft:
     form: str  # One of `FORMS`
     text: str
     effect: Effect
+
+    @property
+    def of_sensor(self) -> bool:
+        """Whether it is the zero, or zero and gain, of the sensor of what it changes."""
+        return self.driver in ("", self.changes)
 
 
 def readable(wheel: FittedWheel) -> dict[str, Driver]:
@@ -89,15 +98,20 @@ def screen(
     (n, columns). `values` are the drivers' at the rows.
     """
     shown = [name for name in SHOWN if name in wheel.measured]
+    read = [name for name in _READ if name in channels]
     inner = [name for name in IN_THE_GROUND if name in wheel.model.soil]
-    for changes in (*shown, *inner):
-        law = f"{changes} + a" if changes in shown else f"{changes} * (1 + a)"
-        unit = QUANTITIES[changes] if changes in shown else "1"
+    for changes in (*shown, *read, *inner):
+        law = f"{changes} + a" if changes in SENSED else f"{changes} * (1 + a)"
+        unit = QUANTITIES[changes] if changes in SENSED else "1"
         effect = effect_file.parse(_text("probe", "probe", changes, law, {"a": (unit, 0.0, 1.0)}, [], {}))
         found = next(iter(signatures.of_effects(wheel, [effect], channels, rows)))
-        if changes in shown:
+        if changes in read and changes in values:
+            own = values[changes] / _size(values[changes])
+            line = np.nan_to_num(np.stack([own, np.ones_like(own)], axis=1))
+            yield changes, changes, "linear", {c: t * line for c, t in found.tables.items()}
+        elif changes in SENSED:
             yield changes, "", "constant", found.tables
-        for driver, column in values.items():
+        for driver, column in values.items() if changes not in read else ():
             if driver == changes:
                 continue
             forms = ("periodic",) if driver == ANGLE else ("step",) if _on_or_off(column) else FORMS[1:-1]
@@ -154,7 +168,7 @@ def usual(changes: str, measured: Array) -> float:
 
     In the quantity's SI unit; of a property of the soil as a part of it. `measured` may have any length.
     """
-    if changes not in SHOWN:
+    if changes not in SENSED:
         return _OF_SOIL
     known = measured[np.isfinite(measured)]
     size = float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
@@ -174,7 +188,7 @@ def write(  # noqa: C901 - one branch for each form
     changes: str, driver: str, form: str, column: Array | None, unit: str = "", *, usual: float
 ) -> Draft | None:
     """Write a draft of some usual size; None where the units of the driver do not allow the form."""
-    shown = changes in SHOWN
+    shown = changes in SENSED
     own = QUANTITIES[changes] if shown else "1"
     of = _unit(driver, unit)
     per = own if of in ("", "1") else f"{own}/({of})" if own != "1" else f"1/({of})"

@@ -196,6 +196,11 @@ def library(at: Conditions, seconds: float) -> list[Manoeuvre]:
             speed=pacing,
         ),
         made(
+            f"drive with {at.load * _LIFTED:.2g}, {loads} on the wheel in turn, {here}",
+            "load",
+            load={"steps": [1.0, _LIFTED, 0.6, 1.4] * 2},
+        ),
+        made(
             f"drive with {at.load:.3g} and {at.load * _HEAVY:.3g} N on the wheel in turn, {here}",
             "load",
             load={"steps": [1.0, _HEAVY] * 3},

@@ -268,21 +268,21 @@ _CHECKS = {
 }
 
 
-def suggest(data: Ground, pairs: Sequence[tuple[Hypothesis, Refit]], *, most: int = 3) -> list[NextDrive]:
+def suggest(data: Ground, family: Sequence[tuple[Hypothesis, Refit]]) -> list[NextDrive]:
     """Find the drive that tells the best of a family, which comes first, from each of the others.
 
     Of several wheels, the one with most samples drives. Where no drive tells, it says so and what does, with
     the power of the drive that tells most, and without settings. Drives that vary a channel which the log
     lacks are left out: neither effect reads it.
     """
-    if len(pairs) < 2 or most < 1:
+    if len(family) < 2:
         return []
     wheel = int(np.argmax([np.count_nonzero(part.use) for part in data.data]))
     part = data.data[wheel]
     if not part.use.any() or "slip" not in part.inputs:
         return []
-    ground = PowerLog(data, wheel, pairs[0][1])
-    sides = [Side(ground, hypothesis, refit.solutions[wheel]) for hypothesis, refit in pairs[: most + 1]]
+    ground = PowerLog(data, wheel, family[0][1])
+    sides = [Side(ground, hypothesis, refit.solutions[wheel]) for hypothesis, refit in family]
     at = manoeuvres.Conditions.of(part)
     channels = set(part.inputs) | set(part.measured)
     known = [one for one in manoeuvres.library(at, SECONDS) if one.possible(channels)]

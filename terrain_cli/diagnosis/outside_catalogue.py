@@ -96,8 +96,9 @@ def _unit(data: Ground, driver: str) -> str:
 
 
 def _usual(data: Ground, changes: str) -> float:
-    measured = [part.measured[changes][part.use] for part in data.data if changes in part.measured]
-    return drafted_laws.usual(changes, np.concatenate(measured) if measured else np.empty(0))
+    every = [({**part.inputs, **part.measured}, part.use) for part in data.data]
+    known = [channels[changes][use] for channels, use in every if changes in channels]
+    return drafted_laws.usual(changes, np.concatenate(known) if known else np.empty(0))
 
 
 def _extra(data: Ground, driver: str) -> list[dict[str, Array]]:
@@ -112,14 +113,15 @@ def _extra(data: Ground, driver: str) -> list[dict[str, Array]]:
 
 
 def _varied(ranked: dict[tuple[str, str, str], float]) -> list[tuple[str, str, str]]:
-    """Choose the best, of each quantity and driver at most two forms."""
+    """Choose the best, of a quantity and a driver at most two forms, and sensors that explain as much."""
     chosen: list[tuple[str, str, str]] = []
-    for key in sorted(ranked, key=lambda key: -ranked[key]):
-        same = sum(other[:2] == key[:2] for other in chosen)
-        if ranked[key] > 0.0 and same < 2:
+    promising = sorted((key for key in ranked if ranked[key] > 0.0), key=lambda key: -ranked[key])
+    for key in promising:
+        changes, driver, _ = key
+        near = ranked[key] >= (1.0 - criteria.DRAFT_LEFT) * ranked[promising[0]]
+        room = len(chosen) < criteria.DRAFTS and sum(other[:2] == key[:2] for other in chosen) < 2
+        if room or (near and driver in ("", changes)):
             chosen.append(key)
-        if len(chosen) == criteria.DRAFTS:
-            break
     return chosen
 
 
@@ -147,6 +149,16 @@ def beats(tried: Sequence[Tried], effect: Refit) -> bool:
     return bool(tried) and refit_ranking.beats(tried[0].refit, effect)
 
 
+def sensor(tried: Sequence[Tried], hypothesis: Hypothesis, effect: Refit) -> Tried | None:
+    """Return a draft of a sensor that predicts as well as an effect, which changes something else."""
+    changed = {name for one in hypothesis.effects for name in one.laws}
+    for one in tried:
+        other = one.draft.of_sensor and one.draft.changes not in changed
+        if other and refit_ranking.as_good(one.refit, effect):
+            return one
+    return None
+
+
 def same_drivers(data: Ground, driver: str) -> tuple[str, ...]:
     """Name the drivers of which one is a function under every wheel: a law of it may be theirs."""
     turning = driver == drafted_laws.ANGLE
@@ -160,50 +172,58 @@ def verdict(
     family: Sequence[str],
     same: Sequence[str] = (),
     pair: Refit | None = None,
+    rival: Tried | None = None,
 ) -> tuple[UnknownEffect | None, bool]:
     """Return a draft that predicts better than every effect, and whether it stands alone.
 
     `same` are the drivers of which that of the draft is a function. Where a `pair` of effects predicts as
-    well as the draft, what is missing may be in the catalogue, though not all of it in one effect.
+    well as the draft, what is missing may be in the catalogue, though not all of it in one effect. `rival` is
+    the draft of a sensor that predicts as well as the first of the family.
     """
     if not tried:
         return None, False
     count = sum(int(np.count_nonzero(one)) for one in base.residuals)
     misfit = float(base.loss.sum()) - min(count, float(min(effect.loss.sum(), tried[0].refit.loss.sum())))
     left = float((effect.loss - tried[0].refit.loss).sum())
-    if misfit <= 0.0 or left <= 0.0 or (family and not beats(tried, effect)):
-        return None, False
-    draft = tried[0].draft
-    explained = float(np.clip((base.loss - tried[0].refit.loss).sum() / misfit, 0.0, 1.0))
-    channel = draft.changes if draft.changes in drafted_laws.SHOWN else _channel(base, tried[0].refit)
-    errors = [one.heldout[channel] ** 2 for one in (base, effect, tried[0].refit)]
-    # Where noise lasts, a misfit that lasts weighs little, and a small one that does not, as much as that.
-    much = errors[1] - errors[2] >= criteria.DRAFT_LEFT * (errors[0] - errors[2])
-    matched = pair is not None and refit_ranking.as_good(pair, tried[0].refit)
-    alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much and not matched)
-    follows = f"follows {draft.driver.replace('_', ' ')}" if draft.driver else "is off by a constant"
-    if same:
-        named = listed([name.replace("_", " ") for name in same], "or")
-        follows += f" or {named}, which cannot be told apart here"
-    head = "No effect of the catalogue explains it" if alone else "A law of one driver predicts it better"
-    sentence = (
-        f"{head}: {channel.replace('_', ' ')} {follows} ({draft.form}), "
-        f"which accounts for {explained:.0%} of the misfit."
-    )
+    if misfit > 0.0 and left > 0.0 and (not family or beats(tried, effect)):
+        channel = _channel(base, tried[0])
+        errors = [one.heldout[channel] ** 2 for one in (base, effect, tried[0].refit)]
+        # Where noise lasts, a misfit that lasts weighs little, and a small one that does not, as much.
+        much = errors[1] - errors[2] >= criteria.DRAFT_LEFT * (errors[0] - errors[2])
+        matched = pair is not None and refit_ranking.as_good(pair, tried[0].refit)
+        alone = not family or (left >= criteria.DRAFT_LEFT * misfit and much and not matched)
+        better = "A sensor's error" if tried[0].draft.of_sensor else "A law of one driver"
+        head = "No effect of the catalogue explains it" if alone else f"{better} predicts it better"
+        return _told(base, tried[0], misfit, head, same), alone
+    if rival is not None:
+        return _told(base, rival, misfit, "A sensor's error predicts it as well"), False
+    return None, False
+
+
+def _told(base: Refit, one: Tried, misfit: float, head: str, same: Sequence[str] = ()) -> UnknownEffect:
+    draft = one.draft
+    explained = float(np.clip((base.loss - one.refit.loss).sum() / misfit, 0.0, 1.0))
+    channel = draft.changes if draft.changes in drafted_laws.SENSED else _channel(base, one)
+    drivers = listed([name.replace("_", " ") for name in (draft.driver, *same)], "or")
+    alike = ", which cannot be told apart here" if same else ""
+    of_sensor = "is off by a constant" + (" and a factor" if draft.driver else "")
+    does = of_sensor if draft.of_sensor else f"follows {drivers}{alike} ({draft.form})"
+    what = channel.replace("_", " ")
     return UnknownEffect(
         channel=channel,
         driver=draft.driver,
         form=draft.form,
         explained=explained,
-        sentence=sentence,
+        sentence=f"{head}: {what} {does}, which accounts for {explained:.0%} of the misfit.",
         draft=draft.text,
         alternatives=tuple(same),
-    ), alone
+    )
 
 
-def _channel(base: Refit, refit: Refit) -> str:
-    """Return the channel whose held-out error falls most, in units of its noise."""
-    falls = {
-        name: base.heldout[name] / refit.heldout[name] for name in refit.heldout if refit.heldout[name] > 0.0
-    }
+def _channel(base: Refit, one: Tried) -> str:
+    """Return the channel that a draft changes, or else that whose held-out error falls most."""
+    after = one.refit.heldout
+    if one.draft.changes in after:
+        return one.draft.changes
+    falls = {name: base.heldout[name] / error for name, error in after.items() if error > 0.0}
     return max(falls, key=lambda name: falls[name])

@@ -69,6 +69,7 @@ class Family:
     earned: bool = False  # The best one has earned a single name
     clear: bool = False  # It leaves little, if anything
     whole: bool = False  # It leaves nothing
+    rival: outside_catalogue.Tried | None = None  # A sensor that predicts as well as a name else earned
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -141,7 +142,8 @@ def ranking(case: Case, log: DiagnosedLog, base: Refit) -> Ranked:
     rest = [(one, refits.weighed(data, refit)) for one, refit in several[criteria.RIVALS + 2 :]]
     drafts = [
         replace(one, refit=refits.refit(data, one.hypothesis, one.extra, one.refit.solutions))
-        for one in drafts[:2]
+        for place, one in enumerate(drafts)
+        if place < 2 or one.draft.of_sensor
     ]
     return Ranked(log=replace(log, data=data), base=base, several=again + rest, drafts=drafts)
 
@@ -197,6 +199,9 @@ def family(case: Case, ranked: Ranked) -> Family:
     # Nor where its size is not to be believed.
     clear = clear and not refit_ranking.doubt(ranked.data, *near[0])
     earned = judged.earned and clear and ranked.data.blocks >= comparison_criteria.FEWEST_BLOCKS
+    # Nor is it where another sensor's error would do.
+    rival = outside_catalogue.sensor(ranked.drafts, *near[0]) if earned else None
+    earned = earned and rival is None
     # A second effect shows as soon as the first is in the model.
     silent = not earned or second_round(case, ranked.log, *near[0]) >= criteria.LEVEL
     return Family(
@@ -204,6 +209,7 @@ def family(case: Case, ranked: Ranked) -> Family:
         earned=earned and silent,
         clear=clear,
         whole=clear and silent and of_rest >= criteria.LEVEL,
+        rival=rival,
     )
 
 
@@ -211,7 +217,9 @@ def outside_the_catalogue(ranked: Ranked, found: Family, two: Two) -> tuple[Unkn
     """Return a drafted law that explains what no effect does, and whether it stands alone."""
     same = outside_catalogue.same_drivers(ranked.data, ranked.drafts[0].draft.driver) if ranked.drafts else ()
     pair = two.fitted[0][1] if two.fitted else None
-    return outside_catalogue.verdict(ranked.base, ranked.best, ranked.drafts, found.ids, same, pair)
+    return outside_catalogue.verdict(
+        ranked.base, ranked.best, ranked.drafts, found.ids, same, pair, found.rival
+    )
 
 
 def two_at_once(case: Case, ranked: Ranked, found: Family) -> Two:

@@ -4,8 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hidden_drives import Kind, sized, windows_of
 
-from terrain_cli.diagnosis import outside_catalogue
+from terrain_cli import effects
+from terrain_cli.diagnosis import diagnose, drafted_laws, outside_catalogue
+from terrain_cli.models import ModelFile
 
 
 def fitted(loss, torque):
@@ -19,9 +22,13 @@ def fitted(loss, torque):
     )
 
 
+def drafted(changes, driver, form, loss, torque):
+    law = drafted_laws.Draft(changes, driver, form, "", None)
+    return SimpleNamespace(draft=law, refit=fitted(loss, torque))
+
+
 def judged(base, effect, draft, family=("drivetrain-friction",), pair=None):
-    law = SimpleNamespace(changes="torque", driver="velocity", form="saturating", text="")
-    tried = [SimpleNamespace(draft=law, refit=fitted(*draft))]
+    tried = [drafted("torque", "velocity", "saturating", *draft)]
     both = pair and fitted(*pair)
     return outside_catalogue.verdict(fitted(*base), fitted(*effect), tried, family, pair=both)
 
@@ -62,3 +69,45 @@ def test_without_an_effect_the_law_is_alone(pair):
 
 def test_a_law_that_predicts_no_better_than_an_effect_is_not_told():
     assert judged((200.0, 0.40), (100.0, 0.15), (100.0, 0.15)) == (None, False)
+
+
+@pytest.mark.parametrize(
+    ("changes", "driver", "form", "loss", "rival"),
+    [
+        ("torque", "", "constant", 100.0, True),
+        ("slip", "slip", "linear", 100.0, True),
+        ("torque", "", "constant", 140.0, False),  # it predicts worse
+        ("drawbar_pull", "", "constant", 100.0, False),  # it says the same
+        ("torque", "velocity", "linear", 100.0, False),  # it is no sensor's
+    ],
+)
+def test_the_error_of_another_sensor_is_a_rival_of_a_name(changes, driver, form, loss, rival):
+    named = SimpleNamespace(effects=[effects.find("drawbar-bias")])
+    tried = [drafted(changes, driver, form, loss, 0.15)]
+    found = outside_catalogue.sensor(tried, named, fitted(100.0, 0.15))
+    assert found is (tried[0] if rival else None)
+
+
+@pytest.mark.parametrize(
+    ("changes", "driver", "says"),
+    [
+        ("torque", "", "torque is off by a constant, "),
+        ("slip", "slip", "slip is off by a constant and a factor, "),
+    ],
+)
+def test_such_an_error_is_told_beside_the_effect(changes, driver, says):
+    rival = drafted(changes, driver, "linear" if driver else "constant", 100.0, 0.15)
+    base, effect = fitted(200.0, 0.4), fitted(100.0, 0.15)
+    unknown, alone = outside_catalogue.verdict(base, effect, [rival], ("drawbar-bias",), rival=rival)
+    assert not alone
+    assert unknown.channel == changes
+    assert unknown.sentence.startswith(f"A sensor's error predicts it as well: {says}")
+
+
+def test_a_slip_that_is_off_gives_no_name_to_something_else():
+    """Without wheel-radius in the catalogue, post-peak-softening or grousers explain nearly as much."""
+    others = [effects.find(name) for name in ("post-peak-softening", "grousers", "shear-modulus")]
+    found = diagnose(windows_of(42000031, Kind(sized("wheel-radius"))), ModelFile(), effects=others)
+    assert found.effect is None
+    assert (found.unknown.channel, found.unknown.driver) == ("slip", "slip")
+    assert "slip is off by a constant and a factor" in found.sentence

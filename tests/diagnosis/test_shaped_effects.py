@@ -25,6 +25,20 @@ def test_slip_sinkage_is_named_whatever_power_of_slip_it_follows(form):
         assert bend.value > 3.0 * bend.se
 
 
+@pytest.mark.parametrize("form", ["catalogue", "other"])
+def test_passes_are_named_whatever_share_the_first_one_does(form):
+    among = [effects.find(name) for name in ("multi-pass", "slip-sinkage", "load-bias")]
+    drive = windows_of(SEED, Kind(sized("multi-pass", form=form)))
+    found = diagnose(drive, ModelFile(), effects=among)
+    assert (found.verdict, found.effect) == ("effect", "multi-pass")
+    further = found.candidates[0].sizes["further"]
+    if form == "catalogue":
+        assert abs(further.value) < 3.0 * further.se
+    else:
+        # The first pass does all of it: 37 % less for each further one.
+        assert further.value < -0.25
+
+
 def test_a_firm_layer_is_found_under_a_larger_wheel():
     rover = Rover(wheel=Wheel(radius=0.2, width=0.15), load=260.0, speed=0.1, soils=(DRY_SAND, DRY_SAND))
     drive = windows_of(SEED, Kind(sized("hardpan", 2.0, rover=rover), share=0.01, rover=rover))

@@ -95,10 +95,14 @@ def test_slip_sinkage_comes_near_lyasko(wheel, soil):
 
 def test_first_pass_makes_the_whole_gain_and_later_ones_little():
     law = effects.find("multi-pass").laws["stiffness"]
-    factor = law({"stiffness": 1.0, "stiffness_gain": 0.5, "pass_number": np.arange(5.0)})
+    driven = {"stiffness": 1.0, "stiffness_gain": 0.5, "pass_number": np.arange(5.0)}
+    factor = law(driven | {"further": 0.0})
     np.testing.assert_allclose(factor[:2], [1.0, 1.5])
     assert np.all(np.diff(factor) > 0.0)
     assert factor[-1] < 1.8
+    # Of each pass half of what the one before it did.
+    half = law(driven | {"further": 0.5 - np.exp(-1.0)})
+    np.testing.assert_allclose(half, [1.0, 1.5, 1.75, 1.875, 1.9375])
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

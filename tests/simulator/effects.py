@@ -89,7 +89,8 @@ def slip_sinkage(ground: Ground, _moment: Moment, p: Numbers, other: bool) -> No
 def multi_pass(ground: Ground, moment: Moment, p: Numbers, other: bool) -> None:
     # The first pass does most of it, or here all of it.
     passes = moment.pass_number
-    done = min(passes, 1.0) if other else (1.0 - math.exp(-passes)) / (1.0 - math.exp(-1.0))
+    share = math.exp(-1.0) + p["further"]
+    done = min(passes, 1.0) if other else (1.0 - share**passes) / (1.0 - share)
     ground.stiffness *= 1.0 + p["stiffness_gain"] * done
     ground.cohesion *= 1.0 + p["cohesion_gain"] * done
     ground.shear_modulus *= 1.0 + p["shear_modulus_gain"] * done
@@ -216,7 +217,7 @@ def side_slip(ground: Ground, moment: Moment, p: Numbers, other: bool) -> None:
 KNOWN: dict[str, Known] = {
     "slip-sinkage": Known({"n1": 0.0, "n2": 0.0, "S": 0.0, "bend": 0.0}, act=slip_sinkage),
     "multi-pass": Known(
-        {"stiffness_gain": 0.0, "cohesion_gain": 0.0, "shear_modulus_gain": 0.0},
+        {"stiffness_gain": 0.0, "cohesion_gain": 0.0, "shear_modulus_gain": 0.0, "further": 0.0},
         reads=("pass_number",),
         act=multi_pass,
     ),

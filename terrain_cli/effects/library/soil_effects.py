@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
@@ -9,11 +10,15 @@ import numpy as np
 
 from terrain_cli.mechanics.effect import Effect, Parameter, Quantities
 
+#: What a pass changes as a share of what the one before it did, where nothing else is known.
+_FURTHER = math.exp(-1.0)
+
 
 def _packed(quantity: str, q: Quantities) -> Any:
-    """Change a quantity of the soil by a share, all of it after one pass and little more after others."""
-    passes = np.expm1(-np.maximum(q["pass_number"], 0.0)) / np.expm1(-1.0)
-    return q[quantity] * (1.0 + q[f"{quantity}_gain"] * passes)
+    """Change a quantity of the soil by a share at the first pass, and by less at each further one."""
+    share = _FURTHER + q["further"]
+    geometric = np.expm1(np.maximum(q["pass_number"], 0.0) * np.log(share)) / (share - 1.0)
+    return q[quantity] * (1.0 + q[f"{quantity}_gain"] * geometric)
 
 
 MULTI_PASS = Effect(
@@ -49,15 +54,26 @@ MULTI_PASS = Effect(
             lower=-0.6,
             upper=10.0,
         ),
+        Parameter(
+            "further",
+            "1",
+            0.0,
+            0.3,
+            "by how much more than 37 % of what the pass before it did each further pass does, as a share",
+            lower=-0.35,
+            upper=0.6,
+            shape=True,
+        ),
     ),
     laws={name: partial(_packed, name) for name in ("stiffness", "cohesion", "shear_modulus")},
     needs=("pass_number",),
-    formula="keq, c and k each times 1 + gain (1 − exp(−N))/(1 − exp(−1)), N the number of passes before",
+    formula="keq, c, k each times 1 + gain (1 − f^N)/(1 − f), f = 0.37 + further, N passes before",
     explanation=(
         "The first wheel compacts the soil, and the next in its rut finds it stiffer, mostly by 10 to 100 %, "
-        "more cohesive, and sheared over a shorter way. The first pass does most; later ones add less each, "
-        "and after three or four nothing changes. Sinkage falls and drawbar pull rises in a step where the "
-        "pass number changes, between front and rear wheels or where the rover crosses its own track. "
+        "more cohesive, and sheared over a shorter way. The first pass does most; each later one adds a "
+        "share of the one before, and after three or four nothing changes. Sinkage falls and drawbar pull "
+        "rises in a step where the pass number changes, between front and rear wheels or where the rover "
+        "crosses its own track. "
         "Load-transfer also tells front from rear wheels, but follows pitch and acceleration; a change of "
         "soil along the way makes a step too, and not at the same place for every wheel."
     ),
