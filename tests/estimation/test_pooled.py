@@ -131,8 +131,11 @@ def windows(strength, strength_se, tan_phi, tan_se, tan_bias=0.0, stress=STRESS)
     )
 
 
-def of_data(*, c, c_se, phi, phi_se, corr, phi_bias):
+def of_data(**given):
     """Return estimates that have no priors."""
+    c, c_se, phi, phi_se, corr, phi_bias = np.broadcast_arrays(
+        *(np.atleast_1d(given[name]) for name in ("c", "c_se", "phi", "phi_se", "corr", "phi_bias"))
+    )
     return SimpleNamespace(
         c=c,
         c_se=c_se,
@@ -145,6 +148,9 @@ def of_data(*, c, c_se, phi, phi_se, corr, phi_bias):
         data_tan_phi=np.tan(phi),
         data_tan_phi_se=phi_se * (1.0 + np.tan(phi) ** 2),
         data_corr=corr,
+        sigma_star=np.full(len(c), np.nan)
+        if np.any(phi_se == 0.0)
+        else -corr * c_se * np.cos(phi) ** 2 / phi_se,
         status=np.full(len(c), "ok", dtype="<U15"),
         separable=np.full(len(c), fill_value=True),
         **dict.fromkeys(("assumed_c_se", "assumed_tan_phi_se", "assumed_corr"), np.zeros(len(c))),
@@ -161,6 +167,18 @@ def test_one_window_is_its_own_pool():
     assert pooled.strength == pytest.approx(6500.0)
     assert pooled.strength_se == pytest.approx(80.0)
     assert pooled.strength_between == 0.0
+
+
+def test_the_pivot_stays_within_the_stresses_of_the_windows():
+    """Where the errors of c and φ rise together, the strength is surest at a stress below 0."""
+    given = of_data(c=1000.0, c_se=30.0, phi=0.55, phi_se=0.002, corr=0.8, phi_bias=0.0)
+    given.sigma_star = np.array([5000.0])
+    pooled = pool(given)
+    assert pooled.sigma_star == 5000.0
+    assert pooled.strength == pytest.approx(1000.0 + 5000.0 * np.tan(0.55), rel=1e-6)
+    assert (pooled.strength, pooled.strength_se) == pytest.approx(pooled.strength_at(5000.0), rel=1e-6)
+    error = 0.002 * (1.0 + np.tan(0.55) ** 2) * 8000.0
+    assert pooled.strength_at(8000.0)[1] ** 2 == pytest.approx(30.0**2 + 2.0 * 0.8 * 30.0 * error + error**2)
 
 
 def test_weights_are_inverse_variances():

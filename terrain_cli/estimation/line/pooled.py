@@ -148,8 +148,8 @@ class PooledEstimate:
     phi: float = np.nan
     phi_se: float = np.nan
     corr: float = np.nan
-    # sigma_star, strength, strength_se: stress at which the strength is not correlated with φ, and the
-    # strength there, Pa
+    # sigma_star, strength, strength_se: stress at which the strength is least correlated with φ, among those
+    # of the windows, and the strength there, Pa
     sigma_star: float = np.nan
     strength: float = np.nan
     strength_se: float = np.nan
@@ -166,9 +166,12 @@ class PooledEstimate:
 
     def strength_at(self, stress: float) -> tuple[float, float]:
         """Return the strength under a normal stress and its standard error, all in Pa."""
-        slope, away = np.tan(self.phi), stress - self.sigma_star
-        error = np.hypot(self.strength_se, away * self.phi_se * (1.0 + slope**2))
-        return float(self.strength + away * slope), float(error)
+        slope = np.tan(self.phi)
+        error = stress * self.phi_se * (1.0 + slope**2)
+        # An estimate without error has no correlation.
+        mixed = self.corr * self.c_se * error if self.c_se * error > 0.0 else 0.0
+        variance = self.c_se**2 + 2.0 * mixed + error**2
+        return float(self.c + stress * slope), float(np.sqrt(max(variance, 0.0)))
 
 
 def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledEstimate:
@@ -235,7 +238,11 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
     moved = np.concatenate([*(share @ np.linalg.cholesky(own)), (share @ each).sum(axis=0)], axis=1)
     by_strength, by_slope = moved
     by_c, var_t = by_strength - stress * by_slope, by_slope @ by_slope
-    to_pivot = -(by_strength @ by_slope) / var_t
+    pivot = stress - (by_strength @ by_slope) / var_t
+    applied = estimates.sigma_star[chosen][used]
+    if np.isfinite(applied).any():
+        pivot = float(np.clip(pivot, np.nanmin(applied), np.nanmax(applied)))
+    to_pivot = pivot - stress
     c_se, strength_se = (float(np.linalg.norm(by)) for by in (by_c, by_strength + to_pivot * by_slope))
     return PooledEstimate(
         windows=len(cohesion),
@@ -245,7 +252,7 @@ def pool(estimates: WindowEstimates, select: ArrayLike | None = None) -> PooledE
         phi=float(np.arctan(slope)),
         phi_se=float(np.sqrt(var_t) / (1.0 + slope**2)),
         corr=float(np.clip(by_c @ by_slope / (c_se * np.sqrt(var_t)), -1.0, 1.0)) if c_se > 0.0 else np.nan,
-        sigma_star=float(stress + to_pivot),
+        sigma_star=float(pivot),
         strength=float(strength + to_pivot * slope),
         strength_se=strength_se,
         strength_between=float(np.sqrt(between[0])),
