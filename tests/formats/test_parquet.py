@@ -324,28 +324,32 @@ def test_damage_is_told_of_as_by_one_thread(make, tmp_path, monkeypatch, options
     [{}, {"data_page_version": "2.0"}, {"write_page_checksum": True}, {"use_dictionary": False}],
     ids=str,
 )
-def test_plain_heads_of_pages_say_what_their_fields_say(make, tmp_path, options):
-    make(
+def test_heads_of_pages_have_a_checksum_only_among_their_fields(make, tmp_path, options):
+    path = make(
         {"a": np.arange(9_000.0), "i": np.arange(9_000), "b": [True] * 9_000, "t": ["x"] * 9_000},
         data_page_size=4_000,
         **options,
     )
     data = (tmp_path / "log.parquet").read_bytes()
-    heads = [data[begin:] for begin in range(len(data)) if page_claims._PLAIN_HEAD.match(data, begin)]
-    assert len(heads) > 20
+    group = pq.ParquetFile(path).metadata.row_group(0)
+    places = [group.column(j).data_page_offset for j in range(4)]
     rng = np.random.default_rng(2)
     changed_head = tmp_path / "head"
-    for head in heads:
-        for changed in (None, *rng.integers(0, 40, 50)):
-            begin = bytearray(head[:256])
+    told = 0
+    for place in places:
+        for changed in (None, *rng.integers(0, 40, 200)):
+            begin = bytearray(data[place : place + 256])
             if changed is not None:
-                begin[changed % len(begin)] = rng.integers(256)
-            plain = page_claims._PLAIN_HEAD.match(begin)
-            if plain:
+                begin[changed] = rng.integers(256)
+            changed_head.write_bytes(begin)
+            try:
                 fields, length = page_claims._struct(bytes(begin), 0, 0)
-                assert plain.end() == length
-                changed_head.write_bytes(begin)
+            except (IndexError, ValueError):
+                continue
+            if isinstance(fields.get(2), int) and isinstance(fields.get(3), int):
                 with changed_head.open("rb") as file:
-                    *told, checksum = page_claims._head(file.fileno(), 0)
-                assert told == [fields[2], fields[3], length]
+                    *found, checksum = page_claims._head(file.fileno(), 0)
+                assert found == [fields[2], fields[3], length]
                 assert checksum <= (4 in fields)
+                told += 1
+    assert told > 400
