@@ -114,10 +114,10 @@ def _no_date() -> Iterator[None]:
 
 def _write_layer(layer: Layer, path: str, system: str, geometry: str) -> str | None:
     """Write one layer, and return the type of its geometries."""
-    fields = {name: cells.values for name, cells in layer.table.items() if name != geometry}
+    fields = {name: column for name, column in layer.table.items() if name != geometry}
     shapes, wkb, shape_type = [], None, None
     if geometry in layer.table:
-        shapes = [parse(text) for text in layer.table[geometry].values]
+        shapes = [parse(text) for text in layer.table[geometry]]
         wkb = np.array([shape.wkb() if shape else None for shape in shapes], dtype=object)
         kinds = {(shape.kind, len(shape.points[0])) for shape in shapes if shape}
         shape_type = kinds.pop()[0] if len(kinds) == 1 else "Unknown"
@@ -144,7 +144,7 @@ def _styles(layer: Layer, kind: str | None) -> list[tuple[str, str, bool]]:
     """Return name, QML and whether it is the default of every style that a layer can have."""
     if kind not in _SYMBOLS:
         return []
-    made = [(name, qml(name, layer.table[name].values.astype(np.float64), kind)) for name in layer.graduated]
+    made = [(name, qml(name, layer.table[name].astype(np.float64), kind)) for name in layer.graduated]
     some = [(name, text) for name, text in made if text]
     return [(name, text, name == some[0][0]) for name, text in some]
 
