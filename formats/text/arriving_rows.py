@@ -183,7 +183,7 @@ class ArrivingRows(Source):
     def _column(self, name: str, cells: Sequence[str]) -> Column:
         kind = self._kinds[name]
         if kind == "text":
-            return self._names.setdefault(name, Names(unguarded)).of(cells)
+            return self._names.setdefault(name, Names(unguarded)).labels(pa.array(cells, pa.string()))
         if kind == "number" and self._decimal == ".":
             try:
                 values = np.array(list(map(float, cells)))

@@ -168,14 +168,6 @@ class Names:
             self._names = tuple(self._codes)
         return Labels(lookup[indices], self._names)
 
-    def of(self, cells: Sequence[str]) -> Labels:
-        """Turn a few cells into labels, sooner than `labels` does."""
-        known = {text: self._code(text) for text in dict.fromkeys(cells)}
-        codes = np.array([known[text] for text in cells], dtype=np.int32)
-        if len(self._codes) > len(self._names):
-            self._names = tuple(self._codes)
-        return Labels(codes, self._names)
-
     def _code(self, text: str | None) -> int:
         text = (text or "").strip()
         if text.lower() in MISSING:
@@ -259,7 +251,8 @@ def _pieces(stream: TextStream) -> Iterator[bytes]:
     """Cut a stream after ends of lines."""
     rest = b""
     while data := stream.read(_PIECE_BYTES):
-        end = data.rfind(b"\n") + 1
+        # Only the end is shorter; its last line need not have one.
+        end = data.rfind(b"\n") + 1 if len(data) == _PIECE_BYTES else len(data)
         if stream.nul_bytes or stream.quote_marks or len(data) - end > _LONGEST_LINE:
             raise OddError
         if end:
