@@ -240,4 +240,5 @@ def _cells(above: str, value: dict[str, Any]) -> Iterator[tuple[str, str]]:
         elif isinstance(inner, bool):
             yield above + name, str(int(inner))
         elif not isinstance(inner, list):
-            yield above + name, "" if inner is None else str(inner)
+            # JSON can spell half a character, which no text has.
+            yield above + name, "" if inner is None else str(inner).encode("utf-8", "replace").decode()
