@@ -49,28 +49,25 @@ class ArrivingBytes:
         with self._opened() as descriptor:
             #: It is a file, which may become longer.
             self._grows = self._path != "-" and stat.S_ISREG(os.fstat(descriptor).st_mode)
-            last, changed = time.monotonic(), self._changed()
-            while True:
-                block = self._next(descriptor)
-                if block is None:
-                    return
+            last, changed, left = time.monotonic(), self._changed(), _LEFT
+            while (block := self._next(descriptor)) is not None:
                 if block or changed != (changed := self._changed()):
                     last = time.monotonic()
-                elif self.stopped:
-                    break
-                elif self._idle is not None and time.monotonic() - last >= self._idle:
-                    self.idled = True
+                elif self.stopped or (self._idle is not None and time.monotonic() - last >= self._idle):
+                    self.idled = not self.stopped
                     return
                 yield block
-            yield from self._left(descriptor)
+                left -= len(block) * self.stopped
+                if left <= 0:
+                    return
 
     def _next(self, descriptor: int) -> bytes | None:
-        """Wait for a block; empty where none came, None at the end."""
+        """Wait for a block; empty where none came, None at the end. Asked to end, wait for nothing."""
         ready, _, _ = select.select(
             [self._stop, *([] if self._grows else [descriptor])], [], [], 0 if self._grows else _LOOK
         )
         self.stopped = self._stop in ready
-        if self.stopped or not (self._grows or ready):
+        if not (self._grows or descriptor in ready):
             return b""
         try:
             block = os.read(descriptor, _BLOCK)
@@ -78,6 +75,8 @@ class ArrivingBytes:
             return b""
         if block or not self._grows:
             return block or None
+        if self.stopped:
+            return b""
         if os.lseek(descriptor, 0, os.SEEK_CUR) > os.fstat(descriptor).st_size:
             raise FormatError(self.label, "became shorter while it was followed", hint="follow the new file")
         ready, _, _ = select.select([self._stop], [], [], _LOOK)
@@ -89,19 +88,6 @@ class ArrivingBytes:
         files = [self._path, *(f"{self._path}{ending}" for ending in SIDE_FILES)] if self._grows else []
         files += [entry.path for entry in os.scandir(self._folder)] if self._folder else []
         return [os.stat(file).st_mtime_ns for file in files if os.path.exists(file)]  # noqa: PTH110, PTH116
-
-    def _left(self, descriptor: int) -> Iterator[bytes]:
-        """Yield what had arrived when somebody asked to end."""
-        size = 0
-        while size < _LEFT and (self._grows or select.select([descriptor], [], [], 0)[0]):
-            try:
-                block = os.read(descriptor, _BLOCK)
-            except BlockingIOError:
-                return
-            if not block:
-                return
-            size += len(block)
-            yield block
 
     @contextmanager
     def _opened(self) -> Iterator[int]:
