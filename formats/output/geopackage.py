@@ -14,7 +14,7 @@ from pyogrio import get_gdal_config_option, raw, set_gdal_config_options
 from pyogrio.errors import CRSError, DataLayerError, DataSourceError, FeatureError, GeometryError
 
 from formats.errors import CannotWriteError
-from formats.output.common_forms import SITE_FRAME, is_wgs84, parse, unknown_crs
+from formats.output.common_forms import SITE_FRAME, WKT, is_wgs84, parse, unknown_crs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -69,13 +69,11 @@ class Layer:
     graduated: Sequence[str] = ()
 
 
-def write_geopackage(
-    layers: Sequence[Layer], destination: str, path: str, crs: str | None, geometry: str
-) -> None:
+def write_geopackage(layers: Sequence[Layer], destination: str, path: str, crs: str | None) -> None:
     """Write tables as the layers of a GeoPackage.
 
     Without a `crs` they are in a site frame (srs_id −1, undefined Cartesian). A layer that lacks the column
-    `geometry`, of WKT, has none. `destination` is for messages.
+    WKT has no geometries. `destination` is for messages.
     """
     system = SITE_FRAME if crs is None else "EPSG:4326" if is_wgs84(crs) else crs
     # GDAL does not write into a file that is there but empty.
@@ -84,7 +82,7 @@ def write_geopackage(
     try:
         with _no_date():
             for layer in layers:
-                kind = _write_layer(layer, path, system, geometry)
+                kind = _write_layer(layer, path, system)
                 styles += [(layer.name, *style) for style in _styles(layer, kind)]
         with closing(sqlite3.connect(path)) as database, database:
             database.execute(_WITH_YEAR)
@@ -112,12 +110,12 @@ def _no_date() -> Iterator[None]:
         set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
-def _write_layer(layer: Layer, path: str, system: str, geometry: str) -> str | None:
+def _write_layer(layer: Layer, path: str, system: str) -> str | None:
     """Write one layer, and return the type of its geometries."""
-    fields = {name: column for name, column in layer.table.items() if name != geometry}
+    fields = {name: column for name, column in layer.table.items() if name != WKT}
     shapes, wkb, shape_type = [], None, None
-    if geometry in layer.table:
-        shapes = [parse(text) for text in layer.table[geometry]]
+    if WKT in layer.table:
+        shapes = [parse(text) for text in layer.table[WKT]]
         wkb = np.array([shape.wkb() if shape else None for shape in shapes], dtype=object)
         kinds = {(shape.kind, len(shape.points[0])) for shape in shapes if shape}
         shape_type = kinds.pop()[0] if len(kinds) == 1 else "Unknown"

@@ -53,7 +53,6 @@ class Ros1File(Reader):
         self._listed: set[tuple[int, int]] = set()
         self._firsts: dict[int, int] = {}
         self._counts: dict[int, int] = {}
-        self._places: dict[bytes, int] | None = None
         super().open()
         self.connections = [c._replace(msgcount=self._counts.get(c.id, 0)) for c in self.connections]
 
@@ -67,14 +66,12 @@ class Ros1File(Reader):
         bio = opened(self.bio)
         (length,) = _UINT32.unpack(bio.read(4))
         header = bio.read(length)
-        if self._places is None:
-            # Every one is alike, and there is one for each connection and chunk.
-            self._places = _fields(header, _INDEX_FIELDS)
-        if self._places is None or length > _LONGEST_HEADER:
+        places = _fields(header, _INDEX_FIELDS)
+        if places is None or length > _LONGEST_HEADER:
             raise ValueError("an index cannot be read")
-        code = header[self._places[b"op"]]
+        code = header[places[b"op"]]
         version, connection, count = (
-            _UINT32.unpack_from(header, self._places[name])[0] for name in (b"ver", b"conn", b"count")
+            _UINT32.unpack_from(header, places[name])[0] for name in (b"ver", b"conn", b"count")
         )
         if (code, version) != (RecordType.IDXDATA, 1):
             raise ValueError("an index is not where it should be, or of an unknown version")
