@@ -6,8 +6,6 @@ import codecs
 import io
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import NUL_BYTES, UNPACKED_RATIO, file_limit
 from formats.recovery import HINT
@@ -190,6 +188,8 @@ class TextStream(io.RawIOBase):
         return data
 
     def _as_utf8(self, data: bytes) -> bytes:
+        import numpy as np
+
         # Nearly every log is plain ASCII, and that is cheap to see.
         if not (data and self.encoding == "utf-8" and data.isascii() and not self._decoder.getstate()[0]):
             try:
