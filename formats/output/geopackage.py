@@ -90,13 +90,9 @@ def write_geopackage(layers: Sequence[Layer], destination: str, path: str, crs: 
                 _write_styles(database, styles)
     except CRSError as error:
         raise unknown_crs(system) from error
-    except sqlite3.Error as error:
-        raise CannotWriteError(destination, str(error), hint="is there space left on the device?") from error
-    except (DataSourceError, DataLayerError, FeatureError, GeometryError) as error:
-        reason = " ".join(str(error).split())
-        raise CannotWriteError(
-            destination, f"GDAL could not write it: {reason}", hint="is there space left on the device?"
-        ) from error
+    except (sqlite3.Error, DataSourceError, DataLayerError, FeatureError, GeometryError) as error:
+        what = f"cannot be written: {' '.join(str(error).split())}"
+        raise CannotWriteError(destination, what, hint="is there space left on the device?") from error
 
 
 @contextmanager

@@ -64,12 +64,9 @@ class DelimitedSource(Source):
         super().__init__(path, "csv")
         self._file = file
         self.recovery = Recovery(what="rows", bytes_expected=Path(file).stat().st_size) if salvage else None
-        stream = self._open()
-        try:
+        with self._open() as stream:
             head = stream.read(_HEAD_BYTES)
             whole = not stream.read(1)
-        finally:
-            stream.close()
         # The cut may fall inside a character; the last line of a part is not used.
         text = head.decode("utf-8", "strict" if whole else "ignore")
         self._dialect: Dialect = examine(self.label, text, whole=whole)
