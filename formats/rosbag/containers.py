@@ -101,8 +101,6 @@ class Container:
                         places[number]: self._decompressed(messages, allowance)
                         for number, messages in run.items()
                     }
-            except GeneratorExit:
-                raise
             except Exception as error:
                 raise damaged(self.path, self.kind, error) from error
             stated = sum(connection.msgcount for connection in chosen)
