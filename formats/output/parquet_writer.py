@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from formats.output.common_forms import WKT, parse, projjson
+from formats.output.common_forms import parse, projjson
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -24,10 +24,10 @@ _TYPES = {"f": pa.float64(), "i": pa.int64(), "O": pa.string()}
 GEOMETRY = "geometry"
 
 
-def write_parquet(tables: Iterable[Table], path: str, crs: str | None) -> None:
+def write_parquet(tables: Iterable[Table], path: str, crs: str | None, geometry: str) -> None:
     """Write a table as Parquet; empty cells are null.
 
-    A table with a column WKT becomes GeoParquet 1.1: it gains the column `GEOMETRY` of WKB,
+    A table with a column of WKT becomes GeoParquet 1.1: it gains the column `GEOMETRY` of WKB,
     and the key ``geo`` says what that is. A reader that does not know GeoParquet still has the text.
 
     Of the tables, which are its parts, one is held at a time. Without a `crs` it is a site frame, for which
@@ -37,7 +37,7 @@ def write_parquet(tables: Iterable[Table], path: str, crs: str | None) -> None:
     with ExitStack() as stack:
         writer = None
         for table in tables:
-            part = _arrow(table, extent)
+            part = _arrow(table, geometry, extent)
             if writer is None:
                 # With Arrow's own schema beside it, pyarrow would not look for keys that come last.
                 writer = stack.enter_context(pq.ParquetWriter(path, part.schema, store_schema=False))
@@ -64,14 +64,14 @@ class Extent:
         return shape.wkb()
 
 
-def _arrow(table: Table, extent: Extent) -> pa.Table:
+def _arrow(table: Table, geometry: str, extent: Extent) -> pa.Table:
     arrays = {
         # As of pandas: NaN is null.
         name: pa.array(column, _TYPES[column.dtype.kind], from_pandas=True)
         for name, column in table.items()
     }
-    if WKT in table:
-        shapes = map(parse, table[WKT])
+    if geometry in table:
+        shapes = map(parse, table[geometry])
         arrays[GEOMETRY] = pa.array([extent.take(shape) if shape else None for shape in shapes], pa.binary())
     return pa.table(arrays)
 

@@ -74,7 +74,7 @@ class GrowingTable:
             self._wheels |= dict.fromkeys(row["wheel"])
             return
         text = io.StringIO()
-        write_text(normalise(row), text, self._kind, crs)
+        write_text(normalise(row), text, self._kind, crs, "WKT")
         # The names of the columns stand there once.
         again = self._kind == "csv" and self._begun
         self._say(text.getvalue().partition("\n")[2] if again else text.getvalue())
