@@ -6,8 +6,6 @@ import codecs
 import io
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import NUL_BYTES, UNPACKED_RATIO, file_limit
 from formats.recovery import HINT
@@ -118,8 +116,6 @@ class TextStream(io.RawIOBase):
         self.nul_bytes = 0
         #: Quote marks so far; a table that closes each has an even number.
         self.quote_marks = 0
-        #: Length of the byte-order mark, or of several in a row.
-        self.mark_bytes = 0
         #: Whether the last byte read so far ends a line.
         self.ended_in_newline = True
         head = first_bytes(path, file)
@@ -145,9 +141,9 @@ class TextStream(io.RawIOBase):
             )
         self._decoder = codecs.getincrementaldecoder(self.encoding)()
         # An editor that does not know the mark may have put its own before it.
-        while mark and self._buffer.startswith(mark, self.mark_bytes):
-            self.mark_bytes += len(mark)
-        self._buffer = self._as_utf8(self._buffer[self.mark_bytes :])
+        while mark and self._buffer.startswith(mark):
+            self._buffer = self._buffer.removeprefix(mark)
+        self._buffer = self._as_utf8(self._buffer)
 
     def readable(self) -> bool:
         """Say that this can be read."""
@@ -192,6 +188,8 @@ class TextStream(io.RawIOBase):
         return data
 
     def _as_utf8(self, data: bytes) -> bytes:
+        import numpy as np
+
         # Nearly every log is plain ASCII, and that is cheap to see.
         if not (data and self.encoding == "utf-8" and data.isascii() and not self._decoder.getstate()[0]):
             try:

@@ -27,31 +27,8 @@ _FIXED = {1: 0, 2: 0, 3: 1, 7: 8}
 _ROW_GROUPS, _COLUMNS, _COLUMN = 4, 1, 3
 _PACKED_SIZE, _DATA, _DICTIONARY = 7, 9, 11
 _PAGE_SIZE, _PAGE_PACKED = 2, 3
-
-
-def _fields(kinds: tuple[int, ...], value: bytes) -> bytes:
-    """Return the pattern of a field of one of these kinds, its number told by the step to it."""
-    heads = b"".join(b"\\x%02x" % (step << 4 | kind) for step in (1, 2, 3, 4) for kind in kinds)
-    return b"[%s]%s" % (heads, value)
-
-
-def _fields_with(structs: bytes) -> bytes:
-    """Return the pattern of the fields of a struct, among them such structs."""
-    texts = b"(?:%s)" % b"|".join(b"\\x%02x.{%d}" % (size, size) for size in (8, 4, 1))
-    of = _fields(_INTEGERS, _VARINT), _fields((_BYTES,), texts), _fields(_FLAGS, b""), structs
-    return b"(?:%s)*\\x00" % b"|".join(of)
-
-
-_VARINT = rb"[\x80-\xff]{0,8}[\x00-\x7f]"
-_STATISTICS = _fields((_STRUCT,), _fields_with(rb"(?!)"))
 #: A head with a checksum: it follows kind, size and packed size, an integer of 32 bits as they are.
-_CHECKSUM = re.compile(rb"(?:\x15%b){4}" % _VARINT)
-#: The head of a page as it is nearly always written: faster than going through its fields.
-_PLAIN_HEAD = re.compile(
-    rb"\x15%b\x15(%b)\x15(%b)" % (_VARINT, _VARINT, _VARINT)
-    + _fields_with(_fields((_STRUCT,), _fields_with(_STATISTICS))),
-    re.DOTALL,
-)
+_CHECKSUM = re.compile(rb"(?:\x15[\x80-\xff]{0,8}[\x00-\x7f]){4}")
 
 
 def check_pages(file: str, leaves: Collection[int] | None = None) -> bool:
@@ -90,13 +67,11 @@ def check_pages(file: str, leaves: Collection[int] | None = None) -> bool:
 def _head(number: int, at: int) -> tuple[int, int, int, bool]:
     """Return what the page there unpacks to, its bytes, those of its head, and if it has a checksum."""
     begin = os.pread(number, _USUAL_HEAD, at)
-    checksum = _CHECKSUM.match(begin) is not None
-    if plain := _PLAIN_HEAD.match(begin):
-        return _integer(plain[1], 0)[0], _integer(plain[2], 0)[0], plain.end(), checksum
     try:
         head, length = _struct(begin, 0, 0)
     except IndexError:
         head, length = _struct(os.pread(number, _HEAD, at), 0, 0)
+    checksum = _CHECKSUM.match(begin) is not None
     return _number(head, _PAGE_SIZE), _number(head, _PAGE_PACKED), length, checksum
 
 

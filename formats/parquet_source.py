@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -29,7 +25,7 @@ from formats.table import BATCH_ROWS, Field, Labels, Source, Stream
 from formats.text.cell_values import MISSING, Names, exact, floats, kind_of, numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from formats.table import Batch, Column, Kind
 
@@ -37,11 +33,6 @@ if TYPE_CHECKING:
 _LOST = "Parquet keeps its index at the end: copy the file again, or write it anew"
 #: What Hive writes for a partition without a value.
 _NO_VALUE = "__HIVE_DEFAULT_PARTITION__"
-#: Threads that read: each some of the columns, and the next rows of them while these are worked on.
-_THREADS = 2
-#: Batches that each of them may be ahead. With one they wait for one another: 20 to 50 % slower.
-_WAITING = 2
-Item = TypeVar("Item")
 
 
 class ParquetSource(Source):
@@ -96,26 +87,19 @@ class ParquetSource(Source):
                 raise FormatError(self.label, f"has no column {name!r}")
         names = {field: Names() for field in fields}
         for file, partition in self._parts.items():
-            with ExitStack() as stack:
-                part = stack.enter_context(self._open(file))
+            with self._open(file) as part:
                 stored = [f for f in fields if f not in self._partitions and f in part.schema_arrow.names]
                 self._check(file, part, stored)
-                readers = [part.iter_batches(batch_rows, columns=stored[::_THREADS], use_threads=False)]
-                for j in range(1, min(_THREADS, len(stored))):
-                    other = stack.enter_context(self._open(file, part.metadata))
-                    readers.append(
-                        other.iter_batches(batch_rows, columns=stored[j::_THREADS], use_threads=False)
-                    )
+                batches = part.iter_batches(batch_rows, columns=stored)
                 rows = 0
-                for batch, columns in stack.enter_context(closing(self._together(file, readers))):
-                    rows += batch
+                while (batch := self._next(file, batches)) is not None:
+                    rows += len(batch)
                     yield {
-                        field: self._values(file, field, columns[field], names[field])
-                        if field in columns
-                        else _constant(partition.get(field), batch, self._kinds[field], names[field])
+                        field: self._values(file, field, batch.column(field), names[field])
+                        if field in stored
+                        else _constant(partition.get(field), len(batch), self._kinds[field], names[field])
                         for field in fields
                     }
-
                 if stored and rows != part.metadata.num_rows:
                     stated = f"{part.metadata.num_rows:,} rows are stated, {rows:,} can be read"
                     raise DamagedError(self._name(file), f"is corrupt: {stated}", hint=_LOST)
@@ -185,11 +169,10 @@ class ParquetSource(Source):
     def _name(self, file: str) -> str:
         return file if len(self._parts) > 1 else self.label
 
-    def _open(self, file: str, metadata: Any = None) -> Any:
+    def _open(self, file: str) -> Any:
         try:
             return pq.ParquetFile(
                 file,
-                metadata=metadata,
                 # The default reads ahead without bound: gigabytes on a long log.
                 pre_buffer=False,
                 # Longer pages are read at once; what goes through the buffer is copied once more.
@@ -204,24 +187,6 @@ class ParquetSource(Source):
                 "is not a whole Parquet file: its footer is missing or corrupt",
                 hint=f"{_LOST}; without it nothing tells where its columns are, so --salvage cannot help",
             ) from error
-
-    def _together(
-        self, file: str, readers: Sequence[Iterator[pa.RecordBatch]]
-    ) -> Generator[tuple[int, dict[str, pa.Array]], None, None]:
-        """Yield how many rows, and the columns of all readers; the next are read meanwhile."""
-        with ahead(readers, _WAITING) as read:
-            batches: list[Any] = [()] * len(readers)
-            while True:
-                for j, reader in enumerate(read):
-                    if not len(batches[j]):
-                        batches[j] = self._next(file, reader)
-                if any(batch is None for batch in batches):
-                    return
-                # Dictionaries end the batches of their columns earlier.
-                rows = min(map(len, batches))
-                heads = [batch.slice(0, rows) for batch in batches]
-                yield rows, {name: head.column(name) for head in heads for name in head.schema.names}
-                batches = [batch.slice(rows) for batch in batches]
 
     def _next(self, file: str, batches: Iterator[pa.RecordBatch]) -> pa.RecordBatch | None:
         try:
@@ -298,31 +263,3 @@ def _constant(value: str | None, rows: int, kind: Kind, names: Names) -> Column:
         labels = names.labels(cells)
         return Labels(np.repeat(labels.codes, rows), labels.names)
     return np.repeat(numbers(cells, ".")[0], rows)
-
-
-@contextmanager
-def ahead(iterators: Sequence[Iterator[Item]], items: int) -> Iterator[list[Iterator[Item]]]:
-    """Run through some iterators, each in a thread of its own.
-
-    The items are the same, and the same errors come after them; of each iterator so many may wait to be
-    taken. When the context ends, threads stop at the next item.
-    """
-    pools = [ThreadPoolExecutor(1) for _ in iterators]
-    try:
-        yield [_taken(pool, iterator, items) for pool, iterator in zip(pools, iterators, strict=True)]
-    finally:
-        for pool in pools:
-            pool.shutdown(cancel_futures=True)
-
-
-def _taken(pool: ThreadPoolExecutor, iterator: Iterator[Item], items: int) -> Iterator[Item]:
-    end = object()
-    read = partial(next, iterator, end)
-    # Begins at once, not when the first is asked for.
-    waiting = deque(pool.submit(read) for _ in range(items))
-
-    def take() -> Any:
-        waiting.append(pool.submit(read))
-        return waiting.popleft().result()
-
-    return iter(take, end)

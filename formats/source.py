@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from formats.byte_sources import kept, no_file, piped, readable
 from formats.content import COMPRESSED, FILE_KINDS, HEAD_BYTES, SIDE_FILES, content, failure, first_bytes
-from formats.copies import kept, no_file, piped, readable
 from formats.errors import FormatError, NotFoundError, shown
 from formats.limits import METADATA_BYTES
 from formats.table import STANDARD_INPUT

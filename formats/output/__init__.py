@@ -121,12 +121,10 @@ def write_table(
 
             write_parquet([table], temporary, crs, geometry)
         else:
-            from formats.output.geopackage import Layer, write_geopackage
+            from formats.output.geopackage import write_geopackage
 
             tables = {layer: table, **{name: normalise(more) for name, more in (layers or {}).items()}}
-            styled = graduated or {}
-            parts = [Layer(name, some, styled.get(name, ())) for name, some in tables.items()]
-            write_geopackage(parts, destination, temporary, crs, geometry)
+            write_geopackage(tables, graduated or {}, destination, temporary, crs, geometry)
 
 
 def write_parts(

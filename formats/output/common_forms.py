@@ -29,45 +29,32 @@ _EMPTY = re.compile(r"\s*(POINT|LINESTRING)\s*(?:Z\s*)?EMPTY\s*", re.IGNORECASE)
 SITE_FRAME = 'LOCAL_CS["Undefined Cartesian SRS",UNIT["metre",1]]'
 
 
-@dataclass(frozen=True, slots=True)
-class Cells:
-    """One column."""
-
-    kind: Literal["real", "integer", "text"]
-    values: NDArray[Any]  # float64 (NaN where empty), int64, or objects (str, None where empty); shape (n,)
-
-    def objects(self, rows: slice = slice(None)) -> list[Any]:
-        """Return cells as Python objects, None where empty."""
-        cells = self.values[rows].tolist()
-        # NaN is what differs from itself.
-        return [None if cell != cell else cell for cell in cells] if self.kind == "real" else cells  # noqa: PLR0124
-
-
-Table: TypeAlias = dict[str, Cells]
+#: Columns of one length: float64 (NaN where empty), int64, or objects (str, None where empty).
+Table: TypeAlias = "dict[str, NDArray[Any]]"
 
 
 def normalise(columns: Mapping[str, Values]) -> Table:
     """Bring columns into one form."""
-    table = {name: _cells(name, values) for name, values in columns.items()}
-    if len({len(cells.values) for cells in table.values()}) > 1:
-        lengths = ", ".join(f"{name} {len(cells.values)}" for name, cells in table.items())
+    table = {name: _column(name, values) for name, values in columns.items()}
+    if len(set(map(len, table.values()))) > 1:
+        lengths = ", ".join(f"{name} {len(column)}" for name, column in table.items())
         raise ValueError(f"columns of different length: {lengths}")
     return table
 
 
-def _cells(name: str, values: Values) -> Cells:
+def _column(name: str, values: Values) -> NDArray[Any]:
     if isinstance(values, Labels):
-        return Cells("text", np.array([*values.names, None], dtype=object)[values.codes])
+        return np.array([*values.names, None], dtype=object)[values.codes]
     if not isinstance(values, np.ndarray):
         objects = np.empty(len(values), dtype=object)
         objects[:] = values
         if all(cell is None or isinstance(cell, str) for cell in objects):
-            return Cells("text", objects)
+            return objects
         values = np.asarray([math.nan if cell is None else cell for cell in objects])
     if values.dtype.kind == "f":
-        return Cells("real", values.astype(np.float64, copy=False))
+        return values.astype(np.float64, copy=False)
     if values.dtype.kind in "iub":
-        return Cells("integer", values.astype(np.int64, copy=False))
+        return values.astype(np.int64, copy=False)
     raise TypeError(f"{name}: {values.dtype} is neither numbers nor text")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sqlite3
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
@@ -17,7 +16,7 @@ from formats.errors import CannotWriteError
 from formats.output.common_forms import SITE_FRAME, is_wgs84, parse, unknown_crs
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -59,20 +58,17 @@ _SYMBOLS = {
 _GEOMETRY_TYPES = {"Point": "0", "LineString": "1"}
 
 
-@dataclass(frozen=True)
-class Layer:
-    """One layer of a GeoPackage."""
-
-    name: str
-    table: Table
-    #: Columns of numbers that have a style each; QGIS shows the first unless asked for another.
-    graduated: Sequence[str] = ()
-
-
 def write_geopackage(
-    layers: Sequence[Layer], destination: str, path: str, crs: str | None, geometry: str
+    layers: Mapping[str, Table],
+    graduated: Mapping[str, Sequence[str]],
+    destination: str,
+    path: str,
+    crs: str | None,
+    geometry: str,
 ) -> None:
-    """Write tables as the layers of a GeoPackage.
+    """Write tables as the layers of a GeoPackage, by their names.
+
+    Columns of numbers that are `graduated` have a style each; QGIS shows the first unless asked for another.
 
     Without a `crs` they are in a site frame (srs_id −1, undefined Cartesian). A layer that lacks the column
     `geometry`, of WKT, has none. `destination` is for messages.
@@ -83,22 +79,18 @@ def write_geopackage(
     styles = []
     try:
         with _no_date():
-            for layer in layers:
-                kind = _write_layer(layer, path, system, geometry)
-                styles += [(layer.name, *style) for style in _styles(layer, kind)]
+            for name, table in layers.items():
+                kind = _write_layer(name, table, path, system, geometry)
+                styles += [(name, *style) for style in _styles(table, graduated.get(name, ()), kind)]
         with closing(sqlite3.connect(path)) as database, database:
             database.execute(_WITH_YEAR)
             if styles:
                 _write_styles(database, styles)
     except CRSError as error:
         raise unknown_crs(system) from error
-    except sqlite3.Error as error:
-        raise CannotWriteError(destination, str(error), hint="is there space left on the device?") from error
-    except (DataSourceError, DataLayerError, FeatureError, GeometryError) as error:
-        reason = " ".join(str(error).split())
-        raise CannotWriteError(
-            destination, f"GDAL could not write it: {reason}", hint="is there space left on the device?"
-        ) from error
+    except (sqlite3.Error, DataSourceError, DataLayerError, FeatureError, GeometryError) as error:
+        what = f"cannot be written: {' '.join(str(error).split())}"
+        raise CannotWriteError(destination, what, hint="is there space left on the device?") from error
 
 
 @contextmanager
@@ -112,12 +104,12 @@ def _no_date() -> Iterator[None]:
         set_gdal_config_options({"OGR_CURRENT_DATE": before})
 
 
-def _write_layer(layer: Layer, path: str, system: str, geometry: str) -> str | None:
+def _write_layer(layer: str, table: Table, path: str, system: str, geometry: str) -> str | None:
     """Write one layer, and return the type of its geometries."""
-    fields = {name: cells.values for name, cells in layer.table.items() if name != geometry}
+    fields = {name: column for name, column in table.items() if name != geometry}
     shapes, wkb, shape_type = [], None, None
-    if geometry in layer.table:
-        shapes = [parse(text) for text in layer.table[geometry].values]
+    if geometry in table:
+        shapes = [parse(text) for text in table[geometry]]
         wkb = np.array([shape.wkb() if shape else None for shape in shapes], dtype=object)
         kinds = {(shape.kind, len(shape.points[0])) for shape in shapes if shape}
         shape_type = kinds.pop()[0] if len(kinds) == 1 else "Unknown"
@@ -126,7 +118,7 @@ def _write_layer(layer: Layer, path: str, system: str, geometry: str) -> str | N
         wkb,
         list(fields.values()),
         list(fields),
-        layer=layer.name,
+        layer=layer,
         driver="GPKG",
         geometry_type=shape_type,
         crs=system,
@@ -140,11 +132,11 @@ def _write_layer(layer: Layer, path: str, system: str, geometry: str) -> str | N
     return shape_type
 
 
-def _styles(layer: Layer, kind: str | None) -> list[tuple[str, str, bool]]:
+def _styles(table: Table, graduated: Sequence[str], kind: str | None) -> list[tuple[str, str, bool]]:
     """Return name, QML and whether it is the default of every style that a layer can have."""
     if kind not in _SYMBOLS:
         return []
-    made = [(name, qml(name, layer.table[name].values.astype(np.float64), kind)) for name in layer.graduated]
+    made = [(name, qml(name, table[name].astype(np.float64), kind)) for name in graduated]
     some = [(name, text) for name, text in made if text]
     return [(name, text, name == some[0][0]) for name, text in some]
 

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from formats.output.common_forms import parse, projjson
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     from formats.output.common_forms import Table, WktShape
 
-_TYPES = {"real": pa.float64(), "integer": pa.int64(), "text": pa.string()}
+#: By the kind of their array.
+_TYPES = {"f": pa.float64(), "i": pa.int64(), "O": pa.string()}
 #: Of the binary geometry, which stands beside the text.
 GEOMETRY = "geometry"
 
@@ -51,34 +52,26 @@ class Extent:
 
     kinds: set[str] = field(default_factory=set)
     #: The least and the largest x and y.
-    low: tuple[float, float] | None = None
-    high: tuple[float, float] | None = None
+    low: tuple[float, float] = math.inf, math.inf
+    high: tuple[float, float] = -math.inf, -math.inf
 
     def take(self, shape: WktShape) -> bytes:
         """Take in a shape, and return its bytes."""
         self.kinds.add(f"{shape.kind}{' Z' if len(shape.points[0]) == 3 else ''}")
         x, y, *_ = zip(*shape.points, strict=True)
-        self.low = _corner(min, self.low, (min(x), min(y)))
-        self.high = _corner(max, self.high, (max(x), max(y)))
+        self.low = min(self.low[0], *x), min(self.low[1], *y)
+        self.high = max(self.high[0], *x), max(self.high[1], *y)
         return shape.wkb()
-
-
-def _corner(
-    extreme: Callable[..., float], so_far: tuple[float, float] | None, point: tuple[float, float]
-) -> tuple[float, float]:
-    x, y = so_far or point
-    return extreme(x, point[0]), extreme(y, point[1])
 
 
 def _arrow(table: Table, geometry: str, extent: Extent) -> pa.Table:
     arrays = {
-        name: pa.array(
-            cells.values, _TYPES[cells.kind], mask=np.isnan(cells.values) if cells.kind == "real" else None
-        )
-        for name, cells in table.items()
+        # As of pandas: NaN is null.
+        name: pa.array(column, _TYPES[column.dtype.kind], from_pandas=True)
+        for name, column in table.items()
     }
     if geometry in table:
-        shapes = map(parse, table[geometry].values)
+        shapes = map(parse, table[geometry])
         arrays[GEOMETRY] = pa.array([extent.take(shape) if shape else None for shape in shapes], pa.binary())
     return pa.table(arrays)
 
@@ -94,6 +87,6 @@ def geo_metadata(extent: Extent, crs: str | None) -> dict[str, Any]:
         # Left out it would mean longitudes and latitudes on the Earth.
         "crs": None if crs is None else projjson(crs),
     }
-    if extent.low and extent.high:
+    if extent.kinds:
         column["bbox"] = [*extent.low, *extent.high]
     return {"version": "1.1.0", "primary_column": GEOMETRY, "columns": {GEOMETRY: column}}

@@ -13,15 +13,15 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, cast
 
-import numpy as np
-
-from formats.output.common_forms import LAYER, SITE_FRAME, Cells, check_crs, is_wgs84, normalise, parse, urn
+from formats.output.common_forms import LAYER, SITE_FRAME, check_crs, is_wgs84, normalise, parse, urn
 from formats.output.whole_files import replacing
 from formats.table import BATCH_ROWS
 from formats.text import guarded
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
+
+    from numpy.typing import NDArray
 
     from formats.output.common_forms import Table, Values
 
@@ -38,7 +38,7 @@ def write_text(
     if kind == "csv":
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(map(guarded, table))
-        writer.writerows(_rows({name: _guarded(cells) for name, cells in table.items()}))
+        writer.writerows(_rows(table, _guarded))
     elif kind == "json":
         _write_list(stream, (_strict(dict(zip(table, row, strict=True))) for row in _rows(table)))
         stream.write("\n")
@@ -60,11 +60,16 @@ def write_text(
                 stream.write(f"{_SEPARATORS[kind]}{text}\n")
 
 
-def _guarded(cells: Cells) -> Cells:
+def _objects(column: NDArray[Any]) -> list[Any]:
+    """Return cells as Python objects, None where empty."""
+    cells = column.tolist()
+    # NaN is what differs from itself.
+    return [None if cell != cell else cell for cell in cells] if column.dtype.kind == "f" else cells  # noqa: PLR0124
+
+
+def _guarded(column: NDArray[Any]) -> list[Any]:
     """Let no text of a column be run by a spreadsheet; numbers are what they are."""
-    if cells.kind != "text":
-        return cells
-    return Cells("text", np.array([guarded(cell) for cell in cells.values], dtype=object))
+    return list(map(guarded, column)) if column.dtype == object else _objects(column)
 
 
 def _system(crs: str | None) -> dict[str, Any]:
@@ -74,12 +79,10 @@ def _system(crs: str | None) -> dict[str, Any]:
     return {"crs": {"type": "name", "properties": {"name": SITE_FRAME if crs is None else urn(crs)}}}
 
 
-def _rows(table: Table) -> Iterator[tuple[Any, ...]]:
-    count = max((len(cells.values) for cells in table.values()), default=0)
+def _rows(table: Table, cells: Callable[[NDArray[Any]], list[Any]] = _objects) -> Iterator[tuple[Any, ...]]:
+    count = max(map(len, table.values()), default=0)
     for begin in range(0, count, BATCH_ROWS):
-        yield from zip(
-            *(cells.objects(slice(begin, begin + BATCH_ROWS)) for cells in table.values()), strict=True
-        )
+        yield from zip(*(cells(column[begin : begin + BATCH_ROWS]) for column in table.values()), strict=True)
 
 
 def _write_list(stream: TextIO, items: Iterator[dict[str, Any]]) -> None:

@@ -9,8 +9,8 @@ import sys
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
+from formats.byte_sources import kept
 from formats.content import SIDE_FILES
-from formats.copies import kept
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import METADATA_BYTES, TooMuchError, unpacked_limit
 from formats.recovery import HINT

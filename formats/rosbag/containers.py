@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 from formats.errors import DamagedError, FormatError, NotFoundError
 from formats.limits import CONNECTIONS, DEFINITIONS_CHARACTERS, Allowance, TooMuchError
@@ -20,31 +20,19 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
     from formats.rosbag.storage.chunks import Run
+    from formats.rosbag.storage.db3 import Db3File
+    from formats.rosbag.storage.mcap import McapFile
     from formats.rosbag.storage.raw_messages import Messages
     from formats.rosbag.storage.record_file import RecordFile
+    from formats.rosbag.storage.ros1 import Ros1File
     from formats.rosbag.storage.salvaged_file import SalvagedFile
+
+    #: What reads a file: its index with `open`, its messages in the order of their log times with `runs`.
+    #: `spans` are first and last log time in ns of connections, by their number, where an index tells them.
+    Reader: TypeAlias = Ros1File | McapFile | Db3File | SalvagedFile
 
 #: What to do where not even salvage helps.
 LOST = "copy or record it again"
-
-
-class Reader(Protocol):
-    """What the files of all kinds have in common."""
-
-    connections: list[Connection]
-
-    @property
-    def spans(self) -> dict[int, tuple[int, int]]:
-        """First and last log time in ns of connections, by their number, where an index tells them."""
-
-    def open(self) -> None:
-        """Read the index."""
-
-    def close(self) -> None:
-        """Close the file."""
-
-    def runs(self, wanted: Collection[int], size: int) -> Iterator[Run]:
-        """Yield the messages of some connections, in the order of their log times."""
 
 
 class Container:
@@ -113,8 +101,6 @@ class Container:
                         places[number]: self._decompressed(messages, allowance)
                         for number, messages in run.items()
                     }
-            except GeneratorExit:
-                raise
             except Exception as error:
                 raise damaged(self.path, self.kind, error) from error
             stated = sum(connection.msgcount for connection in chosen)

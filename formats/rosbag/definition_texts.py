@@ -152,8 +152,6 @@ def _measure(name: str, types: Typesdict, known: dict[str, _Extent]) -> _Extent:
     if name in known or name not in types:
         # What is missing or contains itself is told where the fields are listed.
         return known.get(name, _Extent(1, 1, 1))
-    if len(known) > DEFINITION_TYPES:
-        raise TooMuchError(f"a message definition has more than {DEFINITION_TYPES:,} types")
     known[name] = _Extent(1, 1, 1)
     leaves = size = depth = 0
     for _, desc in types[name][1]:

@@ -10,7 +10,7 @@ import numpy as np
 from rosbags.interfaces import MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from formats.limits import DEPTH, TooMuchError
+from formats.limits import TooMuchError
 from formats.rosbag.definition_texts import check_idl, checked, msg_text, plain_types
 
 if TYPE_CHECKING:
@@ -201,8 +201,6 @@ def find_leaves(types: Typesdict, type_name: str) -> dict[str, Leaf]:
 def _leaves(types: Typesdict, type_name: str, path: Path = (), within: Path = ()) -> Iterator[Leaf]:
     if type_name in within:
         raise UnusableError(f"the definition of {type_name} contains itself")
-    if len(within) >= DEPTH:
-        raise UnusableError(f"its members nest deeper than {DEPTH}")
     within = (*within, type_name)
     members = _members(types, type_name)
     texts = {name for name, desc in members if _list_of(desc, "string")}

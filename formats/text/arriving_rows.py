@@ -183,7 +183,7 @@ class ArrivingRows(Source):
     def _column(self, name: str, cells: Sequence[str]) -> Column:
         kind = self._kinds[name]
         if kind == "text":
-            return self._names.setdefault(name, Names(unguarded)).of(cells)
+            return self._names.setdefault(name, Names(unguarded)).labels(pa.array(cells, pa.string()))
         if kind == "number" and self._decimal == ".":
             try:
                 values = np.array(list(map(float, cells)))
@@ -240,4 +240,5 @@ def _cells(above: str, value: dict[str, Any]) -> Iterator[tuple[str, str]]:
         elif isinstance(inner, bool):
             yield above + name, str(int(inner))
         elif not isinstance(inner, list):
-            yield above + name, "" if inner is None else str(inner)
+            # JSON can spell half a character, which no text has.
+            yield above + name, "" if inner is None else str(inner).encode("utf-8", "replace").decode()

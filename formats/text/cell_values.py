@@ -8,8 +8,6 @@ numbers of its cells while it parses.
 from __future__ import annotations
 
 import contextlib
-import io
-import os
 import re
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -48,8 +46,8 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _NS_LIMIT = 2**63
 #: More bytes fall out of the processor's cache, fewer are not worth a thread's while.
 _PIECE_BYTES = 1 << 21
-#: A line that is longer than this is no row of numbers; nearly all are shorter than that.
-_LONGEST_LINE, _USUAL_LINE = 1 << 18, 1 << 12
+#: A line that is longer than this is no row of numbers.
+_LONGEST_LINE = 1 << 18
 _THREADS = 2
 
 
@@ -170,14 +168,6 @@ class Names:
             self._names = tuple(self._codes)
         return Labels(lookup[indices], self._names)
 
-    def of(self, cells: Sequence[str]) -> Labels:
-        """Turn a few cells into labels, sooner than `labels` does."""
-        known = {text: self._code(text) for text in dict.fromkeys(cells)}
-        codes = np.array([known[text] for text in cells], dtype=np.int32)
-        if len(self._codes) > len(self._names):
-            self._names = tuple(self._codes)
-        return Labels(codes, self._names)
-
     def _code(self, text: str | None) -> int:
         text = (text or "").strip()
         if text.lower() in MISSING:
@@ -222,16 +212,15 @@ class OddError(Exception):
 
 
 def columns(
-    stream: TextStream | io.FileIO, delimiter: str, decimal: str, width: int, kinds: Mapping[int, pa.DataType]
+    stream: TextStream, delimiter: str, decimal: str, width: int, kinds: Mapping[int, pa.DataType]
 ) -> Generator[list[pa.Array], None, None]:
     """Read some columns of the rows that a stream still has.
 
-    A file itself, not a stream of its text, should be plain UTF-8: threads then read it too. Of the `width`
-    columns of the table those are read whose place is in `kinds` (float64 or string), in that order, and with
-    nothing left out so far.
+    Of the `width` columns of the table those are read whose place is in `kinds` (float64 or string), in that
+    order, and with nothing left out so far.
 
     OddError where a row has more or fewer cells, a cell of a number is none, float64 would lose digits of it,
-    or there are quote marks, NUL bytes or bytes that are no UTF-8. What was yielded before is right.
+    or there are quote marks or NUL bytes. What was yielded before is right.
     """
     names = [str(place) for place in range(width)]
     # Every spelling of a missing value is compared with every cell. Most numbers are there, or the cell is
@@ -250,7 +239,7 @@ def columns(
     parse = partial(_parse, names=names, delimiter=delimiter, convert=convert)
     with ThreadPoolExecutor(_THREADS) as pool:
         waiting: deque[Future[list[pa.Array]]] = deque()
-        for piece in _file_pieces(stream) if isinstance(stream, io.FileIO) else _pieces(stream):
+        for piece in _pieces(stream):
             waiting.append(pool.submit(parse, piece))
             if len(waiting) > _THREADS:
                 yield waiting.popleft().result()
@@ -258,56 +247,26 @@ def columns(
             yield waiting.popleft().result()
 
 
-def _file_pieces(file: io.FileIO) -> Iterator[Callable[[], bytes]]:
-    """Cut what is left of a file after ends of lines; its bytes are read where they are parsed."""
-    begin, size, number = file.tell(), os.fstat(file.fileno()).st_size, file.fileno()
-    while begin < size:
-        end = begin + _PIECE_BYTES
-        for reach in (_USUAL_LINE, _LONGEST_LINE):
-            found = os.pread(number, reach, end).find(b"\n")
-            if found >= 0:
-                break
-        end = size if found < 0 else end + found + 1
-        if end - begin > _PIECE_BYTES + _LONGEST_LINE:
-            raise OddError
-        yield partial(_read, number, begin, end)
-        begin = end
-
-
-def _read(number: int, begin: int, end: int) -> bytes:
-    piece = os.pread(number, end - begin, begin)
-    if len(piece) < end - begin or b"\0" in piece:
-        raise OddError
-    if not piece.isascii():
-        try:
-            piece.decode()
-        except UnicodeDecodeError as error:
-            raise OddError from error
-    return piece
-
-
-def _pieces(stream: TextStream) -> Iterator[Callable[[], bytes]]:
-    """Cut a stream, which can be read only in order, after ends of lines."""
+def _pieces(stream: TextStream) -> Iterator[bytes]:
+    """Cut a stream after ends of lines."""
     rest = b""
     while data := stream.read(_PIECE_BYTES):
-        end = data.rfind(b"\n") + 1
-        if stream.nul_bytes or len(data) - end > _LONGEST_LINE:
+        # Only the end is shorter; its last line need not have one.
+        end = data.rfind(b"\n") + 1 if len(data) == _PIECE_BYTES else len(data)
+        if stream.nul_bytes or stream.quote_marks or len(data) - end > _LONGEST_LINE:
             raise OddError
         if end:
-            yield partial(bytes, b"".join((rest, memoryview(data)[:end])))
+            yield b"".join((rest, memoryview(data)[:end]))
             rest = data[end:]
         else:
             rest += data
     if rest:
-        yield partial(bytes, rest)
+        yield rest
 
 
 def _parse(
-    read: Callable[[], bytes], *, names: Sequence[str], delimiter: str, convert: Sequence[pc.ConvertOptions]
+    piece: bytes, *, names: Sequence[str], delimiter: str, convert: Sequence[pc.ConvertOptions]
 ) -> list[pa.Array]:
-    piece = read()
-    if b'"' in piece:
-        raise OddError
     for options in convert:
         try:
             table = pc.read_csv(

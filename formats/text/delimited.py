@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import dataclass
-from io import FileIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -65,12 +64,9 @@ class DelimitedSource(Source):
         super().__init__(path, "csv")
         self._file = file
         self.recovery = Recovery(what="rows", bytes_expected=Path(file).stat().st_size) if salvage else None
-        stream = self._open()
-        try:
+        with self._open() as stream:
             head = stream.read(_HEAD_BYTES)
             whole = not stream.read(1)
-        finally:
-            stream.close()
         # The cut may fall inside a character; the last line of a part is not used.
         text = head.decode("utf-8", "strict" if whole else "ignore")
         self._dialect: Dialect = examine(self.label, text, whole=whole)
@@ -155,16 +151,17 @@ class DelimitedSource(Source):
             try:
                 said, width = self._dialect, len(self._dialect.names)
                 with (
-                    self._rows_alone() as stream,
+                    self._open() as stream,
                     closing(
                         cell_values.columns(stream, said.delimiter, said.decimal, width, kinds)
                     ) as blocks,
                 ):
+                    stream.read(said.offset)
                     for block in blocks:
                         begin = self._dialect.first_row + done
                         done += len(block[0])
                         yield np.arange(begin, begin + len(block[0])), block
-            except (cell_values.OddError, OSError):
+            except cell_values.OddError:
                 pass
             else:
                 self.skipped = 0
@@ -174,17 +171,6 @@ class DelimitedSource(Source):
             known = int(np.searchsorted(rows, self._dialect.first_row + done))
             if known < len(rows):
                 yield rows[known:], [cells.slice(known) for cells in block]
-
-    def _rows_alone(self) -> TextStream | FileIO:
-        """Open the file after its header."""
-        stream = TextStream(self.label, self._file)
-        stream.read(self._dialect.offset)
-        if stream.packing or stream.encoding != "utf-8" or stream.nul_bytes:
-            return stream
-        stream.close()
-        file = FileIO(self._file)
-        file.seek(self._dialect.offset + stream.mark_bytes)
-        return file
 
     def _texts(
         self, places: list[int], findings: _Findings

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import formats
+from formats.byte_sources import kept, too_large
 from formats.content import failure
-from formats.copies import kept, too_large
 from formats.errors import FormatError, NotFoundError, shown
 from formats.source import natural, promised_kind
 from terrain_cli import version

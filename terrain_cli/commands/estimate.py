@@ -238,7 +238,7 @@ def _outcomes(
 
 def _follow(inputs: Sequence[str], logs: Sequence[str], rover: Rover, given: Mapping[str, Any]) -> None:
     """Follow one input to its end; a first signal to end is an end as any other."""
-    from formats.text.arriving_bytes import ArrivingBytes
+    from formats.byte_sources import ArrivingBytes
     from terrain_cli import processes
     from terrain_cli.estimation import estimators
     from terrain_cli.presentation import segment_files

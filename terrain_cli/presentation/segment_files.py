@@ -52,10 +52,8 @@ def topics(table: Table, crs: str | None = None, before: Iterable[str] = ()) -> 
 
     stamps = _stamps(table)
     columns = {
-        name: ["" if text is None else text for text in cells.values]
-        if cells.kind == "text"
-        else cells.values
-        for name, cells in normalise(table).items()
+        name: ["" if text is None else text for text in column] if column.dtype == object else column
+        for name, column in normalise(table).items()
         if name not in _LEFT_OUT
     }
     kinds = {

@@ -22,8 +22,8 @@ from terrain_cli.vocabulary.channels import CHANNELS
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from formats.byte_sources import ArrivingBytes
     from formats.rosbag.arriving_bag import ArrivingBag
-    from formats.text.arriving_bytes import ArrivingBytes
     from terrain_cli.presentation.segment_table import Table
     from terrain_cli.rover import Rover
     from terrain_cli.run.settings import Settings

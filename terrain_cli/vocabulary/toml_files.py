@@ -33,7 +33,7 @@ _DOTTED = re.compile(rf"(?<![A-Za-z0-9_-])(?:{_PART}\.[ \t]*+){{{_PARTS}}}{_PART
 
 
 def read_text(path: str | Path) -> str:
-    from formats.copies import read_short
+    from formats.byte_sources import read_short
     from formats.errors import FormatError
 
     try:

@@ -85,6 +85,17 @@ def test_the_columns_are_those_of_the_file(text, tmp_path):
         np.testing.assert_array_equal(columns[name], joined([whole[name]]))
 
 
+@pytest.mark.parametrize("ordinary", ["1.5", '"left"'], ids=["number", "text"])
+def test_half_a_character_in_json(ordinary):
+    rows = ArrivingRows("run.jsonl")
+    assert rows.prepare(
+        b"".join(b'{"t": %d, "w": %b}\n' % (k, ordinary.encode()) for k in range(70)), hurry=True
+    )
+    rows.take()
+    found = rows.take(b'{"t": 71, "w": "\\ud800"}\n')["w"]
+    assert found.names == ("left", "?") if isinstance(found, Labels) else np.isnan(found).all()
+
+
 def test_objects_of_json_are_rows():
     rows = [{"time": k, "wheel": {"name": "left"}, "torque": 2.5, "ok": True, "list": [1]} for k in range(70)]
     lines = [json.dumps(row) for row in rows]

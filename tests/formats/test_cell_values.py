@@ -41,7 +41,6 @@ def read(path, *, at_once, batch_rows=7):
     """Return columns, remarks and rows set aside, or the error."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cell_values, "_PIECE_BYTES", 64)
-        patch.setattr(cell_values, "_USUAL_LINE", 4)
         if not at_once:
             patch.setattr(cell_values, "columns", refuse)
         try:
@@ -133,7 +132,6 @@ def test_lines_longer_than_a_piece(tmp_path, monkeypatch):
     lines = [",".join(f"{i * j / 8}" for j in range(40)) for i in range(3_000)]
     path.write_text("\n".join([",".join(names), *lines]))
     monkeypatch.setattr(cell_values, "_PIECE_BYTES", 50)
-    monkeypatch.setattr(cell_values, "_USUAL_LINE", 20)
     source = DelimitedSource("t.csv", str(path))
     texts = DelimitedSource._texts
     monkeypatch.setattr(DelimitedSource, "_texts", None)

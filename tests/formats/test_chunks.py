@@ -56,7 +56,7 @@ def test_mcap_without_any_index_is_read_as_rosbags_does(tmp_path, monkeypatch, c
     reader.open()
     with closing(reader):
         known = [(c.topic, time, bytes(data)) for c, time, data in reader.messages_scan(reader.connections)]
-    monkeypatch.setattr(mcap, "_LEAST_READ", least)
+    monkeypatch.setattr(mcap, "RUN_BYTES", least)
     file = mcap.McapFile(path)
     file.open()
     topics = {c.id: c.topic for c in file.connections}
@@ -64,12 +64,14 @@ def test_mcap_without_any_index_is_read_as_rosbags_does(tmp_path, monkeypatch, c
     for size in (1, 500, 1 << 20):
         found = [
             (topics[number], int(time), bytes(messages.payload(row)), int(messages.order[row]))
-            for run in file._walked(set(topics), size)
+            for run in file.runs(set(topics), size)
             for number, messages in run.items()
             for row, time in enumerate(messages.times)
         ]
         found.sort(key=lambda one: one[3])
         assert [one[:3] for one in found] == known
         (alone,) = {c for c, topic in topics.items() if topic == "/x"}
-        assert sum(len(run[alone]) for run in file._walked({alone}, size) if run) == 100
+        times = np.concatenate([run[alone].times for run in file.runs({alone}, size) if run])
+        assert len(times) == 100
+        assert (np.diff(times) >= 0).all()
     file.close()

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 from rosbags.interfaces import MessageDefinition
 
+from formats.byte_sources import named
 from formats.content import SIDE_FILES
-from formats.copies import named
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.recovery import Recovery
 from formats.rosbag.storage.chunks import RUN_BYTES

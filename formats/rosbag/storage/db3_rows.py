@@ -137,7 +137,7 @@ class Leaves:
         numbers, topics, times, begins, sizes = rows
         inside = begins >= 0
         starts = np.empty(len(page), np.int64)
-        needed, rank = _distinct(page[inside])
+        needed, rank = np.unique(page[inside], return_inverse=True)
         parts: list[Any] = [self._read(needed)]
         starts[inside] = begins[inside] + (rank - page[inside] + 1) * self._pages.size
         end = len(parts[0])
@@ -150,16 +150,6 @@ class Leaves:
         buffer = (np.concatenate(parts) if len(parts) > 1 else parts[0]).data
         every = Messages(buffer, starts, sizes, times, np.arange(first, first + len(page)))
         return {int(topic): every.take(topics == topic) for topic in np.unique(topics)}
-
-
-def _distinct(page: Index) -> tuple[Index, Index]:
-    """Return the pages without repetition, and the place of each among them."""
-    if not len(page):
-        return page, page
-    least = page.min()
-    there = np.zeros(int(page.max() - least) + 1, dtype=bool)
-    there[page - least] = True
-    return np.flatnonzero(there) + least, (np.cumsum(there) - 1)[page - least]
 
 
 def _decoded(block: Bytes, page: Index, pages: Pages) -> Rows:

@@ -15,20 +15,19 @@ from __future__ import annotations
 import os
 import struct
 from binascii import crc32
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rosbags.rosbag2 import storage_mcap
 from rosbags.rosbag2.storage_mcap import McapReader
 
-from formats.limits import Allowance
 from formats.rosbag.storage.chunks import RUN_BYTES, Chunk, opened, runs
-from formats.rosbag.storage.raw_messages import DAMAGE, NO_DEFINITION, Messages, parts_at, unpack, widen
+from formats.rosbag.storage.raw_messages import NO_DEFINITION, parts_at, unpack, widen
+from formats.rosbag.storage.salvaged_mcap import ENTRY, RECORD, records
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
-    from typing import BinaryIO
+    from collections.abc import Collection, Iterator
 
     from numpy.typing import NDArray
     from rosbags.interfaces import MessageDefinition
@@ -37,25 +36,24 @@ if TYPE_CHECKING:
     from formats.rosbag.storage.chunks import Run
     from formats.rosbag.storage.raw_messages import Index
 
-_ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
-#: Opcode and length of a record; before the entries of an index its channel and their length in
-#: bytes; before a payload channel, sequence, log time and time of publication.
-_RECORD, _INDEX, _MESSAGE = 9, 6, 22
+#: Before the entries of an index its channel and their length in bytes; before a payload channel, sequence,
+#: log time and time of publication.
+_INDEX, _MESSAGE = 6, 22
 _MESSAGE_CODE, _CHUNK_CODE = 0x05, 0x06
 #: Of a record; and of a chunk first and last log time, size, checksum, length of its packing's name.
 _CODE_AND_LENGTH, _LENGTH, _CHUNK = struct.Struct("<BQ"), struct.Struct("<Q"), struct.Struct("<QQQII")
+#: Of a message, as NumPy reads it below.
+_TIME = struct.Struct("<q")
 #: The footer (where the summary begins, and that of its offsets; its checksum), and the magic behind it.
 _END = struct.Struct("<BQQQI8s")
 #: Bytes of it that no checksum covers.
 _BARE = 12
-#: Bytes read at a time where records are told apart one by one.
-_LEAST_READ = 1 << 16
 _HEAD = np.dtype(
     {
         "names": ["code", "length", "channel", "time"],
         "formats": ["u1", "<i8", "<u2", "<i8"],
-        "offsets": [0, 1, _RECORD, _RECORD + 6],
-        "itemsize": _RECORD + _MESSAGE,
+        "offsets": [0, 1, RECORD, RECORD + 6],
+        "itemsize": RECORD + _MESSAGE,
     }
 )
 #: Of definitions that rosbags reads; the last is that of types without one.
@@ -80,12 +78,9 @@ storage_mcap.get_qos = lru_cache(256)(storage_mcap.get_qos)
 class McapFile(McapReader):
     """One file. Its summary is read by rosbags, its messages here."""
 
-    entry = _ENTRY
+    entry = ENTRY
 
     def runs(self, wanted: Collection[int], size: int = RUN_BYTES) -> Iterator[Run]:
-        if not self.chunks:
-            yield from self._walked(wanted, size)
-            return
         chunks = [
             Chunk(
                 position=chunk.chunk_start_offset,
@@ -97,7 +92,7 @@ class McapFile(McapReader):
             )
             for chunk in sorted(self.chunks, key=lambda chunk: chunk.chunk_start_offset)
         ]
-        yield from runs(opened(self.bio), chunks, wanted, self, size)
+        yield from runs(opened(self.bio), chunks or self._unlisted, wanted, self, size)
 
     def open(self) -> None:
         """Read the summary, and see what the indexes span."""
@@ -113,7 +108,7 @@ class McapFile(McapReader):
             for connection, begin, count in self._index(chunk) or ():
                 if count > 0:
                     bio.seek(begin)
-                    times, _ = self.entries(np.frombuffer(bio.read(count * _ENTRY.itemsize), _ENTRY))
+                    times, _ = self.entries(np.frombuffer(bio.read(count * ENTRY.itemsize), ENTRY))
                     widen(self.spans, connection, times)
 
     def _check_summary(self) -> None:
@@ -132,53 +127,47 @@ class McapFile(McapReader):
         if found != checksum:
             raise ValueError("the checksum of its summary is wrong")
 
-    def _walked(self, wanted: Collection[int], size: int) -> Iterator[Run]:
-        """Read a file without an index of its chunks, or without chunks, in the order of the file.
-
-        Records are told apart one by one, and nothing else is done with each.
-        """
-        done, length = 0, 0
-        joined: list[tuple[bytes, list[int]]] = []
-        # Topics read by turns would disturb each other in one file, which has one position.
-        with self.path.open("rb") as file:
-            try:
-                for stretch in _stretches(file, self.data_start, self.data_end, size):
-                    joined.append(stretch)
-                    length += len(stretch[0])
-                    if length >= size:
-                        yield self._gathered(joined, wanted, done)
-                        done += sum(len(places) for _, places in joined)
-                        joined, length = [], 0
-            except DAMAGE:
-                yield self._gathered(joined, wanted, done)
-                raise
-            yield self._gathered(joined, wanted, done)
-
-    @staticmethod
-    def _gathered(joined: Sequence[tuple[bytes, list[int]]], wanted: Collection[int], done: int) -> Run:
-        """Return the messages at some places of some bytes, by connection; so many came before."""
-        buffer = b"".join(data for data, _ in joined)
-        begins = np.cumsum([0, *(len(data) for data, _ in joined)])
-        places = [np.array(own, dtype=np.int64) for _, own in joined]
-        records = np.concatenate([np.empty(0, dtype=np.int64), *map(np.add, places, begins)])
-        heads = parts_at(buffer, records, _HEAD.itemsize).view(_HEAD)
-        starts, sizes = records + _HEAD.itemsize, heads["length"] - _MESSAGE
-        order = done + np.arange(len(records))
-        found: Run = {}
-        for connection in np.unique(heads["channel"]):
-            own = np.flatnonzero(heads["channel"] == connection)
-            if int(connection) in wanted:
-                found[int(connection)] = Messages(
-                    buffer, starts[own], sizes[own], heads["time"][own], order[own]
+    @cached_property
+    def _unlisted(self) -> list[Chunk]:
+        """The chunks of a file that has no index of them; messages in no chunk are put together in some."""
+        bio = opened(self.bio)
+        found: list[Chunk] = []
+        begin = at = self.data_start
+        first: int | None = None
+        while at < self.data_end:
+            bio.seek(at)
+            head = bio.read(_HEAD.itemsize)
+            code, length = _CODE_AND_LENGTH.unpack_from(head)
+            behind = at + RECORD + length
+            if behind > self.data_end:
+                raise EOFError("it ends within a record")
+            if code == _CHUNK_CODE or behind - begin > RUN_BYTES:
+                found += _loose(begin, at, first)
+                begin, first = at, None
+            if code == _CHUNK_CODE:
+                found.append(
+                    Chunk(
+                        position=at,
+                        stored=RECORD + length,
+                        unpack=_contents,
+                        slow=True,
+                        first=_LENGTH.unpack_from(head, RECORD)[0],
+                        index=None,
+                    )
                 )
-        return found
+                begin = behind
+            elif code == _MESSAGE_CODE:
+                (time,) = _TIME.unpack_from(head, RECORD + 6)
+                first = time if first is None else min(first, time)
+            at = behind
+        return found + _loose(begin, at, first)
 
     @staticmethod
     def _index(chunk: ChunkInfo) -> tuple[tuple[int, int, int], ...] | None:
         if not chunk.message_index_offsets:
             return None
         return tuple(
-            (connection, offset + _RECORD + _INDEX, chunk.channel_count.get(connection, 0))
+            (connection, offset + RECORD + _INDEX, chunk.channel_count.get(connection, 0))
             for connection, offset in chunk.message_index_offsets.items()
         )
 
@@ -200,63 +189,27 @@ class McapFile(McapReader):
         found = {}
         for connection in np.unique(heads["channel"]):
             own = heads["channel"] == connection
-            found[int(connection)] = entries = np.empty(np.count_nonzero(own), _ENTRY)
+            found[int(connection)] = entries = np.empty(np.count_nonzero(own), ENTRY)
             entries["time"], entries["place"] = heads["time"][own], places[own]
         return found
 
 
-def _stretches(file: BinaryIO, begin: int, end: int, size: int) -> Iterator[tuple[bytes, list[int]]]:
-    """Yield whole records with the places of the messages among them; those of a chunk apart."""
-    allowance = Allowance(os.fstat(file.fileno()).st_size)
-    file.seek(begin)
-    left, data, needed = end - begin, b"", 0
-    while left:
-        piece = file.read(min(max(size, _LEAST_READ, needed - len(data)), left))
-        left -= len(piece)
-        data += piece
-        first, behind, places = 0, 0, list[int]()
-        for code, at, behind in _records(data):
-            if code == _MESSAGE_CODE:
-                places.append(at - first)
-            elif code == _CHUNK_CODE:
-                yield data[first:at], places
-                contents = bytes(_contents(memoryview(data)[at:behind]))
-                allowance.take(len(contents))
-                yield contents, _messages(contents)
-                first, places = behind, []
-        yield data[first:behind], places
-        data = data[behind:]
-        needed = _RECORD + _LENGTH.unpack_from(data, 1)[0] if len(data) >= _RECORD else _RECORD
-        if not piece or (data and needed > len(data) + left):
-            raise EOFError("it ends within a record")
-
-
-def _records(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
-    """Yield code, begin and end of the whole records in some bytes."""
-    at, end = 0, len(data)
-    while at + _RECORD <= end:
-        code, length = _CODE_AND_LENGTH.unpack_from(data, at)
-        behind = at + _RECORD + length
-        if behind > end:
-            return
-        if code == _MESSAGE_CODE and length < _MESSAGE:
-            raise ValueError("a message is shorter than its head")
-        yield code, at, behind
-        at = behind
+def _loose(begin: int, end: int, first: int | None) -> list[Chunk]:
+    """Take records in no chunk, the first message among them of this time, as one; nothing without any."""
+    if first is None:
+        return []
+    return [Chunk(position=begin, stored=end - begin, unpack=bytes, slow=False, first=first, index=None)]
 
 
 def _messages(chunk: bytes | memoryview) -> list[int]:
     """Return the places of the messages among the records of a chunk."""
-    every = list(_records(chunk))
-    if (every[-1][2] if every else 0) < len(chunk):
-        raise ValueError("a chunk ends within a record")
-    return [at for code, at, _ in every if code == _MESSAGE_CODE]
+    return [begin - RECORD for code, begin, _ in records(chunk) if code == _MESSAGE_CODE]
 
 
 def _contents(record: bytes | memoryview, told: ChunkInfo | None = None) -> bytes | memoryview:
     """Return the records in the record of a chunk, decompressed and checked, also by what its index told."""
-    _, _, size, checksum, letters = _CHUNK.unpack_from(record, _RECORD)
-    begin = _RECORD + _CHUNK.size + letters
+    _, _, size, checksum, letters = _CHUNK.unpack_from(record, RECORD)
+    begin = RECORD + _CHUNK.size + letters
     (stored,) = _LENGTH.unpack_from(record, begin)
     packed = memoryview(record)[begin + 8 : begin + 8 + stored]
     if told and ((size, stored) != (told.uncompressed_size, told.compressed_size) or len(packed) < stored):
@@ -264,7 +217,7 @@ def _contents(record: bytes | memoryview, told: ChunkInfo | None = None) -> byte
     if len(packed) < stored:
         raise ValueError("a chunk is longer than its record")
     packing = told.compression if told else bytes(record[begin - letters : begin]).decode()
-    records = unpack(packed, packing) if packing else packed
-    if len(records) != size or (checksum and crc32(records) != checksum):
+    contents = unpack(packed, packing) if packing else packed
+    if len(contents) != size or (checksum and crc32(contents) != checksum):
         raise ValueError("a chunk is not what its size and checksum say")
-    return records
+    return contents

@@ -164,17 +164,10 @@ def astray(times: Index) -> NDArray[np.bool_]:
         return np.zeros(len(times), dtype=bool)
     # Of what damage makes of a time the difference may be beyond what integers hold.
     seconds = times / 1e9
-    at = np.arange(len(times))
-    before, behind = (np.where(at == end, at - 2 * step, at + step) for end, step in ((0, -1), (at[-1], 1)))
-    ahead, back, across = (
-        np.abs(a - b) > WILD / 1e9
-        for a, b in (
-            (seconds, seconds[behind]),
-            (seconds, seconds[before]),
-            (seconds[before], seconds[behind]),
-        )
-    )
-    return np.asarray(ahead & back & ~across)
+    padded = np.concatenate([seconds[2:3], seconds, seconds[-3:-2]])
+    before, behind, far = padded[:-2], padded[2:], WILD / 1e9
+    alone = (np.abs(seconds - before) > far) & (np.abs(seconds - behind) > far)
+    return np.asarray(alone & (np.abs(before - behind) <= far))
 
 
 def ros2_connection(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import struct
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -28,11 +27,8 @@ if TYPE_CHECKING:
 
 _ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("place", "<u4")])
 _SECOND = 1_000_000_000
-#: Names and sizes of what the headers of records hold, in any order.
-_MESSAGE_FIELDS = {b"op": 1, b"conn": 4, b"time": 8}
-_INDEX_FIELDS = {b"op": 1, b"ver": 4, b"conn": 4, b"count": 4}
-_LONGEST_HEADER = 1 << 10
-_UINT32 = struct.Struct("<I")
+#: Names and sizes of what the header of a message holds, in any order.
+_FIELDS = {b"op": 1, b"conn": 4, b"time": 8}
 
 #: In place of those of rosbags, which unpack without bounds: a few bytes would become gigabytes.
 _BOUNDED = {
@@ -53,7 +49,6 @@ class Ros1File(Reader):
         self._listed: set[tuple[int, int]] = set()
         self._firsts: dict[int, int] = {}
         self._counts: dict[int, int] = {}
-        self._places: dict[bytes, int] | None = None
         super().open()
         self.connections = [c._replace(msgcount=self._counts.get(c.id, 0)) for c in self.connections]
 
@@ -65,19 +60,10 @@ class Ros1File(Reader):
     def read_index_data(self, pos: int, indexes: Unused) -> None:  # noqa: ARG002 - as rosbags calls it
         """Note where the index of one connection in one chunk stands."""
         bio = opened(self.bio)
-        (length,) = _UINT32.unpack(bio.read(4))
-        header = bio.read(length)
-        if self._places is None:
-            # Every one is alike, and there is one for each connection and chunk.
-            self._places = _fields(header, _INDEX_FIELDS)
-        if self._places is None or length > _LONGEST_HEADER:
-            raise ValueError("an index cannot be read")
-        code = header[self._places[b"op"]]
-        version, connection, count = (
-            _UINT32.unpack_from(header, self._places[name])[0] for name in (b"ver", b"conn", b"count")
-        )
-        if (code, version) != (RecordType.IDXDATA, 1):
-            raise ValueError("an index is not where it should be, or of an unknown version")
+        header = Header.read(bio, RecordType.IDXDATA)
+        version, connection, count = map(header.get_uint32, ("ver", "conn", "count"))
+        if version != 1:
+            raise ValueError("an index is of an unknown version")
         if (pos, connection) in self._listed:
             # A few bytes of index could make this read one chunk without end.
             raise ValueError("its index names a chunk twice")
@@ -125,7 +111,7 @@ class Ros1File(Reader):
             # Writers put the fields in one order, so that the first header of a length tells of all.
             rows = np.flatnonzero(lengths == length)
             first = int(records[rows[0]]) + 4
-            places = _fields(buffer[first : first + int(length)], _MESSAGE_FIELDS)
+            places = _fields(buffer[first : first + int(length)])
             if places is not None:
                 heads = _heads(buffer, records[rows], int(length), places)
                 known[rows] = (
@@ -143,18 +129,18 @@ class Ros1File(Reader):
         raise ValueError(f"a chunk of {len(chunk):,} bytes has no index")
 
 
-def _fields(header: bytes, sizes: Mapping[bytes, int]) -> dict[bytes, int] | None:
-    """Return where the values of a header begin; None if these fields are not all there."""
+def _fields(header: bytes) -> dict[bytes, int] | None:
+    """Return where the values of the header of a message begin; None if they are not all there."""
     places, at = {}, 0
     while at + 4 <= len(header):
         size = int.from_bytes(header[at : at + 4], "little")
         name, sign, value = header[at + 4 : at + 4 + size].partition(b"=")
         if not sign:
             return None
-        if len(value) == sizes.get(name):
+        if len(value) == _FIELDS.get(name):
             places[name] = at + 4 + len(name) + 1
         at += 4 + size
-    return places if len(places) == len(sizes) and at == len(header) else None
+    return places if len(places) == len(_FIELDS) and at == len(header) else None
 
 
 def _heads(buffer: bytes, records: Index, length: int, places: Mapping[bytes, int]) -> NDArray[Any]:

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rosbags.interfaces import MessageDefinition
 
+from formats.byte_sources import kept, named
 from formats.content import SIDE_FILES
-from formats.copies import kept, named
 from formats.limits import CHUNK_BYTES, TooMuchError
 from formats.rosbag.storage.chunks import RUN_BYTES
 from formats.rosbag.storage.raw_messages import (

@@ -29,12 +29,13 @@ if TYPE_CHECKING:
     from formats.rosbag.storage.record_file import Told
     from formats.rosbag.storage.salvaged_file import Found, Index, Row
 
-_RECORD = 9
+#: Bytes of its opcode and length, with which a record begins.
+RECORD = 9
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _INDEX = 0x03, 0x04, 0x05, 0x06, 0x07
 _STATISTICS, _DATA_END, _FOOTER = 0x0B, 0x0F, 0x02
 #: Opcode, length, first and last time, size, checksum; then the name of the compression.
 _CHUNK_BEGINS = re.compile(rb"\x06.{36}(?:\x00{4}|\x03\x00{3}lz4|\x04\x00{3}zstd)", re.DOTALL)
-_ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
+ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
 _FORMATS = FORMATS | {"omgidl": MessageDefinitionFormat.IDL}
 
 
@@ -62,10 +63,10 @@ class SalvagedMcap(RecordFile):
         return self._end
 
     def record(self, at: int) -> int:
-        if at + _RECORD > len(self.data):
+        if at + RECORD > len(self.data):
             raise CutOffError(f"a record at byte {at:,}")
         code, length = struct.unpack_from("<BQ", self.data, at)
-        begin, end = at + _RECORD, at + _RECORD + length
+        begin, end = at + RECORD, at + RECORD + length
         if code == 0 and self.growing:
             # The file is longer already than what was written into it.
             raise CutOffError(f"a record at byte {at:,}")
@@ -96,7 +97,7 @@ class SalvagedMcap(RecordFile):
         elif code == _STATISTICS:
             self._statistics(self.data[begin:end])
         elif code == _DATA_END:
-            self._data_end(begin - _RECORD, *struct.unpack("<I", self.data[begin:end]))
+            self._data_end(begin - RECORD, *struct.unpack("<I", self.data[begin:end]))
         elif code == _FOOTER:
             if self.growing and len(self.data) < end + len(self.magic):
                 raise CutOffError("the end of the file")
@@ -109,10 +110,10 @@ class SalvagedMcap(RecordFile):
         for match in _CHUNK_BEGINS.finditer(self.data, start):
             at = match.start()
             try:
-                _, _, end = _head(self.data, at + _RECORD)
+                _, _, end = _head(self.data, at + RECORD)
             except (struct.error, BrokenRecordError):
                 continue
-            if end <= len(self.data) and end - at - _RECORD == struct.unpack_from("<Q", self.data, at + 1)[0]:
+            if end <= len(self.data) and end - at - RECORD == struct.unpack_from("<Q", self.data, at + 1)[0]:
                 return at
         return None
 
@@ -130,11 +131,11 @@ class SalvagedMcap(RecordFile):
         self.end_loose()
         head, contents, chunk_end = _head(self.data, begin)
         if chunk_end != end:
-            raise BrokenRecordError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
+            raise BrokenRecordError(f"the chunk at byte {begin - RECORD:,} contradicts itself")
         index, end = self._index(end)
         start, last, size, checksum, packing = head
         self.take_chunk(
-            begin - _RECORD,
+            begin - RECORD,
             slice(contents, chunk_end),
             packing,
             size,
@@ -147,14 +148,14 @@ class SalvagedMcap(RecordFile):
     def _index(self, at: int) -> tuple[dict[int, Any], int]:
         """Read the records of the index behind a chunk: entries by channel."""
         index: dict[int, Any] = {}
-        while at + _RECORD + 6 <= len(self.data):
+        while at + RECORD + 6 <= len(self.data):
             code, length, channel, size = struct.unpack_from("<BQHI", self.data, at)
-            if code != _INDEX or length != 6 + size or size % _ENTRY.itemsize:
+            if code != _INDEX or length != 6 + size or size % ENTRY.itemsize:
                 break
-            begin, end = at + _RECORD + 6, at + _RECORD + length
+            begin, end = at + RECORD + 6, at + RECORD + length
             if end > len(self.data):
                 break
-            index[channel] = np.frombuffer(self.data[begin:end], _ENTRY)
+            index[channel] = np.frombuffer(self.data[begin:end], ENTRY)
             at = end
         return index, at
 
@@ -162,7 +163,7 @@ class SalvagedMcap(RecordFile):
         """Take a message that is in no chunk; no checksum and no index vouches for it."""
         channel, _, time, _ = struct.unpack_from("<HIQQ", self.data, begin)
         if end - begin < 22:
-            raise BrokenRecordError(f"a message at byte {begin - _RECORD:,}")
+            raise BrokenRecordError(f"a message at byte {begin - RECORD:,}")
         self.take_loose((channel, time, begin + 22, end - begin - 22))
 
     def _statistics(self, content: bytes) -> None:
@@ -195,7 +196,7 @@ class SalvagedMcap(RecordFile):
             self._counts = self._end = None
 
     def messages_in(self, raw: bytes, told: Told, *, vouched: bool) -> Iterator[Row]:
-        for code, begin, end in _records(raw):
+        for code, begin, end in records(raw):
             if code == _MESSAGE:
                 channel, _, time, _ = struct.unpack_from("<HIQQ", raw, begin)
                 if end - begin < 22:
@@ -229,18 +230,18 @@ def _head(data: Any, begin: int) -> tuple[tuple[int, int, int, int, str], int, i
     start, last, size, checksum, letters = struct.unpack_from("<QQQII", data, begin)
     packing = bytes(data[begin + 32 : begin + 32 + min(letters, 8)])
     if (start > last and size) or packing not in {b"", b"lz4", b"zstd"}:
-        raise BrokenRecordError(f"the chunk at byte {begin - _RECORD:,} contradicts itself")
+        raise BrokenRecordError(f"the chunk at byte {begin - RECORD:,} contradicts itself")
     (stored,) = struct.unpack_from("<Q", data, begin + 32 + letters)
     contents = begin + 40 + letters
     return (start, last, size, checksum, packing.decode()), contents, contents + stored
 
 
-def _records(raw: bytes) -> Iterator[tuple[int, int, int]]:
+def records(raw: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
     """Yield code, begin and end of the records in a chunk; an error at the first that does not fit."""
     at = 0
     while at < len(raw):
         code, length = struct.unpack_from("<BQ", raw, at)
-        at += _RECORD
+        at += RECORD
         if at + length > len(raw) or code == 0:
             raise BrokenRecordError("a record")
         yield code, at, at + length

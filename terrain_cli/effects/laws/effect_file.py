@@ -7,8 +7,8 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from formats.byte_sources import read_short
 from formats.content import failure
-from formats.copies import read_short
 from formats.errors import FormatError
 from terrain_cli.effects.laws import dimensions, expression, grammar, law_names, law_trial
 from terrain_cli.effects.laws.grammar import LawError

@@ -9,8 +9,8 @@ import time
 import pytest
 
 from formats import FormatError
+from formats.byte_sources import ArrivingBytes
 from formats.errors import NotFoundError
-from formats.text.arriving_bytes import ArrivingBytes
 
 
 @pytest.fixture
