@@ -11,8 +11,8 @@ import numpy as np
 from terrain_cli import telemetry
 from terrain_cli.errors import InputError
 from terrain_cli.telemetry import own_clocks, raw_channels, raw_columns
-from terrain_cli.telemetry.derive.usable_samples import BACKWARDS
 from terrain_cli.telemetry.long_logs import joined
+from terrain_cli.telemetry.usable_samples import BACKWARDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

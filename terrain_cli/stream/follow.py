@@ -16,7 +16,7 @@ from terrain_cli.estimation import estimators
 from terrain_cli.run.one_log import nothing_usable
 from terrain_cli.stream import followed_wheel
 from terrain_cli.stream.arriving_samples import RowSamples
-from terrain_cli.telemetry.derive.usable_samples import BACKWARDS
+from terrain_cli.telemetry.usable_samples import BACKWARDS
 from terrain_cli.vocabulary.channels import CHANNELS
 
 if TYPE_CHECKING:

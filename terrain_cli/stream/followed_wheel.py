@@ -17,12 +17,12 @@ from terrain_cli.estimation.strength import with_strengths
 from terrain_cli.presentation import segment_table
 from terrain_cli.run.long_log import BEHIND, with_behind
 from terrain_cli.stream.model_watch import ModelWatch
-from terrain_cli.telemetry.derive import effect_inputs
+from terrain_cli.telemetry import effect_inputs
 from terrain_cli.telemetry.long_logs import joined
 from terrain_cli.telemetry.wheel_samples import NEEDED
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, FIT_SAMPLES, MIN_DISTANCE
 from terrain_cli.windows import cut_windows
-from terrain_cli.windows.segmentation.online_cuts import SETTLED, OnlineCuts
+from terrain_cli.windows.online_cuts import SETTLED, OnlineCuts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

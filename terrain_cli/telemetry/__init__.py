@@ -9,14 +9,12 @@ import numpy as np
 
 import formats
 from terrain_cli.errors import ConfigurationError, InputError, nearest
-from terrain_cli.telemetry import raw_channels, raw_columns
-from terrain_cli.telemetry.derive import effect_inputs
-from terrain_cli.telemetry.derive.assembly import assemble, wheel_of
-from terrain_cli.telemetry.derive.usable_samples import Condition
+from terrain_cli.telemetry import effect_inputs, raw_channels, raw_columns, rover_advice
+from terrain_cli.telemetry.assembly import assemble, wheel_of
 from terrain_cli.telemetry.long_logs import Excerpt, PartReader, Request, in_parts
-from terrain_cli.telemetry.plan import rover_advice
-from terrain_cli.telemetry.plan.mapping import is_table, plan
+from terrain_cli.telemetry.mapping import is_table, plan
 from terrain_cli.telemetry.raw_channels import read_raw
+from terrain_cli.telemetry.usable_samples import Condition
 from terrain_cli.telemetry.wheel_samples import NEEDED, Geometry, Plan, Raw, Samples
 from terrain_cli.vocabulary.channels import CHANNELS
 from terrain_cli.vocabulary.quantities import PREDICTED

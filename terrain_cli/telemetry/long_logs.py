@@ -11,12 +11,19 @@ import numpy as np
 from formats import Batch, Column, Labels
 from formats.recovery import told
 from terrain_cli.processes import keep_freed
-from terrain_cli.telemetry import alignment, bags, own_clocks, raw_channels, raw_columns
-from terrain_cli.telemetry.derive import plausibility, usable_samples
-from terrain_cli.telemetry.derive.assembly import assemble
-from terrain_cli.telemetry.derive.effect_inputs import ANGLE
-from terrain_cli.telemetry.derive.unit_doubts import Doubt, UnitEvidence
+from terrain_cli.telemetry import (
+    alignment,
+    bags,
+    own_clocks,
+    plausibility,
+    raw_channels,
+    raw_columns,
+    usable_samples,
+)
+from terrain_cli.telemetry.assembly import assemble
+from terrain_cli.telemetry.effect_inputs import ANGLE
 from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
+from terrain_cli.telemetry.unit_doubts import Doubt, UnitEvidence
 from terrain_cli.telemetry.wheel_samples import Notice, Plan, Raw, Samples, joined_columns
 
 if TYPE_CHECKING:
@@ -25,8 +32,8 @@ if TYPE_CHECKING:
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover
     from terrain_cli.telemetry.bags import TopicClocks
-    from terrain_cli.telemetry.derive.usable_samples import Condition
     from terrain_cli.telemetry.own_clocks import OwnClocks
+    from terrain_cli.telemetry.usable_samples import Condition
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: Rows that are read whole, of all inputs together, where only a share of them is compared.

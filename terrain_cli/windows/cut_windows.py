@@ -11,7 +11,8 @@ from terrain_cli.errors import InputError, UsageError
 from terrain_cli.mechanics import linear
 from terrain_cli.telemetry.wheel_samples import NEEDED, Samples
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE, Segments
-from terrain_cli.windows import segmentation
+from terrain_cli.windows.change_points import change_points, needed, sinkage_changes
+from terrain_cli.windows.plain_windows import fixed_windows, label_windows, whole_windows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -176,7 +177,7 @@ def cut(
                 f"{samples.source}: wheel {samples.wheel}: there is no terrain label to cut by",
                 hint='add terrain = { column = "…" } under [channels] of rover.toml, or use --segments auto',
             )
-        bounds = segmentation.label_windows(labels.codes[rows], breaks=breaks)
+        bounds = label_windows(labels.codes[rows], breaks=breaks)
     elif method == "fixed":
         if (window_samples is None) == (window_distance is None):
             raise UsageError(
@@ -188,7 +189,7 @@ def cut(
                 f"{samples.source}: wheel {samples.wheel}: nothing gives the distance (velocity, or x and y)",
                 hint="use --window-samples N",
             )
-        bounds = segmentation.fixed_windows(
+        bounds = fixed_windows(
             len(rows), samples=window_samples, metres=window_distance, distance=distance, breaks=breaks
         )
     elif method == "auto":
@@ -205,14 +206,14 @@ def cut(
         load, sinkage, slip = (
             samples.channels[name][index][lined_up] for name in ("load", "sinkage", "slip")
         )
-        changes = segmentation.change_points(x[lined_up], y[lined_up], breaks=own, **limits)
-        changes = segmentation.needed(x[lined_up], y[lined_up], followed, changes, own)
-        changes = segmentation.sinkage_changes(load, sinkage, slip, followed, changes, **limits)
+        changes = change_points(x[lined_up], y[lined_up], breaks=own, **limits)
+        changes = needed(x[lined_up], y[lined_up], followed, changes, own)
+        changes = sinkage_changes(load, sinkage, slip, followed, changes, **limits)
         # A wheel that skids between two soils belongs to the first: no line tells.
         inner = np.setdiff1d(changes[1:-1], own, assume_unique=True)
-        bounds = segmentation.whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))
+        bounds = whole_windows(len(rows), breaks=np.concatenate([breaks, driving[inner]]))
     else:
-        bounds = segmentation.whole_windows(len(rows), breaks=breaks)
+        bounds = whole_windows(len(rows), breaks=breaks)
     return Windows(samples, rows, bounds, x, y)
 
 

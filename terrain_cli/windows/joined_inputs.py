@@ -9,7 +9,7 @@ import numpy as np
 
 from formats import Labels
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry.derive import effect_inputs, usable_samples
+from terrain_cli.telemetry import effect_inputs, usable_samples
 from terrain_cli.telemetry.raw_columns import join_labels
 from terrain_cli.telemetry.wheel_samples import joined_columns
 from terrain_cli.windows.cut_windows import Windows

@@ -18,7 +18,7 @@ import numpy as np
 import formats
 from terrain_cli.errors import InputError, UsageError
 from terrain_cli.telemetry import Samples, alignment
-from terrain_cli.telemetry.plan.mapping import is_table
+from terrain_cli.telemetry.mapping import is_table
 from terrain_cli.telemetry.raw_columns import as_clock, as_labels, as_numbers, read_whole
 from terrain_cli.vocabulary.channels import identify, resolve
 

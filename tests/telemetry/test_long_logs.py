@@ -10,9 +10,8 @@ import formats
 from terrain_cli import telemetry
 from terrain_cli.effects import find
 from terrain_cli.errors import InputError
-from terrain_cli.telemetry import long_logs, raw_channels, raw_columns
+from terrain_cli.telemetry import long_logs, mapping, raw_channels, raw_columns
 from terrain_cli.telemetry.long_logs import Excerpt, excerpted, joined
-from terrain_cli.telemetry.plan import mapping
 from terrain_cli.vocabulary.channels import CHANNELS
 
 GEOMETRY = "[wheel]\nradius = 0.125\nwidth = 0.1\ngrouser_count = 12\ngrouser_height = 0.01\n"

@@ -17,9 +17,8 @@ from terrain_cli.app import main
 from terrain_cli.errors import InputError
 from terrain_cli.simulation.drive_file import PRESETS
 from terrain_cli.simulation.scenario import SOILS
-from terrain_cli.telemetry import long_logs, raw_channels
-from terrain_cli.telemetry.derive.unit_doubts import Doubt, ImplausibleError
-from terrain_cli.telemetry.plan import mapping
+from terrain_cli.telemetry import long_logs, mapping, raw_channels
+from terrain_cli.telemetry.unit_doubts import Doubt, ImplausibleError
 from terrain_cli.vocabulary.channels import CHANNELS
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.windows.segmentation import fixed_windows, label_windows, whole_windows
-from terrain_cli.windows.segmentation.plain_windows import distinct
+from terrain_cli.windows.plain_windows import distinct, fixed_windows, label_windows, whole_windows
 
 
 @st.composite

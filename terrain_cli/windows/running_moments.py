@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.windows.segmentation import sample_blocks
-from terrain_cli.windows.segmentation.line_costs import (
+from terrain_cli.windows import sample_blocks
+from terrain_cli.windows.line_costs import (
     LARGEST_SLOPE,
     MIDDLE_SLOPE,
     NOISE_XX,
@@ -25,7 +25,7 @@ from terrain_cli.windows.segmentation.line_costs import (
     X,
     across,
 )
-from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
+from terrain_cli.windows.sample_blocks import ReplacedSamples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

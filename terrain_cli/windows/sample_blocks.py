@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.windows.segmentation.plain_windows import distinct
+from terrain_cli.windows.plain_windows import distinct
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from terrain_cli.windows.segmentation import line_costs
-from terrain_cli.windows.segmentation.running_moments import FINE, LONG, RunningMoments, correlation_factor
+from terrain_cli.windows import line_costs
+from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments, correlation_factor
 
 if TYPE_CHECKING:
     from terrain_cli.vocabulary.arrays import Array, Index, Mask

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from terrain_cli.mechanics import linear
-from terrain_cli.telemetry import derived_channels
-from terrain_cli.telemetry.plan import topic_discovery
-from terrain_cli.telemetry.plan.mapping import is_table
-from terrain_cli.telemetry.plan.topic_discovery import OF_WHEELS
+from terrain_cli.telemetry import derived_channels, topic_discovery
+from terrain_cli.telemetry.mapping import is_table
+from terrain_cli.telemetry.topic_discovery import OF_WHEELS
 from terrain_cli.telemetry.wheel_samples import NEEDED, Feed, Plan, Raw, match_name
 from terrain_cli.vocabulary import toml_files, units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit

@@ -23,11 +23,11 @@ import numpy as np
 
 from terrain_cli.processes import keep_freed
 from terrain_cli.vocabulary.choices import CUT_SAMPLES, MIN_DISTANCE
-from terrain_cli.windows.segmentation.candidate_search import Limits, candidates
-from terrain_cli.windows.segmentation.merging import Criteria, Criterion, Refinement
-from terrain_cli.windows.segmentation.plain_windows import checked_distance, distinct, whole_windows
-from terrain_cli.windows.segmentation.running_moments import LONG, RunningMoments, correlation_factor
-from terrain_cli.windows.segmentation.sample_blocks import ReplacedSamples
+from terrain_cli.windows.candidate_search import Limits, candidates
+from terrain_cli.windows.merging import Criteria, Criterion, Refinement
+from terrain_cli.windows.plain_windows import checked_distance, distinct, whole_windows
+from terrain_cli.windows.running_moments import LONG, RunningMoments, correlation_factor
+from terrain_cli.windows.sample_blocks import ReplacedSamples
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from terrain_cli.vocabulary.arrays import Array, Bounds, Index
-    from terrain_cli.windows.segmentation.plain_windows import Breaks
+    from terrain_cli.windows.plain_windows import Breaks
 
 #: Gain in units of the noise's variance, χ² with 2 degrees of freedom if there is no change. Chance
 #: exceeds 25 once in 270,000, and the best of all places in a clean run less than once in 300 runs.

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.windows.segmentation import line_costs
-from terrain_cli.windows.segmentation.plain_windows import distinct
-from terrain_cli.windows.segmentation.running_moments import FINE, LONG, RunningMoments
+from terrain_cli.windows import line_costs
+from terrain_cli.windows.plain_windows import distinct
+from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
-    from terrain_cli.windows.segmentation.candidate_search import Limits
+    from terrain_cli.windows.candidate_search import Limits
 
 #: Samples beside a bound in which a new soil shows.
 BESIDE = 60

@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.telemetry import alignment, derived_channels
-from terrain_cli.telemetry.derive import effect_inputs, plausibility, usable_samples
-from terrain_cli.telemetry.derive.unit_doubts import UnitEvidence
-from terrain_cli.telemetry.plan import rover_advice
+from terrain_cli.telemetry import (
+    alignment,
+    derived_channels,
+    effect_inputs,
+    plausibility,
+    rover_advice,
+    usable_samples,
+)
 from terrain_cli.telemetry.raw_columns import as_numbers
+from terrain_cli.telemetry.unit_doubts import UnitEvidence
 from terrain_cli.telemetry.wheel_samples import Geometry, Plan, Raw, Samples, match_name
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS, stated_unit
@@ -21,7 +26,7 @@ if TYPE_CHECKING:
     from formats import Source
     from terrain_cli.effects import Effect
     from terrain_cli.rover import Rover, Wheel
-    from terrain_cli.telemetry.derive.usable_samples import Condition
+    from terrain_cli.telemetry.usable_samples import Condition
     from terrain_cli.vocabulary.arrays import Array
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from terrain_cli.errors import InputError
+from terrain_cli.telemetry import rover_advice
 from terrain_cli.telemetry.derived_channels import STANDING
-from terrain_cli.telemetry.plan import rover_advice
 from terrain_cli.telemetry.wheel_samples import Feed, Geometry, Notice, Plan, Samples
 from terrain_cli.vocabulary import units
 from terrain_cli.vocabulary.channels import CHANNELS
