@@ -20,20 +20,17 @@ from terrain_cli.telemetry import (
     raw_columns,
     usable_samples,
 )
-from terrain_cli.telemetry.assembly import assemble
+from terrain_cli.telemetry.assembly import Request, assemble, check
 from terrain_cli.telemetry.effect_inputs import ANGLE
 from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
 from terrain_cli.telemetry.unit_doubts import Doubt, UnitEvidence
-from terrain_cli.telemetry.wheel_samples import Notice, Plan, Raw, Samples, joined_columns
+from terrain_cli.telemetry.wheel_samples import Notice, Raw, Samples, joined_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from terrain_cli.effects import Effect
-    from terrain_cli.rover import Rover
     from terrain_cli.telemetry.bags import TopicClocks
     from terrain_cli.telemetry.own_clocks import OwnClocks
-    from terrain_cli.telemetry.usable_samples import Condition
     from terrain_cli.vocabulary.arrays import Array, Index, Mask
 
 #: Rows that are read whole, of all inputs together, where only a share of them is compared.
@@ -135,32 +132,16 @@ def notes(samples: Sequence[Samples]) -> list[str]:
     return [*dict.fromkeys(saved), *excerpted(samples)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Request:
-    """What is to be read of a table."""
-
-    layout: Plan
-    rover: Rover
-    channels: frozenset[str]
-    extras: tuple[str, ...]
-    #: Only these; all if empty.
-    wheels: tuple[str, ...]
-    where: Condition | None
-    effects: Sequence[Effect] | None
-
-
-def in_parts(
-    request: Request, begin: list[Batch], rest: Iterable[Batch], check: Callable[[list[Raw]], None]
-) -> Iterator[Samples]:
+def in_parts(request: Request, begin: list[Batch], rest: Iterable[Batch]) -> Iterator[Samples]:
     """Yield the samples of a table part by part.
 
     Distance, stretches, the angle of the wheel and the clock's origin go on from part to part.
 
-    The first batches are emptied; `check` refuses wheels of which something is missing. Parts come of each
-    wheel in turn. What a person should know stands in the first part of a wheel.
+    The first batches are emptied. Parts come of each wheel in turn. What a person should know stands in the
+    first part of a wheel.
     """
     keep_freed()
-    reader = PartReader(request, check)
+    reader = PartReader(request)
     for table, first, last in _tables(begin, rest):
         yield from reader.parts(table, first, last)
     reader.end()
@@ -169,11 +150,10 @@ def in_parts(
 class PartReader:
     """Makes samples of one part of a table, or of the topics of a bag, after another."""
 
-    def __init__(self, request: Request, check: Callable[[list[Raw]], None], *, evident: bool = True) -> None:
+    def __init__(self, request: Request, *, evident: bool = True) -> None:
         self.request = request
         #: Whether every part is evidence on the units; of small ones only those that are asked for.
         self._evident = evident
-        self._check = check
         self._ends: dict[str, _End] = {}
         self._seen: set[str] = set()
         self._nameless = 0
@@ -184,7 +164,7 @@ class PartReader:
         table[_ROW] = np.arange(len(next(iter(table.values()))), dtype=float)
         raws = raw_channels.wheels(layout, table, request.channels, [*request.extras, _ROW], self._choose)
         self._nameless += raw_channels.nameless(layout, table, slice(first, last))
-        self._check([raw for raw in raws if raw.wheel not in self._ends])
+        check(request, [raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
             # The first part shows whether its columns have clocks of their own, or one was out for a while.
             if raw.wheel not in self._ends:
@@ -194,9 +174,9 @@ class PartReader:
 
     def check(self, tables: Mapping[str, dict[str, Column]]) -> None:
         """Refuse a bag of which something is missing."""
-        request = self.request
-        max_gap = request.rover.max_gap
-        self._check(bags.wheels(request.layout, tables, request.channels, self._choose, max_gap))
+        request, max_gap = self.request, self.request.rover.max_gap
+        raws = bags.wheels(request.layout, tables, request.channels, self._choose, max_gap)
+        check(request, raws)
 
     def topics(
         self, tables: Mapping[str, dict[str, Column]], clocks: TopicClocks, begin: float, end: float
@@ -207,7 +187,7 @@ class PartReader:
         """
         request, max_gap = self.request, self.request.rover.max_gap
         raws = bags.wheels(request.layout, tables, request.channels, self._choose, max_gap, clocks)
-        self._check([raw for raw in raws if raw.wheel not in self._ends])
+        check(request, [raw for raw in raws if raw.wheel not in self._ends])
         for raw in raws:
             self._ends.setdefault(raw.wheel, _End(clocks=None))
             time = np.empty(0) if raw.time is None else raw.time

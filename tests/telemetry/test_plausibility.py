@@ -17,7 +17,7 @@ from terrain_cli.app import main
 from terrain_cli.errors import InputError
 from terrain_cli.simulation.drive_file import PRESETS
 from terrain_cli.simulation.scenario import SOILS
-from terrain_cli.telemetry import long_logs, mapping, raw_channels
+from terrain_cli.telemetry import assembly, long_logs, mapping, raw_channels
 from terrain_cli.telemetry.unit_doubts import Doubt, ImplausibleError
 from terrain_cli.vocabulary.channels import CHANNELS
 
@@ -280,7 +280,7 @@ def test_an_entry_angle_beyond_half_a_turn_is_no_depth(drive, judged, tmp_path):
 def in_parts(path, rover):
     source = open_source(path)
     layout = mapping.plan(source, rover)
-    request = long_logs.Request(
+    request = assembly.Request(
         layout=layout,
         rover=rover,
         channels=frozenset(CHANNELS),
@@ -290,7 +290,7 @@ def in_parts(path, rover):
         effects=None,
     )
     batches = source.read("", raw_channels.fields(layout, CHANNELS, layout.extras), 50)
-    return list(long_logs.in_parts(request, [next(batches)], batches, lambda _: None))
+    return list(long_logs.in_parts(request, [next(batches)], batches))
 
 
 def test_a_long_log_is_doubted_as_a_whole(drive, judged, monkeypatch, tmp_path):
