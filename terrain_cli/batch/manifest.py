@@ -58,15 +58,6 @@ def uninterrupted() -> Iterator[None]:
             signal.raise_signal(number)
 
 
-def read_all(path: Path) -> bytes:
-    """Return what a file holds; nothing if it is not there."""
-    with explained(str(path)):
-        try:
-            return path.read_bytes()
-        except FileNotFoundError:
-            return b""
-
-
 def lines(path: Path) -> Iterator[bytes]:
     """Read a file line by line, ends of lines included; nothing if it is not there."""
     with explained(str(path)):
@@ -122,10 +113,7 @@ def place(temporary: Path, target: Path) -> None:
 
 def remove(path: Path) -> None:
     with explained(str(path)):
-        try:
-            os.unlink(path)  # noqa: PTH108
-        except FileNotFoundError:
-            return
+        path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
