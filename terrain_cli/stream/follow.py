@@ -15,7 +15,7 @@ from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.estimation import estimators
 from terrain_cli.run.one_log import nothing_usable
 from terrain_cli.stream import followed_wheel
-from terrain_cli.stream.arriving_samples import RowSamples
+from terrain_cli.stream.arriving_samples import MessageSamples, RowSamples
 from terrain_cli.telemetry.usable_samples import BACKWARDS
 from terrain_cli.vocabulary.channels import CHANNELS
 
@@ -123,8 +123,6 @@ class Follow:
         effects = None if self._file is None else self._file.model.effects
         if isinstance(self._rows, ArrivingRows):
             return RowSamples(self._rows, self._rover, self._settings, effects)
-        from terrain_cli.stream.arriving_messages import MessageSamples
-
         return MessageSamples(self._rows, self._rover, self._settings, effects)
 
     def _take(self, came: Any) -> None:
