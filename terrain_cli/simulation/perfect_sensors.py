@@ -17,8 +17,7 @@ from terrain_cli.errors import ConfigurationError, InputError
 from terrain_cli.mechanics import rates
 from terrain_cli.mechanics.dual import seed, slopes, value
 from terrain_cli.mechanics.wheel_model import Model, Prediction, predict
-from terrain_cli.simulation.course import Ride, plan, ride, standing
-from terrain_cli.simulation.profiles import STEP
+from terrain_cli.simulation.course import STEP, Ride, plan, ride, standing
 from terrain_cli.telemetry.effect_inputs import RUT
 from terrain_cli.vocabulary.channels import CHANNELS
 

@@ -11,9 +11,16 @@ import numpy as np
 from terrain_cli import effects
 from terrain_cli.errors import ConfigurationError, InputError, UsageError
 from terrain_cli.simulation import course, drive_file, perfect_sensors
-from terrain_cli.simulation.profiles import generator
 from terrain_cli.simulation.scenario import Chosen, Scenario, drawn
-from terrain_cli.simulation.sensors import CHANNELS_WRITTEN, OF_BODY, SLIP, Sensor, clock, ten_digits
+from terrain_cli.simulation.sensors import (
+    CHANNELS_WRITTEN,
+    OF_BODY,
+    SLIP,
+    Sensor,
+    clock,
+    generator,
+    ten_digits,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
