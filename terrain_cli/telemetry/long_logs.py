@@ -24,7 +24,7 @@ from terrain_cli.telemetry.assembly import Request, assemble, check
 from terrain_cli.telemetry.effect_inputs import ANGLE
 from terrain_cli.telemetry.raw_channels import choose_wheels, labels_there
 from terrain_cli.telemetry.unit_doubts import Doubt, UnitEvidence
-from terrain_cli.telemetry.wheel_samples import Notice, Raw, Samples, joined_columns
+from terrain_cli.telemetry.wheel_samples import Notice, Raw, Samples
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -92,7 +92,15 @@ class Excerpt:
 
 
 def joined(parts: Sequence[Samples]) -> Samples:
-    """Join parts of one wheel, with the words of the first."""
+    """Join parts of one wheel, with the words of the first; NaN where one lacks a column."""
+
+    def columns(of: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+        names = dict.fromkeys(name for own in of for name in own)
+        nothing = [np.full(len(part), np.nan) for part in parts]
+        return {
+            name: np.concatenate([own.get(name, none) for own, none in zip(of, nothing, strict=True)])
+            for name in names
+        }
 
     def optional(values: Sequence[Array | None]) -> Array | None:
         known = [value for value in values if value is not None]
@@ -102,14 +110,14 @@ def joined(parts: Sequence[Samples]) -> Samples:
     return replace(
         first,
         time=optional([part.time for part in parts]),
-        channels=joined_columns(parts, lambda part: part.channels),
+        channels=columns([part.channels for part in parts]),
         labels={
             name: raw_columns.join_labels([part.labels[name] for part in parts]) for name in first.labels
         },
         stretch=np.concatenate([part.stretch for part in parts]),
         distance=optional([part.distance for part in parts]),
         set_aside=raw_columns.join_labels([part.set_aside for part in parts]),
-        drivers=joined_columns(parts, lambda part: part.drivers),
+        drivers=columns([part.drivers for part in parts]),
     )
 
 

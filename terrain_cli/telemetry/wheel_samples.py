@@ -294,14 +294,3 @@ class Samples:
         return {
             self.set_aside.names[j]: int(counts[j]) for j in np.argsort(-counts, kind="stable") if counts[j]
         }
-
-
-def joined_columns(
-    parts: Sequence[Samples], of: Callable[[Samples], Mapping[str, Array]]
-) -> dict[str, Array]:
-    """Join the channels or drivers of some samples, NaN where one lacks a column."""
-    names = dict.fromkeys(name for part in parts for name in of(part))
-    return {
-        name: np.concatenate([of(part).get(name, np.full(len(part), np.nan)) for part in parts])
-        for name in names
-    }
