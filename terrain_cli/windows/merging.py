@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from terrain_cli.windows import line_costs
-from terrain_cli.windows.plain_windows import distinct
 from terrain_cli.windows.running_moments import FINE, LONG, RunningMoments
+from terrain_cli.windows.sample_blocks import distinct
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from terrain_cli.windows.plain_windows import distinct
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from terrain_cli.vocabulary.arrays import Array, Index
+    from terrain_cli.vocabulary.arrays import Array, Bounds, Index
 
 #: Rows of what `summed` returns: sums of x, y, x², xy and y²;
 POWERS, SUMS, POWER_X, POWER_Y = slice(0, 5), slice(0, 2), 2, 4
@@ -32,6 +30,15 @@ WILD = 3.0
 OUTLIER = 4.7
 #: Samples worked on at a time: few enough to stay in the processor's cache.
 _SLAB = 131_072
+
+
+def distinct(values: Bounds) -> Bounds:
+    """Return the different values, rising, as ``np.unique`` does.
+
+    That imports masked arrays: as long as it takes to search a short log.
+    """
+    rising = np.sort(values)
+    return rising[np.diff(rising, prepend=rising[:1] - 1) > 0]
 
 
 def sizes(n: int, step: int) -> Index:

@@ -3,7 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from terrain_cli.windows.plain_windows import distinct, fixed_windows, label_windows, whole_windows
+from terrain_cli.windows.change_points import whole_windows
+from terrain_cli.windows.cut_windows import fixed_windows, label_windows
+from terrain_cli.windows.sample_blocks import distinct
 
 
 @st.composite
